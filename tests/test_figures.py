@@ -26,7 +26,7 @@ from spherekit.display.figures.curve_plots import (
 )
 from spherekit.errors import AnalysisError
 from spherekit.markup import html_table
-from spherekit.scenes.plot_layout import placed_labels
+from spherekit.scenes.plot_layout import place_labels
 from spherekit.scenes.scene import Axis, Scene, Series
 from spherekit.tables.table import ASSEMBLY_MODE, INPUT, SAMPLE, Column, Table
 
@@ -240,13 +240,13 @@ def test_a_grid_of_inputs_is_a_map_with_its_zeros():
 def test_labels_of_crowded_points_do_not_cover_each_other():
     places = np.random.default_rng(3).uniform(0.0, 100.0, (5, 12, 2))
     places[2, 4] = np.nan
-    found = placed_labels(["ab"] * 12, places, 6.0)
+    found = place_labels(["ab"] * 12, places, 6.0)
     gaps = np.abs(found[:, :, None] - found[:, None])
     apart = (gaps[..., 0] > 4.0) | (gaps[..., 1] > 5.9) | np.isnan(gaps[..., 0])
     assert np.all(apart | np.eye(12, dtype=bool))
     assert np.array_equal(np.isnan(found), np.isnan(places))
     assert np.nanmax(np.linalg.norm(found - places, axis=2)) < 6.0 * 4.5
-    assert np.array_equal(found[3], placed_labels(["ab"] * 12, places[3:4], 6.0)[0])
+    assert np.array_equal(found[3], place_labels(["ab"] * 12, places[3:4], 6.0)[0])
 
 
 @pytest.mark.parametrize("pair", ["21", "41"])

@@ -20,8 +20,8 @@ from spherekit.display.rerun.preview import preview
 from spherekit.display.rerun.recorder import RerunRecorder
 from spherekit.display.rerun.screenshot import check_picture, check_version
 from spherekit.errors import OutputError, SolveError
-from spherekit.scenes.colours import HEAT, heat_of
-from spherekit.scenes.plot_layout import plotted_range
+from spherekit.scenes.colours import HEAT, heat_colours
+from spherekit.scenes.plot_layout import choose_plot_range
 from spherekit.scenes.scene import Axis, Diagram, InputMarks, Series, Trace
 
 
@@ -90,8 +90,11 @@ def test_over_a_grid_series_are_maps_of_the_inputs(tmp_path):
 
 
 def test_ticks_are_round_and_colours_go_from_first_to_last():
-    assert plotted_range(np.array([np.nan, 1.0, 3.0]), 3.0) == pytest.approx((0.9, 3.1))
-    assert plotted_range(np.array([np.nan, 1.0, 3.0]), 3.0, shown_by="colours") == (1, 3)
+    assert choose_plot_range(np.array([np.nan, 1.0, 3.0]), 3.0) == pytest.approx((0.9, 3.1))
+    assert choose_plot_range(np.array([np.nan, 1.0, 3.0]), 3.0, shown_by="colours") == (
+        1,
+        3,
+    )
     for low, high, degrees, expected in (
         (0.0, 360.0, True, ["0", "60", "120", "180", "240", "300", "360"]),
         (0.0, 1.0, False, ["0", "0.2", "0.4", "0.6", "0.8", "1.0"]),
@@ -104,7 +107,7 @@ def test_ticks_are_round_and_colours_go_from_first_to_last():
     chart.add("c", Series("c", "c", "c", np.arange(7.0)), over)
     (line,) = dict(chart.draw([marks]))["marks/0"].strips.as_arrow_array().to_pylist()
     assert line[0][0] == pytest.approx(0.5 * chart.width)  # that at 45 deg alone
-    low, high = heat_of(np.array([2.0, 5.0]), 2.0, 5.0).tolist()
+    low, high = heat_colours(np.array([2.0, 5.0]), 2.0, 5.0).tolist()
     assert (tuple(low), tuple(high)) == (HEAT[0], HEAT[-1])
 
 

@@ -29,7 +29,7 @@ from spherekit.errors import OutputError
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.scenes.link_scenes import link_bodies
 from spherekit.scenes.recording_head import RecordingHead
-from spherekit.scenes.scene import Arrow, Scene, rows_of
+from spherekit.scenes.scene import Arrow, Scene, sample_rows
 
 SAMPLES = np.arange(361)
 INPUTS = np.radians(SAMPLES)
@@ -77,7 +77,7 @@ def block(mode, samples, arcs=FOUR_BAR_ARCS):
 def part(scene, rows):
     """Return some rows of a scene."""
     parts = [
-        replace(item, **{name: values[rows] for name, values in rows_of(item).items()})
+        replace(item, **{name: values[rows] for name, values in sample_rows(item).items()})
         for item in scene.primitives
     ]
     return Scene(scene.page, tuple(parts))

@@ -1,7 +1,7 @@
-"""Colours on the dark background, told apart with any kind of colour vision.
+"""Colours on the dark background, which are told apart with any kind of colour vision.
 
-The link colours are the set of Okabe and Ito (2008), lightened for a dark background
-and without its yellow and orange, which are left to the pole axes.
+The link colours are the set of Okabe and Ito (2008), lightened for a dark background. Its
+yellow and orange are left out, since they are used for the pole axes.
 """
 
 from collections.abc import Sequence
@@ -12,10 +12,17 @@ from numpy.typing import NDArray
 from spherekit.arrays import Floats
 
 Colour = tuple[int, int, int]
+"""Red, green and blue from 0 to 255."""
 
 BACKGROUND: Colour = (20, 22, 30)
+"""Colour behind everything."""
+
 GRATICULE: Colour = (62, 68, 90)
+"""Colour of the meridians and parallels of the sphere."""
+
 SPHERE = (60, 70, 100, 120)
+"""Colour of the sphere; the last number is its opacity from 0 to 255."""
+
 GOLD: Colour = (255, 196, 0)
 BRONZE: Colour = (122, 98, 34)
 SILVER: Colour = (165, 170, 184)
@@ -34,9 +41,10 @@ LINKS: tuple[Colour, ...] = (
     (150, 228, 244),
     (188, 132, 92),
 )
+"""Colours of links: the first one is that of the ground, the others repeat."""
 
 TONES: tuple[Colour, ...] = (PALE, LINKS[1], LINKS[2], LINKS[4], LINKS[3], LINKS[5])
-
+"""Colours of the kinds of curves and marks, by their `tone`."""
 
 HEAT: tuple[Colour, ...] = (
     (68, 1, 84),
@@ -45,36 +53,70 @@ HEAT: tuple[Colour, ...] = (
     (94, 201, 98),
     (253, 231, 37),
 )
-"""From low to high; the map viridis of S. van der Walt and N. Smith (2015), in five."""
+"""Five colours, from low to high values, of a map.
+
+They are from the map viridis of S. van der Walt and N. Smith (2015).
+"""
+
+LIGHTENING_BASE = 0.55
+"""Part of the distance to white that remains after each step of `lighten`.
+
+Larger: the steps are less visible. Smaller: colours become white after fewer steps.
+"""
 
 
-def heat_of(values: Floats, low: float = 0.0, high: float = 1.0) -> NDArray[np.uint8]:
-    """Return the colours (..., 3) of values (...) on a scale from low to high."""
-    parts = (np.nan_to_num(values) - low) / (high - low if high > low else 1.0)
-    places = np.linspace(0.0, 1.0, len(HEAT))
-    columns = [np.interp(parts, places, channel) for channel in np.transpose(HEAT)]
-    return np.round(np.stack(columns, axis=-1)).astype(np.uint8)
+def heat_colours(values: Floats, low: float = 0.0, high: float = 1.0) -> NDArray[np.uint8]:
+    """Return the colours of values on a scale from low to high.
+
+    Parameters
+    ----------
+    values
+        (...) values. NaN counts as 0.
+    low, high
+        Values of the first and the last colour of the scale.
+
+    Returns
+    -------
+    (..., 3) red, green and blue.
+    """
+    width = high - low if high > low else 1.0
+    positions = (np.nan_to_num(values) - low) / width
+    scale_positions = np.linspace(0.0, 1.0, len(HEAT))
+    channels = [
+        np.interp(positions, scale_positions, channel) for channel in np.transpose(HEAT)
+    ]
+    return np.round(np.stack(channels, axis=-1)).astype(np.uint8)
 
 
-def tone(number: int) -> Colour:
-    """Return the colour of a kind of curve or mark."""
+def tone_colour(number: int) -> Colour:
+    """Return the colour of a kind of curve or mark, by the number of its tone."""
     return TONES[number % len(TONES)]
 
 
 def link_colour(number: int) -> Colour:
-    """Return the colour of the link at position `number` of the mechanism."""
+    """Return the colour of a link, by its number in the mechanism; 0 is the ground."""
     return LINKS[1 + (number - 1) % (len(LINKS) - 1)] if number else LINKS[0]
 
 
-def of_series(link: int | None, used: Sequence[Colour]) -> Colour:
-    """Return the colour of a series: that of its link, or one that its plot lacks."""
+def series_colour(link: int | None, used_colours: Sequence[Colour]) -> Colour:
+    """Return the colour of a curve in a plot.
+
+    Parameters
+    ----------
+    link
+        Number of the link that the curve is about, whose colour it gets. None if it is
+        about no link; it then gets a colour that the plot does not have yet.
+    used_colours
+        Colours of the other curves of the plot.
+    """
     if link is not None:
         return link_colour(link)
-    left = [colour for colour in LINKS[1:] if colour not in used]
-    return left[0] if left else link_colour(len(used) + 1)
+    unused_colours = [colour for colour in LINKS[1:] if colour not in used_colours]
+    return unused_colours[0] if unused_colours else link_colour(len(used_colours) + 1)
 
 
-def shaded(colour: Colour, step: int) -> Colour:
-    """Return `colour` mixed with white, more so for a larger `step`; 0 leaves it."""
-    red, green, blue = (round(c + (255 - c) * (1.0 - 0.55**step)) for c in colour)
+def lighten(colour: Colour, steps: int) -> Colour:
+    """Return a colour mixed with white, more so for more steps; 0 steps change nothing."""
+    white_part = 1.0 - LIGHTENING_BASE**steps
+    red, green, blue = (round(channel + (255 - channel) * white_part) for channel in colour)
     return red, green, blue

@@ -1,4 +1,4 @@
-"""The stage every recording has: links turning on the sphere, the graph, the plan."""
+"""What every recording shows: links moving on the sphere, the link/pair graph, the plan."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,42 +19,86 @@ from spherekit.positions.motion import Motion
 from spherekit.scenes.scene import Body, Graph, Scene, Series, Text
 from spherekit.wording import listing
 
-CURVE_STEP = np.radians(2.0)
-PROFILE_POINTS = 181
-SAME_PLACE = 1e-6
-"""Arc (rad) below which two places on a link are drawn as one."""
+ARC_POINT_DISTANCE_RAD = np.radians(2.0)
+"""Distance (rad) of neighbouring points on a great-circle arc that is drawn.
+
+Larger: arcs look like polygons. Smaller: more points to store.
+"""
+
+PROFILE_POINT_COUNT = 181
+"""Number of points on a profile that is drawn.
+
+Larger: more points to store. Smaller: profiles look like polygons.
+"""
+
+SAME_POINT_RAD = 1e-6
+"""Arc (rad) below which two points of a link are drawn as one.
+
+Larger: short sides of links are not drawn. Smaller: arcs between coincident axes, whose
+direction is rounding, are drawn.
+"""
+
+MIN_MEAN_LENGTH = 1e-6
+"""Smallest length of the sum of the axes of a link that has a direction.
+
+Larger: sides of nearly symmetric links are ordered about their first axis. Smaller: the
+direction may be rounding.
+"""
+
+PARALLEL_SINE = 1e-12
+"""Sine of an arc below which it has no plane and is drawn as two points."""
 
 
 def link_shapes(mechanism: Mechanism) -> list[Body]:
-    """Return every link in its own axes."""
+    """Return the shapes of all links, each in its own axes and not moving."""
     shapes = []
     for number, (link, axes) in enumerate(link_axes(mechanism).items()):
         joints = np.array(list(axes.values())).reshape(-1, 3)
         curves = [*link_curves(joints), *profile_curves(mechanism, link, joints)]
-        shapes.append(Body(f"link/{link}", link, curves, joints, list(axes), number, None))
+        shapes.append(
+            Body(
+                path=f"link/{link}",
+                label=link,
+                curves=curves,
+                joints=joints,
+                joint_labels=list(axes),
+                number=number,
+                quaternions=None,
+            )
+        )
     return shapes
 
 
 def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
-    """Return what does not move: the ground and the plans' Tables."""
+    """Return what does not move: the ground, and the plans of the poles as a text.
+
+    Parameters
+    ----------
+    plans
+        The plan for each input.
+    shapes
+        The links from `link_shapes`, the ground first.
+    """
     mechanism = plans[0].mechanism
     lines = [f"# Plan of {mechanism.name}"]
     for plan in plans:
-        driven = mechanism.pairs[plan.input]
-        locked = mechanism.names_of(plan.locked)
-        base, link = driven.links
+        driven_pair = mechanism.pairs[plan.input]
+        base, link = driven_pair.links
+        locked_names = [markdown_text(name) for name in mechanism.names_of(plan.locked)]
+        locked_words = f"; locked: {listing(locked_names)}" if locked_names else ""
         lines.append(
-            f"Input: pair {markdown_text(driven.name)}, "
-            f"link {markdown_text(link)} relative to {markdown_text(base)}"
-            f"{f'; locked: {listing(map(markdown_text, locked))}' if locked else ''}."
+            f"Input: pair {markdown_text(driven_pair.name)}, link {markdown_text(link)} "
+            f"relative to {markdown_text(base)}{locked_words}."
         )
         lines += ["", as_markdown(plan), ""]
-        steps = [
+        # Primary poles without a round are axes of pairs, which need no explanation.
+        step_lines = [
             describe(plan, step)
             for step in plan.steps
             if not isinstance(step, PrimaryPole) or step.round
         ]
-        lines += ["```", *steps, "```", ""] if steps else []
+        if step_lines:
+            lines += ["```", *step_lines, "```", ""]
     lines.append(
         "x: primary pole (axis of a pair). I, II, ...: the pass of the "
         "Aronhold-Kennedy theorem that finds it. *: found with an irreducible part."
@@ -65,47 +109,84 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
 
 
 def graph_scene(mechanism: Mechanism) -> Scene:
-    """Return the link/pair graph, which takes a second to lay out."""
+    """Return the link/pair graph of a mechanism; its layout takes about a second."""
     nodes: list[tuple[str, str, int | None]] = [
         (f"link {name}", name if number else f"{name} (ground)", number)
         for number, name in enumerate(mechanism.links)
     ]
-    nodes += [(f"pair {p.name}", f"{p.type} {p.name}", None) for p in mechanism.pairs]
+    nodes += [
+        (f"pair {pair.name}", f"{pair.type} {pair.name}", None) for pair in mechanism.pairs
+    ]
     edges = [
         (f"link {link}", f"pair {pair.name}")
         for pair in mechanism.pairs
         for link in pair.links
     ]
-    return Scene(None, (Graph("graph", nodes, edges, layout_graph(mechanism).tolist()),))
+    positions = layout_graph(mechanism).tolist()
+    return Scene(None, (Graph("graph", nodes, edges, positions),))
 
 
 def motion_scenes(motion: Motion, shapes: list[Body], timed: bool = False) -> list[Scene]:
-    """Return the turning links of every assembly mode of a block.
+    """Return the moving links of every assembly mode of a block of samples.
 
-    With plots of the pairs' variables over time if the samples are times.
+    Parameters
+    ----------
+    motion
+        The motion of the block.
+    shapes
+        The links from `link_shapes`.
+    timed
+        Whether the samples are times. Plots of the pair variables are then added.
+
+    Returns
+    -------
+    One scene for each assembly mode.
     """
     mechanism = motion.mechanism
-    turns = {k: motion.quaternions(k) for k in range(1, len(mechanism.links))}
+    link_quaternions = {
+        link: motion.quaternions(link) for link in range(1, len(mechanism.links))
+    }
     scenes = []
     for position, assembly_mode in enumerate(motion.assembly_modes):
         rows = slice(position * motion.samples, (position + 1) * motion.samples)
         bodies = [
-            replace(shapes[link], quaternions=turn[rows]) for link, turn in turns.items()
+            replace(shapes[link], quaternions=quaternions[rows])
+            for link, quaternions in link_quaternions.items()
         ]
         plots: list[Series] = []
-        named = zip(mechanism.variable_names, motion.values[rows].T, strict=True)
-        for name, values in named if timed else ():
-            # With a gap where an angle passes a whole turn.
-            jumps = np.abs(np.diff(values, prepend=values[:1])) > np.pi
-            shown = np.where(jumps, np.nan, values)
-            path = f"plots/variable/{name}"
-            plots.append(Series(path, name, "pair variables", shown, "rad"))
+        if timed:
+            plots = [
+                _variable_plot(name, values)
+                for name, values in zip(
+                    mechanism.variable_names, motion.values[rows].T, strict=True
+                )
+            ]
         scenes.append(Scene(assembly_mode.number, (*bodies, *plots)))
     return scenes
 
 
+def _variable_plot(name: str, values: Floats) -> Series:
+    """Return the plot of a pair variable (n,) rad, with gaps where it jumps by a turn."""
+    jumps = np.abs(np.diff(values, prepend=values[:1])) > np.pi
+    return Series(
+        path=f"plots/variable/{name}",
+        label=name,
+        group="pair variables",
+        values=np.where(jumps, np.nan, values),
+        unit="rad",
+    )
+
+
 def link_bodies(mechanism: Mechanism, rotations: Floats) -> list[Body]:
-    """Return the moving links at configurations, rotations (n, links, 3, 3)."""
+    """Return the moving links at given configurations.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    rotations
+        (n, links, 3, 3) rotations from link axes to ground axes.
+    """
     return [
         replace(shape, quaternions=quaternion(rotations[:, shape.number]))
         for shape in link_shapes(mechanism)[1:]
@@ -113,58 +194,87 @@ def link_bodies(mechanism: Mechanism, rotations: Floats) -> list[Body]:
 
 
 def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floats]:
-    """Return what draws a link's profiles: the curves (k, 3), and arcs that hold them.
+    """Return the curves that draw the profiles of a link, and arcs that support them.
 
-    Each curve is held by an arc from the link's first joint, if it has one, to the
-    curve's centre, or to its nearest point where it has no centre beside it.
+    An arc leads from the first joint of the link, if it has one, to the centre of the
+    profile. If the profile has no centre beside it, the arc leads to its nearest point.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    link
+        Name of the link.
+    joints
+        (j, 3) axes of the link's joints in link axes.
+
+    Returns
+    -------
+    Polylines (k, 3) of unit vectors in link axes.
     """
     curves = []
     for pair, joint in zip(mechanism.pairs, make_joints(mechanism), strict=True):
         if pair.profiles is None or link not in pair.links:
             continue
-        which = pair.links.index(link)
-        curve = joint.contact_profiles[which].curve
-        points = curve.evaluate(np.linspace(0.0, curve.length, PROFILE_POINTS)).frame[
-            :, :, 2
-        ]
+        side = pair.links.index(link)
+        curve = joint.contact_profiles[side].curve
+        arc_lengths = np.linspace(0.0, curve.length, PROFILE_POINT_COUNT)
+        # The third column of the curve's frame is the point.
+        points = curve.evaluate(arc_lengths).frame[:, :, 2]
         curves.append(points)
         if len(joints):
-            profile = pair.profiles[which]
-            foot = points[np.argmax(points @ joints[0])]
+            profile = pair.profiles[side]
+            arc_end = points[np.argmax(points @ joints[0])]
+            # The pole of a great circle is 90 degrees away from it.
             if profile.centre is not None and profile.kind != "great_circle":
-                foot = np.array(profile.centre)
-            if arc(joints[0], foot) > SAME_PLACE:
-                curves.append(great_arc(joints[0], foot))
+                arc_end = np.array(profile.centre)
+            if arc(joints[0], arc_end) > SAME_POINT_RAD:
+                curves.append(great_arc(joints[0], arc_end))
     return curves
 
 
 def link_curves(joints: Floats) -> list[Floats]:
-    """Return the great-circle arcs (k, 3) that draw a link: its sides, in convex order."""
-    kept: list[int] = []  # of joints on one axis the first
+    """Return the great-circle arcs that draw the sides of a link, in convex order.
+
+    Parameters
+    ----------
+    joints
+        (j, 3) axes of the link's joints, unit vectors in link axes.
+
+    Returns
+    -------
+    Polylines (k, 3) of unit vectors in link axes.
+    """
+    # Of joints on one axis only the first counts.
+    distinct: list[int] = []
     for number, joint in enumerate(joints):
-        if all(arc(joints[other], joint) > SAME_PLACE for other in kept):
-            kept.append(number)
-    joints = joints[kept]
+        if all(arc(joints[other], joint) > SAME_POINT_RAD for other in distinct):
+            distinct.append(number)
+    joints = joints[distinct]
     if len(joints) < 2:
         return []
     if len(joints) == 2:
         return [great_arc(joints[0], joints[1])]
-    middle = joints.sum(axis=0)
-    length = np.linalg.norm(middle)
-    pole = middle / length if length > 1e-6 else joints[0]
-    farthest = joints[np.argmin(np.abs(joints @ pole))]
-    x, y, _ = (joints @ frame_toward(pole, farthest)).T
+    # The corners are ordered by their azimuth about the middle of the link.
+    vector_sum = joints.sum(axis=0)
+    length = np.linalg.norm(vector_sum)
+    middle = vector_sum / length if length > MIN_MEAN_LENGTH else joints[0]
+    # Azimuths count from the corner that is closest to 90 degrees from the middle.
+    reference = joints[np.argmin(np.abs(joints @ middle))]
+    x, y, _ = (joints @ frame_toward(middle, reference)).T
     order = np.argsort(np.arctan2(y, x), kind="stable")
     return [
-        great_arc(joints[a], joints[b])
-        for a, b in zip(order, np.roll(order, -1), strict=True)
+        great_arc(joints[corner], joints[next_corner])
+        for corner, next_corner in zip(order, np.roll(order, -1), strict=True)
     ]
 
 
 def great_arc(a: Floats, b: Floats) -> Floats:
     """Return points (k, 3) along the shorter great-circle arc between unit vectors."""
-    if np.linalg.norm(np.cross(a, b)) < 1e-12:
+    if np.linalg.norm(np.cross(a, b)) < PARALLEL_SINE:
         return np.array([a, b])
     angle = arc(a, b)
-    t = np.linspace(0.0, angle, int(np.ceil(angle / CURVE_STEP)) + 1)[:, None]
-    return np.cos(t) * a + np.sin(t) * frame_toward(a, b)[:, 0]
+    step_count = int(np.ceil(angle / ARC_POINT_DISTANCE_RAD))
+    t = np.linspace(0.0, angle, step_count + 1)[:, None]
+    tangent = frame_toward(a, b)[:, 0]
+    return np.cos(t) * a + np.sin(t) * tangent

@@ -1,4 +1,4 @@
-"""What range of values a plot shows, and where labels go so that none hides another."""
+"""The range of values that a plot shows, and positions of labels that hide no other."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -9,43 +9,83 @@ from spherekit.arrays import Bools, Floats
 from spherekit.geometry.vectors import max_abs, nans
 from spherekit.scenes.scene import Range
 
-LONELY = {"curves": 16.0, "colours": 5.0}
-"""Values so many times farther apart than the `INNER` ones leave the range: a curve that
-is cut can be followed, of colours the others would keep too few."""
-INNER = (0.1, 0.9)
-"""Quantiles; the range then reaches as far beyond these as they are apart."""
-AROUND = 0.05
-"""Half the range about what does not change, over its scale."""
-MARGIN = 0.05
-"""Between curves and their frame, over the range."""
-MOST_KINDS = 5
-"""With more names of marks each is written beside its mark, and not in the legend."""
-DIMENSIONAL = ("kg", "N", "W", "J", "m")
+OUTLIER_RATIOS = {"curves": 16.0, "colours": 5.0}
+"""Extent of all values, over that of the inner ones, from which outliers are cut off.
+
+A curve that is cut off can still be followed. Of colours, the inner values would keep too
+few. Larger: outliers compress the rest of the plot more. Smaller: more values are cut off.
+"""
+
+INNER_QUANTILES = (0.1, 0.9)
+"""Quantiles between which values count as inner ones.
+
+A cut range exceeds these quantiles by as much as they are apart.
+"""
+
+CONSTANT_HALF_RANGE = 0.05
+"""Half the range about values that do not change, over their scale.
+
+Larger: constants look flatter. Smaller: rounding becomes visible.
+"""
+
+PLOT_MARGIN = 0.05
+"""Margin between curves and their frame, over the range of values."""
+
+MAX_LEGEND_KINDS = 5
+"""Number of names of marks beyond which each is written beside its mark.
+
+With fewer names, marks are explained by the legend.
+"""
+
+DIMENSIONAL_UNITS = ("kg", "N", "W", "J", "m")
 """Parts of units of quantities that may be as small as a mechanism is."""
+
 MAP_RESOLUTION = 1e-6
-"""Of values on the sphere or a surface, which are solved for places and not rows."""
-TURNS = {"deg": 360.0, "rad": 2.0 * np.pi}
+"""Change, over the scale, below which values on the sphere or on a surface are constant.
+
+Such values come from solutions at single points, and are less accurate than rows of a run.
+"""
+
+TURN_BY_UNIT = {"deg": 360.0, "rad": 2.0 * np.pi}
+"""A whole turn in units of angles."""
 
 
-def scale_of(values: Floats, unit: str) -> float:
-    """Return the scale of a quantity: the largest number, at least one of angles and rates.
+def quantity_scale(values: Floats, unit: str) -> float:
+    """Return the scale of a quantity, by which changes count as rounding or not.
 
-    Their size says whether they are noise, that of a torque or an inertia does not.
+    It is the largest magnitude. For angles, rates and pure numbers it is at least 1, since
+    smaller values may be rounding. A torque or an inertia may be small by itself.
+
+    Parameters
+    ----------
+    values
+        Values of the quantity.
+    unit
+        Its unit, which tells these cases apart.
     """
     largest = float(max_abs(values[np.isfinite(values)]))
-    return largest if any(part in unit for part in DIMENSIONAL) else max(largest, 1.0)
+    is_dimensional = any(part in unit for part in DIMENSIONAL_UNITS)
+    return largest if is_dimensional else max(largest, 1.0)
 
 
-def plotted_range(
+def choose_plot_range(
     values: Floats,
     scale: float,
     resolution: float = 1e-9,
     shown_by: Literal["curves", "colours"] = "curves",
 ) -> Range:
-    """Return the least and greatest value that a plot of values (n,) shows.
+    """Return the least and the greatest value that a plot shows.
 
-    Changes below the `resolution`, over the scale of the quantity, are rounding. About
-    curves there is a margin.
+    Parameters
+    ----------
+    values
+        (n,) values, NaN where there is none.
+    scale
+        Scale of the quantity.
+    resolution
+        Changes below this part of the scale are rounding.
+    shown_by
+        Whether values are shown by curves, which get a margin, or by colours.
     """
     finite = values[np.isfinite(values)]
     if not len(finite):
@@ -53,89 +93,151 @@ def plotted_range(
     low = np.min(finite)
     high = np.max(finite)
     if high - low <= resolution * scale:
+        # A constant: show a range around it in which rounding is not visible.
         middle = 0.5 * (low + high)
-        half = AROUND * max(abs(middle), scale) or 1.0
+        half = CONSTANT_HALF_RANGE * max(abs(middle), scale) or 1.0
         return middle - half, middle + half
-    inner, outer = np.quantile(finite, INNER)
-    reach = outer - inner
-    if 0.0 < LONELY[shown_by] * reach < high - low:
-        low = max(low, inner - reach)
-        high = min(high, outer + reach)
-    margin = MARGIN * (high - low) if shown_by == "curves" else 0.0
+    inner_low, inner_high = np.quantile(finite, INNER_QUANTILES)
+    inner_extent = inner_high - inner_low
+    if 0.0 < OUTLIER_RATIOS[shown_by] * inner_extent < high - low:
+        low = max(low, inner_low - inner_extent)
+        high = min(high, inner_high + inner_extent)
+    margin = PLOT_MARGIN * (high - low) if shown_by == "curves" else 0.0
     return low - margin, high + margin
 
 
-def map_range(values: Floats, unit: str) -> Range:
-    """Return the least and greatest value that the colours of a map of values (n,) show.
+def choose_map_range(values: Floats, unit: str) -> Range:
+    """Return the least and the greatest value that the colours of a map show.
 
-    Whole numbers are counts: their colours begin at zero.
+    Whole numbers are counts. Their colours begin at zero.
+
+    Parameters
+    ----------
+    values
+        (n,) values, NaN where there is none.
+    unit
+        Unit of the values.
     """
     finite = values[np.isfinite(values)]
     if np.all(finite == np.round(finite)):
         return np.min(finite, initial=0.0), np.max(finite, initial=1.0)
-    return plotted_range(finite, scale_of(finite, unit), MAP_RESOLUTION, "colours")
+    scale = quantity_scale(finite, unit)
+    return choose_plot_range(finite, scale, MAP_RESOLUTION, "colours")
 
 
-def parted(line: Floats, gaps: Bools) -> Floats:
-    """Return points (n, k) with NaN between two where there is a gap (n - 1,)."""
+def insert_gaps(line: Floats, gaps: Bools) -> Floats:
+    """Return points of a line with rows of NaN where the line is interrupted.
+
+    Parameters
+    ----------
+    line
+        (n, k) points.
+    gaps
+        (n - 1,) whether the line is interrupted between a point and the next one.
+    """
     return np.insert(line, np.flatnonzero(gaps) + 1, np.nan, axis=0)
 
 
-def broken(line: Floats, frame: Range, turn: float | None) -> Floats:
-    """Return points (n, 2) with a gap (NaN) where the curve is not what a stroke says.
+def break_at_jumps(line: Floats, frame: Range, turn: float | None) -> Floats:
+    """Return points of a curve with gaps (NaN) where a straight stroke would be wrong.
 
-    There it passes from one side of the frame to the other through infinity, or y or x
-    jump by half a `turn` or more.
+    There the curve passes through infinity from one side of the frame to the other, or an
+    angle jumps by half a turn or more.
+
+    Parameters
+    ----------
+    line
+        (n, 2) x and y.
+    frame
+        Least and greatest y of the plot.
+    turn
+        A whole turn in the unit of y, None if y is not an angle.
     """
     y = line[:, 1]
+    # -1 below the frame, 1 above it, 0 inside.
     side = np.sign(y - np.clip(y, *frame))
-    gap = side[1:] * side[:-1] < 0.0
+    has_gap = side[1:] * side[:-1] < 0.0
     if turn is not None:
-        gap |= np.abs(np.diff(y)) >= 0.5 * turn
-    return parted(line, gap)
+        has_gap |= np.abs(np.diff(y)) >= 0.5 * turn
+    return insert_gaps(line, has_gap)
 
 
-def cut(line: Floats, frame: Range) -> Floats:
-    """Return points (n, 2) that end where the curve leaves the frame, NaN beyond it."""
+def clip_to_frame(line: Floats, frame: Range) -> Floats:
+    """Return points of a curve that ends at the frame, NaN beyond it.
+
+    Parameters
+    ----------
+    line
+        (n, 2) x and y.
+    frame
+        Least and greatest y of the plot.
+    """
     for level in frame:
-        above = line[:, 1] - level
-        places = np.flatnonzero(above[:-1] * above[1:] < 0.0)
-        part = above[places] / (above[places] - above[places + 1])
-        x = line[places, 0] + part * (line[places + 1, 0] - line[places, 0])
-        line = np.insert(line, places + 1, np.stack([x, np.full_like(x, level)], 1), axis=0)
+        # Insert the points in which straight strokes cross the side of the frame.
+        height = line[:, 1] - level
+        starts = np.flatnonzero(height[:-1] * height[1:] < 0.0)
+        ratio = height[starts] / (height[starts] - height[starts + 1])
+        x = line[starts, 0] + ratio * (line[starts + 1, 0] - line[starts, 0])
+        crossings = np.stack([x, np.full_like(x, level)], 1)
+        line = np.insert(line, starts + 1, crossings, axis=0)
     y = line[:, 1:]
     return np.where(y == np.clip(y, *frame), line, np.nan)
 
 
-WAYS = np.radians([45, 135, 0, -45, 90, -90, -135, 180])
-REACHES = np.array([1.35, 1.9, 2.6, 3.5])
-"""How far from its point a label is looked for, in sizes of its letters."""
-ASPECT = 0.31
-"""Half the width of a letter over the size of letters."""
-DOT = 0.4
-"""Half the width of a point's dot over the size of letters."""
+LABEL_DIRECTIONS_RAD = np.radians([45, 135, 0, -45, 90, -90, -135, 180])
+"""Directions (rad) from its point in which a label is tried, the preferred one first."""
+
+LABEL_DISTANCES = np.array([1.35, 1.9, 2.6, 3.5])
+"""Distances from its point at which a label is tried, over the size of its letters."""
+
+LETTER_HALF_WIDTH = 0.31
+"""Half the width of a letter, over the size of letters."""
+
+DOT_HALF_WIDTH = 0.4
+"""Half the width of a point's dot, over the size of letters."""
 
 
-def placed_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats:
-    """Return where the middles (n, k, 2) of texts go: near points, none over another.
+def place_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats:
+    """Return positions of labels near their points, without one hiding another.
 
-    `places` (n, k, 2) are those of k points in n pictures, NaN where there is none, in
-    the unit of the size of a `letter`. Each text takes the nearest free place of a few
-    around its point; where there is none it takes the nearest.
+    Each label takes the nearest free position of a few around its point. If none is free,
+    it takes the nearest one.
+
+    Parameters
+    ----------
+    texts
+        The labels of k points.
+    places
+        (n, k, 2) positions of the points in n pictures, NaN for no point.
+    letter
+        Size of the letters in the unit of `places`.
+
+    Returns
+    -------
+    (n, k, 2) positions of the middles of the labels.
     """
-    dot = np.full(2, DOT * letter)
-    taken = [(place, dot) for place in np.moveaxis(places, 1, 0)]
+    dot_half_size = np.full(2, DOT_HALF_WIDTH * letter)
+    # Rectangles that are occupied: middles (n, 2), and half width and half height.
+    occupied = [(points, dot_half_size) for points in np.moveaxis(places, 1, 0)]
     middles = nans(places.shape)
-    reach, turn = (grid.ravel() for grid in np.meshgrid(REACHES, WAYS, indexing="ij"))
-    way = np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    for k, text in enumerate(texts):
-        half = letter * np.array([ASPECT * len(text) + 0.1, 0.5])
-        size = letter * reach[:, None] + np.array([half[0] - 0.5 * letter, 0.0])
-        around = places[:, None, k] + way * size
-        covers = np.zeros(around.shape[:2], dtype=bool)
-        for place, other in taken:
-            covers |= np.all(np.abs(around - place[:, None]) < half + other, axis=2)
-        best = np.argmin(covers, axis=1)
-        middles[:, k] = around[np.arange(len(best)), best]
-        taken.append((middles[:, k], half))
+    # All positions around a point: distances in rows, directions in columns.
+    distances, angles = (
+        grid.ravel()
+        for grid in np.meshgrid(LABEL_DISTANCES, LABEL_DIRECTIONS_RAD, indexing="ij")
+    )
+    directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    for number, text in enumerate(texts):
+        half_size = letter * np.array([LETTER_HALF_WIDTH * len(text) + 0.1, 0.5])
+        # Long labels are farther away in the x direction.
+        extra_width = np.array([half_size[0] - 0.5 * letter, 0.0])
+        offsets = directions * (letter * distances[:, None] + extra_width)
+        candidates = places[:, None, number] + offsets
+        hides_another = np.zeros(candidates.shape[:2], dtype=bool)
+        for middle, other_half_size in occupied:
+            separation = np.abs(candidates - middle[:, None])
+            hides_another |= np.all(separation < half_size + other_half_size, axis=2)
+        # The first candidate that is free, or the first of all.
+        best = np.argmin(hides_another, axis=1)
+        middles[:, number] = candidates[np.arange(len(best)), best]
+        occupied.append((middles[:, number], half_size))
     return middles

@@ -1,4 +1,4 @@
-"""The properties that a recording begins with."""
+"""What a recorder is given before the first block of samples."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,27 +12,27 @@ from spherekit.scenes.scene import Scene
 @checked_class(OutputError)
 @dataclass(frozen=True)
 class RecordingHead:
-    """What a recorder is told once, before the first block of samples.
+    """Properties of a whole recording.
 
     Attributes
     ----------
     scenes : sequence of Scene
         Primitives without samples: the ground, the graph, texts.
     inputs : array (n,) rad, or None
-        All input values of the run, which fix the unit of the input timeline.
-        None if the run has no single input.
+        All input values of the run, which determine the unit of the input timeline.
+        None if the run does not have exactly one input.
     assembly_modes : mapping
-        Number and title of each assembly mode to come, in the order of their pages.
-        An assembly mode left out gets its page when its first block comes.
+        Number and title of each assembly mode, in the order of their pages. An assembly
+        mode that is missing here gets its page with its first block.
     properties : mapping
         Words about the run that the recording carries: versions, hashes.
     focus : array (3,), or None
-        Unit vector to the middle of the mechanism, which the eye faces at first.
+        Unit vector to the middle of the mechanism, from which the viewer looks at first.
     row : int, or None
-        Number of successive samples that are neighbours, in a grid of inputs; the
-        paths of poles are cut after each such row. All samples by default.
+        Number of successive samples that are neighbours, in a grid of inputs. The paths of
+        poles are cut after each such row. By default all samples are neighbours.
     times : array (n,) s, or None
-        All times of the run, if its samples are times, instead of the inputs.
+        All times of the run, if its samples are times. They then replace the inputs.
     """
 
     scenes: Sequence[Scene] = ()

@@ -1,9 +1,9 @@
-"""What is to be seen, in words of no viewer: the view module turns it into entities.
+"""Objects that viewers and figures show, described without any viewer.
 
-All arrays that follow the motion have the leading axis n = samples of one block of one
-assembly mode; directions and positions are in ground axes on the unit sphere. NaN rows are
-samples that failed: nothing is drawn there. Quantities are in SI and rad, with their unit;
-`in_degrees` turns what is in rad for people.
+Arrays that follow the motion have the leading axis n, the samples of one block of one
+assembly mode. Directions and positions are in ground axes on the unit sphere. NaN rows are
+samples that failed: nothing is drawn there. Quantities are in SI units and rad, and state
+their unit; `convert_to_degrees` converts angles for people.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,27 +20,28 @@ from spherekit.geometry.vectors import all_finite
 from spherekit.tables.column_units import format_unit
 from spherekit.tables.table import IN_DEGREES
 
-TINY = 1e-300
+SMALLEST_POSITIVE = 1e-300
+"""Smallest number that stands for 0 in logarithms and divisions."""
 
 
 Range = tuple[float, float]
-"""The least and the greatest value."""
+"""The least and the greatest value of a quantity."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """What rows run over: an input, the time, or a quantity of an analysis.
+    """A quantity over which rows run: an input, the time, or one of an analysis.
 
     Attributes
     ----------
     label : str
         Name of the quantity.
     unit : str
-        SI, rad, or empty for pure numbers.
+        SI unit, rad, or empty for pure numbers.
     values : array (n,)
         The value of each row.
     span : (low, high), or None
-        Least and greatest value of all blocks, if `values` is one block of them.
+        Least and greatest value of all blocks, if `values` belongs to one block.
     """
 
     label: str
@@ -50,7 +51,7 @@ class Axis:
 
     @property
     def extent(self) -> Range:
-        """Least and greatest value, of all blocks if that is said."""
+        """Least and greatest value, of all blocks if `span` states them."""
         if self.span is not None:
             return self.span
         finite = self.values[np.isfinite(self.values)]
@@ -59,15 +60,19 @@ class Axis:
     @property
     def words(self) -> str:
         """The label with the unit."""
-        return titled(self.label, self.unit)
+        return title_with_unit(self.label, self.unit)
 
 
 @dataclass(frozen=True)
 class Body:
-    """A link: curves and joints fixed in its own axes, turned by a quaternion.
+    """A link: curves and joints fixed in its own axes, rotated by quaternions.
 
     Attributes
     ----------
+    path : str
+        Place of the link in the tree of a recording.
+    label : str
+        Name of the link.
     curves : sequence of arrays (k, 3)
         Polylines in link axes, on the unit sphere.
     joints : array (j, 3)
@@ -75,7 +80,7 @@ class Body:
     joint_labels : sequence of str (j,)
         Names of the joints.
     number : int
-        Position of the link in the mechanism, by which the viewer picks its colour.
+        Number of the link in the mechanism, which determines its colour.
     quaternions : array (n, 4), or None
         From link axes to ground axes, xyzw, for each sample; None for the ground.
     """
@@ -91,16 +96,20 @@ class Body:
 
 @dataclass(frozen=True)
 class Arrow:
-    """A direction from the centre, with the path its tip leaves on the sphere.
+    """A direction from the centre, with the path of its tip on the sphere.
 
     Attributes
     ----------
+    path : str
+        Place of the arrow in the tree of a recording.
+    label : str
+        Words beside the arrow.
     directions : array (n, 3)
         Unit vectors in ground axes, one for each sample.
     primary : bool
-        Whether it is the axis of a pair, drawn quieter than a secondary pole axis.
+        Whether it is the axis of a pair, which is less prominent than another pole axis.
     shown : bool
-        Whether it is drawn from the start; otherwise it can be switched on.
+        Whether it is drawn from the start. Otherwise users can switch it on.
     path_shown : bool
         Whether successive rows are points of one path.
     """
@@ -115,17 +124,21 @@ class Arrow:
 
 @dataclass(frozen=True)
 class Trace:
-    """The path that a direction leaves in the axes of a link, whole, turned with the link.
+    """The whole path of a direction in the axes of a link, which moves with the link.
 
-    That of a pole is an axode: the fixed one in the axes of one of its links, the moving
-    one in those of the other.
+    The path of a pole is an axode: the fixed axode in the axes of one of its links, the
+    moving axode in those of the other.
 
     Attributes
     ----------
+    path : str
+        Place of the trace in the tree of a recording.
+    label : str
+        Name of the trace.
     directions : array (n, 3)
         Unit vectors in link axes, one for each sample.
     number : int
-        Position of the link in the mechanism, by which the viewer picks its colour.
+        Number of the link in the mechanism, which determines its colour.
     quaternions : array (n, 4), or None
         From link axes to ground axes, xyzw, for each sample; None for the ground.
     """
@@ -138,11 +151,12 @@ class Trace:
 
     @property
     def at_first(self) -> Floats:
-        """The path in ground axes, where the link is at the first row that is known."""
+        """The path in ground axes, with the link as in its first row that is not NaN."""
         if self.quaternions is None:
             return self.directions
-        first = np.argmax(all_finite(self.quaternions, 1))
-        return self.directions @ from_quaternion(self.quaternions[first]).T
+        first_row = np.argmax(all_finite(self.quaternions, 1))
+        rotation = from_quaternion(self.quaternions[first_row])
+        return self.directions @ rotation.T
 
 
 @dataclass(frozen=True)
@@ -151,6 +165,10 @@ class GreatCircle:
 
     Attributes
     ----------
+    path : str
+        Place of the circle in the tree of a recording.
+    label : str
+        Name of the circle.
     normals : array (n, 3)
         Unit vectors in ground axes, one for each sample.
     """
@@ -162,20 +180,24 @@ class GreatCircle:
 
 @dataclass(frozen=True)
 class Series:
-    """A scalar against the timelines; series of one group share one plot.
+    """A number for each sample, plotted over the axis of the scene.
 
     Attributes
     ----------
+    path : str
+        Place of the curve in the tree of a recording.
+    label : str
+        Name of the curve.
     group : str
-        Name of the quantity, by which series share a plot.
+        Name of the quantity. Series of one group share a plot.
     values : array (n,)
         One number for each sample, NaN where there is none.
     unit : str
-        SI or rad; figures and viewers show angles in degrees.
+        SI unit or rad. Figures and viewers show angles in degrees.
     link : int, or None
-        Position of the link whose colour it has, if it is about one.
+        Number of the link whose colour the curve has, if it is about one.
     resolution : float
-        Differences below it are rounding, and not scaled up to a signal.
+        Changes below it are rounding. A plot does not enlarge them to a signal.
     """
 
     path: str
@@ -189,21 +211,25 @@ class Series:
     @property
     def heading(self) -> str:
         """The quantity with its unit."""
-        return titled(self.group, self.unit)
+        return title_with_unit(self.group, self.unit)
 
 
 @dataclass(frozen=True)
 class InputMarks:
-    """Inputs at which something is, such as a singularity, for all plots of the page.
+    """Marked inputs, such as those of singularities, in all plots of a page.
 
-    They are marked on the axes of what is drawn over the inputs, or over what else the
-    scene says.
+    They are marked on the axes of all plots over the inputs, or over the axes that the
+    scene states.
 
     Attributes
     ----------
+    path : str
+        Place of the marks in the tree of a recording.
+    label : str
+        Meaning of the marks.
     inputs : array (k, axes)
-        A row for each mark, with its place on each axis in the unit of the axis: rad for
-        inputs.
+        A row for each mark, with its position on each axis in the unit of the axis: rad
+        for inputs.
     tone : int
         Number of the colour.
     """
@@ -216,10 +242,12 @@ class InputMarks:
 
 @dataclass(frozen=True)
 class Mark:
-    """A named point: of a curve in a plane, or a direction on the sphere.
+    """A named point of a curve in a plane, or a named direction on the sphere.
 
     Attributes
     ----------
+    label : str
+        Name of the point.
     place : array (2,) or (3,)
         Coordinates in the plane of a `Portrait`, or a unit vector of `SphereCurves`.
     tone : int
@@ -233,12 +261,16 @@ class Mark:
 
 @dataclass(frozen=True)
 class PlaneCurve:
-    """A curve in the plane of a portrait, named if it has to be told from others.
+    """A curve in the plane of a portrait.
 
     Attributes
     ----------
     points : array (k, 2)
         x and y in the units of the portrait.
+    tone : int
+        Number of the colour.
+    label : str
+        Name of the curve, if it has to be told from others.
     """
 
     points: Floats
@@ -248,23 +280,30 @@ class PlaneCurve:
 
 @dataclass(frozen=True)
 class Portrait:
-    """One quantity against another, as a curve in a plane with a mark that moves.
+    """One quantity plotted against another, with a mark that moves with the samples.
 
-    `curves` are drawn from the start, in the units of x and y, and `marks` on them.
-    Without them the curve is what the moving mark has drawn by the end.
+    Without fixed curves, the curve is the whole path of the moving mark.
 
     Attributes
     ----------
+    path : str
+        Place of the portrait in the tree of a recording.
+    label : str
+        Title of the portrait.
     x, y : arrays (n,)
-        One number for each sample.
+        Position of the moving mark in each sample.
+    x_label, y_label : str
+        Names of both quantities.
     x_range, y_range : (low, high)
-        Least and greatest values of all blocks, which the frame spans.
+        Least and greatest values of all blocks, which are the limits of the frame.
+    x_unit, y_unit : str
+        Units of both quantities.
     curves : sequence of PlaneCurve
-        Curves that do not move.
+        Curves that do not move, in the units of x and y.
     marks : sequence of Mark
         Points (2,) that do not move.
     logarithmic : bool
-        Whether both axes are.
+        Whether both axes are logarithmic.
     """
 
     path: str
@@ -282,25 +321,30 @@ class Portrait:
     logarithmic: bool = False
 
     def placed(self) -> Floats:
-        """Return the points (n, 2) in a frame that runs from 0 to 1 both ways."""
+        """Return the moving mark (n, 2) in a frame from 0 to 1 in both directions."""
         return self.framed(np.stack([self.x, self.y], axis=1))
 
     def framed(self, points: Floats) -> Floats:
-        """Return points (n, 2) in a frame that runs from 0 to 1 both ways."""
+        """Return points (n, 2) of the plane in a frame from 0 to 1 in both directions."""
         low, high = np.array([self.x_range, self.y_range]).T
         if self.logarithmic:
             points, low, high = (
-                np.log10(np.maximum(values, TINY)) for values in (points, low, high)
+                np.log10(np.maximum(values, SMALLEST_POSITIVE))
+                for values in (points, low, high)
             )
-        return (points - low) / np.maximum(high - low, TINY)
+        return (points - low) / np.maximum(high - low, SMALLEST_POSITIVE)
 
 
 @dataclass(frozen=True)
 class SphereCurves:
-    """Curves and marks on the unit sphere, in ground axes, that do not move.
+    """Curves and marks on the unit sphere that do not move, in ground axes.
 
     Attributes
     ----------
+    path : str
+        Place of the curves in the tree of a recording.
+    label : str
+        Name of the curves.
     curves : sequence of arrays (k, 3)
         Polylines of unit vectors.
     tone : int
@@ -318,12 +362,14 @@ class SphereCurves:
 
 @dataclass(frozen=True)
 class SphereMap:
-    """A part of the unit sphere, in ground axes, coloured by a value; it does not move.
+    """A part of the unit sphere coloured by a value, in ground axes; it does not move.
 
-    Without triangles it is the vertices, seen as points.
+    Without triangles the vertices are drawn as points.
 
     Attributes
     ----------
+    path : str
+        Place of the map in the tree of a recording.
     label : str
         Name of the value.
     vertices : array (v, 3)
@@ -345,25 +391,31 @@ class SphereMap:
 
     @property
     def shown_values(self) -> Floats:
-        """Those at vertices that are seen."""
-        seen = np.unique(self.triangles) if len(self.triangles) else slice(None)
-        return self.values[seen]
+        """The values at the vertices that are drawn."""
+        drawn = np.unique(self.triangles) if len(self.triangles) else slice(None)
+        return self.values[drawn]
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A triangulated surface in a space of its own, with its axes named.
+    """A triangulated surface in a space with named axes, such as that of three inputs.
 
-    Without triangles it is the vertices, seen as points, which `values` colour.
+    Without triangles the vertices are drawn as points, coloured by `values`.
 
     Attributes
     ----------
+    path : str
+        Place of the surface in the tree of a recording.
+    label : str
+        Name of the surface, or of the quantity that colours it.
     vertices : array (v, 3)
         Coordinates in the unit of the axes.
     triangles : array (t, 3) of int
         Numbers of the vertices at the corners, from 0.
     axes : three texts
         Names of the axes.
+    tone : int
+        Number of the colour, if there are no values.
     unit : str
         Unit of all three axes.
     values : array (v,), or None
@@ -389,12 +441,18 @@ class Diagram:
 
     Attributes
     ----------
+    path : str
+        Place of the diagram in the tree of a recording.
+    label : str
+        Title of the diagram.
+    x_label, y_label : str
+        Names of the axes.
     x_range, y_range : (low, high)
-        What the frame spans.
+        Limits of the frame.
     names : sequence of str (k,)
         Names of the points.
     places : array (n, k, 2)
-        x and y of each point in each sample, NaN where there is none.
+        x and y of each point in each sample, NaN for no point.
     tones : sequence of int (k,)
         Numbers of the colours of the points.
     lines : array (n, m, 3)
@@ -424,16 +482,18 @@ class Diagram:
 
 @dataclass(frozen=True)
 class Graph:
-    """A link/pair graph: links and pairs are nodes, edges say which pair joins which.
+    """A link/pair graph. Links and pairs are nodes; an edge joins a pair to its link.
 
     Attributes
     ----------
+    path : str
+        Place of the graph in the tree of a recording.
     nodes : sequence (k,) of (identifier, label, number)
         The number is that of a link, None for a pair.
     edges : sequence of (identifier, identifier)
-        The pair and the link that each edge joins.
+        The link and the pair that each edge joins.
     positions : array (k, 2)
-        Places of the nodes in the unit square.
+        Positions of the nodes in the unit square.
     """
 
     path: str
@@ -444,7 +504,17 @@ class Graph:
 
 @dataclass(frozen=True)
 class Text:
-    """A panel of Markdown."""
+    """A panel of text.
+
+    Attributes
+    ----------
+    path : str
+        Place of the panel in the tree of a recording.
+    label : str
+        Title of the panel.
+    markdown : str
+        The text in Markdown.
+    """
 
     path: str
     label: str
@@ -467,7 +537,7 @@ Primitive = (
     | Text
 )
 
-ROWS: Mapping[type, Names] = {
+SAMPLE_FIELDS: Mapping[type, Names] = {
     Body: ("quaternions",),
     Arrow: ("directions",),
     Trace: ("directions", "quaternions"),
@@ -476,16 +546,16 @@ ROWS: Mapping[type, Names] = {
     Portrait: ("x", "y"),
     Diagram: ("places", "lines", "words", "readings"),
 }
-"""The fields of primitives that have a row for each sample."""
+"""By class of primitives: the fields that have a row for each sample."""
 
-MEASURED: Mapping[type, Mapping[str, Names]] = {
+FIELDS_BY_UNIT: Mapping[type, Mapping[str, Names]] = {
     Axis: {"unit": ("values", "span")},
     Series: {"unit": ("values",)},
     SphereMap: {"unit": ("values",)},
     Surface: {"unit": ("vertices",), "values_unit": ("values",)},
     Portrait: {"x_unit": ("x", "x_range"), "y_unit": ("y", "y_range")},
 }
-"""The fields of primitives and axes that say a unit, and what is in it."""
+"""By class: the fields that state a unit, and for each the fields in this unit."""
 
 Page = int | str | None
 """The number of a mode, the title of a page of its own, or None for every page."""
@@ -493,11 +563,19 @@ Page = int | str | None
 
 @dataclass(frozen=True)
 class Scene:
-    """Primitives of one page: of an assembly mode, of a page of its own, or of every page.
+    """Primitives that are shown together on one page, or on every page.
 
-    `over` says what their rows run over where these are not the samples of the run, one
-    axis or several; the run fills in its inputs or times where they are. `source` is the
-    analysis that shows it, which the run fills in as well.
+    Attributes
+    ----------
+    page : int, str or None
+        Number of an assembly mode, title of a page of its own, or None for every page.
+    primitives : tuple
+        The visible objects.
+    over : tuple of Axis
+        The axes over which the rows run, if these are not the samples of the run. The run
+        fills in its inputs or times otherwise.
+    source : str
+        Name of the analysis that shows the scene. The run fills it in.
     """
 
     page: Page
@@ -506,68 +584,93 @@ class Scene:
     source: str = ""
 
     def thinned(self, chosen: Bools) -> "Scene":
-        """Return the scene at some of its samples (n,), or itself if its rows are none."""
+        """Return the scene at some of its samples.
+
+        Parameters
+        ----------
+        chosen
+            (n,) which samples remain.
+
+        Returns
+        -------
+        The scene itself if its rows are not samples of the run.
+        """
         if self.over:
             return self
-        parts = []
-        for part in self.primitives:
-            rows: Facts = {
-                name: values[chosen]
-                if isinstance(values, np.ndarray)
-                else list(compress(values, chosen))
-                for name, values in rows_of(part).items()
-            }
-            parts.append(replace(part, **rows))
-        return replace(self, primitives=tuple(parts))
+        primitives = []
+        for primitive in self.primitives:
+            chosen_rows: Facts = {}
+            for name, rows in sample_rows(primitive).items():
+                if isinstance(rows, np.ndarray):
+                    chosen_rows[name] = rows[chosen]
+                else:
+                    chosen_rows[name] = list(compress(rows, chosen))
+            primitives.append(replace(primitive, **chosen_rows))
+        return replace(self, primitives=tuple(primitives))
 
 
-def titled(label: str, unit: str) -> str:
+def title_with_unit(label: str, unit: str) -> str:
     """Return the name of a quantity with its unit, as people print it."""
     return f"{label}, {format_unit(unit)}" if unit else label
 
 
-def in_degrees(scene: Scene) -> Scene:
+def convert_to_degrees(scene: Scene) -> Scene:
     """Return a scene whose angles, their rates and accelerations are in degrees."""
-    along = [_degrees(axis.unit)[0] for axis in scene.over] or [np.degrees(1.0)]
-    parts, over = (
-        tuple(_in_degrees(item, np.array(along)) for item in items)
-        for items in (scene.primitives, scene.over)
+    # Inputs without stated axes are angles.
+    axis_factors = [_degrees_of_unit(axis.unit)[0] for axis in scene.over]
+    factors = np.array(axis_factors or [np.degrees(1.0)])
+    return replace(
+        scene,
+        primitives=tuple(_convert_fields(item, factors) for item in scene.primitives),
+        over=tuple(_convert_fields(axis, factors) for axis in scene.over),
     )
-    return replace(scene, primitives=parts, over=over)
 
 
-def _in_degrees(shown: Any, along: Floats) -> Any:
-    """Return a primitive or an axis in degrees.
+def _convert_fields(item: Any, axis_factors: Floats) -> Any:
+    """Return a primitive or an axis with its angles in degrees.
 
-    `along` (axes,) are the factors of what a primitive is over.
+    Parameters
+    ----------
+    item
+        The primitive or axis.
+    axis_factors
+        (axes,) factors by which values on the axes of the scene are multiplied.
     """
-    if isinstance(shown, InputMarks):
-        return replace(shown, inputs=along * shown.inputs)
+    if isinstance(item, InputMarks):
+        return replace(item, inputs=axis_factors * item.inputs)
     changes: Facts = {}
     factors = []
-    for unit, names in MEASURED.get(type(shown), {}).items():
-        factor, changes[unit] = _degrees(getattr(shown, unit))
+    for unit_field, value_fields in FIELDS_BY_UNIT.get(type(item), {}).items():
+        factor, changes[unit_field] = _degrees_of_unit(getattr(item, unit_field))
         factors.append(factor)
-        for name in names:
-            values = getattr(shown, name)
+        for name in value_fields:
+            values = getattr(item, name)
             if values is not None:
                 changes[name] = factor * np.asarray(values)
-    if isinstance(shown, Portrait):
-        both = np.array(factors)
-        changes["curves"] = [replace(e, points=both * e.points) for e in shown.curves]
-        changes["marks"] = [replace(e, place=both * e.place) for e in shown.marks]
-    return replace(shown, **changes)
+    if isinstance(item, Portrait):
+        xy_factors = np.array(factors)
+        changes["curves"] = [
+            replace(curve, points=xy_factors * curve.points) for curve in item.curves
+        ]
+        changes["marks"] = [
+            replace(mark, place=xy_factors * mark.place) for mark in item.marks
+        ]
+    return replace(item, **changes)
 
 
-def _degrees(unit: str) -> tuple[float, str]:
-    """Return by what numbers of a unit are multiplied for people, and their unit then."""
-    return (np.degrees(1.0), IN_DEGREES[unit]) if unit in IN_DEGREES else (1.0, unit)
+def _degrees_of_unit(unit: str) -> tuple[float, str]:
+    """Return the factor that converts a unit for people, and the converted unit.
+
+    Units without rad stay as they are, with the factor 1.
+    """
+    if unit in IN_DEGREES:
+        return np.degrees(1.0), IN_DEGREES[unit]
+    return 1.0, unit
 
 
-def rows_of(primitive: Primitive) -> Facts:
+def sample_rows(primitive: Primitive) -> Facts:
     """Return the fields of a primitive that have a row for each sample, by name."""
-    return {
-        name: rows
-        for name in ROWS.get(type(primitive), ())
-        if (rows := getattr(primitive, name)) is not None
+    rows_by_field = {
+        name: getattr(primitive, name) for name in SAMPLE_FIELDS.get(type(primitive), ())
     }
+    return {name: rows for name, rows in rows_by_field.items() if rows is not None}

@@ -1,7 +1,7 @@
-"""Whether the scenes of an analysis have the shapes that viewers and figures rely on.
+"""Checks that the scenes of an analysis have the shapes that viewers and figures need.
 
-A scene is checked once, where the analysis returns it. A mistake is then one sentence
-about that analysis, and no recording or figure of another one is lost.
+A scene is checked once, when the analysis returns it. A mistake is then one sentence about
+that analysis, and recordings and figures of other analyses are not lost.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,7 +36,7 @@ from spherekit.scenes.scene import (
 from spherekit.wording import listing
 
 Size = int | str
-"""A length, or a letter for one that all arrays of a primitive with the letter share."""
+"""A length, or a letter for a length that all arrays of a primitive with it share."""
 
 ARRAY_SHAPES: Mapping[type, Mapping[str, tuple[Size, ...]]] = {
     Axis: {"values": ("n",)},
@@ -62,26 +62,32 @@ ARRAY_SHAPES: Mapping[type, Mapping[str, tuple[Size, ...]]] = {
     Graph: {"positions": ("k", 2)},
     Text: {},
 }
-"""The shapes of array fields. "n" is the number of samples, or of values of an axis."""
+"""By class: the shapes of array fields.
 
-CURVES: Mapping[type, str] = {Body: "curves", SphereCurves: "curves"}
-"""Fields that are sequences of polylines (k, 3)."""
+"n" is the number of samples, or of the values of an axis.
+"""
 
-LISTS: Mapping[type, Mapping[str, Size]] = {
+PARTS_OF_PRIMITIVES = (Axis, Mark, PlaneCurve)
+"""Classes of `ARRAY_SHAPES` that are no primitives, but parts of scenes or primitives."""
+
+POLYLINE_FIELDS: Mapping[type, str] = {Body: "curves", SphereCurves: "curves"}
+"""By class: the field that is a sequence of polylines (k, 3)."""
+
+SEQUENCE_LENGTHS: Mapping[type, Mapping[str, Size]] = {
     Body: {"joint_labels": "j"},
     Diagram: {"names": "k", "tones": "k"},
     Graph: {"nodes": "k"},
     Surface: {"axes": 3},
 }
-"""The lengths of sequences."""
+"""By class: the lengths of fields that are sequences and not arrays."""
 
-MARK_SIZES: Mapping[type, int] = {Portrait: 2, SphereCurves: 3}
-"""Numbers of the place of a mark, by the primitive that it belongs to."""
+MARK_DIMENSIONS: Mapping[type, int] = {Portrait: 2, SphereCurves: 3}
+"""By class with marks: the number of coordinates of a mark."""
 
-RANGES = ("x_range", "y_range")
+RANGE_FIELDS = ("x_range", "y_range")
 """Fields that are a least and a greatest value."""
 
-OPTIONAL = {
+OPTIONAL_FIELDS = {
     (Body, "quaternions"),
     (Trace, "quaternions"),
     (Surface, "values"),
@@ -89,16 +95,42 @@ OPTIONAL = {
 }
 """Array fields that may be None."""
 
-TEXTS = ("path", "label", "markdown", "unit", "group", "x_label", "y_label")
-"""Fields that are texts."""
+TEXT_FIELDS = ("path", "label", "markdown", "unit", "group", "x_label", "y_label")
+"""Fields that are texts, in every class that has them."""
 
 
 @dataclass(frozen=True)
-class _Rows:
-    """What the rows of a scene are: how many, and how many axes they run over."""
+class _SceneRows:
+    """The rows of a scene.
+
+    Attributes
+    ----------
+    count
+        Number of rows.
+    axis_counts
+        Allowed numbers of columns of marked inputs, the one that messages state first.
+    words
+        Words for the rows in messages.
+    """
 
     count: int
-    axes: tuple[int, ...]
+    axis_counts: tuple[int, ...]
+    words: str
+
+
+@dataclass(frozen=True)
+class _SharedSize:
+    """A length that several arrays of a primitive share.
+
+    Attributes
+    ----------
+    length
+        The length.
+    words
+        Words for what has this length, in messages.
+    """
+
+    length: int
     words: str
 
 
@@ -116,15 +148,16 @@ def check_scene(
     modes
         Numbers of the assembly modes of the run.
     samples
-        Samples of each assembly mode in the block.
+        Number of samples of each assembly mode in the block.
     inputs
         Number of the inputs of the mechanism.
 
     Raises
     ------
     PluginError
-        If it is no `Scene`, its page is no assembly mode of the run, it holds something
-        that is no primitive, or a field has the wrong type or shape.
+        If it is not a `Scene`, if its page is not an assembly mode of the run, if it
+        contains something that is not a primitive, or if a field has the wrong type or
+        shape.
     """
     if not isinstance(scene, Scene):
         raise PluginError(
@@ -142,76 +175,99 @@ def check_scene(
         raise PluginError(
             f"{where}: a page is the number of an assembly mode, a title, or None"
         )
-    over = _check_axes(where, scene.over)
-    if over:
-        count = len(over[0].values)
-        rows = _Rows(count, (len(over),), f"the {count} values of {over[0].label}")
+    axes = _check_axes(where, scene.over)
+    if axes:
+        count = len(axes[0].values)
+        words = f"the {count} values of {axes[0].label}"
+        rows = _SceneRows(count, (len(axes),), words)
     else:
         # Over time there is one axis; marks may still be given by all inputs.
-        rows = _Rows(samples, (inputs, 1), f"the {samples} samples of the block")
+        rows = _SceneRows(samples, (inputs, 1), f"the {samples} samples of the block")
     if not isinstance(scene.primitives, Sequence) or isinstance(scene.primitives, str):
-        kind = type(scene.primitives).__name__
-        raise PluginError(f"{where}: primitives is a {kind}, it has to be a tuple")
-    parts = tuple(_check_primitive(where, part, rows) for part in scene.primitives)
-    return replace(scene, primitives=parts, over=over)
+        type_name = type(scene.primitives).__name__
+        raise PluginError(f"{where}: primitives is a {type_name}, it has to be a tuple")
+    primitives = tuple(
+        _check_primitive(where, primitive, rows) for primitive in scene.primitives
+    )
+    return replace(scene, primitives=primitives, over=axes)
 
 
-def _check_axes(where: str, over: Any) -> tuple[Axis, ...]:
-    """Return the axes that the rows run over, checked; all have the same length."""
-    if not isinstance(over, Sequence) or not all(isinstance(x, Axis) for x in over):
+def _check_axes(where: str, axes: Any) -> tuple[Axis, ...]:
+    """Return the axes of a scene with their values as arrays of one length.
+
+    Parameters
+    ----------
+    where
+        Words for the scene, with which messages begin.
+    axes
+        The field `over` of the scene.
+    """
+    if not isinstance(axes, Sequence) or not all(isinstance(axis, Axis) for axis in axes):
         raise PluginError(f"{where}: over has to be a tuple of Axis(...)")
-    axes: list[Axis] = []
-    for axis in over:
-        values = _numbers(f"{where}: Axis {axis.label!r}: values", axis.values, ("n",), {})
-        if axes and len(values) != len(axes[0].values):
+    checked_axes: list[Axis] = []
+    for axis in axes:
+        axis_words = f"{where}: Axis {axis.label!r}"
+        values = _check_numbers(f"{axis_words}: values", axis.values, ("n",), {})
+        if checked_axes and len(values) != len(checked_axes[0].values):
             raise PluginError(
-                f"{where}: Axis {axis.label!r} has {len(values)} values, Axis "
-                f"{axes[0].label!r} has {len(axes[0].values)}; a row has one of each axis"
+                f"{axis_words} has {len(values)} values, Axis "
+                f"{checked_axes[0].label!r} has {len(checked_axes[0].values)}; a row has "
+                "one of each axis"
             )
-        axes.append(replace(axis, values=values))
-    return tuple(axes)
+        checked_axes.append(replace(axis, values=values))
+    return tuple(checked_axes)
 
 
-def _check_primitive(where: str, primitive: Any, rows: _Rows) -> Primitive:
-    """Return a primitive with its arrays as NumPy arrays."""
+def _check_primitive(where: str, primitive: Any, rows: _SceneRows) -> Primitive:
+    """Return a primitive with its arrays as NumPy arrays, or refuse it.
+
+    Parameters
+    ----------
+    where
+        Words for the scene, with which messages begin.
+    primitive
+        An item of the scene.
+    rows
+        The rows of the scene.
+    """
     kind = type(primitive)
-    if kind not in ARRAY_SHAPES or kind in (Axis, Mark, PlaneCurve):
+    if kind not in ARRAY_SHAPES or kind in PARTS_OF_PRIMITIVES:
         allowed = listing(
-            cls.__name__ for cls in ARRAY_SHAPES if cls not in (Axis, Mark, PlaneCurve)
+            cls.__name__ for cls in ARRAY_SHAPES if cls not in PARTS_OF_PRIMITIVES
         )
         raise PluginError(
             f"{where}: primitives has a {kind.__name__}; allowed are {allowed}"
         )
     where = f"{where}: {kind.__name__} {getattr(primitive, 'path', '')!r}"
-    sizes: dict[str, tuple[int, str]] = {"n": (rows.count, rows.words)}
-    changes = _check_fields(where, primitive, sizes)
-    if kind in CURVES:
-        name = CURVES[kind]
-        curves = _sequence(where, name, getattr(primitive, name))
+    changes = _check_fields(where, primitive, {"n": _SharedSize(rows.count, rows.words)})
+    if kind in POLYLINE_FIELDS:
+        name = POLYLINE_FIELDS[kind]
+        curves = _check_sequence(where, name, getattr(primitive, name))
         changes[name] = [
-            _numbers(f"{where}: {name}[{k}]", curve, ("k", 3), {})
+            _check_numbers(f"{where}: {name}[{k}]", curve, ("k", 3), {})
             for k, curve in enumerate(curves)
         ]
     if isinstance(primitive, Portrait):
+        plane_curves = _check_sequence(where, "curves", primitive.curves, PlaneCurve)
         changes["curves"] = [
             replace(curve, **_check_fields(f"{where}: curves[{k}]", curve, {}))
-            for k, curve in enumerate(
-                _sequence(where, "curves", primitive.curves, PlaneCurve)
-            )
+            for k, curve in enumerate(plane_curves)
         ]
-    if kind in MARK_SIZES:
+    if kind in MARK_DIMENSIONS:
+        dimension = _SharedSize(MARK_DIMENSIONS[kind], "coordinates")
         changes["marks"] = []
-        for k, mark in enumerate(_sequence(where, "marks", primitive.marks, Mark)):
-            size = {"d": (MARK_SIZES[kind], "coordinates")}
-            changed = _check_fields(f"{where}: marks[{k}]", mark, size)
-            changes["marks"].append(replace(mark, **changed))
-    if isinstance(primitive, InputMarks) and changes["inputs"].shape[1] not in rows.axes:
-        raise PluginError(
-            f"{where}: inputs has {changes['inputs'].shape[1]} columns, it needs one for "
-            f"each axis: {rows.axes[0]}"
-        )
+        for k, mark in enumerate(_check_sequence(where, "marks", primitive.marks, Mark)):
+            mark_changes = _check_fields(f"{where}: marks[{k}]", mark, {"d": dimension})
+            changes["marks"].append(replace(mark, **mark_changes))
+    if isinstance(primitive, InputMarks):
+        column_count = changes["inputs"].shape[1]
+        if column_count not in rows.axis_counts:
+            raise PluginError(
+                f"{where}: inputs has {column_count} columns, it needs one for each axis: "
+                f"{rows.axis_counts[0]}"
+            )
     if isinstance(primitive, SphereMap | Surface):
-        _check_triangles(where, changes)
+        _check_triangles(where, changes["triangles"], len(changes["vertices"]))
     if isinstance(primitive, Diagram) and len(primitive.words) not in (0, rows.count):
         raise PluginError(
             f"{where}: words has {len(primitive.words)} texts, it needs none or one for "
@@ -220,47 +276,70 @@ def _check_primitive(where: str, primitive: Any, rows: _Rows) -> Primitive:
     return replace(primitive, **changes)
 
 
-def _check_fields(where: str, item: Any, sizes: dict[str, tuple[int, str]]) -> Facts:
-    """Return the array fields of a primitive or part of one as NumPy arrays.
+def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts:
+    """Check the fields of a primitive, or of a part of one.
 
-    `sizes` are lengths by letter, with words for what is as long; others are added.
+    Parameters
+    ----------
+    where
+        Words for the item, with which messages begin.
+    item
+        The primitive, or a mark or curve of one.
+    sizes
+        By letter of `ARRAY_SHAPES`: lengths that are known. Those of other letters are
+        added with the first array that has them.
+
+    Returns
+    -------
+    The array fields as NumPy arrays, by name.
     """
-    changes: Facts = {}
-    names = {field.name for field in fields(item)}
-    for name in TEXTS:
-        if name in names and not isinstance(getattr(item, name), str):
+    arrays: Facts = {}
+    field_names = {field.name for field in fields(item)}
+    for name in TEXT_FIELDS:
+        if name in field_names and not isinstance(getattr(item, name), str):
             value = getattr(item, name)
             raise PluginError(f"{where}: {name} is {value!r}, it has to be a text")
     for name, shape in ARRAY_SHAPES[type(item)].items():
         value = getattr(item, name)
-        if value is None and (type(item), name) in OPTIONAL:
+        if value is None and (type(item), name) in OPTIONAL_FIELDS:
             continue
-        array = _numbers(f"{where}: {name}", value, shape, sizes)
+        array = _check_numbers(f"{where}: {name}", value, shape, sizes)
         # A range stays a pair of floats, which can be compared as such.
-        changes[name] = tuple(map(float, array)) if name in RANGES else array
-    for name, size in LISTS.get(type(item), {}).items():
-        length = len(_sequence(where, name, getattr(item, name)))
-        needed, words = (size, "") if isinstance(size, int) else sizes[size]
-        if length != needed:
-            as_many = f", as many as {words}" if words else ""
+        arrays[name] = tuple(map(float, array)) if name in RANGE_FIELDS else array
+    for name, size in SEQUENCE_LENGTHS.get(type(item), {}).items():
+        length = len(_check_sequence(where, name, getattr(item, name)))
+        needed = _SharedSize(size, "") if isinstance(size, int) else sizes[size]
+        if length != needed.length:
+            reason = f", as many as {needed.words}" if needed.words else ""
             raise PluginError(
-                f"{where}: {name} has {length} items, it needs {needed}{as_many}"
+                f"{where}: {name} has {length} items, it needs {needed.length}{reason}"
             )
-    return changes
+    return arrays
 
 
-def _numbers(
-    where: str,
-    value: Any,
-    shape: tuple[Size, ...],
-    sizes: dict[str, tuple[int, str]],
+def _check_numbers(
+    where: str, value: Any, shape: tuple[Size, ...], sizes: dict[str, _SharedSize]
 ) -> Array:
-    """Return an array of numbers of a shape; letters without a length get one."""
+    """Return a field as an array of numbers of a given shape, or refuse it.
+
+    Parameters
+    ----------
+    where
+        Words for the field, with which messages begin. They end with its name.
+    value
+        The field.
+    shape
+        The length of each axis, or the letter of a shared length.
+    sizes
+        By letter: shared lengths that are known. New ones are added.
+    """
     try:
         array = np.asarray(value)
     except ValueError:
+        # Rows of unequal length are no array; they are named below.
         array = np.array(None)
     needed = "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
+    # Floats, integers, unsigned integers and bools.
     if array.dtype.kind not in "fiub":
         if value is None or np.isscalar(value):
             content = repr(value)
@@ -273,22 +352,37 @@ def _numbers(
         )
     if array.ndim != len(shape):
         raise PluginError(f"{where} has the shape {array.shape}, it needs {needed}")
+    field_name = where.rpartition(": ")[2]
     for length, size in zip(array.shape, shape, strict=True):
         if isinstance(size, str):
-            name = where.rpartition(": ")[2]
-            expected, words = sizes.setdefault(size, (length, f"the {size} of {name}"))
+            first_use = _SharedSize(length, f"the {size} of {field_name}")
+            expected = sizes.setdefault(size, first_use)
         else:
-            expected, words = size, ""
-        if length != expected:
-            meaning = f"; {size} is {expected}, {words}" if words else ""
+            expected = _SharedSize(size, "")
+        if length != expected.length:
+            meaning = ""
+            if expected.words:
+                meaning = f"; {size} is {expected.length}, {expected.words}"
             raise PluginError(
                 f"{where} has the shape {array.shape}, it needs {needed}{meaning}"
             )
     return array
 
 
-def _sequence(where: str, name: str, value: Any, kind: type | None = None) -> Any:
-    """Return a field that is a sequence, of objects of one class if that is said."""
+def _check_sequence(where: str, name: str, value: Any, kind: type | None = None) -> Any:
+    """Return a field if it is a sequence, or refuse it.
+
+    Parameters
+    ----------
+    where
+        Words for the primitive, with which messages begin.
+    name
+        Name of the field.
+    value
+        The field.
+    kind
+        The class of all items; by default they may be anything.
+    """
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
         raise PluginError(
             f"{where}: {name} is a {type(value).__name__}, it has to be a sequence"
@@ -302,17 +396,26 @@ def _sequence(where: str, name: str, value: Any, kind: type | None = None) -> An
     return value
 
 
-def _check_triangles(where: str, arrays: Facts) -> None:
-    """Refuse triangles whose corners are no vertices."""
-    triangles, count = arrays["triangles"], len(arrays["vertices"])
+def _check_triangles(where: str, triangles: Array, vertex_count: int) -> None:
+    """Refuse triangles whose corners are not numbers of vertices.
+
+    Parameters
+    ----------
+    where
+        Words for the primitive, with which messages begin.
+    triangles
+        (t, 3) numbers of the vertices at the corners.
+    vertex_count
+        Number of vertices.
+    """
     if len(triangles) and triangles.dtype.kind not in "iu":
         raise PluginError(
             f"{where}: triangles holds {triangles.dtype} values, it has to "
             "hold the numbers of vertices"
         )
-    wrong = triangles[(triangles < 0) | (triangles >= count)]
-    if len(wrong):
+    wrong_corners = triangles[(triangles < 0) | (triangles >= vertex_count)]
+    if len(wrong_corners):
         raise PluginError(
-            f"{where}: triangles has the corner {wrong[0]}, but the vertices have the "
-            f"numbers 0 to {count - 1}"
+            f"{where}: triangles has the corner {wrong_corners[0]}, but the vertices have "
+            f"the numbers 0 to {vertex_count - 1}"
         )

@@ -9,7 +9,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.scenes.recording_head import RecordingHead
-from spherekit.scenes.scene import Axis, Page, Primitive, Scene, rows_of
+from spherekit.scenes.scene import Axis, Page, Primitive, Scene, sample_rows
 
 if TYPE_CHECKING:
     from spherekit.runs.recording_session import Recorder
@@ -90,7 +90,7 @@ def _whole(parts: Sequence[Any]) -> Primitive:
     """Return one primitive of those of successive blocks."""
     first: Primitive = parts[0]
     whole: dict[str, Any] = {}
-    for name, rows in rows_of(first).items():
+    for name, rows in sample_rows(first).items():
         blocks = [getattr(part, name) for part in parts]
         is_array = isinstance(rows, np.ndarray)
         whole[name] = np.concatenate(blocks) if is_array else list(chain(*blocks))

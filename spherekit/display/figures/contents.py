@@ -35,7 +35,7 @@ from spherekit.scenes.scene import (
     SphereMap,
     Surface,
     Trace,
-    in_degrees,
+    convert_to_degrees,
 )
 from spherekit.wording import listing, nearest
 
@@ -113,7 +113,7 @@ def figures_of(
     a journal a figure goes.
     """
     if degrees:
-        scenes = [in_degrees(scene) for scene in scenes]
+        scenes = [convert_to_degrees(scene) for scene in scenes]
     sheet = Sheet(columns, titles)
     drawn: dict[str, Draw] = {}
     for source in dict.fromkeys(scene.source for scene in scenes):

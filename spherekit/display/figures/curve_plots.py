@@ -35,12 +35,12 @@ from spherekit.display.figures.style import Look
 from spherekit.escaping import plot_text
 from spherekit.geometry.vectors import all_finite
 from spherekit.scenes.plot_layout import (
-    TURNS,
-    broken,
-    map_range,
-    parted,
-    plotted_range,
-    scale_of,
+    TURN_BY_UNIT,
+    break_at_jumps,
+    choose_map_range,
+    choose_plot_range,
+    insert_gaps,
+    quantity_scale,
 )
 from spherekit.scenes.scene import (
     Arrow,
@@ -50,7 +50,7 @@ from spherekit.scenes.scene import (
     Series,
     SphereCurves,
     SphereMap,
-    titled,
+    title_with_unit,
 )
 from spherekit.tables.column_units import format_unit
 
@@ -80,7 +80,7 @@ def draw_curves(
     together = not several and len(labels) <= MOST_IN_ONE
     titles = [""] if together else labels
     over, first = curves[0][0].over[0], curves[0][1]
-    scale = scale_of(np.concatenate([item.values for _, item in curves]), first.unit)
+    scale = quantity_scale(np.concatenate([item.values for _, item in curves]), first.unit)
     with style.look():
         figure, panels = sheet.panels(len(titles), RATIO, max(map(len, titles)))
         for panel, title in zip(panels, titles, strict=True):
@@ -108,7 +108,7 @@ def _panel(
     every = np.concatenate([item.values for _, item in curves])
     (first, item), resolution = curves[0], max(item.resolution for _, item in curves)
     over, unit = first.over[0], item.unit
-    low, high = plotted_range(every, scale, resolution)
+    low, high = choose_plot_range(every, scale, resolution)
     alike = _alike([item.values for _, item in curves], high - low)
     for (scene, item), (place, count), look in zip(curves, alike, looks, strict=True):
         shown = np.isfinite(item.values)  # no stroke shows values beside none
@@ -118,7 +118,9 @@ def _panel(
             look["label"] = ""
         points = np.stack([scene.over[0].values, item.values], axis=1)
         panel.plot(
-            *broken(points, (low, high), TURNS.get(unit)).T, dash_capstyle="butt", **look
+            *break_at_jumps(points, (low, high), TURN_BY_UNIT.get(unit)).T,
+            dash_capstyle="butt",
+            **look,
         )
         lone = points[shown & ~(np.convolve(shown, [True, False, True])[1:-1] > 0)]
         panel.plot(*lone.T, ".", color=look["color"], markersize=3.0)
@@ -320,7 +322,7 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
             panel, look = by_label[arrow.label], style.page_look(scene.page)
             # The axis over the samples, with a gap where it goes round the rim.
             near = turn_to_side(arrow.directions, view.frame[2])
-            near = parted(near, np.vecdot(near[1:], near[:-1]) < 0.0)
+            near = insert_gaps(near, np.vecdot(near[1:], near[:-1]) < 0.0)
             name = sheet.title(scene.page) if several else ""
             panel.plot(*view.placed(near).T, label=name, **look)
             first = view.placed(near[all_finite(near, 1)][:1])
@@ -386,7 +388,7 @@ def _graticule(panel: Any, view: View, title: str) -> None:
 
 def _tint(values: Floats, unit: str) -> Normalize:
     """Return the scale of colours of maps: by steps where values are few whole numbers."""
-    low, high = map_range(values, unit)
+    low, high = choose_map_range(values, unit)
     if unit == "" and np.all(values == np.round(values)) and high < MOST_WHOLE:
         return BoundaryNorm(np.arange(low - 0.5, high + 1.0), 256)
     return Normalize(low, high)
@@ -419,7 +421,7 @@ def _maps(
                 panel.tripcolor(mesh, item.values, **shade)
             panel.grid(**NET)  # which tripcolor puts out
     bar = colour_bar(
-        figure, panels, values, tint, style.HEAT, titled(first.label, first.unit)
+        figure, panels, values, tint, style.HEAT, title_with_unit(first.label, first.unit)
     )
     if isinstance(tint, BoundaryNorm):
         whole = np.unique(np.round(tint.boundaries[:-1] + 0.5))

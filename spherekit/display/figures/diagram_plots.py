@@ -9,7 +9,7 @@ from spherekit.display.figures.matplotlib_sdk import Axes, Figure
 from spherekit.display.figures.sheet import Sheet, label_outside, name_points
 from spherekit.display.figures.style import Look
 from spherekit.escaping import plot_text
-from spherekit.scenes.plot_layout import parted
+from spherekit.scenes.plot_layout import insert_gaps
 from spherekit.scenes.scene import Diagram, Scene
 
 RATIO = 0.95
@@ -31,7 +31,7 @@ def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figur
                 path = item.places[:, k]
                 far = np.abs(np.diff(path, axis=0)) > FAR * np.ptp(ranges, axis=1)
                 look = _look(item, k) | {"label": plot_text(name)}
-                panel.plot(*parted(path, np.any(far, 1)).T, **look)
+                panel.plot(*insert_gaps(path, np.any(far, 1)).T, **look)
         label_outside(panels, items[0][1].x_label, items[0][1].y_label)
         figure.draw_without_rendering()
         for panel, (_, item) in zip(panels, items, strict=True):

@@ -14,7 +14,7 @@ from spherekit.display.figures.matplotlib_sdk import Axes, Figure, Normalize
 from spherekit.display.figures.sheet import Sheet, colour_bar, label_outside, ticks_of
 from spherekit.display.figures.style import Look
 from spherekit.escaping import plot_text
-from spherekit.scenes.plot_layout import plotted_range, scale_of
+from spherekit.scenes.plot_layout import choose_plot_range, quantity_scale
 from spherekit.scenes.scene import Axis
 
 SIGNED = "RdBu_r"
@@ -59,8 +59,8 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
     ends = (np.linspace(0, len(x) - 1, min(MOST_SLICES, len(x))) for x in grid[2:])
     slices = [*product(*(np.round(end).astype(int) for end in ends))]
     values = np.concatenate([item.values for _, item in maps])
-    low, high = plotted_range(
-        values, scale_of(values, first.unit), first.resolution, "colours"
+    low, high = choose_plot_range(
+        values, quantity_scale(values, first.unit), first.resolution, "colours"
     )
     signed = low < 0.0 < high and np.nanmin(values) < 0.0 < np.nanmax(values)
     if signed:

@@ -9,8 +9,8 @@ from spherekit.display.figures.matplotlib_sdk import Axes, Figure
 from spherekit.display.figures.sheet import Sheet, name_points, spot_look, ticks_of
 from spherekit.escaping import plot_text
 from spherekit.geometry.vectors import all_finite
-from spherekit.scenes.plot_layout import MOST_KINDS, TURNS, parted
-from spherekit.scenes.scene import Portrait, Scene, titled
+from spherekit.scenes.plot_layout import MAX_LEGEND_KINDS, TURN_BY_UNIT, insert_gaps
+from spherekit.scenes.scene import Portrait, Scene, title_with_unit
 
 RATIO = 0.72
 AROUND = 0.03
@@ -33,7 +33,7 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
         for _, item in planes
         for mark in item.marks
     }
-    named = len({mark.label for mark in marks.values()}) <= MOST_KINDS
+    named = len({mark.label for mark in marks.values()}) <= MAX_LEGEND_KINDS
     traced = [plane for plane in planes if is_path(plane)]
     with style.look():
         figure, (panel,) = sheet.panels(1, RATIO)
@@ -63,8 +63,10 @@ def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
 def _trace(panel: Axes, scene: Scene, portrait: Portrait, name: str) -> None:
     """Draw the rows of a page in its colour, from a dot on."""
     line = np.stack([portrait.x, portrait.y], axis=1)
-    turns = [TURNS.get(unit, np.inf) for unit in (portrait.x_unit, portrait.y_unit)]
-    line = parted(line, np.any(np.abs(np.diff(line, axis=0)) >= np.multiply(0.5, turns), 1))
+    turns = [TURN_BY_UNIT.get(unit, np.inf) for unit in (portrait.x_unit, portrait.y_unit)]
+    line = insert_gaps(
+        line, np.any(np.abs(np.diff(line, axis=0)) >= np.multiply(0.5, turns), 1)
+    )
     look = style.page_look(scene.page)
     panel.plot(*line.T, linewidth=1.4, zorder=2.5, label=name, **look)
     finite = line[all_finite(line, 1)]
@@ -86,7 +88,7 @@ def _frame(panel: Axes, portrait: Portrait) -> None:
     panel.set(
         xlim=x,
         ylim=y,
-        xlabel=plot_text(titled(portrait.x_label, portrait.x_unit)),
-        ylabel=plot_text(titled(portrait.y_label, portrait.y_unit)),
+        xlabel=plot_text(title_with_unit(portrait.x_label, portrait.x_unit)),
+        ylabel=plot_text(title_with_unit(portrait.y_label, portrait.y_unit)),
     )
     ticks_of(panel, portrait.x_unit, portrait.y_unit)

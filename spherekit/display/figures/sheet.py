@@ -20,7 +20,7 @@ from spherekit.display.figures.matplotlib_sdk import (
 )
 from spherekit.display.figures.style import Look
 from spherekit.escaping import plot_text
-from spherekit.scenes.plot_layout import placed_labels
+from spherekit.scenes.plot_layout import place_labels
 from spherekit.scenes.scene import Page
 
 DEGREE_STEPS = (1, 1.2, 1.5, 1.8, 3, 4.5, 6, 9, 10)
@@ -148,7 +148,7 @@ def name_points(
     """Write names beside points (n, 2), where they cover nothing; the layout is made."""
     dots = panel.figure.dpi / 72.0
     seen: Floats = panel.transData.transform(places)
-    middles = placed_labels(names, seen[None], LETTER * dots)[0]
+    middles = place_labels(names, seen[None], LETTER * dots)[0]
     for name, place, offset, colour in zip(
         names, places, (middles - seen) / dots, colours, strict=True
     ):

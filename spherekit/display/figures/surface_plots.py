@@ -8,8 +8,8 @@ from spherekit.display.figures.matplotlib_sdk import Figure, Normalize
 from spherekit.display.figures.sheet import Sheet, colour_bar
 from spherekit.display.figures.style import Look
 from spherekit.escaping import plot_text
-from spherekit.scenes.plot_layout import map_range
-from spherekit.scenes.scene import Surface, titled
+from spherekit.scenes.plot_layout import choose_map_range
+from spherekit.scenes.scene import Surface, title_with_unit
 
 
 def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
@@ -28,12 +28,12 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
             elif values is None:
                 panel.scatter(x, y, z, c=colour, s=3.0)
             else:
-                tint = Normalize(*map_range(values, surface.values_unit))
+                tint = Normalize(*choose_map_range(values, surface.values_unit))
                 panel.scatter(x, y, z, s=3.0, c=values, norm=tint, cmap=style.HEAT)
-                words = titled(surface.label, surface.values_unit)
+                words = title_with_unit(surface.label, surface.values_unit)
                 colour_bar(figure, panel, values, tint, style.HEAT, words, 0.12)
         first = surfaces[0]
-        x, y, z = (plot_text(titled(name, first.unit)) for name in first.axes)
+        x, y, z = (plot_text(title_with_unit(name, first.unit)) for name in first.axes)
         panel.set(xlabel=x, ylabel=y, zlabel=z)
         panel.set_box_aspect((1, 1, 1), zoom=0.85)
         return sheet.name(figure)

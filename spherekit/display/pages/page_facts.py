@@ -25,7 +25,7 @@ from spherekit.planning.pole_plan import (
     pole_of,
     table_cells,
 )
-from spherekit.scenes.link_scenes import PROFILE_POINTS
+from spherekit.scenes.link_scenes import PROFILE_POINT_COUNT
 
 CURVE_DECIMALS = 6
 """Decimals of the points of drawn profiles. More: the page becomes longer."""
@@ -55,7 +55,7 @@ def link_facts(mechanism: Mechanism, link: str) -> Facts:
         side = pair.links.index(link)
         profile = pair.profiles[side]
         curve = joint.contact_profiles[side].curve
-        arc_lengths = np.linspace(0.0, curve.length, PROFILE_POINTS)
+        arc_lengths = np.linspace(0.0, curve.length, PROFILE_POINT_COUNT)
         # The third column of the frames of a curve is its point.
         points = curve.evaluate(arc_lengths).frame[:, :, 2]
         profiles.append(

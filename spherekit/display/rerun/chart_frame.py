@@ -156,7 +156,7 @@ def draw_colour_scale(low: float, high: float, label: str) -> Stills:
     label
         The quantity with its unit.
     """
-    scale = colours.heat_of(np.linspace(0.0, 1.0, round(CHART_WIDTH)))
+    scale = colours.heat_colours(np.linspace(0.0, 1.0, round(CHART_WIDTH)))
     yield "bar", rr.Image(np.tile(scale, (COLOUR_SCALE_HEIGHT, 1, 1)))
     words = [
         (CHART_WIDTH * fraction, 26.0, text)

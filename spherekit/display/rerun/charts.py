@@ -28,7 +28,13 @@ from spherekit.display.rerun.destination import Columns, Stills
 from spherekit.display.rerun.rerun_sdk import rr
 from spherekit.geometry.vectors import nans
 from spherekit.scenes import colours
-from spherekit.scenes.plot_layout import TURNS, broken, cut, plotted_range, scale_of
+from spherekit.scenes.plot_layout import (
+    TURN_BY_UNIT,
+    break_at_jumps,
+    choose_plot_range,
+    clip_to_frame,
+    quantity_scale,
+)
 from spherekit.scenes.scene import Axis, InputMarks, Series
 from spherekit.wording import listing
 
@@ -116,7 +122,7 @@ class Chart:
         """Add a block of rows to the series at a path. A new series gets a new colour."""
         if path not in self.curves:
             used_colours = [*self.tints.values()]
-            self.tints[path] = colours.of_series(series.link, used_colours)
+            self.tints[path] = colours.series_colour(series.link, used_colours)
         block = SeriesBlock(axes, replace(series, values=series.values.copy()))
         self.curves.setdefault(path, []).append(block)
 
@@ -182,7 +188,9 @@ class Chart:
         resolution = max(series.resolution for series in first_series)
         curves = {path: self.joined_blocks(path) for path in self.curves}
         all_values = np.concatenate([values for _, values in curves.values()])
-        y_range = plotted_range(all_values, scale_of(all_values, unit), resolution)
+        y_range = choose_plot_range(
+            all_values, quantity_scale(all_values, unit), resolution
+        )
         x_axis = self.axes[0]
         y_side = frame_side("", y_range, unit == "deg")
         yield from draw_frame(self.width, axis_side(x_axis), y_side)
@@ -190,8 +198,10 @@ class Chart:
             x = fraction_of_range(axis_values[0], *x_axis.extent)
             # A curve of angles is broken where it jumps by a whole turn, and cut where it
             # leaves the frame.
-            points = broken(np.stack([x, values], axis=1), y_range, TURNS.get(unit))
-            points = cut(points, y_range)
+            points = break_at_jumps(
+                np.stack([x, values], axis=1), y_range, TURN_BY_UNIT.get(unit)
+            )
+            points = clip_to_frame(points, y_range)
             points[:, 1] = fraction_of_range(points[:, 1], *y_range)
             lines = shapes.split_at_nan(place_in_frame(points, self.width))
             if lines:
@@ -206,7 +216,7 @@ class Chart:
                 continue
             x = self.x_places(mark.inputs[:, 0])
             x = x[(x >= 0.0) & (x <= self.width)]
-            tint = colours.tone(mark.tone)
+            tint = colours.tone_colour(mark.tone)
             yield f"marks/{number}", draw_lines([*vertical_lines(x)], tint, 0.9)
             # Names of neighbouring marks stand in two rows.
             y = MIN_LEGEND_LINE * (number % 2 - 0.4)
@@ -225,8 +235,8 @@ class Chart:
         yield from draw_frame(
             self.width, axis_side(x_axis), axis_side(y_axis), has_grid=False
         )
-        low, high = plotted_range(
-            cells, scale_of(cells, series.unit), series.resolution, "colours"
+        low, high = choose_plot_range(
+            cells, quantity_scale(cells, series.unit), series.resolution, "colours"
         )
         # Each pixel shows the nearest sample; the top row of the picture is the highest y.
         column_samples = _nearest_sample(x, x_axis.extent, round(self.width))
@@ -239,10 +249,10 @@ class Chart:
             colours.BACKGROUND,
             np.uint8,
         )
-        map_pixels = colours.heat_of(values, low, high)
+        map_pixels = colours.heat_colours(values, low, high)
         map_pixels[~np.isfinite(values)] = colours.BACKGROUND
         picture[:, :width] = map_pixels
-        scale = colours.heat_of(np.linspace(1.0, 0.0, height))
+        scale = colours.heat_colours(np.linspace(1.0, 0.0, height))
         picture[:, -scale_width:] = scale[:, None]
         yield "map", rr.Image(picture)
         x_words = self.width + MAP_SCALE_GAP + MAP_SCALE_WIDTH + 40.0
@@ -262,7 +272,7 @@ def compare_modes(charts: Sequence[Chart]) -> Chart:
     for number, chart in enumerate(charts):
         comparison.curves |= chart.curves
         for path, tint in chart.tints.items():
-            comparison.tints[path] = colours.shaded(tint, number)
+            comparison.tints[path] = colours.lighten(tint, number)
     return comparison
 
 

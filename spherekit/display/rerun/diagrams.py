@@ -19,7 +19,7 @@ from spherekit.display.rerun.destination import Columns, Stills
 from spherekit.display.rerun.rerun_sdk import rr
 from spherekit.geometry.vectors import all_finite
 from spherekit.scenes import colours
-from spherekit.scenes.plot_layout import placed_labels
+from spherekit.scenes.plot_layout import place_labels
 from spherekit.scenes.scene import Diagram
 
 MAX_LISTED_READINGS = 14
@@ -50,7 +50,7 @@ def draw_static(diagram: Diagram) -> Stills:
         radius = rr.Radius.ui_points(line_width)
         yield name, rr.LineStrips2D.from_fields(colors=colour, radii=radius)
     if diagram.readings is not None:
-        tints = [colours.tone(tone) for tone in diagram.tones[:MAX_LISTED_READINGS]]
+        tints = [colours.tone_colour(tone) for tone in diagram.tones[:MAX_LISTED_READINGS]]
         yield "legend", legend_style(legend_places(width, len(tints)), tints)
     yield "step", rr.Points2D.from_fields(radii=0.0, show_labels=True, colors=colours.PALE)
 
@@ -64,11 +64,11 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
     low, high = np.transpose([diagram.x_range, diagram.y_range])
     is_visible = np.all((diagram.places >= low) & (diagram.places <= high), axis=2)
     visible_count = is_visible.sum(axis=1)
-    point_tints = np.array([colours.tone(tone) for tone in diagram.tones], np.uint8)
+    point_tints = np.array([colours.tone_colour(tone) for tone in diagram.tones], np.uint8)
     tints = np.broadcast_to(point_tints, (row_count, point_count, 3))[is_visible]
     places = _place(diagram, diagram.places)
     visible_places = np.where(is_visible[..., None], places, np.nan)
-    name_places = placed_labels(diagram.names, visible_places, LETTER_WIDTH)
+    name_places = place_labels(diagram.names, visible_places, LETTER_WIDTH)
 
     points = rr.Points2D.columns(positions=places[is_visible], colors=tints)
     yield "points", points.partition(visible_count)

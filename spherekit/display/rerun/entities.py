@@ -23,7 +23,7 @@ from spherekit.geometry.sphere_mesh import sphere_mesh
 from spherekit.geometry.triangle import frame_from, perpendicular
 from spherekit.geometry.vectors import all_finite
 from spherekit.scenes import colours
-from spherekit.scenes.plot_layout import map_range
+from spherekit.scenes.plot_layout import choose_map_range
 from spherekit.scenes.scene import (
     Arrow,
     Body,
@@ -39,8 +39,8 @@ from spherekit.scenes.scene import (
     Surface,
     Text,
     Trace,
-    rows_of,
-    titled,
+    sample_rows,
+    title_with_unit,
 )
 
 Moving = tuple[str, Columns]
@@ -224,7 +224,7 @@ def _arrow_columns(arrow: Arrow, labels: NDArray[np.object_] | None) -> Iterator
 
 def check_rows(primitive: Primitive, count: int) -> None:
     """Raise `ValueError` if a primitive has another number of rows than its block."""
-    for rows in rows_of(primitive).values():
+    for rows in sample_rows(primitive).values():
         if isinstance(rows, np.ndarray) and len(rows) != count:
             raise ValueError(
                 f"{primitive.path} has {len(rows)} rows, the block has {count}"
@@ -363,7 +363,7 @@ def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
 def _draw_sphere_curves(item: SphereCurves) -> Stills:
     """Yield curves and marks on the sphere; marks with different labels show them."""
     if item.curves:
-        yield "", _curves(item.curves, CURVE_SCALE, colours.tone(item.tone), 1.6)
+        yield "", _curves(item.curves, CURVE_SCALE, colours.tone_colour(item.tone), 1.6)
     if item.marks:
         labels = [mark.label for mark in item.marks]
         yield (
@@ -371,7 +371,7 @@ def _draw_sphere_curves(item: SphereCurves) -> Stills:
             rr.Points3D(
                 [MARK_SCALE * mark.place for mark in item.marks],
                 labels=labels,
-                colors=[colours.tone(mark.tone) for mark in item.marks],
+                colors=[colours.tone_colour(mark.tone) for mark in item.marks],
                 radii=rr.Radius.ui_points(4.0),
                 show_labels=len(set(labels)) == len(labels),
             ),
@@ -380,7 +380,9 @@ def _draw_sphere_curves(item: SphereCurves) -> Stills:
 
 def _draw_sphere_map(item: SphereMap) -> Stills:
     """Yield a map on the sphere as a coloured mesh, or as points if it has no triangles."""
-    tints = colours.heat_of(item.values, *map_range(item.shown_values, item.unit))
+    tints = colours.heat_colours(
+        item.values, *choose_map_range(item.shown_values, item.unit)
+    )
     positions = MAP_SCALE * item.vertices
     if len(item.triangles):
         yield (
@@ -413,14 +415,14 @@ def _draw_surface(surface: Surface) -> Stills:
                 vertex_positions=positions,
                 triangle_indices=surface.triangles,
                 vertex_normals=shapes.vertex_normals(positions, surface.triangles),
-                albedo_factor=colours.tone(surface.tone),
+                albedo_factor=colours.tone_colour(surface.tone),
             ),
         )
     else:
-        tints: NDArray[np.uint8] | colours.Colour = colours.tone(surface.tone)
+        tints: NDArray[np.uint8] | colours.Colour = colours.tone_colour(surface.tone)
         if surface.values is not None:
-            value_range = map_range(surface.values, surface.values_unit)
-            tints = colours.heat_of(surface.values, *value_range)
+            value_range = choose_map_range(surface.values, surface.values_unit)
+            tints = colours.heat_colours(surface.values, *value_range)
         yield "", rr.Points3D(positions, colors=tints, radii=rr.Radius.ui_points(3.0))
     low_corner = (low - middle) * scale
     high_corner = (high - middle) * scale
@@ -436,7 +438,7 @@ def _draw_surface(surface: Surface) -> Stills:
         for distance, along_axis, text in (
             (1.0, 0.94 * low_corner[axis], f"{low[axis]:.4g}"),
             (1.0, 0.94 * high_corner[axis], f"{high[axis]:.4g}"),
-            (2.0, 0.0, titled(name, surface.unit)),
+            (2.0, 0.0, title_with_unit(name, surface.unit)),
         ):
             position = corner + distance * outwards
             position[axis] = along_axis

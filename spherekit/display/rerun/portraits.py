@@ -17,8 +17,8 @@ from spherekit.display.rerun.charts import MAX_SHOWN_LABELS, legend_places, lege
 from spherekit.display.rerun.destination import Stills
 from spherekit.display.rerun.rerun_sdk import rr
 from spherekit.scenes import colours
-from spherekit.scenes.plot_layout import MARGIN, MOST_KINDS
-from spherekit.scenes.scene import Portrait, Primitive, titled
+from spherekit.scenes.plot_layout import MAX_LEGEND_KINDS, PLOT_MARGIN
+from spherekit.scenes.scene import Portrait, Primitive, title_with_unit
 
 
 def with_margin(primitive: Primitive) -> Primitive:
@@ -26,7 +26,7 @@ def with_margin(primitive: Primitive) -> Primitive:
     if not isinstance(primitive, Portrait) or primitive.logarithmic:
         return primitive
     low, high = primitive.y_range
-    margin = MARGIN * (high - low)
+    margin = PLOT_MARGIN * (high - low)
     return replace(primitive, y_range=(low - margin, high + margin))
 
 
@@ -37,13 +37,13 @@ def draw_portrait(portrait: Portrait) -> Stills:
     kinds, each mark has its label.
     """
     x = frame_side(
-        titled(portrait.x_label, portrait.x_unit),
+        title_with_unit(portrait.x_label, portrait.x_unit),
         portrait.x_range,
         portrait.x_unit.startswith("deg"),
         portrait.logarithmic,
     )
     y = frame_side(
-        titled(portrait.y_label, portrait.y_unit),
+        title_with_unit(portrait.y_label, portrait.y_unit),
         portrait.y_range,
         portrait.y_unit.startswith("deg"),
         portrait.logarithmic,
@@ -51,15 +51,18 @@ def draw_portrait(portrait: Portrait) -> Stills:
     yield from draw_frame(PORTRAIT_WIDTH, x, y)
     for number, curve in enumerate(portrait.curves):
         points = portrait.framed(curve.points)
-        yield f"curve_{number}", draw_portrait_curve(points, colours.tone(curve.tone))
+        yield (
+            f"curve_{number}",
+            draw_portrait_curve(points, colours.tone_colour(curve.tone)),
+        )
 
     tone_of_kind = {mark.label: mark.tone for mark in portrait.marks}
-    has_few_kinds = len(tone_of_kind) <= MOST_KINDS
+    has_few_kinds = len(tone_of_kind) <= MAX_LEGEND_KINDS
     legend = {curve.label: curve.tone for curve in portrait.curves if curve.label}
     if has_few_kinds:
         legend |= tone_of_kind
     if legend:
-        tints = [colours.tone(tone) for tone in legend.values()]
+        tints = [colours.tone_colour(tone) for tone in legend.values()]
         places = legend_places(PORTRAIT_WIDTH, len(legend))
         yield "legend", legend_style(places, tints, list(legend))
     if portrait.marks:
@@ -69,7 +72,7 @@ def draw_portrait(portrait: Portrait) -> Stills:
             rr.Points2D(
                 place_in_frame(portrait.framed(mark_points)),
                 labels=[mark.label for mark in portrait.marks],
-                colors=[colours.tone(mark.tone) for mark in portrait.marks],
+                colors=[colours.tone_colour(mark.tone) for mark in portrait.marks],
                 radii=rr.Radius.ui_points(4.0),
                 show_labels=not has_few_kinds and len(mark_points) <= MAX_SHOWN_LABELS,
             ),

@@ -45,7 +45,7 @@ from spherekit.display.rerun.rerun_sdk import rr, rrb
 from spherekit.display.rerun.timelines import SAMPLE, TIME, input_ticks, input_timeline
 from spherekit.errors import OutputError
 from spherekit.geometry.vectors import all_finite
-from spherekit.scenes.plot_layout import map_range
+from spherekit.scenes.plot_layout import choose_map_range
 from spherekit.scenes.recording_head import RecordingHead
 from spherekit.scenes.scene import (
     Arrow,
@@ -65,8 +65,8 @@ from spherekit.scenes.scene import (
     Surface,
     Text,
     Trace,
-    in_degrees,
-    titled,
+    convert_to_degrees,
+    title_with_unit,
 )
 
 SPHERE_PRIMITIVES = (Body, GreatCircle, SphereCurves, SphereMap, Trace, Arrow)
@@ -209,7 +209,7 @@ class RerunRecorder:
         self._outputs.log_static(
             self.root, [("", rr.ViewCoordinates.RIGHT_HAND_Z_UP), *entities.draw_sphere()]
         )
-        for scene in map(in_degrees, head.scenes):
+        for scene in map(convert_to_degrees, head.scenes):
             names = self._names_of_new_links(scene)
             for primitive in scene.primitives:
                 self._introduce(scene.page, primitive, False, names.get(primitive.path, ()))
@@ -274,7 +274,7 @@ class RerunRecorder:
         charts_of_recording = self._open_charts
         layout = charts_of_recording.layout
         row_count = len(samples)
-        scene = in_degrees(scene)
+        scene = convert_to_degrees(scene)
         primitives = tuple(map(portraits.with_margin, scene.primitives))
         scene = replace(scene, primitives=primitives)
         has_findings = shows_findings(scene)
@@ -482,9 +482,9 @@ class RerunRecorder:
             layout.solids.append((page, path))
         match primitive:
             case SphereMap(label=label, unit=unit):
-                low, high = map_range(primitive.shown_values, unit)
+                low, high = choose_map_range(primitive.shown_values, unit)
                 scale_path = f"{layout.base(page)}/scale"
-                scale = draw_colour_scale(low, high, titled(label, unit))
+                scale = draw_colour_scale(low, high, title_with_unit(label, unit))
                 if self._outputs.log_first(scale_path, scale):  # one for each page
                     layout.scales.append((page, scale_path))
             case Arrow(primary=primary, shown=shown, path_shown=path_shown):
