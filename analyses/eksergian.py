@@ -293,7 +293,11 @@ class Eksergian(AbstractAnalysis):
 
 
 def _inertia_plots(batch: Batch, solution: InverseSolution) -> list[Series]:
-    """Return plots of the equivalent inertia and its derivative, and of their parts."""
+    """Return plots of the equivalent inertia and its derivative, and of their parts.
+
+    `solution` has the inertia of the whole mechanism and the part of each link with mass,
+    for the rows of the batch.
+    """
     mechanism = batch.mechanism
     title = "equivalent inertia"
     plots = [plot_series("inertia", "B", title, solution.B, "kg m2", 0)]

@@ -99,7 +99,7 @@ def draw_axodes(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
     """Yield the fixed and the moving axode of a pole.
 
     They are the paths of the pole axis in the axes of the first and of the second link,
-    two cones that roll on each other.
+    two cones that roll on each other. `rows` are the rows of the batch that are drawn.
     """
     label = f"P{short_name(batch.mechanism, pole)}"
     for link, kind in zip(pole, ("fixed", "moving"), strict=True):

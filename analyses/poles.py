@@ -217,15 +217,15 @@ class Poles(AbstractAnalysis):
         """Return the table `poles`."""
         poles = self.poles(batch.mechanism)
         # One set of rows for each moving input: (link, other link, input).
-        wanted = [
+        moving_poles = [
             (*pole, input_number)
             for input_number in range(len(batch.moving_inputs))
             for pole in poles
         ]
-        column_of = batch.of_poles(wanted)
-        columns = dict[str, Any](batch.pole_columns(wanted))
+        column_of = batch.of_poles(moving_poles)
+        columns = dict[str, Any](batch.pole_columns(moving_poles))
         columns["q"] = batch.interleaved(
-            [batch.inputs[:, input_number] for _, _, input_number in wanted]
+            [batch.inputs[:, input_number] for _, _, input_number in moving_poles]
         )
         for component, axis in enumerate("xyz"):
             columns[f"du{axis}_dq"] = column_of("direction_dq", component)

@@ -299,7 +299,11 @@ class BearingLoad:
 
 
 def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]:
-    """Return the loads of all bearings that the file places."""
+    """Return the loads of all bearings that the file places.
+
+    `result` has, for each load with bearings, the force of the couple (n, bearings) and the
+    whole force (n, bearings, 3) on each bearing, with the axis of the pair as z.
+    """
     bearings = []
     for load in _loads_with_bearings(mechanism):
         couple_forces = result.couples[load.name]
@@ -320,7 +324,11 @@ def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]
 
 
 def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
-    """Return the columns of the table of bearings, one row per sample, mode and bearing."""
+    """Return the columns of the table of bearings.
+
+    The table has one row for each sample, assembly mode and bearing. `result` are the
+    reactions in the n rows of the batch.
+    """
     bearings = _bearing_loads(batch.mechanism, result)
     row_count = len(batch)
     pairs = [bearing.load.pair for bearing in bearings]
@@ -489,7 +497,10 @@ def _describe_maximum(
 
 
 def _describe_open_forces(summary: Mapping[str, Any]) -> list[str]:
-    """Return why forces through the centre are not determined, nothing if they are."""
+    """Return why forces through the centre are not determined, nothing if they are.
+
+    `summary` is that of the analysis, as `ReactionAnalysis.findings` returns it.
+    """
     sliding_links = summary["links_that_slide"]
     if sliding_links:
         return [

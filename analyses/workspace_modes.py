@@ -192,7 +192,11 @@ class WorkspaceModes:
         }
 
     def _border_columns(self, region: Region) -> list[Columns]:
-        """Return the points of each smooth arc of the border of a set of directions."""
+        """Return the border of a set of directions, one part of the table for each arc.
+
+        `region` is the set. Its border consists of closed curves, each of smooth arcs that
+        belong to one limit.
+        """
         columns = []
         for curve, boundary in enumerate(region.boundaries):
             for number, arc in enumerate(boundary.arcs):

@@ -174,7 +174,10 @@ class RotationResult:
         ]
 
     def _draw_mechanism(self, samples: RotationSamples) -> Iterator[Primitive]:
-        """Yield the links, the axis, arcs of the output, and mid-planes."""
+        """Yield the links, the axis, arcs of the output, and mid-planes.
+
+        Row k of the drawing is row k of `samples`.
+        """
         mechanism = self.mechanism
         orientations = self.orient_links(samples.values)
         reference = orientations[:, mechanism.link_number[self.output.relative_to]]

@@ -163,9 +163,18 @@ def read_poses(
 
 
 def _read_list(solver: OutputKinematics, where: str, poses: Sequence[str]) -> NumberTable:
-    """Return the numbers of a list of texts ``name=number``.
+    """Return the numbers of poses from texts ``name=number``.
 
-    `where` is the list, for complaints.
+    All poses must have the same names of numbers, which decide the form of the poses.
+
+    Parameters
+    ----------
+    solver
+        The inverse kinematics of the output, which decides how a pose can be given.
+    where
+        The list, for complaints.
+    poses
+        The texts. A name that occurs again begins the next pose.
     """
     given_numbers = read_terms(poses, where)
     first_pose = given_numbers[0]
@@ -336,12 +345,21 @@ def _forms_of_output(solver: OutputKinematics) -> list[tuple[str, ...]]:
 def _match_form(
     forms: Sequence[tuple[str, ...]], names: tuple[str, ...], where: str
 ) -> tuple[str, ...]:
-    """Return the form that has the given names, in the order of the form.
+    """Return the form of poses that has the given names of numbers.
+
+    Parameters
+    ----------
+    forms
+        The possible forms, each the names of its numbers in their order.
+    names
+        The given names, in any order.
+    where
+        The source of the names, for complaints.
 
     Raises
     ------
     AnalysisError
-        If there is none; `where` is the source of the names.
+        If there is no such form.
     """
     for form in forms:
         if sorted(form) == sorted(names):

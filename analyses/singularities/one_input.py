@@ -152,7 +152,11 @@ class OneInput:
         return SINGULARITIES.stacked(self.batch.mechanism, [defaults | row for row in rows])
 
     def _rows_of_point(self, point: SingularPoint) -> list[Columns]:
-        """Return a row for each input of the range at which a singularity occurs."""
+        """Return the rows of a singularity in the main table.
+
+        There is a row for each input of the range at which it occurs. A point on a curve
+        has the geometric conditions of its relations; a crossing has the curves that cross.
+        """
         sampled = self.sampled
         part = None if sampled.tracer is self.batch.tracer else sampled.tracer
         is_crossing = point.type is Type.III
@@ -308,7 +312,10 @@ class OneInput:
     def _describe_counts(
         self, counts_inside: Mapping[str, int], counts_outside: Mapping[str, int]
     ) -> str:
-        """Return the numbers of singularities by kind, and on which curves, in words."""
+        """Return the numbers of singularities and the curves that were searched, in words.
+
+        The parameters are the numbers by kind inside and outside of the range of the input.
+        """
         sampled = self.sampled
         counts = _format_counts(counts_inside) or "no singularities"
         if sampled.is_simulation:
@@ -461,7 +468,10 @@ class OneInput:
 
 
 def _gallery_text(points: Mapping[str, Any]) -> str:
-    """Return the list of singularities (columns of the table) in Markdown."""
+    """Return the list of singularities in Markdown: a table, then what coincides at each.
+
+    `points` are the columns of the main table, one row for each listed singularity.
+    """
     q_texts = [f"{q:.4f}" for q in np.degrees(points["q"])]
     lines = []
     for row, cells in enumerate(

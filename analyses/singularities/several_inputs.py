@@ -573,7 +573,14 @@ class SeveralInputs:
     ) -> Portrait:
         """Return the singular curves of an output in the plane of both inputs.
 
-        `rows` are the rows of the batch at which the moving point is drawn.
+        Parameters
+        ----------
+        output
+            The output.
+        loci
+            Its singular curves of each kind.
+        rows
+            The rows of the batch at which the moving point is drawn.
         """
         curves = []
         marks = []
@@ -597,7 +604,11 @@ class SeveralInputs:
     def _draw_on_sphere(
         self, output: Output, loci: Sequence[SingularCurves]
     ) -> list[Primitive]:
-        """Return the singular curves of an output as curves of its direction."""
+        """Return the singular curves of an output as curves on the sphere.
+
+        They are the paths of the direction of the output, with marks at points of type III.
+        `loci` are the singular curves of each kind.
+        """
         parts: list[Primitive] = []
         for locus in loci:
             lines = [

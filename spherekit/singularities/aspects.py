@@ -167,7 +167,7 @@ def aspects(
 def _start_configurations(
     solver: PositionSolver, input_grid: InputGrid
 ) -> tuple[Floats, Indices]:
-    """Return the configurations from which the search for aspects starts.
+    """Return configurations at samples of the inputs from which the search starts.
 
     For mechanisms of dyads these are all modes at all samples. For others, whose modes take
     longer to find, they are the modes at some samples.
@@ -278,7 +278,15 @@ class _AspectGraph:
         self.connections = [np.zeros((0, 2), dtype=np.intp)]
 
     def _make_nodes(self, values: Floats, samples: Indices) -> _AspectNodes:
-        """Return nodes with determinants for configurations (n, V) at samples (n,)."""
+        """Return nodes with the determinants whose signs separate aspects.
+
+        Parameters
+        ----------
+        values
+            (n, V) variables of the configurations (rad).
+        samples
+            (n,) sample of each.
+        """
         closure = self.solver.closure
         input_count = len(self.driven)
         locus_two = SingularityLocus(closure, input_count, InputsLocked(self.solver.driven))

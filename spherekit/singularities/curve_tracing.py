@@ -257,9 +257,10 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         self.end_status[row] = Status.AT_SINGULARITY if is_crossing else Status.MODE_LOST
 
     def join_halves(self, ahead: int, behind: int) -> SingularCurve | None:
-        """Return the curve that two rows followed in both directions from one start.
+        """Return the curve that was followed in both directions from one start.
 
-        None if no step succeeded in either direction.
+        `ahead` and `behind` are the rows of the two directions. A closed curve is complete
+        in one direction. None is returned if no step succeeded in either direction.
         """
         for row in (ahead, behind):
             if self.is_closed[row]:

@@ -164,8 +164,9 @@ class LinkMotion:
     def _axis_by_derivative(self, pole: Pole) -> tuple[Floats, Floats]:
         """Return the axis (n, 3) along the derivative of w, and its error (n,).
 
-        The derivative has the direction of the axis where w = 0. At a distance x from
-        there, it deviates from the axis by about x |u'|.
+        w is the angular velocity of the pole's second link relative to the first. Its
+        derivative has the direction of the axis where w = 0. At a distance x from there, it
+        deviates from the axis by about x |u'|, where u is the axis.
         """
         _, dw = self.relative(*pole)
         speed, growth = self.speeds(pole)
@@ -305,10 +306,10 @@ class CurveMotion:
             return np.nan_to_num(direction)
 
     def _find_rest_points(self, pole: Pole) -> RestPoints | None:
-        """Return all points at which two links rest relative to each other.
+        """Return all points at which the two links of a pole rest relative to each other.
 
-        They are zeros of one component of the relative rate at which all of it vanishes.
-        None if the links rest on the whole curve.
+        They are the zeros of one component of the relative angular velocity at which all
+        of it vanishes within its rounding error. None if the links rest on the whole curve.
         """
         curve = self.curve
         node_links = self.links_at(curve.s)

@@ -235,8 +235,9 @@ def find_conditions(
 def _condition_of_three_links(
     relation: Relation, kind: str
 ) -> dict[str, tuple[Condition, ...]]:
-    """Return the condition of a type if two of the four links are one, by its label.
+    """Return the condition of a type of singularity if two of the four links are one.
 
+    `kind` is the type: I, II or III. The result has the condition by its label.
     Three axes in a plane leave one condition for each type. If r = s or o = i, it has a
     number in the lecture; the others are called by the type alone.
     """

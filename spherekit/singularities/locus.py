@@ -439,8 +439,19 @@ class SingularityLocus:
     ) -> tuple[Floats, Floats, Floats]:
         """Return tangents, derivatives of the motion along them, and a condition.
 
-        They come from the null space of `equations` (n, m + 1, g + k), the rows without
-        borders. For the results see `LocusPoints`.
+        They come from the null space of the equations of the locus, which has g - 1
+        dimensions at a regular point.
+
+        Parameters
+        ----------
+        linearised
+            The system of the locus, linearised at n points.
+        equations
+            (n, m + 1, g + k) its equations E x = 0 and |x| = 1, without borders.
+
+        Returns
+        -------
+        `LocusPoints.tangents`, `motion_derivatives` and `reciprocal_condition`.
         """
         g = self.degrees_of_freedom
         rank = self.motion_dimension + 1

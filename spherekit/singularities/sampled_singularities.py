@@ -361,6 +361,11 @@ class SampledSingularities:
         It is the angle in [0, pi/2] between the great circles of the two arcs of the dyad
         that places the output, at the middle pair.
 
+        Parameters
+        ----------
+        values
+            (n, variables) configurations (rad).
+
         Returns
         -------
         (n,) angles (rad) for each output, NaN if another group places it.

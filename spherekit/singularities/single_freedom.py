@@ -553,6 +553,13 @@ def find_common_rests(
 
     If a zero of the input and one of the output agree within their error bounds, both rest
     at one point. Neither may rest on the whole curve.
+
+    Parameters
+    ----------
+    curve_motion
+        Velocities along the curve.
+    input_pole, output_pole
+        The two links of the input and of the output.
     """
     curve = curve_motion.curve
     # Rows are arc length, whether the zero is double, and error bound. The last column

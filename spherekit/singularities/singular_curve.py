@@ -120,13 +120,13 @@ class SingularCurve:
         """
         # Chords beside which a configuration lies, with its position relative to the start
         # of the chord; one configuration may be beside several chords.
-        near = self.chords.project(values, self.periods)
-        chord_numbers = near.chords
-        parts = near.distances / self.chords.chords[chord_numbers]
+        projections = self.chords.project(values, self.periods)
+        chord_numbers = projections.chords
+        parts = projections.distances / self.chords.chords[chord_numbers]
         points = self.points_on_chords(chord_numbers, parts)
-        shifted_values = self.nodes.values[chord_numbers] + near.differences
+        shifted_values = self.nodes.values[chord_numbers] + projections.differences
         distance = max_abs(shifted_values - points.values, axis=1)
-        configurations = near.configurations
+        configurations = projections.configurations
         motion_cosine = np.abs(np.vecdot(points.motions, motions[configurations]))
         is_on_curve = (distance < SAME_POINT_RAD) & (motion_cosine > SAME_MOTION_COSINE)
         return np.isin(np.arange(len(values)), configurations[is_on_curve])

@@ -138,9 +138,11 @@ class SurfaceFront:
         return False
 
     def mesh_surface(self, seed: LocusPoints) -> bool:
-        """Mesh the surface through one point of the locus.
+        """Mesh the surface through one singular configuration, the `seed`.
 
-        Nothing is done if the point is a crossing of surfaces or if the mesh covers it.
+        An equilateral triangle is laid at the seed. The mesh then grows at its open edges
+        until no edge needs a triangle, or the limits of vertices or time are reached.
+        Nothing is done if surfaces cross at the seed or if the mesh covers it already.
 
         Returns
         -------
