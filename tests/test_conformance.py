@@ -12,8 +12,9 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import AnalysisError, PluginError
 from spherekit.plugin import conformance, registered
-from spherekit.plugin.checks.examination import TURN, ConformanceSuite
-from spherekit.plugin.checks.variants import renamed, turned
+from spherekit.plugin.checks.case_checks import ROTATION
+from spherekit.plugin.checks.suite import ConformanceSuite
+from spherekit.plugin.checks.variants import rename_links, rotate_mechanism
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.registry import analysis_names
 
@@ -150,10 +151,10 @@ def test_a_mechanism_turned_or_renamed_is_the_same(name):
     names = {given.ground: "base"} | {link: f"b_{link}" for link in given.links[:0:-1]}
     motions = [
         PositionAnalysis(made, samples=4, search=False).motion()
-        for made in (given, turned(given, TURN), renamed(given, names))
+        for made in (given, rotate_mechanism(given, ROTATION), rename_links(given, names))
     ]
     first, other, third = motions
-    np.testing.assert_allclose(other.axes, first.axes @ TURN.T, atol=1e-12)
+    np.testing.assert_allclose(other.axes, first.axes @ ROTATION.T, atol=1e-12)
     np.testing.assert_allclose(third.axes, first.axes, atol=1e-12)
 
 

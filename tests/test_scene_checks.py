@@ -37,7 +37,7 @@ from spherekit.plugin import (
     Trace,
     registered,
 )
-from spherekit.plugin.checks.examination import ConformanceSuite
+from spherekit.plugin.checks.suite import ConformanceSuite
 from spherekit.scenes.scene_checks import ARRAY_SHAPES, check_scene
 
 SAMPLES = 5

@@ -1,24 +1,28 @@
-"""Whether an analysis keeps to the contract, looked at with mechanisms made hostile."""
+"""Checks that an analysis keeps to the contract of plugins, as a test helper.
+
+The checks run the analysis on mechanisms with hidden data, failed rows, other blocks, a
+rotation of the whole, and other link names.
+"""
 
 from collections.abc import Sequence
 
 from spherekit.errors import PluginError
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.plugin.checks.examination import ConformanceSuite, Subject
 from spherekit.plugin.checks.report import Line, Report
+from spherekit.plugin.checks.suite import CheckedAnalysis, ConformanceSuite
 
 __all__ = ["Line", "Report", "conformance"]
 
-MECHANISMS = ("four_bar", "five_bar")
-"""One input and two: what an analysis is tried on by default."""
+DEFAULT_MECHANISMS = ("four_bar", "five_bar")
+"""Mechanisms with one input and with two."""
 
-SAMPLES = 9
+DEFAULT_SAMPLE_COUNT = 9
 
 
 def conformance(
-    analysis: Subject,
-    mechanisms: Sequence[str | Mechanism] = MECHANISMS,
-    samples: int = SAMPLES,
+    analysis: CheckedAnalysis,
+    mechanisms: Sequence[str | Mechanism] = DEFAULT_MECHANISMS,
+    samples: int = DEFAULT_SAMPLE_COUNT,
 ) -> Report:
     """Check that an analysis keeps to the contract of plugins.
 
@@ -36,20 +40,20 @@ def conformance(
         name as the command takes it, such as ``"poles:only=31"``. Parameters that are the
         name of a link, or a pole as in ``"4/1"``, are renamed with it.
     mechanisms
-        Mechanisms, or their names or files. Those that the analysis refuses by an error of
-        spherekit are left out, as long as some are left.
+        Mechanisms, or their names or files. A mechanism that the analysis refuses by an
+        error of spherekit is left out, unless it refuses all of them.
     samples
-        How many samples of each assembly mode are looked at.
+        Number of samples of each assembly mode.
 
     Returns
     -------
     Report
-        What was seen, line by line; `print` shows it.
+        One line for each check; `print` shows it.
 
     Raises
     ------
     PluginError
-        With all lines that do not hold.
+        With the lines of all checks that failed.
 
     Examples
     --------

@@ -1,0 +1,168 @@
+"""An analysis together with a mechanism on which its conformance is checked."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from spherekit.errors import PluginError, SpherekitError
+from spherekit.files.study import Study
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.positions.motion import Motion
+from spherekit.runs.analysis_faults import convert_plugin_errors
+from spherekit.runs.batch import Batch
+from spherekit.runs.contract import AbstractAnalysis, Findings
+from spherekit.runs.result_checks import compute_findings
+from spherekit.runs.run_plan import RunPlan, collect_needs, make_run_plan
+from spherekit.runs.sampling import Sampling, make_sampling
+from spherekit.status import Status
+from spherekit.tables.table import TableArrays
+
+MotionChange = Callable[[Motion], Motion]
+"""Returns a changed copy of a motion."""
+
+Tables = Mapping[str, TableArrays]
+"""Tables by their names."""
+
+
+def unchanged(motion: Motion) -> Motion:
+    """Return a motion as it is."""
+    return motion
+
+
+@dataclass(frozen=True)
+class ConformanceCase:
+    """An analysis, a mechanism, and the number of samples of each assembly mode."""
+
+    analysis: AbstractAnalysis
+    mechanism: Mechanism
+    samples: int
+
+    @cached_property
+    def sampling(self) -> Sampling:
+        """The samples and the assembly modes."""
+        return make_sampling(
+            Study(self.mechanism.name, self.mechanism, samples=self.samples)
+        )
+
+    @cached_property
+    def run_plan(self) -> RunPlan:
+        """The plan of the run.
+
+        Raises
+        ------
+        PluginError
+            If the analysis breaks the contract.
+        """
+        declared_needs = collect_needs(
+            [self.analysis], self.sampling.position_analysis.mechanism
+        )
+        run_plan = make_run_plan(self.sampling, [self.analysis], declared_needs)
+        for fault in run_plan.refused.values():
+            raise PluginError(fault)
+        return run_plan
+
+    @cached_property
+    def errors(self) -> dict[str, SpherekitError]:
+        """The errors that the methods of the analysis raise for all samples, by method."""
+        errors: dict[str, SpherekitError] = {}
+        for method in ("compute", "findings", "scene"):
+            try:
+                (batch,) = self.batches(len(self.sampling))
+                with convert_plugin_errors(self.analysis.name, method):
+                    getattr(self.analysis, method)(batch)
+            except SpherekitError as error:
+                errors[method] = error
+        return errors
+
+    @cached_property
+    def whole_results(self) -> tuple[Tables, Findings]:
+        """The tables and findings of all samples in one block."""
+        return self.compute_results(len(self.sampling))
+
+    def batches(
+        self,
+        block_size: int,
+        change_motion: MotionChange = unchanged,
+        change_view: MotionChange = unchanged,
+    ) -> list[Batch]:
+        """Return the batches of a run.
+
+        Parameters
+        ----------
+        block_size
+            Number of samples of a block.
+        change_motion
+            Changes the motion before poles and angles are evaluated.
+        change_view
+            Changes what the analysis sees of the motion afterwards.
+        """
+        run_plan = self.run_plan
+        blocks = map(change_motion, run_plan.source.blocks(block_size))
+        batches = [
+            run_plan.make_batch(self.analysis, change_view(motion), fields, angles)
+            for motion, fields, angles in run_plan.evaluate_blocks(blocks)
+        ]
+        return batches if self.analysis.reads_samples else batches[:1]
+
+    def compute_results(
+        self,
+        block_size: int,
+        change_motion: MotionChange = unchanged,
+        change_view: MotionChange = unchanged,
+    ) -> tuple[Tables, Findings]:
+        """Return the tables and findings of a run; parameters as `batches`.
+
+        Raises
+        ------
+        SpherekitError
+            See `spherekit.runs.result_checks`.
+        """
+        findings = None
+        batches = self.batches(block_size, change_motion, change_view)
+        tables = self.run_plan.join_tables(self.analysis, batches)
+        for batch in batches:
+            findings = compute_findings(self.analysis, batch, findings)
+        assert findings is not None
+        return tables, findings
+
+    def hide_undeclared(self, motion: Motion) -> Motion:
+        """Return a motion with NaN for orientations and variables that are not declared."""
+        needs = self.run_plan.needs[0]
+        mechanism = motion.mechanism
+        links = [mechanism.link_number[name] for name in needs.rotations]
+        pairs = [mechanism.pair_number[name] for name in needs.pair_values]
+        variables = [
+            variable for pair in pairs for variable in mechanism.variables_of(pair)
+        ]
+        rotations = np.full_like(motion.rotations, np.nan)
+        rotations[:, links] = motion.rotations[:, links]
+        values = np.full_like(motion.values, np.nan)
+        values[:, variables] = motion.values[:, variables]
+        hidden = replace(motion, placed=rotations, values=values)
+        # Cached properties: these two are computed from all variables.
+        vars(hidden).update(
+            rotations=rotations,
+            linearisation=motion.linearisation,
+            conditioning=motion.conditioning,
+        )
+        return hidden
+
+
+def fail_row(row: int) -> MotionChange:
+    """Return a change by which a row of a motion has no configuration."""
+
+    def change(motion: Motion) -> Motion:
+        values = motion.values.copy()
+        rotations = motion.rotations.copy()
+        residual = motion.residual.copy()
+        status = motion.status.copy()
+        for array in (values, rotations, residual):
+            array[row] = np.nan
+        status[row] = Status.OUT_OF_REACH
+        return replace(
+            motion, values=values, placed=rotations, residual=residual, status=status
+        )
+
+    return change

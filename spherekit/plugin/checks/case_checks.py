@@ -1,0 +1,270 @@
+"""The checks of an analysis on one mechanism.
+
+Each check takes a `ConformanceCase` and returns a note for the report. It raises
+`PluginError` if the analysis fails, and `NotApplicableError` if the check does not apply.
+"""
+
+import json
+import tempfile
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.errors import PluginError, SpherekitError, UndeclaredNeed
+from spherekit.files.study import Study
+from spherekit.geometry.rotation import from_quaternion
+from spherekit.plugin.checks.case import ConformanceCase, Tables, fail_row
+from spherekit.plugin.checks.report import NotApplicableError
+from spherekit.plugin.checks.table_comparison import (
+    BLOCK_TOLERANCE,
+    VARIANT_TOLERANCE,
+    describe_difference,
+    match_rows,
+    replace_words,
+)
+from spherekit.plugin.checks.variants import (
+    rename_links,
+    rename_parameters,
+    rotate_mechanism,
+)
+from spherekit.runs.contract import Findings
+from spherekit.runs.execution import Execution
+from spherekit.runs.result_checks import compute_findings, compute_scenes
+from spherekit.runs.runner import run_study
+from spherekit.tables.table import ASSEMBLY_MODE, SAMPLE, arrays, row_count
+from spherekit.wording import counted
+
+BLOCK_SIZES = (1, 4)
+"""Numbers of samples of a block that are compared with one block of all samples."""
+
+ROTATION = from_quaternion(np.array([[0.1, -0.7, 0.5, 0.5]]))[0]
+"""The rotation (3, 3) of the mechanism as a whole: large, and about no axis of its own."""
+
+READ_ONLY = "read-only"
+"""A word in NumPy's message about an array that cannot be written to."""
+
+
+def check_reads(case: ConformanceCase) -> str:
+    """Check that nothing is read that was not declared, not even by private attributes."""
+    for method, error in case.errors.items():
+        if isinstance(error, UndeclaredNeed):
+            raise PluginError(f"{method}: {error}") from error
+    if case.run_plan.needs[0].tracer:
+        return "all configurations, by the tracer"
+    try:
+        expected, _ = case.whole_results
+    except SpherekitError:
+        return ""  # another check reports it
+    tables, _ = case.compute_results(len(case.sampling), change_view=case.hide_undeclared)
+    _require_same(case, expected, tables, "where what was not declared is NaN")
+    return ""
+
+
+def check_inputs(case: ConformanceCase) -> str:
+    """Check that the analysis does not write to the arrays that it reads."""
+    for method, error in case.errors.items():
+        if READ_ONLY in str(error):
+            raise PluginError(
+                f"{method} writes to an array that it was given to read; copy it first "
+                f"({error})"
+            ) from error
+    return ""
+
+
+def check_tables(case: ConformanceCase) -> str:
+    """Check that tables have the columns, types and rows that were declared."""
+    (batch,) = case.batches(len(case.sampling))
+    computed = case.run_plan.compute_tables(case.analysis, batch)
+    tables = case.run_plan.tables_of(case.analysis)
+    for table in tables:
+        if not (table.in_assembly_modes and case.analysis.reads_samples):
+            continue
+        data = arrays(computed[table.name])
+        counts = Counter(zip(data[SAMPLE.name], data[ASSEMBLY_MODE.name], strict=True))
+        required_rows = set(zip(batch.sample, batch.assembly_mode, strict=True))
+        has_equal_counts = len(set(counts.values())) == 1
+        if counts and (set(counts) != required_rows or not has_equal_counts):
+            raise PluginError(
+                f"table {table.name} has not the same number of rows for every sample of "
+                "every assembly mode; a row that fails is kept, with NaN"
+            )
+    main_table = tables[0]
+    if row_count(computed[main_table.name]) == 0:
+        raise NotApplicableError(
+            f"the main table {main_table.name} was empty, so that its rows are not "
+            "checked; try a mechanism for which it has some"
+        )
+    return ""
+
+
+def check_findings(case: ConformanceCase) -> str:
+    """Check that findings can be written as JSON."""
+    (batch,) = case.batches(len(case.sampling))
+    compute_findings(case.analysis, batch, None)
+    return ""
+
+
+def check_blocks(case: ConformanceCase) -> str:
+    """Check that other blocks give the same rows and findings."""
+    if not case.analysis.reads_samples:
+        raise NotApplicableError("it reads no samples")
+    if not case.analysis.rowwise:
+        raise NotApplicableError("it is asked for all samples at once")
+    expected_tables, expected_findings = case.whole_results
+    for block_size in BLOCK_SIZES:
+        tables, findings = case.compute_results(block_size)
+        where = f"in blocks of {counted(block_size, 'sample')}"
+        _require_same(case, expected_tables, tables, where)
+        if _comparable(findings) != _comparable(expected_findings):
+            raise PluginError(
+                f"findings {where} are {findings.figures}, of all samples "
+                f"{expected_findings.figures}"
+            )
+    return f"of {' and '.join(map(str, BLOCK_SIZES))} samples"
+
+
+def _comparable(findings: Findings) -> Any:
+    """Return findings as they are read from JSON, with numbers rounded to 8 digits."""
+
+    def read_rounded(text: str) -> float:
+        return float(f"{round(float(text), 9):.8g}")
+
+    text = json.dumps(asdict(findings))
+    return json.loads(text, parse_float=read_rounded, parse_constant=str)
+
+
+def check_failed_rows(case: ConformanceCase) -> str:
+    """Check that a row without a configuration has NaN, and that no other row changes."""
+    if not case.analysis.reads_samples:
+        raise NotApplicableError("it reads no samples")
+    count = len(case.sampling)
+    row = count // 2
+    tables, _ = case.compute_results(count, fail_row(row))
+    (batch,) = case.batches(count)
+    sample_tables = [
+        table for table in case.run_plan.tables_of(case.analysis) if table.in_assembly_modes
+    ]
+    for table in sample_tables:
+        # Take over what the failed row may change: numbers that are NaN now, and texts.
+        expected = dict(case.whole_results[0][table.name])
+        computed = tables[table.name]
+        is_failed = expected[SAMPLE.name] == batch.sample[row]
+        is_failed &= expected[ASSEMBLY_MODE.name] == batch.assembly_mode[row]
+        if len(is_failed) == len(computed[SAMPLE.name]):
+            for column in table.columns:
+                values = computed[column.name]
+                may_change = np.isnan(values) if column.kind == "number" else True
+                expected[column.name] = np.where(
+                    is_failed & may_change, values, expected[column.name]
+                )
+        if fault := describe_difference(table, expected, computed):
+            raise PluginError(
+                f"where a configuration is missing, {fault}; NaN stands there, and other "
+                "rows are as they were"
+            )
+    if not sample_tables:
+        raise NotApplicableError("no table has rows of samples")
+    return ""
+
+
+def check_rotation(case: ConformanceCase) -> str:
+    """Check that the rotated mechanism gives the same rows, with vectors rotated."""
+    rotated_case = replace(case, mechanism=rotate_mechanism(case.mechanism, ROTATION))
+    expected, _ = case.whole_results
+    rotated_tables, _ = rotated_case.whole_results
+    _require_same(case, expected, rotated_tables, "turned as a whole", ROTATION)
+    return ""
+
+
+def check_names(case: ConformanceCase) -> str:
+    """Check that links with other names, in another order, give the same rows."""
+    mechanism = case.mechanism
+    expected_tables, _ = case.whole_results
+    for order in (mechanism.links[1:], mechanism.links[:0:-1]):
+        names = {
+            link: f"body_{number}" for number, link in enumerate((mechanism.ground, *order))
+        }
+        renamed_case = ConformanceCase(
+            rename_parameters(case.analysis, names),
+            rename_links(mechanism, names),
+            case.samples,
+        )
+        renamed_tables, _ = renamed_case.whole_results
+        old_names = {new: old for old, new in names.items()}
+        for table in case.run_plan.tables_of(case.analysis):
+            restored = replace_words(renamed_tables[table.name], old_names)
+            matched = match_rows(table, expected_tables[table.name], restored, names)
+            if isinstance(matched, str):
+                fault = matched
+            else:
+                expected, compared = matched
+                fault = describe_difference(table, expected, compared, VARIANT_TOLERANCE)
+            if fault:
+                raise PluginError(f"with other names or numbers of links, {fault}")
+    return ""
+
+
+def check_scene(case: ConformanceCase) -> str:
+    """Check that the scenes can be recorded in the strict mode of the viewer."""
+    from spherekit.display.rerun.recorder import RerunRecorder
+
+    mechanism = case.mechanism
+    study = Study(mechanism.name, mechanism, samples=case.samples)
+    (batch,) = case.batches(len(case.sampling))
+    page_count = len(compute_scenes(case.analysis, batch))
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        RerunRecorder(mechanism.name, path=Path(folder) / "scene.rrd") as recorder,
+    ):
+        result = run_study(study, [case.analysis], Execution(recorder=recorder))
+    for fault in result.failures.values():
+        raise PluginError(fault)
+    return counted(page_count, "page")
+
+
+def _require_same(
+    case: ConformanceCase,
+    expected: Tables,
+    compared: Tables,
+    where: str,
+    rotation: Floats | None = None,
+) -> None:
+    """Raise `PluginError` if tables differ.
+
+    Parameters
+    ----------
+    case
+        The case, for the declarations of the tables.
+    expected, compared
+        Tables by name.
+    where
+        The circumstances of `compared`, for the message.
+    rotation
+        (3, 3) rotation of the mechanism of `compared`, if it was rotated.
+    """
+    tolerance = BLOCK_TOLERANCE if rotation is None else VARIANT_TOLERANCE
+    for table in case.run_plan.tables_of(case.analysis):
+        fault = describe_difference(
+            table, expected[table.name], compared[table.name], tolerance, rotation
+        )
+        if fault:
+            raise PluginError(f"{where}, {fault}")
+
+
+CASE_CHECKS: dict[str, Callable[[ConformanceCase], str]] = {
+    "reads": check_reads,
+    "inputs": check_inputs,
+    "tables": check_tables,
+    "findings": check_findings,
+    "blocks": check_blocks,
+    "failed rows": check_failed_rows,
+    "rotation": check_rotation,
+    "names": check_names,
+    "scene": check_scene,
+}
+"""The checks on each mechanism by the names of their lines, in the order of the report."""

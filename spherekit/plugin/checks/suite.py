@@ -1,0 +1,207 @@
+"""Runs all checks of a conformance report."""
+
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from functools import partial
+from typing import Any
+
+from spherekit.errors import PluginError, SpherekitError, UndeclaredNeed
+from spherekit.files.mechanism_reader import mechanism_of
+from spherekit.mechanism.mechanism import Mechanism
+from spherekit.plugin.checks.case import ConformanceCase
+from spherekit.plugin.checks.case_checks import CASE_CHECKS, READ_ONLY
+from spherekit.plugin.checks.report import Line, NotApplicableError, Report, Verdict
+from spherekit.runs.analysis_faults import convert_plugin_errors
+from spherekit.runs.contract import AbstractAnalysis
+from spherekit.runs.declaration_checks import check_needs, find_class_fault
+from spherekit.runs.needs import Needs
+from spherekit.runs.registry import create_analysis, list_distributions, load_analysis
+from spherekit.wording import listing
+
+REQUIRED_CHECKS = (
+    "installed",
+    "metadata",
+    "needs",
+    "runs",
+    "reads",
+    "inputs",
+    "tables",
+    "findings",
+)
+"""Checks after whose failure the others are not made."""
+
+NEED_NAMES = [item.name for item in fields(Needs)]
+
+CheckedAnalysis = type[AbstractAnalysis] | AbstractAnalysis | str
+"""An analysis as its class, an object with parameters, or the text of the command."""
+
+
+class ConformanceSuite:
+    """Checks one analysis on several mechanisms and makes the report.
+
+    Parameters
+    ----------
+    analysis
+        The analysis.
+    mechanisms
+        Mechanisms, or their names or files.
+    samples
+        Number of samples of each assembly mode.
+    """
+
+    def __init__(
+        self, analysis: CheckedAnalysis, mechanisms: Sequence[str | Mechanism], samples: int
+    ) -> None:
+        self._checked = analysis
+        self._mechanisms = mechanisms
+        self._samples = samples
+        self._analysis: AbstractAnalysis | None = None
+        self._cases: list[ConformanceCase] = []
+        self._refusals: list[str] = []  # mechanisms that the analysis refuses, and why
+
+    def report(self) -> Report:
+        """Make all checks and return the report."""
+        checks: dict[str, Callable[[], str]] = {
+            "installed": self._check_installation,
+            "metadata": self._check_metadata,
+            "needs": self._check_needs,
+            "runs": self._check_runs,
+        }
+        for name, case_check in CASE_CHECKS.items():
+            checks[name] = partial(self._check_all_cases, case_check)
+
+        lines: list[Line] = []
+        failed_requirement = ""
+        for name, check in checks.items():
+            verdict: Verdict = "holds"
+            try:
+                if failed_requirement:
+                    raise NotApplicableError(f"after {failed_requirement}")
+                note = check()
+            except NotApplicableError as reason:
+                verdict = "not checked"
+                note = str(reason)
+            except SpherekitError as error:
+                verdict = "FAILS"
+                note = str(error)
+                if name in REQUIRED_CHECKS:
+                    failed_requirement = name
+            lines.append(Line(name, verdict, note))
+        analysis = self._checked
+        title = analysis if isinstance(analysis, str) else self._class.__name__
+        return Report(title, tuple(lines))
+
+    @property
+    def _class(self) -> Any:
+        """The class of the analysis."""
+        return self._checked if isinstance(self._checked, type) else type(self._checked)
+
+    def _check_installation(self) -> str:
+        """Check that the entry point of a distribution leads to this class."""
+        if isinstance(self._checked, str):
+            self._checked = create_analysis(self._checked)
+            return f"from {list_distributions(self._checked.name)}"
+        name = getattr(self._class, "name", "")
+        distribution = list_distributions(name) if isinstance(name, str) else ""
+        if not distribution:
+            raise NotApplicableError("no installed distribution offers it by its name")
+        installed_class = load_analysis(name)
+        if installed_class is not self._class:
+            raise PluginError(
+                f"{distribution} offers another class by the name {name}: {installed_class}"
+            )
+        return f"from {distribution}"
+
+    def _check_metadata(self) -> str:
+        """Check name, version, summary and docstring; construct the analysis."""
+        if fault := find_class_fault(self._class):
+            raise PluginError(fault)
+        for attribute in ("version", "summary"):
+            if not getattr(self._class, attribute).strip():
+                raise PluginError(f"the class attribute `{attribute}` is empty")
+        if not inspect.getdoc(self._class):
+            raise PluginError("the class has no docstring, which tells its parameters")
+        if isinstance(self._checked, AbstractAnalysis):
+            self._analysis = self._checked
+        else:
+            with convert_plugin_errors(self._class.name, "its constructor"):
+                try:
+                    self._analysis = self._class()
+                except TypeError as error:
+                    raise PluginError(
+                        f"{error}; give the check an object with its parameters"
+                    ) from None
+        return f"{self._class.name} {self._class.version}: {self._class.summary}"
+
+    def _check_needs(self) -> str:
+        """Check that `needs` returns the same when it is asked again, and changes nothing.
+
+        A mechanism that the analysis refuses by an error of spherekit is left out.
+        """
+        assert self._analysis is not None
+        repr_before = repr(self._analysis)
+        for mechanism in map(mechanism_of, self._mechanisms):
+            try:
+                needs = check_needs(self._analysis, mechanism)
+            except PluginError:
+                raise
+            except SpherekitError as refusal:
+                self._refusals.append(f"{mechanism.name} ({refusal})")
+                continue
+            needs_again = check_needs(self._analysis, replace(mechanism))
+            changed = [
+                name
+                for name in NEED_NAMES
+                if getattr(needs_again, name) != getattr(needs, name)
+            ]
+            if changed:
+                raise PluginError(
+                    f"needs gives something else when it is asked again for "
+                    f"{mechanism.name}: {listing(changed)}"
+                )
+            self._cases.append(ConformanceCase(self._analysis, mechanism, self._samples))
+        if repr(self._analysis) != repr_before:
+            raise PluginError("needs changes the parameters of the analysis")
+        needs = self._accepted_cases()[0].run_plan.needs[0]
+        declared_names = [name for name in NEED_NAMES if getattr(needs, name)]
+        return listing(declared_names) or "nothing of the samples"
+
+    def _check_runs(self) -> str:
+        """Compute every mechanism; keep those that the analysis does not refuse."""
+        cases = self._cases
+        self._cases = []
+        for case in cases:
+            error = case.errors.get("compute")
+            is_mistake = isinstance(error, PluginError | UndeclaredNeed)
+            if isinstance(error, PluginError) and READ_ONLY not in str(error):
+                raise error
+            if error is None or is_mistake:
+                # Undeclared needs and written arrays have checks of their own.
+                self._cases.append(case)
+            else:
+                self._refusals.append(f"{case.mechanism.name} ({error})")
+        names = listing(case.mechanism.name for case in self._accepted_cases())
+        refused = f"; refuses {'; '.join(self._refusals)}" if self._refusals else ""
+        return f"on {names}{refused}"
+
+    def _accepted_cases(self) -> list[ConformanceCase]:
+        """Return the cases that are not refused; `PluginError` if there are none."""
+        if not self._cases:
+            raise PluginError(f"it refuses every mechanism: {'; '.join(self._refusals)}")
+        return self._cases
+
+    def _check_all_cases(self, check: Callable[[ConformanceCase], str]) -> str:
+        """Make one check on every mechanism; it has to apply to at least one."""
+        notes = []
+        reasons = []  # why the check does not apply
+        for case in self._cases:
+            try:
+                notes.append(check(case))
+            except NotApplicableError as reason:
+                reasons.append(f"{case.mechanism.name}: {reason}")
+            except PluginError as error:
+                raise PluginError(f"{case.mechanism.name}: {error}") from error
+        if not notes:
+            raise NotApplicableError("; ".join(dict.fromkeys(reasons)))
+        return "; ".join(filter(None, dict.fromkeys([*notes, *reasons])))

@@ -1,0 +1,178 @@
+"""Compares tables of an analysis and describes the first difference in words."""
+
+import re
+from collections.abc import Collection, Iterator, Mapping
+
+import numpy as np
+
+from spherekit.arrays import Array, Floats
+from spherekit.geometry.vectors import max_abs
+from spherekit.numerics.angles import wrap
+from spherekit.tables.table import Column, Table, TableArrays, row_count
+
+BLOCK_TOLERANCE = 1e-10
+"""Largest difference of numbers that are computed in other blocks, as a part of the largest
+number of their column (or of 1)."""
+
+VARIANT_TOLERANCE = 1e-6
+"""The same for a mechanism that is described in another way. Rounding errors grow where the
+mechanism is nearly singular."""
+
+
+def describe_difference(
+    table: Table,
+    expected: TableArrays,
+    compared: TableArrays,
+    tolerance: float = BLOCK_TOLERANCE,
+    rotation: Floats | None = None,
+) -> str:
+    """Return the first difference of two tables in words; an empty text if there is none.
+
+    Columns that describe the computation, such as error bounds, may differ between variants
+    of a mechanism and are not compared then.
+
+    Parameters
+    ----------
+    table
+        The declaration of the table.
+    expected, compared
+        Its columns.
+    tolerance
+        `BLOCK_TOLERANCE` or `VARIANT_TOLERANCE`.
+    rotation
+        (3, 3) rotation of the mechanism of `compared`. Vectors of `expected` are rotated.
+        Columns that depend on axes in another way are left out. If they identify the rows,
+        nothing is compared.
+    """
+    axis_dependent = [
+        column.kind for column in table.columns if column.turns == "otherwise"
+    ]
+    rows_depend_on_axes = not table.in_assembly_modes or "text" in axis_dependent
+    if rotation is not None and axis_dependent and rows_depend_on_axes:
+        return ""
+    expected_rows = row_count(expected)
+    compared_rows = row_count(compared)
+    if expected_rows != compared_rows:
+        return f"table {table.name} has {compared_rows} rows instead of {expected_rows}"
+    for column, values, compared_values in _column_pairs(
+        table, expected, compared, rotation
+    ):
+        if tolerance >= VARIANT_TOLERANCE and column.scale == "none":
+            continue
+        row = _first_different_row(column, values, compared_values, tolerance)
+        if row is not None:
+            return (
+                f"table {table.name}, column {column.name}, row {row}: "
+                f"{compared_values[row]} instead of {values[row]}"
+            )
+    return ""
+
+
+def _column_pairs(
+    table: Table, expected: TableArrays, compared: TableArrays, rotation: Floats | None
+) -> Iterator[tuple[Column, Array, Array]]:
+    """Yield each column that can be compared, with its expected and compared values.
+
+    The three components of a vector stand in successive columns. Expected vectors are
+    rotated by `rotation`, if it is given.
+    """
+    vector_columns: list[Column] = []
+    for column in table.columns:
+        if rotation is None or column.kind == "text" or column.turns == "no":
+            yield column, expected[column.name], compared[column.name]
+            continue
+        if column.turns == "vector":
+            vector_columns.append(column)
+        if len(vector_columns) == 3:
+            vectors = np.stack([expected[component.name] for component in vector_columns])
+            rotated_vectors = rotation @ vectors
+            for component, values in zip(vector_columns, rotated_vectors, strict=True):
+                yield component, values, compared[component.name]
+            vector_columns = []
+
+
+def _first_different_row(
+    column: Column, expected: Array, compared: Array, tolerance: float
+) -> int | None:
+    """Return the first row in which two columns differ, or None.
+
+    Angles are compared modulo whole turns. NaN equals NaN.
+    """
+    is_different = expected != compared
+    if column.kind == "number":
+        scale = max(1.0, max_abs(expected[np.isfinite(expected)]))
+        if column.unit == "rad":
+            with np.errstate(invalid="ignore"):
+                difference = wrap(compared - expected)
+            is_finite = np.isfinite(difference)
+            compared = np.where(is_finite, expected + difference, compared)
+        is_different = ~np.isclose(
+            compared, expected, rtol=0.0, atol=tolerance * scale, equal_nan=True
+        )
+    return int(np.argmax(is_different)) if np.any(is_different) else None
+
+
+def replace_words(data: TableArrays, replacements: Mapping[str, str]) -> TableArrays:
+    """Return a table in whose texts words, such as names of links, are replaced."""
+
+    def replace_in(text: str) -> str:
+        return re.sub(r"\w+", lambda match: replacements.get(match[0], match[0]), text)
+
+    return {
+        name: np.array([replace_in(text) for text in values.tolist()], dtype=str)
+        if values.dtype.kind == "U"
+        else values
+        for name, values in data.items()
+    }
+
+
+def match_rows(
+    table: Table, expected: TableArrays, compared: TableArrays, links: Collection[str]
+) -> tuple[TableArrays, TableArrays] | str:
+    """Return the rows that two tables share, in one order; or a difference in words.
+
+    Rows are identified by their texts and whole numbers. If these do not identify them,
+    the tables are returned as they are. A row about one link relative to another may be
+    missing: with another order of links it is about the second relative to the first.
+
+    Parameters
+    ----------
+    table
+        The declaration of the table.
+    expected, compared
+        Its columns.
+    links
+        The names of all links.
+    """
+    key_columns = [
+        column.name for column in table.columns if column.kind in ("text", "integer")
+    ]
+    expected_row_of_key = _rows_by_key(expected, key_columns)
+    compared_row_of_key = _rows_by_key(compared, key_columns)
+    if len(expected_row_of_key) != row_count(expected) or len(
+        compared_row_of_key
+    ) != row_count(compared):
+        return expected, compared
+    shared_keys = []
+    for key in expected_row_of_key:
+        if key in compared_row_of_key:
+            shared_keys.append(key)
+            continue
+        texts = [item for item in key if isinstance(item, str)]
+        words = re.findall(r"\w+", " ".join(texts))
+        if sum(word in links for word in words) < 2:
+            return f"table {table.name} has no row of {', '.join(map(str, key))} any more"
+    expected_rows = [expected_row_of_key[key] for key in shared_keys]
+    compared_rows = [compared_row_of_key[key] for key in shared_keys]
+    return (
+        {name: values[expected_rows] for name, values in expected.items()},
+        {name: values[compared_rows] for name, values in compared.items()},
+    )
+
+
+def _rows_by_key(
+    data: TableArrays, key_columns: Collection[str]
+) -> dict[tuple[object, ...], int]:
+    """Return the row of each combination of key values; of equal ones the last."""
+    columns = [data[name].tolist() for name in key_columns]
+    return {key: row for row, key in enumerate(zip(*columns, strict=True))}
