@@ -202,6 +202,13 @@ def _with_crossings(
 
     At a crossing of curves, a function has a double zero without a change of its sign.
     Within its error the function cannot distinguish this from two zeros, or from none.
+
+    Parameters
+    ----------
+    solver
+        The mechanism, which has one input.
+    turning_points
+        The inputs at which modes meet, with intervals in which this could not be decided.
     """
     crossings: list[Crossing] = []
     still_doubtful = []

@@ -139,10 +139,14 @@ class LoopTree:
     def jacobian(self, vectors: Floats) -> Floats:
         """Return the matrix of the velocity equations of all loops.
 
+        The angular velocities of the pairs around each loop add up to zero. These are three
+        equations for each loop.
+
         Parameters
         ----------
         vectors
-            (n, variables, 3) velocity vector w_v of each variable, in common axes.
+            (n, variables, 3) velocity vector of each variable, in common axes: the angular
+            velocity of the second body of the pair relative to the first one at unit rate.
 
         Returns
         -------

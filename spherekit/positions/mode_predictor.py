@@ -162,7 +162,10 @@ class ModeOverGrid(NamedTuple):
 def follow_each(
     closure: Closure, driven: int, values: Floats, low: float, high: float
 ) -> list[ModeCurve]:
-    """Return the assembly modes through configurations, side by side.
+    """Follow the assembly modes through configurations over the range of the input.
+
+    From each configuration the input moves to both ends of the range by verified steps. A
+    configuration at a dead centre of the input is left first, along its curve.
 
     Parameters
     ----------
@@ -178,7 +181,7 @@ def follow_each(
 
     Returns
     -------
-    n curves.
+    The curve of each configuration, as far as its mode reaches.
     """
     start_nodes = _nodes_with_rising_input(closure, driven, values)
     is_regular = ~is_nearly_singular(closure.at(values), [driven], DEAD_CENTRE_RATIO)

@@ -82,19 +82,17 @@ def iterate_contact_profiles(
 ) -> Iterator[tuple[int, tuple[ContactProfile, ...]]]:
     """Yield the number of each contact pair, and the profiles of its two links.
 
-    `ContactProfile.variable` is numbered among the variables of all joints here, not among
-    those of its own joint.
+    R pairs have no profiles and are left out. `ContactProfile.variable` is numbered among
+    the variables of all joints here, not among those of its own joint.
     """
     for pair, first_variable, joint in enumerate_joints(joints):
         profiles = joint.contact_profiles
         if profiles:
-            yield (
-                pair,
-                tuple(
-                    profile._replace(variable=first_variable + profile.variable)
-                    for profile in profiles
-                ),
-            )
+            renumbered = [
+                profile._replace(variable=first_variable + profile.variable)
+                for profile in profiles
+            ]
+            yield pair, tuple(renumbered)
 
 
 def list_rolling_variables(joints: Sequence[Joint]) -> list[tuple[int, Joint]]:

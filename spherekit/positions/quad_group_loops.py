@@ -101,6 +101,9 @@ class GroupFold:
     def estimate_root(self, loops: "GroupLoops", start: Array, determinant: float) -> Array:
         """Estimate the root of f that belongs to an assembly mode.
 
+        f(x) = e + h x^2 / 2 is the closure residual at the distance x from the fold. Its
+        two roots belong to two modes, with opposite signs of the determinant.
+
         Parameters
         ----------
         loops
@@ -194,8 +197,8 @@ class GroupLoops:
     def close(self, values: Array) -> tuple[Array, Floats]:
         """Close the loops by Newton's method from variables (n, pairs), in rad.
 
-        The Jacobian is inverted in float64. The residual in quad precision decides the
-        limit.
+        The Jacobian is inverted in float64. This makes the convergence slower, but does not
+        change the solution, because the residual is computed in quad precision.
 
         Returns
         -------
