@@ -487,6 +487,7 @@ class ConfigurationGraph:
         all_modes = [mode for modes in modes_of_components.values() for mode in modes]
 
         def size_and_start(mode: Indices) -> tuple[int, tuple[int, int]]:
+            """Return the sort key of a mode: large modes first, then by the first node."""
             return -int(np.sum(mode >= 0)), self.first_node(mode)
 
         return sorted(all_modes, key=size_and_start)

@@ -211,7 +211,10 @@ def _follow_both_senses(
     limits: CurveLimits,
     longest: float,
 ) -> list[ArcCurve]:
-    """Return the curves through nodes. Those that do not close are followed in both senses.
+    """Follow the configuration curves through nodes, until they close or end.
+
+    All curves are first followed along their tangents. Those that do not close are then
+    followed from the same nodes in the opposite sense, and both parts are joined.
 
     Parameters
     ----------

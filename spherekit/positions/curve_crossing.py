@@ -247,7 +247,10 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
 
 
 def _find_directions(forms: Floats) -> Floats | None:
-    """Return the directions y of the curves through a crossing.
+    """Return the directions of the curves through a crossing.
+
+    A motion with the components y in a basis of k independent motions is possible to second
+    order if y . B y = 0 for every quadratic form B of the closure equations.
 
     Parameters
     ----------

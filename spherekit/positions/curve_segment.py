@@ -209,6 +209,7 @@ def correct(
     """
 
     def compute_steps(current_values: Floats, rows: Indices) -> Floats:
+        """Return Newton's steps (k, variables) at the current values of some points."""
         misses = targets[rows] - np.vecdot(borders[rows], current_values)
         return bordered_step(closure.take(rows).at(current_values), borders[rows], misses)
 

@@ -13,6 +13,7 @@ import numpy as np
 from spherekit.arrays import Array, Bools, Floats
 from spherekit.numerics.quad_precision import quad
 from spherekit.planning.assembly_plan import Group
+from spherekit.positions.fold_bounds import LEAST_SECOND_SINGULAR_VALUE
 from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.loop_tree import LoopTree
 from spherekit.positions.quad_rotations import (
@@ -32,9 +33,6 @@ FOLD_PROBE_RAD = 1e-4
 FOLD_STEP_RAD = 1e-12
 """The fold is found if the last step is smaller. Its residual is then known to the square
 of this."""
-LEAST_SECOND_SINGULAR_VALUE = 1e-4
-"""At a fold, the second smallest singular value is larger than this part of the largest.
-Smaller: a second fold nearby can be missed."""
 LEAST_CURVATURE = 1e-3
 """Smaller curvatures (1/rad) of f are not told from those of third order."""
 LARGEST_NEWTON_STEP_RAD = 0.1

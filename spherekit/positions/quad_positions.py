@@ -28,6 +28,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.quad_precision import QUAD_EPS, quad
 from spherekit.planning.assembly_plan import Assembly, Group
 from spherekit.positions.decimal_frames import Frames, decimal_frames
+from spherekit.positions.fold_bounds import INPUT_ROUNDING
 from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.quad_group_loops import (
     CLOSED_STEP_RAD,
@@ -49,10 +50,6 @@ from spherekit.tolerances import EPS
 ROUNDING_RAD = 1e3 * QUAD_EPS
 """Error bound of a body that is placed by inputs alone: some hundred rounding errors in
 quad."""
-INPUT_ROUNDING = 2.0 * EPS
-"""Rounding error of an input, relative to the input or to 1 rad, whichever is larger. An
-input that is nearer to a dead centre is taken to be at it. The float64 number can stand for
-a decimal number of degrees, as that of pi for 180 degrees."""
 LARGEST_ANGLE_ERROR_RAD = 1e-5
 """Configurations with a larger error bound have the status AT_SINGULARITY, and
 `PositionSolver.evaluate` returns NaN for their variables."""
