@@ -99,17 +99,22 @@ class ArcLength:
 
         def deviation(s: Floats) -> Floats:
             """Return u - s du/ds (n, 1), with the mean of du/ds, at arc lengths (n,)."""
-            # Solve the equation s(x) = s on the panel that contains each arc length.
+            # Solve the equation s(x) = s on the panel that contains each arc length, where
+            # x from -1 to 1 is the position on the panel.
             panel = np.searchsorted(self.starts[1:-1], s, side="right")
             target = s - self.starts[panel]
 
             def residual(x: Floats, rows: Indices) -> Floats:
                 return self._evaluate_in_panels(panel[rows], x) - target[rows]
 
-            panel_end = np.ones_like(s)
-            residual_at_end = np.diff(self.starts)[panel] - target
+            panel_ends = np.ones_like(s)
             x, _ = find_bracketed_zeros(
-                residual, -panel_end, panel_end, -target, residual_at_end, EPS
+                residual,
+                low=-panel_ends,
+                high=panel_ends,
+                values_at_low=-target,
+                values_at_high=np.diff(self.starts)[panel] - target,
+                tolerance=EPS,
             )
             u = self.edges[panel] + 0.5 * np.diff(self.edges)[panel] * (1.0 + x)
             return (u - s * self._mean_slope)[:, None]

@@ -24,10 +24,15 @@ import numpy as np
 
 @dataclass(frozen=True)
 class HalfAngle:
-    """An arc, as the sine and the cosine of half the arc.
+    """An arc on the unit sphere, given by the sine and the cosine of half the arc.
 
-    Both are numbers, arrays or symbolic expressions. Arcs are added and subtracted by the
-    addition theorems.
+    Half angles keep the digits of short arcs. Arcs are added and subtracted by the addition
+    theorems.
+
+    Attributes
+    ----------
+    sine, cosine
+        Sine and cosine of half the arc: floats, arrays or symbolic expressions.
     """
 
     sine: Any

@@ -204,7 +204,11 @@ class ContactFriction(BearingFriction):
         return self.coefficient
 
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
-        """Return the push (..., 1, 3), N m, see `BearingFriction`."""
+        """Return the push (..., 1, 3), N m, see `BearingFriction`.
+
+        The force along the normal has a moment about the centre along the tangent, which is
+        the first axis of the pair. The push is this part of the moment.
+        """
         return (moments * [1.0, 0.0, 0.0])[..., None, :]
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:

@@ -163,30 +163,30 @@ class LoadedMechanism(Protocol):
 
     @property
     def name(self) -> str:
-        """See `Mechanism`."""
+        """Name of the mechanism."""
 
     @property
     def ground(self) -> str:
-        """See `Mechanism`."""
+        """Name of the fixed link."""
 
     @property
     def pairs(self) -> Sequence[Pair]:
-        """See `Mechanism`."""
+        """All pairs."""
 
     @property
     def masses(self) -> Sequence[Any]:
-        """See `Mechanism`."""
+        """Inertia of links."""
 
     @property
     def loads(self) -> "Sequence[Load]":
-        """See `Mechanism`."""
+        """All loads."""
 
     @property
     def angles(self) -> Mapping[str, int]:
-        """See `Mechanism`."""
+        """Numbers of the variables that are angles, by R pair."""
 
     def pair(self, name: str) -> Pair:
-        """See `Mechanism`."""
+        """Return the pair with this name; `ModelError` if there is none."""
 
 
 class Load(ABC):

@@ -407,7 +407,10 @@ def _read_function_name(call: ast.Call, column: int) -> str:
 def _iterate_steep_arguments(
     node: Node, non_smooth_functions: Sequence[str]
 ) -> Iterator[Node]:
-    """Yield the steep arguments in a tree, see `Expression`, the innermost first.
+    """Yield the steep arguments of functions in a tree, the innermost first.
+
+    A function may change suddenly at the zeros and extrema of a steep argument, where a
+    power series need not show it. See `Expression.steep_arguments`.
 
     Parameters
     ----------

@@ -39,7 +39,9 @@ _REASONS = {
 
 @contextmanager
 def _raise_output_error(path: AnyPath, what: str) -> Iterator[None]:
-    """Convert errors of a block into `OutputError`, and refuse impossible names first.
+    """Convert the errors of a ``with`` block into `OutputError`.
+
+    Impossible names are refused before the block runs.
 
     Parameters
     ----------
