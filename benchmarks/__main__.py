@@ -1,4 +1,4 @@
-"""The one entry: runs benchmarks, writes Markdown to stdout and figures as JSON."""
+"""Runs benchmarks, and writes their results as Markdown and as JSON."""
 
 import argparse
 import json
@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 from benchmarks import extremes
-from benchmarks.harness import commit, describe, markdown
+from benchmarks.harness import current_commit, describe_machine, format_section
 
 NAMES = (
     "planning",
@@ -29,7 +29,7 @@ NAMES = (
     "source",
     "extremes",
 )
-"""Modules of this package with a function `run(quick)` that returns sections."""
+"""Modules of this package, each with a function `run(quick)` that returns sections."""
 
 INTRODUCTION = """\
 # Benchmarks
@@ -42,10 +42,60 @@ figures as JSON with `--json FILE`.
 Every time is the median of several repetitions. Where figures are compared, the jobs
 alternate within one run, and a ratio is the median of the ratios of the rounds: ratios
 hold from machine to machine and under load, single times do not."""
+"""Text before the first section."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the benchmarks asked for."""
+    """Run benchmarks and print their sections.
+
+    Parameters
+    ----------
+    arguments
+        Arguments of the command, by default those of the process.
+
+    Returns
+    -------
+    The exit status.
+    """
+    parser = _make_parser()
+    options = parser.parse_args(arguments)
+    unknown = [name for name in options.names if name not in NAMES]
+    if unknown:
+        parser.error(f"no benchmark is named {unknown[0]}; choose from {NAMES}")
+    only = options.only or []
+    if options.list:
+        print("\n".join(f"{name}: {case.text}" for name, case in extremes.cases().items()))
+        return 0
+    unknown_cases = [name for name in only if name not in extremes.cases()]
+    if unknown_cases and "proof" not in options.names:
+        parser.error(f"no case is named {unknown_cases[0]}; see --list")
+    machine = describe_machine()
+    print(INTRODUCTION.format(names=", ".join(f"`{name}`" for name in NAMES)))
+    print("\nMachine: " + "; ".join(f"{key} {value}" for key, value in machine.items()))
+    commit = current_commit()
+    sections_by_name = {}
+    for name in options.names or NAMES:
+        started = time.perf_counter()
+        module = import_module(f"benchmarks.{name}")
+        settings: dict[str, object] = {}
+        if name == "extremes":
+            settings = {"only": only}
+        elif name == "proof":
+            settings = {"count": options.count, "first": options.first, "only": only}
+        sections = module.run(options.quick, **settings)
+        print(f"{name}: {time.perf_counter() - started:.0f} s", file=sys.stderr)
+        sections_by_name[name] = [asdict(section) for section in sections]
+        for section in sections:
+            print("\n" + format_section(section, commit), flush=True)
+    if options.json:
+        content = {"commit": commit, "machine": machine, "benchmarks": sections_by_name}
+        text = json.dumps(content, indent=1, default=float)
+        Path(options.json).write_text(text + "\n", encoding="utf-8")
+    return 0
+
+
+def _make_parser() -> argparse.ArgumentParser:
+    """Return the parser of the arguments."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks")
     parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(NAMES))
     parser.add_argument("--quick", action="store_true", help="fewer sizes and rounds")
@@ -67,37 +117,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="of extremes this case, in full; of proof this group or mechanism",
     )
     parser.add_argument("--json", metavar="FILE", help="write the figures here too")
-    options = parser.parse_args(arguments)
-    unknown = [name for name in options.names if name not in NAMES]
-    if unknown:
-        parser.error(f"no benchmark is named {unknown[0]}; choose from {NAMES}")
-    only = options.only or []
-    if options.list:
-        print("\n".join(f"{name}: {case.text}" for name, case in extremes.cases().items()))
-        return 0
-    strange = [name for name in only if name not in extremes.cases()]
-    if strange and "proof" not in options.names:
-        parser.error(f"no case is named {strange[0]}; see --list")
-    machine = describe()
-    print(INTRODUCTION.format(names=", ".join(f"`{name}`" for name in NAMES)))
-    print("\nMachine: " + "; ".join(f"{key} {value}" for key, value in machine.items()))
-    figures, taken_at = {}, commit()
-    for name in options.names or NAMES:
-        started = time.perf_counter()
-        module = import_module(f"benchmarks.{name}")
-        wanted: dict[str, object] = {"only": only} if name == "extremes" else {}
-        if name == "proof":
-            wanted = {"count": options.count, "first": options.first, "only": only}
-        sections = module.run(options.quick, **wanted)
-        print(f"{name}: {time.perf_counter() - started:.0f} s", file=sys.stderr)
-        figures[name] = [asdict(section) for section in sections]
-        for section in sections:
-            print("\n" + markdown(section, taken_at), flush=True)
-    if options.json:
-        content = {"commit": taken_at, "machine": machine, "benchmarks": figures}
-        text = json.dumps(content, indent=1, default=float)
-        Path(options.json).write_text(text + "\n", encoding="utf-8")
-    return 0
+    return parser
 
 
 if __name__ == "__main__":

@@ -1,15 +1,24 @@
-"""Designs: one kernel of a topology beside an analysis, or a peer's model, of each."""
+"""Time of figures of merit of designs: one kernel for all designs, a run of each, peers."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from typing import Any, final
 
 import numpy as np
 
 import spherekit as sk
-from benchmarks.harness import Cell, Section, median, ratio, rounds
+from benchmarks.harness import (
+    Cell,
+    Job,
+    Section,
+    measure_rounds,
+    median_ratio,
+    median_time,
+)
+from spherekit.arrays import Floats
 from spherekit.designs.design_evaluation import MAX_TRACKED_DESIGNS, DesignEvaluator
 from spherekit.designs.design_variables import design_variable, make_design
 from spherekit.designs.figures_of_merit import DesignSamples
@@ -21,13 +30,30 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.runs.figure_of_merit import parse_merit
 
-DEG = np.pi / 180.0
+RADIANS_PER_DEGREE = np.pi / 180.0
+
+RUN_DESIGNS = 2
+"""Number of designs that are run one by one, for the time of a run."""
 
 
 @final
 @dataclass(frozen=True)
-class Case:
-    """A mechanism, the sizes that are varied, and the figures of merit."""
+class DesignCase:
+    """A shipped mechanism with random designs.
+
+    Attributes
+    ----------
+    name
+        Name of the mechanism.
+    keys
+        Keys of the numbers of its file that vary.
+    merits
+        The figures of merit, as users write them.
+    samples
+        Number of samples of the input.
+    spread
+        Largest deviation of a number from that of the file, in its unit.
+    """
 
     name: str
     keys: tuple[str, ...]
@@ -35,39 +61,50 @@ class Case:
     samples: int
     spread: float
 
-    def evaluator(self) -> DesignEvaluator:
-        """Return what computes the figures."""
+    def make_evaluator(self) -> DesignEvaluator:
+        """Return the object that computes the figures of merit."""
         document = document_of(self.name)
         mechanism = read(document)
         return DesignEvaluator(
             document,
             mechanism,
             [design_variable(document, key) for key in self.keys],
-            [parse_merit(text, DEG) for text in self.merits],
+            [parse_merit(text, RADIANS_PER_DEGREE) for text in self.merits],
             DesignSamples.from_study(Study(self.name, mechanism, samples=self.samples)),
         )
 
-    def design(self, values: Sequence[float]) -> Mechanism:
-        """Return the mechanism of one design."""
+    def make_mechanism(self, values: Sequence[float]) -> Mechanism:
+        """Return the mechanism of a design with these values (variables,)."""
         document = document_of(self.name)
-        own = [design_variable(document, key) for key in self.keys]
-        return make_design(document, own, values)
+        variables = [design_variable(document, key) for key in self.keys]
+        return make_design(document, variables, values)
 
-    def designs(self, count: int) -> Any:
-        """Return random designs (variables, count) about the file's own."""
+    def draw_designs(self, count: int) -> Floats:
+        """Return random designs (variables, count) around that of the file."""
         document = document_of(self.name)
-        own = np.array([design_variable(document, key).value for key in self.keys])
+        nominal = np.array([design_variable(document, key).value for key in self.keys])
         rng = np.random.default_rng(1)
-        return own[:, None] + self.spread * rng.uniform(-1.0, 1.0, (len(own), count))
+        deviations = rng.uniform(-1.0, 1.0, (len(nominal), count))
+        return np.asarray(nominal[:, None] + self.spread * deviations)
 
 
 ARCS = ("links.1.arc", "links.2.arc", "links.3.arc", "links.4.arc")
-POSES = tuple(f"pairs.{pair}.{k}" for pair in "ACDF" for k in ("longitude", "latitude"))
-FLIER = tuple(
-    f"pairs.{pair}.{k}" for pair in ("14", "23", "68") for k in ("longitude", "latitude")
+"""All sizes of the four-bar."""
+
+BUTTERFLY_AXES = tuple(
+    f"pairs.{pair}.{angle}" for pair in "ACDF" for angle in ("longitude", "latitude")
 )
+"""Directions of four axes of the double butterfly."""
+
+FLIER_AXES = tuple(
+    f"pairs.{pair}.{angle}"
+    for pair in ("14", "23", "68")
+    for angle in ("longitude", "latitude")
+)
+"""Directions of three axes of the single flier."""
+
 CASES = (
-    Case(
+    DesignCase(
         "four_bar",
         ARCS,
         (
@@ -75,17 +112,17 @@ CASES = (
             "largest=max(abs(rate_41))",
             "swing=swing(theta_41)",
         ),
-        361,
-        15.0,
+        samples=361,
+        spread=15.0,
     ),
-    Case(
+    DesignCase(
         "four_bar",
         ARCS,
         ("torque=max(abs(torque))", "inertia=max(B)"),
-        361,
-        15.0,
+        samples=361,
+        spread=15.0,
     ),
-    Case(
+    DesignCase(
         "stephenson",
         ("links.1.arcs.14", "links.2.arc", "links.3.arcs.35", "links.6.arc"),
         (
@@ -93,57 +130,28 @@ CASES = (
             "second=min(transmission_angle_56)",
             "largest=max(abs(rate_16))",
         ),
-        361,
-        5.0,
+        samples=361,
+        spread=5.0,
     ),
-    Case(
+    DesignCase(
         "single_flier",
-        FLIER,
+        FLIER_AXES,
         ("swing=swing(theta_15)", "largest=max(abs(rate_67))"),
-        73,
-        5.0,
+        samples=73,
+        spread=5.0,
     ),
-    Case(
+    DesignCase(
         "double_butterfly",
-        POSES,
+        BUTTERFLY_AXES,
         ("swing=swing(theta_B)", "largest=max(abs(rate_B))"),
-        73,
-        5.0,
+        samples=73,
+        spread=5.0,
     ),
 )
 
 
 def run(quick: bool) -> list[Section]:
-    """Return what a design costs in one kernel, on arrays, and on its own."""
-    rows: list[tuple[Cell, ...]] = []
-    for case in CASES:
-        evaluator = case.evaluator()
-        count = 4096 if quick else 32768
-        if evaluator.tracks_solutions:
-            count = MAX_TRACKED_DESIGNS // 12 if quick else MAX_TRACKED_DESIGNS
-        designs = case.designs(count)
-        changed = [case.design(values) for values in designs[:, :2].T]
-        jobs = {
-            "kernel": lambda e=evaluator, d=designs: e.at(d),
-            "alone": lambda made=changed, c=case: [
-                sk.run(each, "poles", samples=c.samples) for each in made
-            ],
-        }
-        closed_form = evaluator.kernel is not None and evaluator.kernel.is_closed_form
-        times = rounds(jobs, 3 if closed_form else 1, now=time.process_time)
-        found = evaluator.evaluate(designs)
-        closing = int(np.sum(found.closes > 0.0))
-        each = median(times, "kernel") / count
-        rows.append(
-            (
-                f"{case.name}, {', '.join(m.split('=')[0] for m in case.merits)}",
-                count,
-                closing,
-                1e6 * each,
-                1e9 * each * count / (closing * case.samples),
-                ratio(times, "alone", "kernel") * count / len(changed),
-            )
-        )
+    """Return the times of a design by one kernel, by a run, and by peers."""
     return [
         Section(
             "Designs",
@@ -157,50 +165,81 @@ def run(quick: bool) -> list[Section]:
                 "ns a row and sample",
                 "alone over kernel",
             ),
-            rows,
+            [_measure_case(case, quick) for case in CASES],
         ),
-        _peers(CASES[0], 100 if quick else 1000),
+        _measure_peers(CASES[0], 100 if quick else 1000),
     ]
 
 
-def _peers(case: Case, count: int) -> Section:
-    """Return what a design costs where a peer makes a model of each."""
-    evaluator, designs = case.evaluator(), case.designs(count)
-    jobs: dict[str, Callable[[], object]] = {
-        "spherekit, both modes, three figures": lambda: evaluator.evaluate(designs),
+def _measure_case(case: DesignCase, quick: bool) -> tuple[Cell, ...]:
+    """Return a row: the time of designs in one kernel, compared with runs of each."""
+    evaluator = case.make_evaluator()
+    count = 4096 if quick else 32768
+    if evaluator.tracks_solutions:
+        count = MAX_TRACKED_DESIGNS // 12 if quick else MAX_TRACKED_DESIGNS
+    designs = case.draw_designs(count)
+    mechanisms = [case.make_mechanism(values) for values in designs[:, :RUN_DESIGNS].T]
+
+    def run_each_design() -> None:
+        for mechanism in mechanisms:
+            sk.run(mechanism, "poles", samples=case.samples)
+
+    jobs: dict[str, Job] = {
+        "kernel": partial(evaluator.evaluate, designs),
+        "runs": run_each_design,
     }
-    (unit,) = jobs
+    is_closed_form = evaluator.kernel is not None and evaluator.kernel.is_closed_form
+    times = measure_rounds(jobs, 3 if is_closed_form else 1, clock=time.process_time)
+    closing_rows = int(np.sum(evaluator.evaluate(designs).closes > 0.0))
+    seconds = median_time(times, "kernel")
+    merit_names = [merit.split("=")[0] for merit in case.merits]
+    return (
+        f"{case.name}, {', '.join(merit_names)}",
+        count,
+        closing_rows,
+        1e6 * seconds / count,
+        1e9 * seconds / (closing_rows * case.samples),
+        median_ratio(times, "runs", "kernel") * count / len(mechanisms),
+    )
+
+
+def _measure_peers(case: DesignCase, count: int) -> Section:
+    """Return the times of `count` designs of a case, here and in other programs."""
+    evaluator = case.make_evaluator()
+    designs = case.draw_designs(count)
+    own_name = "spherekit, both modes, three figures"
+    jobs: dict[str, Job] = {own_name: partial(evaluator.evaluate, designs)}
     if find_spec("mujoco") is not None:
-        jobs["MuJoCo, one mode: model from XML, mj_forward at each sample"] = _mujoco(
-            case, count
-        )
+        name = "MuJoCo, one mode: model from XML, mj_forward at each sample"
+        jobs[name] = _mujoco_job(case, count)
     if find_spec("pylinkage") is not None:
-        jobs["pylinkage, one mode of the planar limit: linkage, steps"] = _planar(
-            case, count
-        )
+        name = "pylinkage, one mode of the planar limit: linkage, steps"
+        jobs[name] = _pylinkage_job(case, count)
     evaluator.evaluate(designs)
-    times = rounds(jobs, 3, now=time.process_time)
+    times = measure_rounds(jobs, 3, clock=time.process_time)
     rows = [
-        (name, ratio(times, name, unit), 1e6 * median(times, name) / count) for name in jobs
+        (name, median_ratio(times, name, own_name), 1e6 * median_time(times, name) / count)
+        for name in jobs
     ]
     return Section(
         "Designs beside peers",
         f"{count} random four-bars at {case.samples} inputs, processor time. MuJoCo "
         "computes the dynamics at each sample and does not close the loop there, so this "
         "is less than positions would take; making the XML is not counted.",
-        ("job", f"over {unit}", "us a design"),
+        ("job", f"over {own_name}", "us a design"),
         rows,
     )
 
 
-def _mujoco(case: Case, count: int) -> Callable[[], object]:
+def _mujoco_job(case: DesignCase, count: int) -> Job:
+    """Return a job that makes `count` MuJoCo models and evaluates them at all samples."""
     import mujoco
 
     mechanism = sk.load(case.name)
     values = PositionAnalysis(mechanism, samples=2).motion().values[0]
     text = MujocoModel(mechanism, values, 1e-3).text
 
-    def job() -> None:
+    def evaluate_models() -> None:
         for _ in range(count):
             model: Any = mujoco.MjModel.from_xml_string(text)
             data = mujoco.MjData(model)
@@ -208,18 +247,23 @@ def _mujoco(case: Case, count: int) -> Callable[[], object]:
                 data.qpos[0] = q
                 mujoco.mj_forward(model, data)
 
-    return job
+    return evaluate_models
 
 
-def _planar(case: Case, count: int) -> Callable[[], object]:
+def _pylinkage_job(case: DesignCase, count: int) -> Job:
+    """Return a job that makes `count` planar four-bars and moves them by all samples."""
     from pylinkage import Crank, Ground, Linkage, RRRDyad
 
-    def job() -> None:
+    def move_linkages() -> None:
         for _ in range(count):
-            left, right = Ground(0.0, 0.0), Ground(4.0, 0.0)
-            turn = 2.0 * np.pi / case.samples
-            crank = Crank(left, 1.0, angular_velocity=turn, initial_angle=0.0)
-            dyad = RRRDyad(crank.output, right, 3.5, 3.0, 2.5, 2.5)
-            list(Linkage([left, right, crank, dyad]).step(iterations=case.samples))
+            crank_ground = Ground(0.0, 0.0)
+            rocker_ground = Ground(4.0, 0.0)
+            angle_per_step = 2.0 * np.pi / case.samples
+            crank = Crank(
+                crank_ground, 1.0, angular_velocity=angle_per_step, initial_angle=0.0
+            )
+            dyad = RRRDyad(crank.output, rocker_ground, 3.5, 3.0, 2.5, 2.5)
+            linkage = Linkage([crank_ground, rocker_ground, crank, dyad])
+            list(linkage.step(iterations=case.samples))
 
-    return job
+    return move_linkages

@@ -1,8 +1,9 @@
-"""The compiled engine: forward dynamics."""
+"""Time and accuracy of forward dynamics by the compiled engine."""
 
 import numpy as np
 
 from benchmarks.harness import Cell, Section
+from spherekit.arrays import Floats
 from spherekit.dynamics.forward_dynamics import simulate
 from spherekit.dynamics.reference_simulation import reference_simulation
 from spherekit.dynamics.simulation import Simulation
@@ -11,11 +12,25 @@ from spherekit.files.study import Start
 from spherekit.symbolic.compiler import available, heyoka
 from spherekit.velocities.function_cache import FUNCTION_CACHE
 
-Floats = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+START = Start(0.3, 1.0)
+"""Angle (rad) and rate (rad/s) of the input at time 0."""
+
+DURATION = 10.0
+"""Duration of the simulation (s)."""
+
+TORQUE = "10*sin(2*t)"
+"""Torque on the input (N m)."""
+
+TOLERANCES = (1e-9, 1e-12, 1e-13, 1e-14, 1e-15)
+QUICK_TOLERANCES = (1e-9, 1e-13)
+"""Relative tolerances of the integration."""
+
+REPETITIONS = 9
+"""Number of simulations with the same compiled code, for the median of the times."""
 
 
 def run(quick: bool) -> list[Section]:
-    """Return the sections, or one that says why there are none."""
+    """Return the section; without heyoka it says that nothing was measured."""
     if not available():
         text = "heyoka is not installed; nothing was measured."
         return [Section("Compiled engine", text, (), ())]
@@ -23,46 +38,49 @@ def run(quick: bool) -> list[Section]:
     threads = module.get_nthreads()
     module.set_nthreads(1)
     try:
-        return [_dynamics(quick)]
+        return [_measure_dynamics(quick)]
     finally:
         module.set_nthreads(threads)
 
 
-def _paper(tolerance: float, compact: bool) -> Simulation:
+def _simulate(tolerance: float, compact: bool) -> Simulation:
+    """Simulate the four-bar with the loads of its file and a torque on the input."""
     return simulate(
         load("four_bar"),
-        Start(0.3, 1.0),
-        10.0,
-        torque="10*sin(2*t)",
+        START,
+        DURATION,
+        torque=TORQUE,
         tolerance=tolerance,
         engine="compiled",
         compact=compact,
     )
 
 
-def _exact(times: Floats) -> Floats:
-    """Return q in many digits, in balls."""
-    start = Start(0.3, 1.0)
-    exact = reference_simulation("four_bar", start, 10.0, torque="10*sin(2*t)")
-    values, *_ = exact.at(times)
+def _reference_angles(times: Floats) -> Floats:
+    """Return the input (times,) rad of a simulation in ball arithmetic."""
+    reference = reference_simulation("four_bar", START, DURATION, torque=TORQUE)
+    values, *_ = reference.at(times)
     return np.array(values[:, load("four_bar").angles["21"]], dtype=float)
 
 
-def _dynamics(quick: bool) -> Section:
-    times = np.linspace(0.0, 10.0, 101)
-    exact = _exact(times)
-    tolerances = (1e-9, 1e-13) if quick else (1e-9, 1e-12, 1e-13, 1e-14, 1e-15)
+def _measure_dynamics(quick: bool) -> Section:
+    """Measure simulations at several tolerances, by compact and by full code."""
+    times = np.linspace(0.0, DURATION, 101)
+    reference_angles = _reference_angles(times)
     rows: list[tuple[Cell, ...]] = []
     for compact in (True, False):
-        for tolerance in tolerances:
+        for tolerance in QUICK_TOLERANCES if quick else TOLERANCES:
+            # The first simulation compiles again, so that its time is known.
             FUNCTION_CACHE.clear()
-            first = _paper(tolerance, compact)
-            seconds = [_paper(tolerance, compact).engine.seconds for _ in range(9)]
+            first = _simulate(tolerance, compact)
+            seconds = [
+                _simulate(tolerance, compact).engine.seconds for _ in range(REPETITIONS)
+            ]
             rows.append(
                 (
                     "compact" if compact else "full",
                     tolerance,
-                    float(np.max(np.abs(first.at(times).q - exact))),
+                    float(np.max(np.abs(first.at(times).q - reference_angles))),
                     1e3 * float(np.median(seconds)),
                     1e3 * min(seconds),
                     first.engine.compile_seconds,

@@ -1,9 +1,8 @@
-"""What `explain` takes against the number of links."""
+"""Time of the command `explain` against the number of links."""
 
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,29 +10,40 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import spherekit as sk
-from benchmarks.harness import Cell, Section, median, ratio, rounds
-from benchmarks.samples import grown
+from benchmarks.harness import (
+    Cell,
+    Job,
+    Section,
+    measure_rounds,
+    median_ratio,
+    median_time,
+)
+from benchmarks.samples import grow_chain
 
-SIZES = (20, 40, 60, 80)
-QUICK = (40,)
+LINK_COUNTS = (20, 40, 60, 80)
+QUICK_LINK_COUNTS = (40,)
+
 GEARS = "planetary_bevel"
 """A shipped mechanism with wheels."""
 
 
 def run(quick: bool) -> list[Section]:
-    """Return the table of chains of dyads and of a train of wheels, next to a four-bar."""
+    """Return the table of chains of dyads and of a gear train, compared with a four-bar."""
     with TemporaryDirectory() as folder:
         subjects = {"four_bar": "four_bar", GEARS: GEARS}
-        for links in QUICK if quick else SIZES:
+        for links in QUICK_LINK_COUNTS if quick else LINK_COUNTS:
             path = Path(folder, f"{links}.toml")
-            sk.dump(grown(np.random.default_rng(5), links, False), path)
+            sk.dump(grow_chain(np.random.default_rng(5), links, False), path)
             subjects[f"chain of {links} links"] = str(path)
-        jobs: dict[str, Callable[[], object]] = {
-            name: partial(_explain, subject) for name, subject in subjects.items()
+        jobs: dict[str, Job] = {
+            name: partial(_run_explain, subject) for name, subject in subjects.items()
         }
-        times = rounds(jobs, 1 if quick else 3, 0.0, now=_processor_time_of_children)
+        times = measure_rounds(
+            jobs, 1 if quick else 3, min_seconds=0.0, clock=_processor_time_of_children
+        )
     rows: list[tuple[Cell, ...]] = [
-        (name, median(times, name), ratio(times, name, "four_bar")) for name in jobs
+        (name, median_time(times, name), median_ratio(times, name, "four_bar"))
+        for name in jobs
     ]
     return [
         Section(
@@ -49,13 +59,16 @@ def run(quick: bool) -> list[Section]:
     ]
 
 
-def _explain(subject: str) -> None:
-    """Run the command; a process that has explained a mechanism keeps its kernels."""
+def _run_explain(subject: str) -> None:
+    """Run the command in a new process, because a process keeps compiled kernels.
+
+    `subject` is the name or the path of a mechanism.
+    """
     command = [sys.executable, "-m", "spherekit", "explain", subject]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
 
 
 def _processor_time_of_children() -> float:
-    """Return the processor time (s) of all processes that were waited for."""
+    """Return the processor time (s) of all child processes that have ended."""
     times = os.times()
     return times.children_user + times.children_system

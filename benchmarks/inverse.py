@@ -1,12 +1,11 @@
-"""Inverse kinematics of outputs: cost for each pose, with reach and measures."""
+"""Time of inverse kinematics for each pose of an output."""
 
 import time
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
-from benchmarks.harness import Cell, Section, median, rounds
+from benchmarks.harness import Cell, Job, Section, measure_rounds, median_time
 from spherekit.arrays import Floats
 from spherekit.files.mechanism_reader import load
 from spherekit.geometry.mirror import upward
@@ -18,55 +17,32 @@ from spherekit.outputs.mid_plane_symmetry import mid_plane_form
 from spherekit.positions.assembly_mode import AssemblyMode
 
 MECHANISMS = ("three_rrr", "agile_eye", "five_bar")
-BAR, OFF = "two_dof_spm", (1e-6, 1e-3, 1e-2)
-POSES, FEW = 1_000_000, 50_000
-WHOLE = 5000
-"""Poses of the comparison with the positions of all links."""
+"""Mechanisms with closed form."""
+
+BAR_MECHANISM = "two_dof_spm"
+"""Mechanism whose output is free to turn about its direction until a bar closes."""
+
+DIRECTION_DEVIATIONS_RAD = (1e-6, 1e-3, 1e-2)
+"""Standard deviations (rad) of directions from one whose solution is known."""
+
+POSE_COUNT = 1_000_000
+QUICK_POSE_COUNT = 50_000
+"""Number of poses; the smaller one is also that of the measure of type II."""
+
+ALL_LINKS_POSE_COUNT = 5000
+"""Number of poses for which the positions of all links are computed."""
 
 
 def run(quick: bool) -> list[Section]:
-    """Return the costs of shipped mechanisms with closed form."""
-    count = FEW if quick else POSES
-    rows: list[tuple[Cell, ...]] = []
-    for name in MECHANISMS:
-        kinematics = InverseKinematics(load(name))
-        poses = random_poses(kinematics, count)
-        one = kinematics.modes[0]
-        few = poses[:WHOLE]
-        pointing = kinematics.wrist.points
-        coordinates = azimuth_tilt(few) if pointing else euler_zyz(few)
-        jobs: dict[str, Callable[[], object]] = {
-            "one": partial(kinematics.at, poses, [one]),
-            "all": partial(kinematics.at, poses),
-            "measure": partial(_measure, kinematics, poses[:FEW], one),
-            "links": partial(kinematics.solver.evaluate, AssemblyMode(0, one), coordinates),
-        }
-        times = rounds(jobs, 3 if quick else 5)
-        found = kinematics.at(poses)
-        modes = len(kinematics.modes)
-        single, every = median(times, "one") / count, median(times, "all") / count
-        whole = median(times, "links") / WHOLE
-        held = median(times, "measure") / min(count, FEW)
-        rows.append(
-            (
-                name,
-                "direction" if pointing else "orientation",
-                modes,
-                float(np.mean(np.isfinite(found.inputs[..., 0]))),
-                1e9 * single,
-                1e9 * every,
-                1e9 * every / modes,
-                held / single,
-                whole / single,
-            )
-        )
+    """Return the times of closed forms, with a bar, and of mid-planes."""
+    pose_count = QUICK_POSE_COUNT if quick else POSE_COUNT
     return [
         Section(
             "Inverse kinematics",
-            f"{count} random poses of the output, with margin of reach, status and the "
-            "measures of type I; medians, one core. The last columns compare with these "
-            "and the measure of type II, which is computed when it is read, and with the "
-            "positions of all links in the same mode.",
+            f"{pose_count} random poses of the output, with margin of reach, status and "
+            "the measures of type I; medians, one core. The last columns compare with "
+            "these and the measure of type II, which is computed when it is read, and with "
+            "the positions of all links in the same mode.",
             (
                 "mechanism",
                 "output",
@@ -78,87 +54,129 @@ def run(quick: bool) -> list[Section]:
                 "with the measure of type II over inputs only",
                 "all links over inputs only",
             ),
-            rows,
+            [_measure_closed_form(name, pose_count, quick) for name in MECHANISMS],
         ),
-        _with_bar(quick),
-        _mid_plane(quick),
+        _measure_bar(quick),
+        _measure_mid_plane(quick),
     ]
 
 
-def _with_bar(quick: bool) -> Section:
-    """Return the cost of a mechanism whose output turns until a bar closes."""
-    kinematics = InverseKinematics(load(BAR))
-    seeds = random_poses(kinematics, 8 if quick else 64)
-    clock = time.perf_counter()
-    found = kinematics.solutions(seeds)
-    searched = (time.perf_counter() - clock) / len(seeds)
-    assert found.directions is not None
-    row, count = 0, FEW if quick else POSES // 5
+def _measure_closed_form(name: str, pose_count: int, quick: bool) -> tuple[Cell, ...]:
+    """Return a row: times for each pose in one working mode and in all."""
+    kinematics = InverseKinematics(load(name))
+    poses = random_poses(kinematics, pose_count)
+    mode = kinematics.modes[0]
+    few_poses = poses[:ALL_LINKS_POSE_COUNT]
+    is_pointing = kinematics.wrist.points
+    # Angles by which the solver of all links is driven.
+    pose_angles = azimuth_tilt(few_poses) if is_pointing else euler_zyz(few_poses)
+    jobs: dict[str, Job] = {
+        "one mode": partial(kinematics.at, poses, [mode]),
+        "all modes": partial(kinematics.at, poses),
+        "type II": partial(_type_2_measure, kinematics, poses[:QUICK_POSE_COUNT], mode),
+        "links": partial(kinematics.solver.evaluate, AssemblyMode(0, mode), pose_angles),
+    }
+    times = measure_rounds(jobs, 3 if quick else 5)
+    inverse = kinematics.at(poses)
+    mode_count = len(kinematics.modes)
+    one_mode_seconds = median_time(times, "one mode") / pose_count
+    all_modes_seconds = median_time(times, "all modes") / pose_count
+    links_seconds = median_time(times, "links") / ALL_LINKS_POSE_COUNT
+    type_2_seconds = median_time(times, "type II") / min(pose_count, QUICK_POSE_COUNT)
+    return (
+        name,
+        "direction" if is_pointing else "orientation",
+        mode_count,
+        float(np.mean(np.isfinite(inverse.inputs[..., 0]))),
+        1e9 * one_mode_seconds,
+        1e9 * all_modes_seconds,
+        1e9 * all_modes_seconds / mode_count,
+        type_2_seconds / one_mode_seconds,
+        links_seconds / one_mode_seconds,
+    )
+
+
+def _measure_bar(quick: bool) -> Section:
+    """Measure a mechanism whose output turns about its direction until a bar closes."""
+    kinematics = InverseKinematics(load(BAR_MECHANISM))
+    searched_poses = random_poses(kinematics, 8 if quick else 64)
+    started = time.perf_counter()
+    solutions = kinematics.solutions(searched_poses)
+    search_seconds = (time.perf_counter() - started) / len(searched_poses)
+    assert solutions.directions is not None
+    known_direction = solutions.directions[0]
+    known_rotation = solutions.rotations[0]
+    mode = solutions.signs[0]
+    count = QUICK_POSE_COUNT if quick else POSE_COUNT // 5
     rows: list[tuple[Cell, ...]] = []
-    for off in OFF:
-        spread = np.random.default_rng(2).normal(size=(count, 3)) * off
-        near = found.rotations[row]
-        directions = found.directions[row] + spread
+    for deviation in DIRECTION_DEVIATIONS_RAD:
+        noise = np.random.default_rng(2).normal(size=(count, 3)) * deviation
+        directions = known_direction + noise
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        mode = found.signs[row]
-        job = {"at": lambda d=directions, n=near, m=mode: kinematics.at(d, [m], near=n)}
-        times = rounds(job, 3)
-        inverse = kinematics.at(directions, [mode], near=near)
-        held = float(np.mean(np.isfinite(inverse.inputs[0, :, 0])))
-        rows.append((off, held, 1e6 * median(times, "at") / count))
+        solve = partial(kinematics.at, directions, [mode], near=known_rotation)
+        times = measure_rounds({"solve": solve}, 3)
+        inverse = solve()
+        closed_fraction = float(np.mean(np.isfinite(inverse.inputs[0, :, 0])))
+        microseconds = 1e6 * median_time(times, "solve") / count
+        rows.append((deviation, closed_fraction, microseconds))
+    solution_count = len(solutions.row) / len(searched_poses)
     return Section(
         "Inverse kinematics with a bar",
-        f"{BAR}: {count} directions about one whose solution is known, closed by Newton's "
-        "method from there, one mode. Every solution of a direction, from all turns "
-        f"sampled, takes {1e3 * searched:.0f} ms: {len(found.row) / len(seeds):.0f} for "
+        f"{BAR_MECHANISM}: {count} directions about one whose solution is known, closed by "
+        "Newton's method from there, one mode. Every solution of a direction, from all "
+        f"turns sampled, takes {1e3 * search_seconds:.0f} ms: {solution_count:.0f} for "
         "each direction on average.",
         ("directions off by, rad", "part closed", "us per pose"),
         rows,
     )
 
 
-def _mid_plane(quick: bool) -> Section:
-    """Return the cost of the closed forms of the mechanism of Chen et al. 2021."""
-    form = mid_plane_form(load(BAR))
-    plane = form.plane
-    count = FEW if quick else POSES
+def _measure_mid_plane(quick: bool) -> Section:
+    """Measure the closed forms of the mechanism of Chen et al. 2021."""
+    plane = mid_plane_form(load(BAR_MECHANISM)).plane
+    count = QUICK_POSE_COUNT if quick else POSE_COUNT
     normals = np.random.default_rng(1).normal(size=(count, 3))
     normals = upward(normals / np.linalg.norm(normals, axis=1, keepdims=True))
     inputs = np.nan_to_num(plane.solutions(normals)[-1, 1])
     driven = list(plane.driven)
 
-    def margins() -> tuple[Floats, Floats]:
+    def compute_margins() -> tuple[Floats, Floats]:
+        """Return the margins (rad) of folding to 10 degrees and of stretching."""
         heights = np.abs(normals @ plane.axes[driven].T)
-        folds = 2.0 * np.arcsin(np.clip(heights, 0.0, 1.0))
-        return folds - np.radians(10.0), 2.0 * plane.arcs[driven] - folds
+        fold_angles = 2.0 * np.arcsin(np.clip(heights, 0.0, 1.0))
+        return fold_angles - np.radians(10.0), 2.0 * plane.arcs[driven] - fold_angles
 
-    jobs = {
+    jobs: dict[str, Job] = {
         "inputs in all four modes": lambda: plane.solutions(normals),
-        "margins of folding and stretching": margins,
+        "margins of folding and stretching": compute_margins,
         "mid-planes at given inputs": lambda: plane.normals(inputs),
     }
-    times = rounds(jobs, 3 if quick else 7, now=time.process_time)
-    rows: list[tuple[Cell, ...]] = [
-        (name, 1e9 * median(times, name) / count, 1e6 * median(times, name) / count)
-        for name in jobs
-    ]
+    times = measure_rounds(jobs, 3 if quick else 7, clock=time.process_time)
+    rows: list[tuple[Cell, ...]] = []
+    for name in jobs:
+        seconds = median_time(times, name) / count
+        rows.append((name, 1e9 * seconds, 1e6 * seconds))
     return Section(
         "Inverse kinematics of a mid-plane",
-        f"{BAR} in its closed form: {count} mid-planes spread over the half sphere; "
-        "medians of processor time, one core.",
+        f"{BAR_MECHANISM} in its closed form: {count} mid-planes spread over the half "
+        "sphere; medians of processor time, one core.",
         ("what", "ns per pose", "s per 1e6 poses"),
         rows,
     )
 
 
-def random_poses(kinematics: InverseKinematics, count: int) -> np.ndarray:
-    """Return random directions or orientations, uniform and the same every time."""
-    random = np.random.default_rng(1)
+def random_poses(kinematics: InverseKinematics, count: int) -> Floats:
+    """Return uniformly distributed poses of the output, the same ones every time.
+
+    They are directions (count, 3), or orientations (count, 3, 3).
+    """
+    rng = np.random.default_rng(1)
     size = 3 if kinematics.wrist.points else 4
-    drawn = random.normal(size=(count, size))
-    drawn /= np.linalg.norm(drawn, axis=1, keepdims=True)
-    return drawn if size == 3 else from_quaternion(drawn)
+    unit_vectors = rng.normal(size=(count, size))
+    unit_vectors /= np.linalg.norm(unit_vectors, axis=1, keepdims=True)
+    return unit_vectors if size == 3 else from_quaternion(unit_vectors)
 
 
-def _measure(kinematics: InverseKinematics, poses: Floats, mode: Signs) -> Floats:
+def _type_2_measure(kinematics: InverseKinematics, poses: Floats, mode: Signs) -> Floats:
+    """Return the measure of type II singularities of poses in a working mode."""
     return kinematics.at(poses, [mode]).type_2

@@ -1,4 +1,4 @@
-"""Runs of many samples: time, memory and sizes, and how long a block should be."""
+"""Time, memory and sizes of runs of many samples, and the best length of a block."""
 
 import json
 import shutil
@@ -13,37 +13,59 @@ from spherekit.files.mechanism_reader import load
 from spherekit.positions.position_analysis import BLOCK_ROWS, PositionAnalysis
 from spherekit.runs.runner import run as run_analyses
 
-JOBS = (("stephenson", "poles:only=31"), ("four_bar", "poles"), ("four_bar", "eksergian"))
-SAMPLES = (10_000, 100_000, 1_000_000)
-MANY = 10_000_000
-"""Of the first job only: a quarter of an hour, and 25 GB while it goes on."""
+RUNS = (("stephenson", "poles:only=31"), ("four_bar", "poles"), ("four_bar", "eksergian"))
+"""Mechanisms and analyses that are measured."""
 
-ROOM = 30e9
-CODE = """
+SAMPLE_COUNTS = (10_000, 100_000, 1_000_000)
+
+LARGEST_SAMPLE_COUNT = 10_000_000
+"""Number of samples of the first run only: 15 minutes, and 25 GB while it runs."""
+
+LARGEST_RUN_BYTES = 30e9
+"""Free space (bytes) on the disk without which the largest run is left out."""
+
+RUN_PROGRAM = """
 import json, resource, sys
 from spherekit.cli.main import main
 status = main(sys.argv[1:])
 peak = resource.getrusage(resource.RUSAGE_SELF)
 print(json.dumps([status, peak.ru_maxrss * 1024, peak.ru_utime + peak.ru_stime]))
 """
+"""Program of a process that runs a command.
+
+It prints the exit status, the largest memory (bytes) and the processor time (s).
+"""
+
+BLOCK_SIZES = (
+    BLOCK_ROWS >> 5,
+    BLOCK_ROWS >> 3,
+    BLOCK_ROWS >> 1,
+    BLOCK_ROWS,
+    BLOCK_ROWS << 1,
+    BLOCK_ROWS << 3,
+)
+"""Numbers of rows in a block that are compared."""
 
 
 def run(quick: bool) -> list[Section]:
-    """Return what long runs take, and the time and memory of blocks."""
-    return [_runs(quick), _blocks(quick)]
+    """Return the costs of long runs, and the times of different block sizes."""
+    return [_measure_runs(quick), _measure_blocks(quick)]
 
 
-def _runs(quick: bool) -> Section:
-    wanted = [(*job, count) for job in JOBS for count in SAMPLES[: 2 if quick else None]]
+def _measure_runs(quick: bool) -> Section:
+    """Measure whole processes of the command `run`."""
+    sample_counts = SAMPLE_COUNTS[:2] if quick else SAMPLE_COUNTS
+    measured = [(*names, count) for names in RUNS for count in sample_counts]
     if not quick:
-        wanted.append((*JOBS[0], MANY))
+        measured.append((*RUNS[0], LARGEST_SAMPLE_COUNT))
     rows: list[tuple[Cell, ...]] = []
-    for name, analysis, samples in wanted:
+    for name, analysis, samples in measured:
         with tempfile.TemporaryDirectory() as folder:
-            if samples == MANY and shutil.disk_usage(folder).free < ROOM:
-                rows.append((name, analysis, samples, *[None] * 6))
-                continue
-            rows.append((name, analysis, samples, *_measured(name, analysis, samples)))
+            free_bytes = shutil.disk_usage(folder).free
+        if samples == LARGEST_SAMPLE_COUNT and free_bytes < LARGEST_RUN_BYTES:
+            rows.append((name, analysis, samples, *[None] * 6))
+        else:
+            rows.append((name, analysis, samples, *_measure_run(name, analysis, samples)))
     return Section(
         "Runs of many samples",
         "`spherekit run NAME -a ANALYSIS --samples N -o DIR`, whole processes, tables as "
@@ -65,60 +87,72 @@ def _runs(quick: bool) -> Section:
     )
 
 
-def _measured(name: str, analysis: str, samples: int) -> tuple[Cell, ...]:
+def _measure_run(name: str, analysis: str, samples: int) -> tuple[Cell, ...]:
+    """Run an analysis in a process of its own.
+
+    Returns
+    -------
+    Wall time and processor time (s), time (us) for each configuration, largest memory (MB),
+    and sizes (MB) of the CSV and the Parquet files.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        words = ["run", name, "-a", analysis, "--samples", str(samples), "-q"]
+        arguments = ["run", name, "-a", analysis, "--samples", str(samples), "-q"]
         started = time.perf_counter()
-        done = subprocess.run(
-            [sys.executable, "-c", CODE, *words, "-o", folder],
+        process = subprocess.run(
+            [sys.executable, "-c", RUN_PROGRAM, *arguments, "-o", folder],
             check=True,
             capture_output=True,
             text=True,
         )
-        wall = time.perf_counter() - started
-        status, peak, seconds = json.loads(done.stdout.splitlines()[-1])
-        assert status == 0, done.stderr
+        wall_seconds = time.perf_counter() - started
+        last_line = process.stdout.splitlines()[-1]
+        status, peak_bytes, processor_seconds = json.loads(last_line)
+        assert status == 0, process.stderr
         summary = json.loads((Path(folder) / "summary.json").read_text())
-        size = {
-            kind: sum(path.stat().st_size for path in Path(folder).glob(f"*.{kind}")) / 1e6
-            for kind in ("csv", "parquet")
+        megabytes = {
+            ending: 1e-6 * sum(x.stat().st_size for x in Path(folder).glob(f"*.{ending}"))
+            for ending in ("csv", "parquet")
         }
     configurations = samples * len(summary["assembly_modes"])
-    each = 1e6 * seconds / configurations
-    return wall, seconds, each, peak / 1e6, size["csv"], size["parquet"]
+    return (
+        wall_seconds,
+        processor_seconds,
+        1e6 * processor_seconds / configurations,
+        peak_bytes / 1e6,
+        megabytes["csv"],
+        megabytes["parquet"],
+    )
 
 
-def _blocks(quick: bool) -> Section:
-    made = load("stephenson")
-    assembly_modes = len(PositionAnalysis(made, samples=2).assembly_modes)
-    sizes = [
-        BLOCK_ROWS >> 5,
-        BLOCK_ROWS >> 3,
-        BLOCK_ROWS >> 1,
-        BLOCK_ROWS,
-        BLOCK_ROWS << 1,
-        BLOCK_ROWS << 3,
-    ]
-    samples = sizes[-1] // assembly_modes
-    best = dict.fromkeys(sizes, float("inf"))
+def _measure_blocks(quick: bool) -> Section:
+    """Measure the same run in blocks of different sizes."""
+    mechanism = load("stephenson")
+    mode_count = len(PositionAnalysis(mechanism, samples=2).assembly_modes)
+    samples = BLOCK_SIZES[-1] // mode_count
+    best_seconds = dict.fromkeys(BLOCK_SIZES, float("inf"))
     for _ in range(2 if quick else 5):
-        for size in sizes:
+        for size in BLOCK_SIZES:
             started = time.process_time()
             run_analyses(
-                made,
+                mechanism,
                 "poles:only=31",
                 samples=samples,
-                block=size // assembly_modes,
+                block=size // mode_count,
                 tables=False,
             )
-            best[size] = min(best[size], time.process_time() - started)
+            seconds = time.process_time() - started
+            best_seconds[size] = min(best_seconds[size], seconds)
     rows: list[tuple[Cell, ...]] = [
-        (size, 1e6 * seconds / (samples * assembly_modes), seconds / best[BLOCK_ROWS])
-        for size, seconds in best.items()
+        (
+            size,
+            1e6 * seconds / (samples * mode_count),
+            seconds / best_seconds[BLOCK_ROWS],
+        )
+        for size, seconds in best_seconds.items()
     ]
     return Section(
         "Rows evaluated at once",
-        f"The Stephenson mechanism, `poles:only=31`, {samples} samples of {assembly_modes} "
+        f"The Stephenson mechanism, `poles:only=31`, {samples} samples of {mode_count} "
         f"assembly modes, no tables kept; best processor time of the rounds. A run takes "
         f"{BLOCK_ROWS} rows of all assembly modes together.",
         ("rows in a block", "us per configuration", f"over {BLOCK_ROWS}"),

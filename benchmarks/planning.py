@@ -1,63 +1,78 @@
-"""Planning time against the number of links."""
+"""Time of planning poles and assembly, against the number of links."""
 
 import statistics
 import time
 
 import numpy as np
 
-from benchmarks.harness import Cell, Section, median, ratio, rounds
-from benchmarks.samples import grown
+from benchmarks.harness import Cell, Section, measure_rounds, median_ratio, median_time
+from benchmarks.samples import grow_chain
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.planning.pole_planner import plan
 
-SIZES = (4, 6, 8, 12, 16, 24, 32, 48, 64, 80, 100)
-QUICK = (4, 8, 16, 32)
-FIT_FROM = 16
-"""Smaller chains are dominated by constant costs and left out of the exponent."""
+LINK_COUNTS = (4, 6, 8, 12, 16, 24, 32, 48, 64, 80, 100)
+QUICK_LINK_COUNTS = (4, 8, 16, 32)
+
+MIN_FITTED_LINKS = 16
+"""Smallest number of links in the fit of the growth.
+
+Constant costs dominate the time of smaller chains.
+"""
+
+POLE_TIME_COLUMN = 4
+GROUP_TIME_COLUMN = 6
+"""Columns of the table with the times of both plans."""
 
 
 def run(quick: bool) -> list[Section]:
-    """Return the tables of chains of dyads and of chains with irreducible parts."""
-    return [_table(quick, False), _table(quick, True)]
+    """Return the tables of chains of dyads and of chains with triads."""
+    return [_measure_chains(quick, False), _measure_chains(quick, True)]
 
 
-def _table(quick: bool, triads: bool) -> Section:
-    sizes, chains, repeats = (QUICK, 2, 3) if quick else (SIZES, 5, 5)
+def _measure_chains(quick: bool, has_triads: bool) -> Section:
+    """Measure both plans for random chains of each size; a row has medians over them."""
+    link_counts = QUICK_LINK_COUNTS if quick else LINK_COUNTS
+    chain_count = 2 if quick else 5
+    round_count = 3 if quick else 5
     rows: list[tuple[Cell, ...]] = []
-    for links in sizes:
-        poles, groups, relation, blocks, largest = [], [], [], [], []
-        for seed in range(chains):
-            made = grown(np.random.default_rng([links, seed]), links, triads)
+    for links in link_counts:
+        pole_seconds = []
+        group_seconds = []
+        ratios = []
+        block_counts = []
+        largest_groups = []
+        for seed in range(chain_count):
+            mechanism = grow_chain(np.random.default_rng([links, seed]), links, has_triads)
             jobs = {
-                "poles": lambda made=made: plan(made),
-                "groups": lambda made=made: plan_assembly(made),
+                "poles": lambda mechanism=mechanism: plan(mechanism),
+                "groups": lambda mechanism=mechanism: plan_assembly(mechanism),
             }
-            times = rounds(jobs, repeats, 0.01, now=time.process_time)
-            poles.append(median(times, "poles"))
-            groups.append(median(times, "groups"))
-            relation.append(ratio(times, "poles", "groups"))
-            blocks.append(len(plan(made).blocks))
-            found = plan_assembly(made).groups
-            largest.append(max(len(group.bodies) for group in found))
-        count = links * (links - 1) // 2
+            times = measure_rounds(jobs, round_count, 0.01, clock=time.process_time)
+            pole_seconds.append(median_time(times, "poles"))
+            group_seconds.append(median_time(times, "groups"))
+            ratios.append(median_ratio(times, "poles", "groups"))
+            block_counts.append(len(plan(mechanism).blocks))
+            groups = plan_assembly(mechanism).groups
+            largest_groups.append(max(len(group.bodies) for group in groups))
+        pole_count = links * (links - 1) // 2
         rows.append(
             (
                 links,
-                count,
-                statistics.median(blocks),
-                max(largest),
-                1e3 * statistics.median(poles),
-                1e6 * statistics.median(poles) / count,
-                1e3 * statistics.median(groups),
-                statistics.median(relation),
+                pole_count,
+                statistics.median(block_counts),
+                max(largest_groups),
+                1e3 * statistics.median(pole_seconds),
+                1e6 * statistics.median(pole_seconds) / pole_count,
+                1e3 * statistics.median(group_seconds),
+                statistics.median(ratios),
             )
         )
-    what = "dyads and triads" if triads else "dyads"
-    title = "chains with irreducible parts" if triads else "chains of dyads"
+    added = "dyads and triads" if has_triads else "dyads"
+    title = "chains with irreducible parts" if has_triads else "chains of dyads"
     return Section(
         f"Planning: {title}",
-        f"A four-bar grown by {what} added at random links ({chains} seeded chains of "
-        "each size, medians over them). `poles` is the plan of all m(m - 1)/2 pole "
+        f"A four-bar grown by {added} added at random links ({chain_count} seeded chains "
+        "of each size, medians over them). `poles` is the plan of all m(m - 1)/2 pole "
         "axes by Aronhold-Kennedy passes with irreducible parts; `groups` is the order "
         "in which positions are solved.",
         (
@@ -71,15 +86,19 @@ def _table(quick: bool, triads: bool) -> Section:
             "poles / groups",
         ),
         rows,
-        f"Fitted growth from {FIT_FROM} links on: plan of poles as links to the power "
-        f"{_exponent(rows, 4):.2f}, plan of groups {_exponent(rows, 6):.2f}. The "
+        f"Fitted growth from {MIN_FITTED_LINKS} links on: plan of poles as links to the "
+        f"power {_fit_exponent(rows, POLE_TIME_COLUMN):.2f}, plan of groups "
+        f"{_fit_exponent(rows, GROUP_TIME_COLUMN):.2f}. The "
         "number of poles alone grows as the power 2.",
     )
 
 
-def _exponent(rows: list[tuple[Cell, ...]], column: int) -> float:
-    """Return the slope of the logarithm of a column over that of the links."""
-    large = [row for row in rows if float(row[0] or 0) >= FIT_FROM]
+def _fit_exponent(rows: list[tuple[Cell, ...]], column: int) -> float:
+    """Return the exponent of the growth of a column with the number of links.
+
+    It is the slope of a line through the logarithms. The first column has the links.
+    """
+    large = [row for row in rows if float(row[0] or 0) >= MIN_FITTED_LINKS]
     links = np.log([float(row[0] or 0) for row in large])
     times = np.log([float(row[column] or 0) for row in large])
     return float(np.polyfit(links, times, 1)[0])

@@ -1,13 +1,21 @@
-"""What a narrow request saves over all poles: time, sizes, and groups left out."""
+"""Time and sizes of runs for one pole, compared with runs for all poles."""
 
 import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.harness import Cell, Section, median, ratio, rounds
-from benchmarks.samples import grown
+from benchmarks.harness import (
+    Cell,
+    Job,
+    Section,
+    measure_rounds,
+    median_ratio,
+    median_time,
+)
+from benchmarks.samples import grow_chain
 from spherekit.files.mechanism_reader import load
 from spherekit.files.study import Study
 from spherekit.mechanism.mechanism import Mechanism
@@ -22,95 +30,65 @@ from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import Request
 
 SAMPLES = 361
-WIDE = "poles"
-NARROW = {"one of the four-bar": "poles:only=4/1", "one of a dyad": "poles:only=6/1"}
+"""Number of samples of the input."""
+
+ALL_POLES = "all poles"
+"""Name of the run with which the others are compared."""
+
+ALL_POLES_ANALYSIS = "poles"
+ONE_POLE_ANALYSES = {
+    "one of the four-bar": "poles:only=4/1",
+    "one of a dyad": "poles:only=6/1",
+}
+"""Analyses for one pole, by their names in the table."""
 
 
-def _sizes(mechanism: Mechanism, text: str, only_needed: bool) -> tuple[int, ...]:
-    """Return rows, bytes of CSV and of Parquet, entities and bytes of a recording."""
-    from spherekit.display.rerun.recorder import RerunRecorder
+@dataclass(frozen=True)
+class MeasuredRun:
+    """A run that is compared.
 
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "x.rrd"
-        with RerunRecorder(mechanism.name, path=path) as recorder:
-            cost = run_analyses(
-                mechanism,
-                text,
-                samples=SAMPLES,
-                assembly_mode=0,
-                only_needed=only_needed,
-                folder=Path(folder) / "out",
-                recorder=recorder,
-            ).summary["cost"]
-    tables = cost["tables"].values()
-    csv = sum(table["csv_bytes"] for table in tables)
-    parquet = sum(table["parquet_bytes"] for table in tables)
-    rows = sum(table["rows"] for table in tables)
-    logged = cost["recording"]
-    return rows, csv, parquet, logged["entities"], logged["bytes"]
+    Attributes
+    ----------
+    analysis
+        The analysis with its options.
+    only_needed
+        Whether groups are left out on which the analysis does not depend.
+    solved_mechanism
+        The mechanism whose positions are solved.
+    """
+
+    analysis: str
+    only_needed: bool
+    solved_mechanism: Mechanism
 
 
-def _request(mechanism: Mechanism, text: str) -> Request:
-    """Return the request of an analysis of one input."""
-    (wanted,) = plan_requests(mechanism, collect_needs(mechanism, [create_analysis(text)]))
-    return wanted
+@dataclass(frozen=True)
+class RunSizes:
+    """Sizes of the results of a run.
 
+    Attributes
+    ----------
+    rows
+        Number of rows of all tables.
+    csv_bytes, parquet_bytes
+        Sizes of the tables (bytes).
+    entities, recording_bytes
+        Number of entities of the recording, and its size (bytes).
+    """
 
-def _job(motion: Callable[[], Motion], wanted: Request) -> Callable[[], object]:
-    return lambda: evaluate(motion(), wanted)
-
-
-def _case(name: str, mechanism: Mechanism, repeats: int) -> list[tuple[Cell, ...]]:
-    """Return the rows of one mechanism, over all poles of it."""
-    whole = PositionAnalysis(mechanism, search=False, samples=SAMPLES)
-    jobs = {"all poles": _job(whole.motion, _request(mechanism, WIDE))}
-    about = {"all poles": (mechanism, WIDE, False)}
-    for what, text in NARROW.items():
-        jobs[what] = _job(whole.motion, _request(mechanism, text))
-        about[what] = (mechanism, text, False)
-        part = extract_needed_part(
-            Study(mechanism.name, mechanism), [create_analysis(text)]
-        )
-        tracer = PositionAnalysis(part, search=False, samples=SAMPLES)
-        jobs[f"{what}, only needed"] = _job(tracer.motion, _request(part, text))
-        about[f"{what}, only needed"] = (mechanism, text, True)
-    times = rounds(jobs, repeats)
-    sizes = {what: _sizes(*given) for what, given in about.items()}
-    base = sizes["all poles"]
-    rows: list[tuple[Cell, ...]] = []
-    for what, (made, text, only) in about.items():
-        solved = made
-        if only:
-            solved = extract_needed_part(Study(made.name, made), [create_analysis(text)])
-        counts = count_evaluations(_request(solved, text))
-        own = sizes[what]
-        rows.append(
-            (
-                name,
-                what,
-                ratio(times, what, "all poles"),
-                own[1] / base[1],
-                own[2] / base[2],
-                own[4] / base[4],
-                len(solved.links),
-                counts["poles"],
-                counts["axis_derivatives"],
-                1e6 * median(times, what) / SAMPLES,
-                own[0],
-                1e-6 * own[1],
-                own[3],
-                1e-6 * own[4],
-            )
-        )
-    return rows
+    rows: int
+    csv_bytes: int
+    parquet_bytes: int
+    entities: int
+    recording_bytes: int
 
 
 def run(quick: bool) -> list[Section]:
-    """Return the cost of narrow requests over that of all poles."""
-    repeats = 3 if quick else 7
-    long = grown(np.random.default_rng(1), 30, False)
-    rows = _case("twelve_bar", load("twelve_bar"), repeats)
-    rows += _case("30 links", long, repeats)
+    """Return the costs of runs for one pole relative to those of runs for all poles."""
+    round_count = 3 if quick else 7
+    long_chain = grow_chain(np.random.default_rng(1), 30, False)
+    rows = _measure_mechanism("twelve_bar", load("twelve_bar"), round_count)
+    rows += _measure_mechanism("30 links", long_chain, round_count)
     return [
         Section(
             "Pruning",
@@ -139,3 +117,105 @@ def run(quick: bool) -> list[Section]:
             "The first four are over those of all poles.",
         )
     ]
+
+
+def _measure_mechanism(
+    name: str, mechanism: Mechanism, round_count: int
+) -> list[tuple[Cell, ...]]:
+    """Return the rows of one mechanism, whose first is that of all poles.
+
+    Parameters
+    ----------
+    name
+        Name of the mechanism in the table.
+    mechanism
+        The mechanism.
+    round_count
+        Number of rounds of time measurements.
+    """
+    runs = {ALL_POLES: MeasuredRun(ALL_POLES_ANALYSIS, False, mechanism)}
+    for description, analysis in ONE_POLE_ANALYSES.items():
+        runs[description] = MeasuredRun(analysis, False, mechanism)
+        part = extract_needed_part(
+            Study(mechanism.name, mechanism), [create_analysis(analysis)]
+        )
+        runs[f"{description}, only needed"] = MeasuredRun(analysis, True, part)
+    whole = PositionAnalysis(mechanism, search=False, samples=SAMPLES)
+    jobs: dict[str, Job] = {}
+    for description, measured_run in runs.items():
+        position_analysis = whole
+        if measured_run.only_needed:
+            position_analysis = PositionAnalysis(
+                measured_run.solved_mechanism, search=False, samples=SAMPLES
+            )
+        pole_request = _make_request(measured_run)
+        jobs[description] = _make_job(position_analysis.motion, pole_request)
+    times = measure_rounds(jobs, round_count)
+    sizes_by_run = {
+        description: _measure_sizes(mechanism, measured_run)
+        for description, measured_run in runs.items()
+    }
+    all_sizes = sizes_by_run[ALL_POLES]
+    rows: list[tuple[Cell, ...]] = []
+    for description, measured_run in runs.items():
+        counts = count_evaluations(_make_request(measured_run))
+        sizes = sizes_by_run[description]
+        rows.append(
+            (
+                name,
+                description,
+                median_ratio(times, description, ALL_POLES),
+                sizes.csv_bytes / all_sizes.csv_bytes,
+                sizes.parquet_bytes / all_sizes.parquet_bytes,
+                sizes.recording_bytes / all_sizes.recording_bytes,
+                len(measured_run.solved_mechanism.links),
+                counts["poles"],
+                counts["axis_derivatives"],
+                1e6 * median_time(times, description) / SAMPLES,
+                sizes.rows,
+                1e-6 * sizes.csv_bytes,
+                sizes.entities,
+                1e-6 * sizes.recording_bytes,
+            )
+        )
+    return rows
+
+
+def _make_request(measured_run: MeasuredRun) -> Request:
+    """Return the poles that the analysis of a run needs."""
+    mechanism = measured_run.solved_mechanism
+    needs = collect_needs(mechanism, [create_analysis(measured_run.analysis)])
+    (pole_request,) = plan_requests(mechanism, needs)
+    return pole_request
+
+
+def _make_job(compute_motion: Callable[[], Motion], pole_request: Request) -> Job:
+    """Return a job that solves the positions and evaluates the poles."""
+    return lambda: evaluate(compute_motion(), pole_request)
+
+
+def _measure_sizes(mechanism: Mechanism, measured_run: MeasuredRun) -> RunSizes:
+    """Run the analysis with tables and a recording, and return the sizes of these."""
+    from spherekit.display.rerun.recorder import RerunRecorder
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "x.rrd"
+        with RerunRecorder(mechanism.name, path=path) as recorder:
+            result = run_analyses(
+                mechanism,
+                measured_run.analysis,
+                samples=SAMPLES,
+                assembly_mode=0,
+                only_needed=measured_run.only_needed,
+                folder=Path(folder) / "out",
+                recorder=recorder,
+            )
+    cost = result.summary["cost"]
+    tables = cost["tables"].values()
+    return RunSizes(
+        rows=sum(table["rows"] for table in tables),
+        csv_bytes=sum(table["csv_bytes"] for table in tables),
+        parquet_bytes=sum(table["parquet_bytes"] for table in tables),
+        entities=cost["recording"]["entities"],
+        recording_bytes=cost["recording"]["bytes"],
+    )

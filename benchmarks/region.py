@@ -1,12 +1,13 @@
-"""Areas of regions: time and evaluations against the error reached, and the feature."""
+"""Time and evaluations of areas of workspaces, against the error that is reached."""
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from benchmarks.harness import Cell, Section, median, rounds
+from benchmarks.harness import Cell, Section, measure_rounds, median_time
 from spherekit import load
 from spherekit.arrays import Floats
 from spherekit.geometry.direction_region import Region, find_region
@@ -25,122 +26,197 @@ from spherekit.outputs.pose_solver import closed_kinematics
 from spherekit.outputs.workspace import DirectionWorkspace, direction_workspaces, judge
 
 Margins = Callable[[Floats], Floats]
+"""A function of points that returns margins, which are positive within a region."""
 
-BASE = np.deg2rad(60.0)
-LEGS = np.deg2rad([[50.0, 70.0], [40.0, 65.0]])
-ELBOWS = np.deg2rad([[20.0, 150.0], [25.0, 140.0]])
-"""A spherical five-bar: arc of its base, of both links of each leg, limits of the angle
-between these."""
+BASE_ARC = np.deg2rad(60.0)
+"""Arc (rad) between the two base axes of a spherical five-bar."""
+
+LEG_ARCS = np.deg2rad([[50.0, 70.0], [40.0, 65.0]])
+"""Arcs (rad) of both links of each leg of the five-bar."""
+
+ELBOW_LIMITS = np.deg2rad([[20.0, 150.0], [25.0, 140.0]])
+"""Smallest and largest angle (rad) between the links of each leg."""
+
 TOLERANCES = 10.0 ** -np.arange(2, 9)
-RULES = {
+"""Relative tolerances of the area of the five-bar."""
+
+MECHANISM_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
+QUICK_MECHANISM_TOLERANCES = (1e-4,)
+"""Relative tolerances of the areas of shipped mechanisms."""
+
+REFERENCE_TOLERANCE = 1e-10
+"""Relative tolerance of the area with which the others are compared."""
+
+SEPARATED_AXES = {
     "five_bar": (("21", "43"), ("51", "43")),
     "two_dof_spm": (("21", "43"), ("61", "54")),
 }
-"""Mechanisms, and the axes that the rule keeps apart."""
-LIMITED: tuple[tuple[str, str, float], ...] = (
-    ("five_bar", "21", 0.0),
-    ("five_bar", "43", 0.0),
-    ("five_bar", "", 2.0),
-    ("two_dof_spm", "21", 0.0),
-    ("two_dof_spm", "43", 0.0),
-    ("two_dof_spm", "", 2.0),
+"""Mechanisms, and pairs of axes whose smallest angle is limited."""
+
+MIN_AXIS_ANGLE_RAD = np.radians(10.0)
+"""The smallest angle (rad) between these axes."""
+
+JOINT_RANGE_DEG = (-40.0, 100.0)
+"""Range of a limited pair."""
+
+GAUSS_POINTS = 200
+"""Number of points of the quadrature that gives the exact area of the five-bar."""
+
+ANNULUS_WIDTHS_RAD = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
+
+
+@dataclass(frozen=True)
+class LimitedCase:
+    """A mechanism whose workspace ends in cusps.
+
+    Attributes
+    ----------
+    name
+        The mechanism.
+    pair
+        A pair that is limited to `JOINT_RANGE_DEG`; empty if there is none.
+    singularity_distance_deg
+        Smallest angle to singularities, 0 if it is not limited.
+    """
+
+    name: str
+    pair: str
+    singularity_distance_deg: float
+
+
+LIMITED_CASES = (
+    LimitedCase("five_bar", "21", 0.0),
+    LimitedCase("five_bar", "43", 0.0),
+    LimitedCase("five_bar", "", 2.0),
+    LimitedCase("two_dof_spm", "21", 0.0),
+    LimitedCase("two_dof_spm", "43", 0.0),
+    LimitedCase("two_dof_spm", "", 2.0),
 )
-"""Mechanisms with a pair that keeps to -40 to 100 deg, or a least angle (deg) to
-singularities."""
-WIDTHS = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
 
 
 def run(quick: bool) -> list[Section]:
     """Return the sections."""
     return [
-        _accuracy(quick),
-        _mechanisms(quick),
-        _limited(quick),
-        _features(quick),
-        _orientations(quick),
+        _measure_accuracy(quick),
+        _measure_mechanisms(quick),
+        _measure_limited(quick),
+        _measure_annuli(quick),
+        _measure_orientations(quick),
     ]
 
 
-def _five_bar() -> tuple[Margins, float]:
-    """Return the margins of a five-bar, annuli about its axes, and the area they leave."""
-    axes = np.array([[1.0, 0.0, 0.0], [np.cos(BASE), np.sin(BASE), 0.0]])
-    straight = np.cos(LEGS[:, :1]) * np.cos(LEGS[:, 1:])
-    folded = np.sin(LEGS[:, :1]) * np.sin(LEGS[:, 1:])
-    near, far = (straight + folded * np.cos(ELBOWS)).T
+@dataclass(frozen=True)
+class FiveBarRegion:
+    """The directions that a five-bar reaches: two annuli that overlap.
+
+    Attributes
+    ----------
+    margins
+        The margins (n, 4) of directions (n, 3).
+    area
+        The area (sr).
+    """
+
+    margins: Margins
+    area: float
+
+
+def _five_bar_region() -> FiveBarRegion:
+    """Return the region of the five-bar, with its area by quadrature in closed form."""
+    axes = np.array([[1.0, 0.0, 0.0], [np.cos(BASE_ARC), np.sin(BASE_ARC), 0.0]])
+    # Cosines of the distance of the output from a base axis, by the cosine rule.
+    cosine_product = np.cos(LEG_ARCS[:, :1]) * np.cos(LEG_ARCS[:, 1:])
+    sine_product = np.sin(LEG_ARCS[:, :1]) * np.sin(LEG_ARCS[:, 1:])
+    nearest, farthest = (cosine_product + sine_product * np.cos(ELBOW_LIMITS)).T
 
     def margins(points: Floats) -> Floats:
-        cosine = points @ axes.T
-        return np.concatenate([near - cosine, cosine - far], axis=1)
+        cosines = points @ axes.T
+        return np.concatenate([nearest - cosines, cosines - farthest], axis=1)
 
-    def width(z: Floats) -> Floats:
-        """Return how long the region is on circles about the first axis, at height z."""
-        side = np.sqrt(1.0 - z * z) * np.sin(BASE)
-        ends = [(limit - z * np.cos(BASE)) / side for limit in (far[1], near[1])]
-        out, inner = (np.arccos(np.clip(end, -1.0, 1.0)) for end in ends)
-        return np.asarray(2.0 * (out - inner))
+    def arc_length(z: Floats) -> Floats:
+        """Return the angle (rad) of the region along circles about the first axis.
 
-    limits = np.arccos([near[1], far[1]])
-    angles = np.concatenate([BASE - limits, BASE + limits])
-    inside = [z for z in np.cos(angles) if far[0] < z < near[0]]
-    places = np.sort([far[0], near[0], *inside])
-    half, middle = 0.5 * np.diff(places), 0.5 * (places[1:] + places[:-1])
-    nodes, weights = np.polynomial.legendre.leggauss(200)
+        The circles are at heights z over the centre.
+        """
+        radius = np.sqrt(1.0 - z * z) * np.sin(BASE_ARC)
+        far_end, near_end = (
+            np.arccos(np.clip((limit - z * np.cos(BASE_ARC)) / radius, -1.0, 1.0))
+            for limit in (farthest[1], nearest[1])
+        )
+        return np.asarray(2.0 * (far_end - near_end))
+
+    # The length is not smooth where a circle touches a border of the second annulus.
+    limit_angles = np.arccos([nearest[1], farthest[1]])
+    touching = np.cos(np.concatenate([BASE_ARC - limit_angles, BASE_ARC + limit_angles]))
+    inside = [z for z in touching if farthest[0] < z < nearest[0]]
+    heights = np.sort([farthest[0], nearest[0], *inside])
+    half_widths = 0.5 * np.diff(heights)
+    middles = 0.5 * (heights[1:] + heights[:-1])
+    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    # The substitution by a sine removes square roots at the ends of the intervals.
     t = 0.5 * np.pi * nodes
-    z = middle[:, None] + half[:, None] * np.sin(t)
-    share = half[:, None] * (0.5 * np.pi * weights * np.cos(t))
-    return margins, float(np.sum(share * width(z)))
+    z = middles[:, None] + half_widths[:, None] * np.sin(t)
+    z_weights = half_widths[:, None] * (0.5 * np.pi * weights * np.cos(t))
+    return FiveBarRegion(margins, float(np.sum(z_weights * arc_length(z))))
 
 
-def _accuracy(quick: bool) -> Section:
-    margins, exact = _five_bar()
+def _measure_accuracy(quick: bool) -> Section:
+    """Measure the area of the five-bar at several tolerances."""
+    five_bar = _five_bar_region()
     rows: list[tuple[Cell, ...]] = []
-    for tolerance in TOLERANCES:
-
-        def job(tolerance: float = float(tolerance)) -> Region:
-            return find_region(margins, tolerance * exact)
-
-        times = rounds({"area": job}, 3 if quick else 7)
-        region = job()
-        error = abs(region.area - exact) / exact
-        claimed = region.error / exact
-        sizes = region.evaluations, region.calls
+    for tolerance in TOLERANCES.tolist():
+        find_area = partial(find_region, five_bar.margins, tolerance * five_bar.area)
+        times = measure_rounds({"area": find_area}, 3 if quick else 7)
+        region = find_area()
         rows.append(
-            (f"{tolerance:.0e}", 1e3 * median(times, "area"), *sizes, claimed, error)
+            (
+                f"{tolerance:.0e}",
+                1e3 * median_time(times, "area"),
+                region.evaluations,
+                region.calls,
+                region.error / five_bar.area,
+                abs(region.area - five_bar.area) / five_bar.area,
+            )
         )
     return Section(
         "Area of a workspace",
         "A spherical five-bar with limits of its elbows: two annuli that overlap, area "
-        f"{exact:.6f} sr by quadrature in closed form. Errors are relative.",
+        f"{five_bar.area:.6f} sr by quadrature in closed form. Errors are relative.",
         ("asked for", "ms", "evaluations", "calls", "error stated", "error"),
         rows,
         "What it takes to see the parts of the region gives its area to 1e-6 at once.",
     )
 
 
-def _mechanisms(quick: bool) -> Section:
-    """Time whole workspaces, from the mechanism on, at tolerances from 1e-2 to 1e-6."""
+def _measure_mechanisms(quick: bool) -> Section:
+    """Measure the workspaces of shipped mechanisms, from the mechanism on."""
     rows: list[tuple[Cell, ...]] = []
-    ten = np.radians(10.0)
-    for name, axes in RULES.items():
+    for name, axes in SEPARATED_AXES.items():
         mechanism = load(name)
-        wanted = Constraints(apart=tuple(InterferenceLimit(*pair, ten) for pair in axes))
-        exact = _found(mechanism, wanted, 1e-10)[0].region.area
-        for tolerance in (1e-4,) if quick else (1e-2, 1e-3, 1e-4, 1e-5, 1e-6):
-
-            def job(
-                mechanism: Mechanism = mechanism,
-                wanted: Constraints = wanted,
-                tolerance: float = tolerance,
-            ) -> tuple[DirectionWorkspace, ...]:
-                return _found(mechanism, wanted, tolerance)
-
-            times = rounds({"workspace": job}, 3)
-            modes = job()
-            region = modes[0].region
-            found = len(modes), region.evaluations
-            claimed, error = region.error / exact, abs(region.area - exact) / exact
-            label = f"{tolerance:.0e}"
-            rows.append((name, label, median(times, "workspace"), *found, claimed, error))
+        constraints = Constraints(
+            apart=tuple(
+                InterferenceLimit(axis_a, axis_b, MIN_AXIS_ANGLE_RAD)
+                for axis_a, axis_b in axes
+            )
+        )
+        reference = _find_workspaces(mechanism, constraints, REFERENCE_TOLERANCE)
+        reference_area = reference[0].region.area
+        for tolerance in QUICK_MECHANISM_TOLERANCES if quick else MECHANISM_TOLERANCES:
+            find = partial(_find_workspaces, mechanism, constraints, tolerance)
+            times = measure_rounds({"workspace": find}, 3)
+            workspaces = find()
+            region = workspaces[0].region
+            rows.append(
+                (
+                    name,
+                    f"{tolerance:.0e}",
+                    median_time(times, "workspace"),
+                    len(workspaces),
+                    region.evaluations,
+                    region.error / reference_area,
+                    abs(region.area - reference_area) / reference_area,
+                )
+            )
     return Section(
         "Workspaces of mechanisms",
         "All working modes under the rule that the outer axes of a driven leg are 10 "
@@ -153,26 +229,45 @@ def _mechanisms(quick: bool) -> Section:
     )
 
 
-def _limited(quick: bool) -> Section:
-    """Time one mode's workspace to 1e-4 where borders touch or run side by side."""
+def _find_workspaces(
+    mechanism: Mechanism, constraints: Constraints, tolerance: float
+) -> tuple[DirectionWorkspace, ...]:
+    """Return the workspaces of all modes, after judging every vertex of their borders.
+
+    `tolerance` is the relative tolerance of the area.
+    """
+    kinematics = closed_kinematics(mechanism)
+    bounds = bounds_of(kinematics, constraints)
+    workspaces = direction_workspaces(kinematics, bounds, kinematics.modes, tolerance)
+    for workspace in workspaces:
+        judge(kinematics, bounds, workspace.signs, workspace.region.points)
+    return workspaces
+
+
+def _measure_limited(quick: bool) -> Section:
+    """Measure the workspace of one mode where borders touch or run side by side."""
+    low, high = np.radians(JOINT_RANGE_DEG).tolist()
     rows: list[tuple[Cell, ...]] = []
-    for name, pair, near in LIMITED[:3] if quick else LIMITED:
-        kinematics = closed_kinematics(load(name))
-        low, high = np.radians([-40.0, 100.0])
-        limits = (JointLimit(pair, float(low), float(high)),) if pair else ()
-        bounds = bounds_of(kinematics, Constraints(limits, near=float(np.radians(near))))
-
-        def job(
-            kinematics: ClosedKinematics = kinematics, bounds: Sequence[AngleLimit] = bounds
-        ) -> Region:
-            (found,) = direction_workspaces(kinematics, bounds, kinematics.modes[:1], 1e-4)
-            return found.region
-
-        times = rounds({"workspace": job}, 3, now=time.process_time)
-        region = job()
-        what = f"pair {pair}" if pair else f"near {near:g} deg"
-        stated = region.error / region.area
-        rows.append((name, what, median(times, "workspace"), region.evaluations, stated))
+    for case in LIMITED_CASES[:3] if quick else LIMITED_CASES:
+        kinematics = closed_kinematics(load(case.name))
+        limits = (JointLimit(case.pair, low, high),) if case.pair else ()
+        distance = float(np.radians(case.singularity_distance_deg))
+        bounds = bounds_of(kinematics, Constraints(limits, near=distance))
+        find = partial(_find_first_region, kinematics, bounds)
+        times = measure_rounds({"workspace": find}, 3, clock=time.process_time)
+        region = find()
+        limit = f"near {case.singularity_distance_deg:g} deg"
+        if case.pair:
+            limit = f"pair {case.pair}"
+        rows.append(
+            (
+                case.name,
+                limit,
+                median_time(times, "workspace"),
+                region.evaluations,
+                region.error / region.area,
+            )
+        )
     return Section(
         "Workspaces that end in cusps",
         "One working mode to 1e-4 with a pair limited to -40 to 100 deg, which touches the "
@@ -184,36 +279,40 @@ def _limited(quick: bool) -> Section:
     )
 
 
-def _found(
-    mechanism: Mechanism, wanted: Constraints, tolerance: float
-) -> tuple[DirectionWorkspace, ...]:
-    """Return the workspaces of all modes, having judged every vertex."""
-    kinematics = closed_kinematics(mechanism)
-    bounds = bounds_of(kinematics, wanted)
-    found = direction_workspaces(kinematics, bounds, kinematics.modes, tolerance)
-    for item in found:
-        judge(kinematics, bounds, item.signs, item.region.points)
-    return found
+def _find_first_region(
+    kinematics: ClosedKinematics, bounds: Sequence[AngleLimit]
+) -> Region:
+    """Return the region of the first working mode, with its area to 1e-4."""
+    (workspace,) = direction_workspaces(kinematics, bounds, kinematics.modes[:1], 1e-4)
+    return workspace.region
 
 
-def _features(quick: bool) -> Section:
+def _measure_annuli(quick: bool) -> Section:
+    """Measure the area of annuli of decreasing width."""
+    outer_radius = 0.7
     rows: list[tuple[Cell, ...]] = []
-    for width in WIDTHS[:3] if quick else WIDTHS:
-        limits = np.cos([0.7, 0.7 - width])
+    for width in ANNULUS_WIDTHS_RAD[:3] if quick else ANNULUS_WIDTHS_RAD:
+        outer_cosine, inner_cosine = np.cos([outer_radius, outer_radius - width]).tolist()
 
-        def margins(points: Floats, limits: Sequence[float] = tuple(limits)) -> Floats:
+        def margins(
+            points: Floats, outer: float = outer_cosine, inner: float = inner_cosine
+        ) -> Floats:
             cosine = points[:, 2]
-            return np.stack([cosine - limits[0], limits[1] - cosine], axis=1)
+            return np.stack([cosine - outer, inner - cosine], axis=1)
 
-        exact = 2.0 * np.pi * (limits[1] - limits[0])
-        job = partial(find_region, margins)
-        times = rounds({"area": job}, 3)
-        region = job()
-        error = abs(region.area - exact)
-        per = region.evaluations * width
-        found = len(region.holes)
+        exact_area = 2.0 * np.pi * (inner_cosine - outer_cosine)
+        find_area = partial(find_region, margins)
+        times = measure_rounds({"area": find_area}, 3)
+        region = find_area()
         rows.append(
-            (width, 1e3 * median(times, "area"), region.evaluations, per, found, error)
+            (
+                width,
+                1e3 * median_time(times, "area"),
+                region.evaluations,
+                region.evaluations * width,
+                len(region.holes),
+                abs(region.area - exact_area),
+            )
         )
     return Section(
         "Cost of a narrow region",
@@ -224,22 +323,29 @@ def _features(quick: bool) -> Section:
     )
 
 
-def _orientations(quick: bool) -> Section:
-    angle = 0.5
-    exact = 4.0 * np.pi**2 * (1.0 - np.cos(angle))
+def _measure_orientations(quick: bool) -> Section:
+    """Measure the volume of the orientations that tilt one axis by a limited angle."""
+    largest_tilt = 0.5
+    exact_volume = 4.0 * np.pi**2 * (1.0 - np.cos(largest_tilt))
 
     def margins(quaternions: Floats) -> Floats:
-        return np.asarray(from_quaternion(quaternions)[:, 2, 2:] - np.cos(angle))
+        tilt_cosine = from_quaternion(quaternions)[:, 2, 2:]
+        return np.asarray(tilt_cosine - np.cos(largest_tilt))
 
     rows: list[tuple[Cell, ...]] = []
     for tolerance in (1e-2, 3e-3) if quick else (1e-2, 3e-3, 1e-3):
-        job = partial(find_orientations, margins, tolerance)
-        times = rounds({"volume": job}, 3)
-        found = job()
-        error = abs(found.volume - exact) / exact
-        claimed = found.error / exact
-        time = 1e3 * median(times, "volume")
-        rows.append((f"{tolerance:.0e}", time, found.evaluations, claimed, error))
+        find_volume = partial(find_orientations, margins, tolerance)
+        times = measure_rounds({"volume": find_volume}, 3)
+        region = find_volume()
+        rows.append(
+            (
+                f"{tolerance:.0e}",
+                1e3 * median_time(times, "volume"),
+                region.evaluations,
+                region.error / exact_volume,
+                abs(region.volume - exact_volume) / exact_volume,
+            )
+        )
     return Section(
         "Volume of orientations",
         "Orientations that tilt one axis by at most 0.5 rad. Errors are relative.",

@@ -1,15 +1,27 @@
-"""A run of many samples against the kernel alone, and against every row with care."""
+"""Time of a run of many samples, compared with its kernel alone and with careful rows.
+
+A run evaluates most rows by a compiled or interpreted kernel at once. Rows that the kernel
+cannot certify, and single samples, are evaluated *with care*, one by one.
+"""
 
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from typing import Literal
 from unittest.mock import patch
 
 import numpy as np
 
 import spherekit as sk
-from benchmarks.harness import Cell, Section, median, ratio, rounds
+from benchmarks.harness import (
+    Cell,
+    Job,
+    Section,
+    measure_rounds,
+    median_ratio,
+    median_time,
+)
 from spherekit.arrays import Floats
 from spherekit.planning.pole_plan import all_poles
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -22,18 +34,34 @@ from spherekit.velocities.row_kernel import row_kernel
 
 MECHANISMS = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "five_bar")
 
-NEVER = 1 << 60
+UNREACHABLE_ROWS = 1 << 60
+"""A number of rows that no run has; as a threshold it switches a kernel off."""
+
+CAREFUL_PART = 20
+"""The run with care has this part of the samples, because it is slower."""
+
+MIN_CAREFUL_SAMPLES = 100
+
+KernelEngine = Literal["numpy", "compiled"]
+"""How the kernel is evaluated: on NumPy arrays, or compiled by heyoka."""
 
 
 def run(quick: bool) -> list[Section]:
-    """Return the sections; compiled code runs on one thread."""
-    module = heyoka() if available() else None
-    threads = module.get_nthreads() if module else 0
-    with ExitStack() as after:
+    """Return the section; compiled code runs on one thread."""
+    engines: tuple[KernelEngine, ...] = ("numpy",)
+    module = None
+    if available():
+        engines = ("compiled", "numpy")
+        module = heyoka()
+    with ExitStack() as cleanup:
         if module:
-            after.callback(module.set_nthreads, threads)
+            cleanup.callback(module.set_nthreads, module.get_nthreads())
             module.set_nthreads(1)
-        rows = [_row(name, engine, quick) for name in MECHANISMS for engine in _engines()]
+        rows = [
+            _measure_mechanism(name, engine, quick)
+            for name in MECHANISMS
+            for engine in engines
+        ]
     return [
         Section(
             "Runs of many samples",
@@ -63,91 +91,120 @@ def run(quick: bool) -> list[Section]:
     ]
 
 
-Engine = Literal["numpy", "compiled"]
-
-
-def _engines() -> tuple[Engine, ...]:
-    return ("compiled", "numpy") if available() else ("numpy",)
-
-
 @contextmanager
-def _by(engine: Engine | None) -> Iterator[None]:
-    """Have rows given by a kernel on this engine, or by none."""
-    fewest = NEVER if engine is None else 0
-    many = 0 if engine == "compiled" else NEVER
-    with patch.multiple(batch_runner, MIN_KERNEL_ROWS=fewest, MIN_COMPILED_ROWS=many):
+def _kernel_engine(engine: KernelEngine | None) -> Iterator[None]:
+    """Force runs to use one kind of kernel in a ``with`` block, or none at all."""
+    min_kernel_rows = UNREACHABLE_ROWS if engine is None else 0
+    min_compiled_rows = 0 if engine == "compiled" else UNREACHABLE_ROWS
+    with patch.multiple(
+        batch_runner, MIN_KERNEL_ROWS=min_kernel_rows, MIN_COMPILED_ROWS=min_compiled_rows
+    ):
         yield
 
 
-def _row(name: str, engine: Engine, quick: bool) -> tuple[Cell, ...]:
-    made = sk.load(name)
-    tracer = PositionAnalysis(made)
-    modes = len(tracer.assembly_modes)
-    wanted = 200_000 if quick else 1_000_000
-    samples = wanted // modes
-    few = max(100, samples // 20)
-    shares: list[float] = []
-    q = tracer.input_grid.q[[5, 6]].squeeze()  # neither at an end nor where modes meet
+def _measure_mechanism(name: str, engine: KernelEngine, quick: bool) -> tuple[Cell, ...]:
+    """Return the row of a mechanism and a kind of kernel.
 
-    def quickly(cores: int = 1) -> None:
-        with _by(engine), patch.object(prefetch, "usable_cores", lambda: cores):
-            found = sk.run(made, "poles", samples=samples)
-        shares.append(found.summary["errors_reached"]["fraction_by_kernel"])
+    All times of rows leave out the search for assembly modes, which is measured alone.
+    """
+    mechanism = sk.load(name)
+    position_analysis = PositionAnalysis(mechanism)
+    mode_count = len(position_analysis.assembly_modes)
+    kernel_rows = 200_000 if quick else 1_000_000
+    samples = kernel_rows // mode_count
+    careful_samples = max(MIN_CAREFUL_SAMPLES, samples // CAREFUL_PART)
+    kernel_fractions: list[float] = []
+    # Two inputs that are neither at an end nor where modes meet.
+    two_inputs = position_analysis.input_grid.q[[5, 6]].squeeze()
 
-    def carefully() -> None:
-        with _by(None):
-            sk.run(made, "poles", samples=few)
+    def run_by_kernel(cores: int = 1) -> None:
+        with _kernel_engine(engine), patch.object(prefetch, "usable_cores", lambda: cores):
+            result = sk.run(mechanism, "poles", samples=samples)
+        errors = result.summary["errors_reached"]
+        kernel_fractions.append(errors["fraction_by_kernel"])
 
-    jobs: dict[str, Callable[[], object]] = {
-        "run": quickly,
-        "careful": carefully,
-        "search": lambda: PositionAnalysis(made, samples=samples),
-        "one": lambda: sk.evaluate(made, q[:1], assembly_mode=0),
-        "two": lambda: sk.evaluate(made, q, assembly_mode=0),
+    def run_with_care() -> None:
+        with _kernel_engine(None):
+            sk.run(mechanism, "poles", samples=careful_samples)
+
+    kernel = _make_kernel(position_analysis, engine)
+    repetitions = -(-kernel_rows // kernel.variables.shape[1])  # rounded up
+    variables = np.repeat(kernel.variables, repetitions, axis=1)[:, :kernel_rows].copy()
+    columns = np.empty((kernel.column_count, kernel_rows))
+    jobs: dict[str, Job] = {
+        "run": run_by_kernel,
+        "careful": run_with_care,
+        "search": lambda: PositionAnalysis(mechanism, samples=samples),
+        "one input": lambda: sk.evaluate(mechanism, two_inputs[:1], assembly_mode=0),
+        "two inputs": lambda: sk.evaluate(mechanism, two_inputs, assembly_mode=0),
+        "kernel": lambda: kernel.evaluate(variables, columns),
     }
-    alone, width, inputs = _alone(tracer, engine)
-    inputs = np.repeat(inputs, -(-wanted // inputs.shape[1]), axis=1)[:, :wanted].copy()
-    out = np.empty((width, wanted))
-    jobs["kernel"] = lambda: alone(inputs, out)
-    times = rounds(jobs, 3 if quick else 5, now=time.process_time)
-    rows, some = samples * modes, few * modes
-    walls = rounds({"one": quickly, "two": lambda: quickly(2)}, 3 if quick else 5)
-    each = (median(times, "run") - median(times, "search")) / rows
-    careful = (median(times, "careful") - median(times, "search")) / some
-    unit = median(times, "kernel") / wanted
+    times = measure_rounds(jobs, 3 if quick else 5, clock=time.process_time)
+    wall_times = measure_rounds(
+        {"one core": run_by_kernel, "two cores": lambda: run_by_kernel(2)},
+        3 if quick else 5,
+    )
+    run_rows = samples * mode_count
+    careful_rows = careful_samples * mode_count
+    search_seconds = median_time(times, "search")
+    run_row_seconds = (median_time(times, "run") - search_seconds) / run_rows
+    careful_row_seconds = (median_time(times, "careful") - search_seconds) / careful_rows
+    kernel_row_seconds = median_time(times, "kernel") / kernel_rows
+    run_over_kernel = median_ratio(times, "run", "kernel") * kernel_rows / run_rows
+    search_over_kernel = search_seconds / run_rows / kernel_row_seconds
     return (
         name,
         engine,
-        rows,
-        ratio(times, "run", "kernel") * wanted / rows
-        - median(times, "search") / rows / unit,
-        careful / each,
-        shares[-1],
-        ratio(walls, "one", "two"),
-        1e9 * each,
-        1e9 * unit,
-        1e9 * careful,
-        1e6 * median(times, "one"),
-        ratio(times, "two", "one"),
+        run_rows,
+        run_over_kernel - search_over_kernel,
+        careful_row_seconds / run_row_seconds,
+        kernel_fractions[-1],
+        median_ratio(wall_times, "one core", "two cores"),
+        1e9 * run_row_seconds,
+        1e9 * kernel_row_seconds,
+        1e9 * careful_row_seconds,
+        1e6 * median_time(times, "one input"),
+        median_ratio(times, "two inputs", "one input"),
     )
 
 
-def _alone(
-    tracer: PositionAnalysis, engine: Engine
-) -> tuple[Callable[[Floats, Floats], object], int, Floats]:
-    """Return the kernel of rows with bounds, its columns, and variables to call it with."""
-    made, motion = tracer.mechanism, tracer.motion()
-    values = motion.values[~motion.failed].T
-    every = all_poles(len(made.links))
-    by = tracer.by_rank
-    requests = [request(made, x, every, every, by_rank=by) for x in tracer.inputs]
-    rows = row_kernel(tracer.sparse(REFERENCE_SAMPLES), requests, engine)
-    assert rows is not None
-    terms = rows.all_columns
+@dataclass(frozen=True)
+class BareKernel:
+    """The kernel of the rows of a run, without the run.
 
-    def sliced(inputs: Floats, out: Floats) -> None:
-        for start in range(0, inputs.shape[1], SLICE_ROWS):
+    Attributes
+    ----------
+    evaluate
+        Function of variables (variables, n) and of an array for the results (columns, n).
+    column_count
+        Number of columns, bounds of errors included.
+    variables
+        (variables, rows) closed configurations (rad) with which it can be called.
+    """
+
+    evaluate: Callable[[Floats, Floats], object]
+    column_count: int
+    variables: Floats
+
+
+def _make_kernel(position_analysis: PositionAnalysis, engine: KernelEngine) -> BareKernel:
+    """Return the kernel that computes all poles of a mechanism with bounds."""
+    mechanism = position_analysis.mechanism
+    motion = position_analysis.motion()
+    poles = all_poles(len(mechanism.links))
+    requests = [
+        request(mechanism, pair, poles, poles, by_rank=position_analysis.by_rank)
+        for pair in position_analysis.inputs
+    ]
+    sparse_motion = position_analysis.sparse(REFERENCE_SAMPLES)
+    kernel = row_kernel(sparse_motion, requests, engine)
+    assert kernel is not None
+    all_columns = kernel.all_columns
+
+    def evaluate(variables: Floats, columns: Floats) -> None:
+        """Evaluate the kernel in slices, as a run does."""
+        for start in range(0, variables.shape[1], SLICE_ROWS):
             rows = slice(start, start + SLICE_ROWS)
-            out[:, rows] = terms(inputs[:, rows])
+            columns[:, rows] = all_columns(variables[:, rows])
 
-    return sliced, terms.width, values
+    return BareKernel(evaluate, all_columns.width, motion.values[~motion.failed].T)

@@ -1,4 +1,4 @@
-"""The random mechanisms of the tests."""
+"""Random mechanisms, which are those of the tests."""
 
 import sys
 from collections.abc import Callable, Sequence
@@ -14,7 +14,19 @@ import mode_counts
 from spherekit.arrays import Floats
 
 EIGHT_BARS: Sequence[Sequence[tuple[int, int]]] = chains.EIGHT_BARS
-mechanism: Callable[..., Mechanism] = chains.mechanism
+"""The 16 chains of eight links and ten R pairs with one degree of freedom."""
+
+make_mechanism: Callable[..., Mechanism] = chains.mechanism
+"""Makes a mechanism of a chain and the axes (pairs, 3) of its reference pose."""
+
 random_axes: Callable[..., Floats] = chains.random_axes
-grown: Callable[..., Mechanism] = chains.grown
-ten_bar: Callable[[int], Mechanism] = mode_counts.ten_bar
+"""Returns random unit vectors (count, 3), from a random generator and their number."""
+
+grow_chain: Callable[..., Mechanism] = chains.grown
+"""Adds dyads, or dyads and triads, to random links of a four-bar.
+
+Its arguments are a random generator, the number of links, and whether there are triads.
+"""
+
+make_ten_bar: Callable[[int], Mechanism] = mode_counts.ten_bar
+"""Makes a random ten-bar whose locked structure is a group of nine bodies, by its seed."""

@@ -1,96 +1,138 @@
-"""The singularity report of mechanisms with one input: its cost."""
+"""Time of the singularity report of mechanisms with one input."""
 
 import time
+from dataclasses import dataclass
 
-import numpy as np
-
-from benchmarks.harness import Cell, Section, own_mechanisms
+from benchmarks.harness import Cell, Section, list_own_mechanisms
 from spherekit.files.mechanism_reader import load
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.input_output_relation import Type
 from spherekit.singularities.single_freedom import SingleFreedomSingularities
 
-UNIT = "four_bar"
-QUICK = (UNIT, "stephenson", "roller_cam")
-REPEATS = 2
+UNIT_MECHANISM = "four_bar"
+"""Mechanism whose time is the unit of those of the others."""
+
+QUICK_MECHANISMS = (UNIT_MECHANISM, "stephenson", "roller_cam")
+
+REPETITIONS = 2
+"""Number of measurements, of which the fastest counts."""
+
+MODE_SAMPLES = 9
+"""Number of inputs at which all assembly modes are searched."""
+
+
+@dataclass(frozen=True)
+class ReportTimes:
+    """Processor times (s) of a report, and what it contains.
+
+    Attributes
+    ----------
+    modes
+        Time of the search for assembly modes.
+    curves
+        Time of the configuration curves.
+    points
+        Time of the singular points on them.
+    counts
+        Number and length (rad) of the curves, and numbers of points of type I, of type II,
+        and of self-motions and type III.
+    """
+
+    modes: float
+    curves: float
+    points: float
+    counts: tuple[Cell, ...]
+
+    @property
+    def total(self) -> float:
+        """Time (s) of the whole report."""
+        return self.modes + self.curves + self.points
 
 
 def run(quick: bool) -> list[Section]:
-    """Return the cost for the shipped mechanisms."""
-    return [_shipped(quick)]
-
-
-def _shipped(quick: bool) -> Section:
-    every = own_mechanisms()
-    names = [name for name in every if len(load(name).inputs) == 1 and name != UNIT]
-    names = [UNIT, *(name for name in names if not quick or name in QUICK)]
-    unit = 0.0
-    rows: list[tuple[Cell, ...]] = []
-    for name in names:
-        best = min(_timed(name) for _ in range(REPEATS))
-        total, modes, curves, points, counts = best
-        unit = unit or total
-        rows.append(
+    """Return the times for the shipped mechanisms."""
+    names = [
+        name
+        for name in list_own_mechanisms()
+        if len(load(name).inputs) == 1 and name != UNIT_MECHANISM
+    ]
+    if quick:
+        names = [name for name in names if name in QUICK_MECHANISMS]
+    unit = _measure_report(UNIT_MECHANISM)
+    rows: list[tuple[Cell, ...]] = [_row(UNIT_MECHANISM, unit, unit)]
+    rows += [_row(name, _measure_report(name), unit) for name in names]
+    return [
+        Section(
+            "Singularities: the whole report",
+            "Processor time of one thread from the mechanism to all its singularities, for "
+            "the output that it declares, or the last link relative to the ground: all "
+            "modes at 9 inputs, all configuration curves with the checks of their number, "
+            "and all points on them with their conditions. The faster of two.",
             (
-                name,
-                total / unit,
-                total,
-                100.0 * modes / total,
-                100.0 * curves / total,
-                100.0 * points / total,
-                *counts,
-            )
+                "mechanism",
+                f"over {UNIT_MECHANISM}",
+                "whole, s",
+                "modes, %",
+                "curves, %",
+                "points, %",
+                "curves found",
+                "length, rad",
+                "type I",
+                "type II",
+                "self-motion, type III",
+            ),
+            rows,
+            "Singular configurations of the spherical 3-RRR at a million orientations: "
+            "section Inverse kinematics.",
         )
-    return Section(
-        "Singularities: the whole report",
-        "Processor time of one thread from the mechanism to all its singularities, for the "
-        "output that it declares, or the last link relative to the ground: all modes at 9 "
-        "inputs, all configuration curves with the checks of their number, and all points "
-        "on them with their conditions. The faster of two.",
-        (
-            "mechanism",
-            f"over {UNIT}",
-            "whole, s",
-            "modes, %",
-            "curves, %",
-            "points, %",
-            "curves found",
-            "length, rad",
-            "type I",
-            "type II",
-            "self-motion, type III",
-        ),
-        rows,
-        "Singular configurations of the spherical 3-RRR at a million orientations: "
-        "section Inverse kinematics.",
+    ]
+
+
+def _row(name: str, times: ReportTimes, unit: ReportTimes) -> tuple[Cell, ...]:
+    """Return a row: the time of a report in total and in parts, and what it contains."""
+    return (
+        name,
+        times.total / unit.total,
+        times.total,
+        100.0 * times.modes / times.total,
+        100.0 * times.curves / times.total,
+        100.0 * times.points / times.total,
+        *times.counts,
     )
 
 
-def _timed(name: str) -> tuple[float, float, float, float, tuple[Cell, ...]]:
-    """Return the times (s) of the whole and its three parts, and what was found."""
-    made = load(name)
-    marks = [time.process_time()]
-    tracer = PositionAnalysis(made, samples=9)
-    marks.append(time.process_time())
-    curves = [item.curve for item in tracer.configurations.curves]
-    marks.append(time.process_time())
-    report = SingleFreedomSingularities(tracer, curves, [_output(made)])
-    kinds = [point.type for point in report.points]
-    marks.append(time.process_time())
-    crossed = len(report.crossings)
+def _measure_report(name: str) -> ReportTimes:
+    """Return the times of the fastest of several reports of a shipped mechanism."""
+    measurements = [_measure_once(name) for _ in range(REPETITIONS)]
+    return min(measurements, key=lambda times: times.total)
+
+
+def _measure_once(name: str) -> ReportTimes:
+    """Return the times of one report of a shipped mechanism."""
+    mechanism = load(name)
+    start = time.process_time()
+    position_analysis = PositionAnalysis(mechanism, samples=MODE_SAMPLES)
+    modes_end = time.process_time()
+    curves = [item.curve for item in position_analysis.configurations.curves]
+    curves_end = time.process_time()
+    report = SingleFreedomSingularities(position_analysis, curves, [_output(mechanism)])
+    types = [point.type for point in report.points]
+    points_end = time.process_time()
     counts = (
         len(curves),
         float(sum(curve.length for curve in curves)),
-        kinds.count(Type.I),
-        kinds.count(Type.II),
-        kinds.count(Type.SELF_MOTION) + crossed,
+        types.count(Type.I),
+        types.count(Type.II),
+        types.count(Type.SELF_MOTION) + len(report.crossings),
     )
-    modes, following, points = np.diff(marks)
-    return marks[-1] - marks[0], modes, following, points, counts
+    return ReportTimes(
+        modes_end - start, curves_end - modes_end, points_end - curves_end, counts
+    )
 
 
-def _output(made: Mechanism) -> tuple[str, str]:
-    for output in made.outputs:
+def _output(mechanism: Mechanism) -> tuple[str, str]:
+    """Return the output link and the link from which it is seen."""
+    for output in mechanism.outputs:
         return output.link, output.relative_to
-    return made.links[-1], made.links[0]
+    return mechanism.links[-1], mechanism.links[0]

@@ -1,13 +1,15 @@
-"""Stored functions: their errors at random places, and the time of one evaluation."""
+"""Errors of reduced models at random inputs, and the time of one evaluation."""
 
 import math
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from statistics import median
 
 import numpy as np
 
 from benchmarks.harness import Cell, Section
+from spherekit.arrays import Floats
 from spherekit.dynamics.coordinates import motion_by_variables
 from spherekit.dynamics.inertia import inertia
 from spherekit.dynamics.reduced_model import StoredModel
@@ -22,33 +24,60 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
-CALLS = 20
-"""Calls in a round; more would outlast the turn that a busy machine gives a process."""
+CALLS_PER_ROUND = 20
+"""Number of calls in a round.
+
+Larger: a round would outlast the time slice that a busy machine gives a process. Smaller:
+the resolution of the clock matters.
+"""
+
+ROUNDS = 5000
+QUICK_ROUNDS = 200
+"""Number of rounds, whose median counts."""
 
 CASES = (("four_bar", 0), ("four_bar", 1), ("stephenson", 0))
+"""Mechanisms with one input, and assembly modes."""
+
+GRID_MECHANISMS = ("two_dof_spm", "bevel_differential", "five_bar")
+QUICK_GRID_MECHANISMS = GRID_MECHANISMS[:2]
+"""Mechanisms with several inputs."""
+
+INPUTS_PER_BLOCK = 5000
+"""Number of random inputs at which errors are computed together."""
+
+ZERO_FUNCTION = 1e-9
+"""A function whose largest value is not greater counts as zero; its error is absolute."""
+
+
+@dataclass(frozen=True)
+class CallTimes:
+    """Times of single calls, measured in rounds that alternate with those of a sine.
+
+    Attributes
+    ----------
+    fastest, median
+        Times (us) of a call.
+    in_sines
+        Median of the ratios to the time of a call of `math.sin`.
+    """
+
+    fastest: float
+    median: float
+    in_sines: float
 
 
 def run(quick: bool) -> list[Section]:
-    """Return the section."""
-    rows: list[tuple[Cell, ...]] = []
-    places = 5_000 if quick else 100_000
-    for name, assembly_mode in CASES:
-        started = time.perf_counter()
-        model = reduced_model(_stored(name), assembly_mode=assembly_mode)
-        seconds = time.perf_counter() - started
-        worst, where = _worst(model, name, assembly_mode, places)
-        cells = sum(len(group.coefficients) for group in model.groups)
-        own = (name, assembly_mode, len(model.heading.functions), cells, seconds)
-        rows.append((*own, model.error, worst, where, *_times(model, quick)))
+    """Return the errors and times of models with one input and with several."""
+    input_count = 5_000 if quick else 100_000
     return [
         Section(
             "Stored functions",
             "Every function of `spherekit export --to model`: the error the model measured "
             "itself, and the largest difference from the motion's plan and the inverse "
-            f"problem at {places} random inputs, each relative to its function's largest "
-            "value; times of single calls from Python at random inputs, in rounds of "
-            f"{CALLS} calls that alternate with rounds of as many calls of `math.sin`, and "
-            "the median of the ratios to those.",
+            f"problem at {input_count} random inputs, each relative to its function's "
+            "largest value; times of single calls from Python at random inputs, in rounds "
+            f"of {CALLS_PER_ROUND} calls that alternate with rounds of as many calls of "
+            "`math.sin`, and the median of the ratios to those.",
             (
                 "mechanism",
                 "mode",
@@ -65,48 +94,80 @@ def run(quick: bool) -> list[Section]:
                 "median",
                 "in sines",
             ),
-            rows,
+            [
+                _measure_model(name, assembly_mode, input_count, quick)
+                for name, assembly_mode in CASES
+            ],
         ),
-        _several(quick),
+        _measure_grid_models(quick),
     ]
 
 
-def _stored(name: str) -> Mechanism:
-    """Return a shipped mechanism, but for bearings that rub, which no model stores."""
-    made = load(name)
-    return made.with_loads(without=[x.name for x in made.loads if isinstance(x, Bearings)])
+def _measure_model(
+    name: str, assembly_mode: int, input_count: int, quick: bool
+) -> tuple[Cell, ...]:
+    """Return the row of a model of one input: its errors and the times of its calls."""
+    mechanism = _load_without_bearings(name)
+    started = time.perf_counter()
+    model = reduced_model(mechanism, assembly_mode=assembly_mode)
+    seconds = time.perf_counter() - started
+    errors = FunctionErrors()
+    _compare_with_motion(errors, model, mechanism, assembly_mode, input_count)
+    worst_function = errors.worst_function()
+    return (
+        name,
+        assembly_mode,
+        len(model.heading.functions),
+        sum(len(group.coefficients) for group in model.groups),
+        seconds,
+        model.error,
+        errors.relative_error(worst_function),
+        worst_function,
+        *_measure_calls(model, quick),
+    )
 
 
-def _several(quick: bool) -> Section:
-    """Return the section of models of several inputs."""
+def _load_without_bearings(name: str) -> Mechanism:
+    """Return a shipped mechanism without bearing friction, which no model stores."""
+    mechanism = load(name)
+    bearings = [load.name for load in mechanism.loads if isinstance(load, Bearings)]
+    return mechanism.with_loads(without=bearings)
+
+
+def _measure_grid_models(quick: bool) -> Section:
+    """Measure models of mechanisms with several inputs."""
     rows: list[tuple[Cell, ...]] = []
-    for name in ("two_dof_spm", "bevel_differential", *(() if quick else ("five_bar",))):
-        made = load(name)
-        links = [link for link in made.links if link != made.ground]
-        for link in links:
-            made = made.with_mass(link, np.diag([0.02, 0.03, 0.015]).tolist())
-        pairs = [item.pair for item in made.inputs]
-        made = made.with_loads(*(Damper(f"oil_{pair}", pair, 0.1) for pair in pairs))
+    for name in QUICK_GRID_MECHANISMS if quick else GRID_MECHANISMS:
+        mechanism = load(name)
+        for link in mechanism.links:
+            if link != mechanism.ground:
+                tensor = np.diag([0.02, 0.03, 0.015]).tolist()
+                mechanism = mechanism.with_mass(link, tensor)
+        input_pairs = [item.pair for item in mechanism.inputs]
+        dampers = [Damper(f"oil_{pair}", pair, 0.1) for pair in input_pairs]
+        mechanism = mechanism.with_loads(*dampers)
         started = time.process_time()
-        model = reduced_grid_model(made)
+        model = reduced_grid_model(mechanism)
         seconds = time.process_time() - started
         (cells,) = model.groups
         assert isinstance(cells, TensorChebyshev)
-        row = cells.bounds[0].mean(axis=0).tolist()
-        rates = [0.3] * len(row)
-        model.torque(row, rates, rates)
-        ratios, times = [], []
-        for _ in range(200 if quick else 5000):
-            started = time.perf_counter()
-            for _ in range(CALLS):
-                math.sin(0.3)
-            between = time.perf_counter()
-            for _ in range(CALLS):
-                model.torque(row, rates, rates)
-            times.append(1e6 * (time.perf_counter() - between) / CALLS)
-            ratios.append(times[-1] * CALLS / (1e6 * (between - started)))
-        figures = (len(cells.bounds), seconds, model.heading.covered, model.error)
-        rows.append((name, *figures, min(times), median(times), median(ratios)))
+        # The torques are evaluated in the middle of the first cell.
+        q = cells.bounds[0].mean(axis=0).tolist()
+        rates = [0.3] * len(q)
+        model.torque(q, rates, rates)
+        call_times = _measure_torque_calls(model, q, rates, quick)
+        rows.append(
+            (
+                name,
+                len(cells.bounds),
+                seconds,
+                model.heading.covered,
+                model.error,
+                call_times.fastest,
+                call_times.median,
+                call_times.in_sines,
+            )
+        )
     return Section(
         "Stored functions of several inputs",
         "Each shipped mechanism with masses on all links and a damper at each input: the "
@@ -127,76 +188,155 @@ def _several(quick: bool) -> Section:
     )
 
 
-def _times(model: StoredModel, quick: bool) -> list[float | None]:
-    """Return the fastest and the median time (us) of each call, and in calls of a sine."""
-    places = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, CALLS).tolist()
+def _measure_torque_calls(
+    model: StoredModel, q: list[float], rates: list[float], quick: bool
+) -> CallTimes:
+    """Return the times of a call for the torques.
+
+    Parameters
+    ----------
+    model
+        A model with several inputs.
+    q
+        The inputs (rad).
+    rates
+        Their rates (rad/s), which are also taken as accelerations (rad/s2).
+    quick
+        Whether there are fewer rounds.
+    """
+    sine_ratios = []
+    microseconds = []
+    for _ in range(QUICK_ROUNDS if quick else ROUNDS):
+        start = time.perf_counter()
+        for _ in range(CALLS_PER_ROUND):
+            math.sin(0.3)
+        middle = time.perf_counter()
+        for _ in range(CALLS_PER_ROUND):
+            model.torque(q, rates, rates)
+        end = time.perf_counter()
+        microseconds.append(1e6 * (end - middle) / CALLS_PER_ROUND)
+        sine_ratios.append((end - middle) / (middle - start))
+    return CallTimes(min(microseconds), median(microseconds), median(sine_ratios))
+
+
+def _measure_calls(model: StoredModel, quick: bool) -> tuple[Cell, ...]:
+    """Return the times (us) of a pole and of a torque at random inputs.
+
+    Returns
+    -------
+    For each of both the fastest time, the median, and the median in calls of a sine. The
+    times of the torque are None if the model has no loads.
+    """
+    inputs = np.random.default_rng(3).uniform(0.0, 2.0 * np.pi, CALLS_PER_ROUND).tolist()
     calls: list[Callable[[float], object]] = [
-        lambda x: math.sin(x),
-        lambda x: model.pole("3/1", x),
+        lambda q: math.sin(q),
+        lambda q: model.pole("3/1", q),
     ]
     if model.heading.loads:
-        calls.append(lambda x: model.torque(x, 1.0, 0.2, 0.1))
+        calls.append(lambda q: model.torque(q, 1.0, 0.2, 0.1))
     for call in calls:
         call(0.3)
-    found = np.empty((200 if quick else 5000, len(calls)))
-    for row in found:
+    microseconds = np.empty((QUICK_ROUNDS if quick else ROUNDS, len(calls)))
+    for round_times in microseconds:
         for number, call in enumerate(calls):
             started = time.perf_counter()
-            for x in places:
-                call(x)
-            row[number] = 1e6 * (time.perf_counter() - started) / CALLS
-    parts: list[float | None] = []
-    for own in found.T[1:]:
-        ratio = float(np.median(own / found[:, 0]))
-        parts += [float(np.min(own)), float(np.median(own)), ratio]
-    return parts + [None] * (6 - len(parts))
+            for q in inputs:
+                call(q)
+            seconds = time.perf_counter() - started
+            round_times[number] = 1e6 * seconds / CALLS_PER_ROUND
+    cells: list[Cell] = []
+    sine_times = microseconds[:, 0]
+    for call_times in microseconds.T[1:]:
+        cells.append(float(np.min(call_times)))
+        cells.append(float(np.median(call_times)))
+        cells.append(float(np.median(call_times / sine_times)))
+    if not model.heading.loads:
+        cells += [None] * 3
+    return tuple(cells)
 
 
-def _worst(
-    model: StoredModel, name: str, assembly_mode: int, count: int
-) -> tuple[float, str]:
-    """Return the largest error of all functions, and whose it is."""
-    mechanism = _stored(name)
-    tracer = PositionAnalysis(mechanism, assembly_mode=assembly_mode)
-    x = np.sort(np.random.default_rng(11).uniform(0.0, 2.0 * np.pi, count))
+class FunctionErrors:
+    """Largest errors of functions of a model, each with the largest value of the function.
+
+    Functions are known by their names in the table.
+    """
+
+    def __init__(self) -> None:
+        self._largest_errors: dict[str, float] = {}
+        self._largest_values: dict[str, float] = {}
+
+    def note(self, name: str, expected: Floats, values: Floats) -> None:
+        """Compare values of a function with expected ones of the same shape."""
+        error = float(np.max(np.abs(expected - values)))
+        value = float(np.max(np.abs(expected)))
+        self._largest_errors[name] = max(self._largest_errors.get(name, 0.0), error)
+        self._largest_values[name] = max(self._largest_values.get(name, 0.0), value)
+
+    def relative_error(self, name: str) -> float:
+        """Return the largest error of a function relative to its largest value."""
+        value = self._largest_values[name]
+        return self._largest_errors[name] / (value if value > ZERO_FUNCTION else 1.0)
+
+    def worst_function(self) -> str:
+        """Return the name of the function with the largest relative error."""
+        return max(self._largest_errors, key=self.relative_error)
+
+
+def _compare_with_motion(
+    errors: FunctionErrors,
+    model: StoredModel,
+    mechanism: Mechanism,
+    assembly_mode: int,
+    input_count: int,
+) -> None:
+    """Compare all functions of a model with the analysis of the mechanism.
+
+    Parameters
+    ----------
+    errors
+        Notes the errors.
+    model
+        The model.
+    mechanism
+        The mechanism of which it is a model.
+    assembly_mode
+        Number of the assembly mode.
+    input_count
+        Number of random inputs.
+    """
+    position_analysis = PositionAnalysis(mechanism, assembly_mode=assembly_mode)
+    inputs = np.sort(np.random.default_rng(11).uniform(0.0, 2.0 * np.pi, input_count))
     poles = {text: parse_pole(mechanism, text) for text in model.heading.poles}
-    wanted = request(mechanism, tracer.inputs[0], poles.values(), poles.values())
-    errors: dict[str, float] = {}
-    largest: dict[str, float] = {}
-
-    def note(key: str, want: np.ndarray, found: np.ndarray) -> None:
-        errors[key] = max(errors.get(key, 0.0), float(np.max(np.abs(want - found))))
-        largest[key] = max(largest.get(key, 0.0), float(np.max(np.abs(want))))
-
-    for q in np.array_split(x, max(1, count // 5000)):
-        motion = tracer.at(q)
-        field = evaluate(motion, wanted)
+    pole_request = request(
+        mechanism, position_analysis.inputs[0], poles.values(), poles.values()
+    )
+    for q in np.array_split(inputs, max(1, input_count // INPUTS_PER_BLOCK)):
+        motion = position_analysis.at(q)
+        field = evaluate(motion, pole_request)
         for text, pole in poles.items():
-            found = model.pole(text, q)
-            side = np.sign(np.sum(field.direction[pole] * found, axis=1))
-            note(f"pole {text}", field.direction[pole] * side[:, None], found)
-            note(
-                f"rate {text}", field.velocity_coefficient[pole] * side, model.rate(text, q)
+            direction = model.pole(text, q)
+            # An axis and its opposite are the same; coefficients change their signs too.
+            sign = np.sign(np.sum(field.direction[pole] * direction, axis=1))
+            rate = field.velocity_coefficient[pole] * sign
+            rate_derivative = field.acceleration_coefficient[pole] * sign
+            errors.note(f"pole {text}", field.direction[pole] * sign[:, None], direction)
+            errors.note(f"rate {text}", rate, model.rate(text, q))
+            errors.note(
+                f"its derivative {text}", rate_derivative, model.rate_derivative(text, q)
             )
-            change = model.rate_derivative(text, q)
-            note(
-                f"its derivative {text}",
-                field.acceleration_coefficient[pole] * side,
-                change,
-            )
-        single = tracer.solver.input_variable
-        exact = motion_by_variables(tracer.solver.closure, motion.values, [single])
+        input_variable = position_analysis.solver.input_variable
+        exact = motion_by_variables(
+            position_analysis.solver.closure, motion.values, [input_variable]
+        )
         for number, variable in enumerate(mechanism.variable_names):
-            turned = 2.0 * np.sin(
-                0.5 * (motion.values[:, number] - model.value(variable, q))
-            )
-            note(variable, np.ones(len(q)), 1.0 + turned)
+            difference = motion.values[:, number] - model.value(variable, q)
+            # The chord of the difference leaves out whole revolutions. Angles are compared
+            # with 1 rad.
+            chord = 2.0 * np.sin(0.5 * difference)
+            errors.note(variable, np.ones(len(q)), 1.0 + chord)
             slope = model.value(f"d({variable})/dq", q)
-            note(f"its derivative {variable}", exact.rates[:, 0, number], slope)
+            errors.note(f"its derivative {variable}", exact.rates[:, 0, number], slope)
         if mechanism.masses:
-            masses = inertia(mechanism, exact)
-            note("B", masses.B, model.inertia(q))
-            note("dB/dq", masses.dB, model.inertia_rate(q))
-    sizes = {key: size if size > 1e-9 else 1.0 for key, size in largest.items()}
-    where = max(errors, key=lambda key: errors[key] / sizes[key])
-    return errors[where] / sizes[where], where
+            equivalent = inertia(mechanism, exact)
+            errors.note("B", equivalent.B, model.inertia(q))
+            errors.note("dB/dq", equivalent.dB, model.inertia_rate(q))

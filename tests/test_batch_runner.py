@@ -11,7 +11,7 @@ from same_rows import both_ways, differences
 from special_mechanisms import special_mechanism
 
 import spherekit as sk
-from benchmarks.harness import own_mechanisms
+from benchmarks.harness import list_own_mechanisms
 from spherekit.errors import SpherekitError
 from spherekit.files.mechanism_reader import loads
 from spherekit.files.study import Study
@@ -47,7 +47,7 @@ def compared(made, same_signs=True, **options):
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("name", [n for n in own_mechanisms() if n not in SLOW])
+@pytest.mark.parametrize("name", [n for n in list_own_mechanisms() if n not in SLOW])
 def test_shipped_mechanisms(name):
     """The same numbers within their bounds, the same statuses."""
     assert compared(sk.load(name), samples=9) is not None

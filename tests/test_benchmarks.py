@@ -5,7 +5,7 @@ import json
 import pytest
 
 from benchmarks.__main__ import main
-from benchmarks.harness import Section, markdown
+from benchmarks.harness import Section, format_section
 
 
 @pytest.mark.slow
@@ -30,6 +30,6 @@ def test_an_unknown_benchmark_is_refused(capsys):
 
 def test_markdown_has_three_digits_and_numbers_to_the_right():
     rows = [("k", 1.23456, None), ("m", 12345.6, 2)]
-    text = markdown(Section("T", "x", ("a", "b", "c"), rows), "1234")
+    text = format_section(Section("T", "x", ("a", "b", "c"), rows), "1234")
     assert "Taken at commit 1234." in text and "|---|---:|---:|" in text
     assert "| k | 1.23 | - |" in text and "| m | 12346 | 2 |" in text

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.extremes.parallel import at_pose
 from benchmarks.extremes.registry import Row, case
-from benchmarks.samples import grown
+from benchmarks.samples import grow_chain
 
 FAMILY = "long chains"
 LINKS = "links"
@@ -17,7 +17,7 @@ FEW = (8.0, 20.0)
 def chain(counts: Sequence[float], triads: bool) -> Iterator[Row]:
     """Yield rows of grown chains in their reference pose."""
     for count in counts:
-        made = grown(np.random.default_rng(3), int(count), triads)
+        made = grow_chain(np.random.default_rng(3), int(count), triads)
         yield from at_pose(made, count, derivatives=False)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.extremes.parallel import at_pose
 from benchmarks.extremes.registry import Row, case, down
-from benchmarks.samples import mechanism, random_axes
+from benchmarks.samples import make_mechanism, random_axes
 from spherekit.files.mechanism_reader import load
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -37,10 +37,10 @@ def turned(axes: np.ndarray, pole: np.ndarray, height: float) -> np.ndarray:
 def with_pole_at(pole: tuple[int, int], height: float) -> Mechanism:
     """Return a six-bar with one of its poles this height over the edge in its pose."""
     axes = random_axes(np.random.default_rng(11), 7)
-    made = mechanism(SIX_BAR, axes)
+    made = make_mechanism(SIX_BAR, axes)
     motion = PositionAnalysis(made, search=False).at(np.zeros(1))
     found = evaluate(motion, request(made, made.inputs[0].pair, [pole], [pole]))
-    return mechanism(SIX_BAR, turned(axes, found.direction[pole][0], height))
+    return make_mechanism(SIX_BAR, turned(axes, found.direction[pole][0], height))
 
 
 @case(FAMILY, HEIGHT, HEIGHTS)

@@ -9,7 +9,7 @@ from benchmarks.extremes.kinematics import Point, judged
 from benchmarks.extremes.reference import DIGITS, Reference, exact
 from benchmarks.extremes.registry import Row, case, down
 from benchmarks.extremes.shapes import four_bar, point_of
-from benchmarks.samples import EIGHT_BARS, mechanism, random_axes
+from benchmarks.samples import EIGHT_BARS, make_mechanism, random_axes
 from spherekit.mechanism.joint_construction import make_joints_in_pose
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.velocities.pole_request import Route
@@ -63,7 +63,7 @@ def _eight_bar(number: int, angle: float, adjacent: bool) -> Mechanism:
     """Return a random eight-bar with two axes `angle` apart, the first such two."""
     random = np.random.default_rng(number)
     axes = random_axes(random, 10)
-    chain = mechanism(EIGHT_BARS[number], axes)
+    chain = make_mechanism(EIGHT_BARS[number], axes)
     ends = chain.ends
     one, other = next(
         (a, b)
@@ -73,7 +73,7 @@ def _eight_bar(number: int, angle: float, adjacent: bool) -> Mechanism:
         and (not adjacent or 0 not in (*ends[a], *ends[b]))
     )
     axes[other] = _beside(axes[one], axes[other], angle)
-    return mechanism(EIGHT_BARS[number], axes)
+    return make_mechanism(EIGHT_BARS[number], axes)
 
 
 def _beside(axis: np.ndarray, toward: np.ndarray, angle: float) -> np.ndarray:
@@ -104,9 +104,9 @@ def _flat(angle: float, out: int) -> Mechanism:
     """Return an eight-bar whose first four-bar has `out` axes nearly in a plane."""
     random = np.random.default_rng(5)
     axes = random_axes(random, 10)
-    chain = mechanism(EIGHT_BARS[0], axes)
+    chain = make_mechanism(EIGHT_BARS[0], axes)
     loop = [chain.pair_number[name] for name in ("p1_2", "p2_3", "p3_4", "p1_4")]
     for pair in loop[:out]:
         turn, up = random.uniform(0, 2 * np.pi), random.uniform(0.5, 1.0) * angle
         axes[pair] = [np.cos(turn) * np.cos(up), np.sin(turn) * np.cos(up), np.sin(up)]
-    return mechanism(EIGHT_BARS[0], axes / np.linalg.norm(axes, axis=1, keepdims=True))
+    return make_mechanism(EIGHT_BARS[0], axes / np.linalg.norm(axes, axis=1, keepdims=True))

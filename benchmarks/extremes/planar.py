@@ -8,7 +8,7 @@ from benchmarks.extremes.kinematics import judged
 from benchmarks.extremes.parallel import at_pose
 from benchmarks.extremes.registry import Row, case, down
 from benchmarks.extremes.shapes import four_bar, point_of
-from benchmarks.samples import EIGHT_BARS, mechanism
+from benchmarks.samples import EIGHT_BARS, make_mechanism
 
 FAMILY = "near-planar"
 SIZE = "size, rad"
@@ -33,4 +33,4 @@ def small_eight_bars(sizes: Sequence[float]) -> Iterator[Row]:
             random = np.random.default_rng(number)
             axes = np.column_stack([size * random.uniform(-1, 1, (10, 2)), np.ones(10)])
             axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-            yield from at_pose(mechanism(EIGHT_BARS[number], axes), size)
+            yield from at_pose(make_mechanism(EIGHT_BARS[number], axes), size)
