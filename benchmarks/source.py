@@ -28,7 +28,8 @@ elimination with pivots chosen beforehand, and the torque by projection; `cse` c
 Positions: `given` as arguments; `Newton`, one step from the sample before; `closed`, from
 the input alone."""
 CONCLUSION = """Medians of processor time; `times` is Pinocchio's over spherekit's,
-`difference` the largest of results over their size or 1; two Newton steps end in different places."""
+`difference` the largest of results over their size or 1; two Newton steps end in different
+places."""
 ABSENT_TEXT = (
     " Pinocchio is not here: it needs `pin`, `casadi`, their headers, Eigen's and g++."
 )
