@@ -191,7 +191,7 @@ def test_a_page_has_no_slider_that_does_nothing(tmp_path):
 def test_a_default_slider_that_does_nothing_is_left_out(monkeypatch):
     """Every default size has an effect, so one without is named as one by default."""
     keys = ("links.2.arc", "mass.2.tensor.1.1")
-    monkeypatch.setattr(PageMaker, "_sizes", lambda self: keys)
+    monkeypatch.setattr(PageMaker, "_find_sizes", lambda self: keys)
     maker = PageMaker("four_bar", None, None, None)
     maker.make_page()
     assert maker.keys == ("links.2.arc",)
