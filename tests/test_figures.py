@@ -16,13 +16,13 @@ pytest.importorskip("matplotlib")
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.display.figures import style
-from spherekit.display.figures.contents import figures_of
-from spherekit.display.figures.curve_plots import (
+from spherekit.display.figures.contents import plan_figures
+from spherekit.display.figures.sphere_projection import (
     EQUAL_AREA,
     STEREOGRAPHIC,
-    View,
-    centre_of,
-    opposite,
+    SphereView,
+    frame_about,
+    opposite_frame,
 )
 from spherekit.errors import AnalysisError
 from spherekit.markup import html_table
@@ -96,8 +96,8 @@ def test_a_mode_has_one_colour_in_all_figures(four_bar):
                     seen.setdefault(line.get_gid(), set()).add(line.get_color())
         colours = legend_of(figure)
         both = {colours["mode 0 (+, p1)"], colours["mode 1 (−, p0)"]}
-        assert both == set(style.MODES[:2])
-    assert seen == {"mode 0": {style.MODES[0]}, "mode 1": {style.MODES[1]}}
+        assert both == set(style.MODE_COLOURS[:2])
+    assert seen == {"mode 0": {style.MODE_COLOURS[0]}, "mode 1": {style.MODE_COLOURS[1]}}
 
 
 def test_singularities_are_marked_in_all_plots_over_the_input(four_bar):
@@ -135,7 +135,7 @@ def circle(pole, angle, count=4000):
 
 def on_paper(view, directions):
     """Return the places (n, 2) of directions right and up."""
-    turn, away = view.placed(directions).T
+    turn, away = view.project(directions).T
     return np.stack([away * np.cos(turn), away * np.sin(turn)], axis=1)
 
 
@@ -144,7 +144,7 @@ POLES = np.random.default_rng(1).normal(size=(6, 3))
 
 @pytest.mark.parametrize("pole", POLES)
 def test_the_lambert_map_keeps_the_area_of_a_cap(pole):
-    view = View(centre_of(pole[None]), EQUAL_AREA, np.pi)
+    view = SphereView(frame_about(pole[None]), EQUAL_AREA, np.pi)
     x, y = on_paper(view, circle(pole, CAP)).T
     area = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
     assert area == pytest.approx(2.0 * np.pi * (1.0 - np.cos(CAP)), rel=1e-5)
@@ -152,7 +152,7 @@ def test_the_lambert_map_keeps_the_area_of_a_cap(pole):
 
 @pytest.mark.parametrize("pole", POLES)
 def test_the_stereographic_map_keeps_angles_and_circles(pole):
-    view = View(centre_of(pole[None]), STEREOGRAPHIC, np.pi)
+    view = SphereView(frame_about(pole[None]), STEREOGRAPHIC, np.pi)
     u = pole / np.linalg.norm(pole)
     a = np.cross(u, [0.3, -0.8, 0.5])
     b = np.cross(u, a) + 0.7 * a
@@ -172,14 +172,14 @@ def test_the_stereographic_map_keeps_angles_and_circles(pole):
 def test_a_centre_is_an_axis_of_the_ground_and_its_sides_point_along_others():
     for out in range(3):
         for positive in (True, False):
-            frame = centre_of(np.eye(3)[[out]] * (1.0 if positive else -1.0))
-            view = View(frame)
+            frame = frame_about(np.eye(3)[[out]] * (1.0 if positive else -1.0))
+            view = SphereView(frame)
             assert np.linalg.det(frame) == pytest.approx(1.0)
-            right, up = ("xyz".index(name) for name in view.sides[:2])
+            right, up = ("xyz".index(name) for name in view.axis_names[:2])
             for axis, to in ((right, (1.0, 0.0)), (up, (0.0, 1.0))):
                 place = on_paper(view, np.eye(3)[[axis]])[0]
                 assert place == pytest.approx(np.sqrt(2.0) * np.array(to))
-            assert np.array_equal(opposite(opposite(frame)), frame)
+            assert np.array_equal(opposite_frame(opposite_frame(frame)), frame)
 
 
 def series(values, unit="rad", label="a", group="angle"):
@@ -188,7 +188,7 @@ def series(values, unit="rad", label="a", group="angle"):
 
 def one_figure(primitives, over, page=0):
     scene = Scene(page, tuple(primitives), over, "made")
-    (figure,) = figures_of([scene], {0: "Mode 0"}).values()
+    (figure,) = plan_figures([scene], {0: "Mode 0"}).values()
     return figure
 
 

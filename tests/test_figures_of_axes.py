@@ -8,8 +8,8 @@ pytest.importorskip("matplotlib")
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import spherekit as sk
-from spherekit.display.figures.contents import figures_of
-from spherekit.display.figures.curve_plots import EQUAL_AREA, turn_to_side
+from spherekit.display.figures.contents import plan_figures
+from spherekit.display.figures.sphere_projection import EQUAL_AREA, turn_to_side
 from spherekit.geometry.vectors import unit_rows
 from spherekit.scenes.scene import Arrow, Axis, Mark, Scene, Series, SphereCurves, SphereMap
 
@@ -63,7 +63,7 @@ def test_paths_of_axes_are_as_far_from_the_middle_as_the_axes(samples):
         rows = frame[(frame["link"] == high) & (frame["relative_to"] == low)]
         height = np.abs(rows[f"u{side}"].to_numpy())
         height = height[np.isfinite(height)]
-        expected = EQUAL_AREA[1](np.arccos(np.clip(height, 0.0, 1.0)))
+        expected = EQUAL_AREA.radius(np.arccos(np.clip(height, 0.0, 1.0)))
         radii = [line.get_ydata() for line in panel.lines if len(line.get_ydata()) > 1]
         drawn = np.concatenate(radii)
         drawn = drawn[np.isfinite(drawn)]
@@ -152,7 +152,7 @@ def test_curves_on_pages_of_modes_are_drawn_for_every_mode():
     ]
     border = SphereCurves("c/x", "border", [circle(1.0)])
     scenes.append(Scene("Border", (border,), (), "an"))
-    figures = figures_of(scenes, {0: "Mode 0 (+)", 1: "Mode 1 (-)"})
+    figures = plan_figures(scenes, {0: "Mode 0 (+)", 1: "Mode 1 (-)"})
     assert list(figures) == [
         "an/on the sphere, mode 0 (+)",
         "an/on the sphere, mode 1 (−)",
@@ -161,7 +161,7 @@ def test_curves_on_pages_of_modes_are_drawn_for_every_mode():
     ]
     for radius, figure in zip((0.2, 0.4, 0.6, 1.0), figures.values(), strict=True):
         (line,) = [x for x in figure.axes[0].lines if x.get_label() in ("reach", "border")]
-        np.testing.assert_allclose(line.get_ydata(), EQUAL_AREA[1](radius), atol=1e-9)
+        np.testing.assert_allclose(line.get_ydata(), EQUAL_AREA.radius(radius), atol=1e-9)
 
 
 def drawn_figures():
@@ -175,10 +175,10 @@ def drawn_figures():
     arrows = [Arrow(f"p{k}", f"P{k}1", circle(1.2, 0.2 * k), False, True) for k in range(5)]
     axis = (Axis("q", "rad", t),)
     for columns, parts in ((1, [plain]), (2, [plain]), (2, [far]), (2, [plain, colours])):
-        yield figures_of([Scene("Page", tuple(parts), (), "an")], {}, columns=columns)
+        yield plan_figures([Scene("Page", tuple(parts), (), "an")], {}, columns=columns)
     for columns, count in ((2, 1), (1, 3), (2, 5)):
         scenes = [Scene(k, tuple(arrows[:count]), axis, "an") for k in range(2)]
-        yield figures_of(scenes, {}, columns=columns)
+        yield plan_figures(scenes, {}, columns=columns)
 
 
 def test_titles_of_round_panels_are_inside_their_figures():

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("matplotlib")
 
 from spherekit.cli.main import main
-from spherekit.display.figures.contents import figures_of
+from spherekit.display.figures.contents import plan_figures
 from spherekit.runs.evaluation_options import Setting
 from spherekit.runs.trade_chart import scene
 from spherekit.runs.trade_record import Measured, Trade, format_seconds
@@ -93,7 +93,7 @@ def test_everything_is_in_the_chart(tolerances):
         places = np.array([mark.place for mark in chart.marks])
         assert np.all(places[:, 0] > chart.x_range[0])
         assert np.all(places[:, 1] < chart.y_range[1])
-        (figure,) = figures_of([scene(trade, tolerance)], {}).values()
+        (figure,) = plan_figures([scene(trade, tolerance)], {}).values()
         figure.draw_without_rendering()
         (panel,) = figure.axes
         frame = panel.get_window_extent()

@@ -78,10 +78,10 @@ class _RunViews:
 
     def figures(self, degrees: bool, columns: Columns) -> "Mapping[str, Figure]":
         """Return all figures by name."""
-        from spherekit.display.figures.contents import figures_of
+        from spherekit.display.figures.contents import plan_figures
 
         scenes = self._collector.scenes()
-        return figures_of(scenes, self._collector.titles, degrees, columns)
+        return plan_figures(scenes, self._collector.titles, degrees, columns)
 
     @cached_property
     def _collector(self) -> Collector:

@@ -22,8 +22,8 @@ trade = with_signature_of(measurement.trade, _trade)
 
 def _draw_chart(result: Trade, tolerance: float | None, columns: Columns) -> "Figure":
     """Return the chart of time against error, with a tolerance marked."""
-    from spherekit.display.figures.contents import figures_of
+    from spherekit.display.figures.contents import plan_figures
     from spherekit.runs.trade_chart import scene
 
-    (figure,) = figures_of([scene(result, tolerance)], {}, columns=columns).values()
+    (figure,) = plan_figures([scene(result, tolerance)], {}, columns=columns).values()
     return figure

@@ -282,10 +282,10 @@ def _run_and_report(
         # hide it.
         _print_result(options, study, result)
         if collector and study.folder:
-            from spherekit.display.figures.contents import figures_of
+            from spherekit.display.figures.contents import plan_figures
             from spherekit.display.figures.figure_files import write_figures
 
-            figures = figures_of(collector.scenes(), collector.titles)
+            figures = plan_figures(collector.scenes(), collector.titles)
             folder = study.folder / "figures"
             paths = write_figures(figures, folder, options.figures)
             note(options, f"{counted(len(paths), 'figure')} in {folder}")

@@ -80,7 +80,7 @@ def _express_mass(
         value = table[key]
         for index in indices:
             value = value[index]
-        path = ("mass", mass.link, key, *indices)
+        path: KeyPath = ("mass", mass.link, key, *indices)
         return expression_by_path.get(path, float(value))
 
     def axis_in_link(pair_name: str) -> Exprs:

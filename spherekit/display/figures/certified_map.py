@@ -1,4 +1,7 @@
-"""A proven map of two inputs: how many modes there are, and where they are singular."""
+"""A figure of a proven map of two inputs.
+
+It shows how many modes there are, and where they are singular.
+"""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,10 +14,28 @@ from spherekit.display.figures.sheet import Drawing
 from spherekit.display.figures.style import Look
 from spherekit.escaping import plot_text
 
-CONTAINS, UNDECIDED = "type II in the cell", "undecided"
-COLOURS = {CONTAINS: "#B2182B", UNDECIDED: "#222222"}
-CORNERS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
-SHADES = ("#f3f0e6", "#c6dbef", "#9ecae1", "#74a9cf", "#4d8ebf", "#3071a9", "#1b5a94")
+CONTAINS = "type II in the cell"
+"""Name of the boxes that contain singularities of type II."""
+
+UNDECIDED = "undecided"
+"""Name of the boxes of which nothing is proven."""
+
+BOX_COLOURS = {CONTAINS: "#B2182B", UNDECIDED: "#222222"}
+"""Colours of boxes that are not regular."""
+
+REGULAR_COLOURS = (
+    "#f3f0e6",
+    "#c6dbef",
+    "#9ecae1",
+    "#74a9cf",
+    "#4d8ebf",
+    "#3071a9",
+    "#1b5a94",
+)
+"""Colours of regular boxes, from few modes to many."""
+
+BOX_CORNERS = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+"""(4, 2) corners of a box in half widths from its centre."""
 
 
 def draw_certified_map(
@@ -25,22 +46,27 @@ def draw_certified_map(
     Parameters
     ----------
     areas
-        Centres and half widths (n, 2) of boxes: regular ones under how many modes are
-        proven, the others under `CONTAINS` and `UNDECIDED`.
+        Centres and half widths (n, 2) of boxes (deg): regular ones under the proven number
+        of modes, the others under `CONTAINS` and `UNDECIDED`.
     names
-        Those of the inputs.
+        Names of the inputs.
     """
     with style.look():
-        figure = Drawing(figsize=(style.WIDTHS[1], style.WIDTHS[1]), layout="constrained")
+        # A square over one column of a journal.
+        width = style.WIDTHS[1]
+        figure = Drawing(figsize=(width, width), layout="constrained")
         axes = figure.add_subplot()
-        for k, (kind, (centres, half)) in enumerate(areas.items()):
-            if len(centres):
-                colour = COLOURS.get(kind, SHADES[k % len(SHADES)])
-                corners = centres[:, None] + half[:, None] * CORNERS
-                look: Look = {"color": colour, "linewidth": 0.1, "label": plot_text(kind)}
-                axes.add_collection(PolyCollection(corners, **look))
+        for position, (kind, (centres, half_widths)) in enumerate(areas.items()):
+            if not len(centres):
+                continue
+            regular_colour = REGULAR_COLOURS[position % len(REGULAR_COLOURS)]
+            colour = BOX_COLOURS.get(kind, regular_colour)
+            # (n, 4, 2) corners of the boxes.
+            corners = centres[:, None] + half_widths[:, None] * BOX_CORNERS
+            look: Look = {"color": colour, "linewidth": 0.1, "label": plot_text(kind)}
+            axes.add_collection(PolyCollection(corners, **look))
         axes.autoscale_view()
-        first, second = (f"input {name}, deg" for name in names)
-        axes.set(aspect="equal", xlabel=plot_text(first), ylabel=plot_text(second))
+        x_label, y_label = (plot_text(f"input {name}, deg") for name in names)
+        axes.set(aspect="equal", xlabel=x_label, ylabel=y_label)
         figure.legend(loc="outside lower center", ncols=2)
     return figure

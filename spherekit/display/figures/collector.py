@@ -1,9 +1,9 @@
-"""A recorder that keeps the scenes of a run, its blocks put together again."""
+"""A recorder that keeps the scenes of a run, and joins their blocks to whole scenes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -15,21 +15,44 @@ if TYPE_CHECKING:
     from spherekit.runs.recording_session import Recorder
 
 
+class LoggedBlock(NamedTuple):
+    """A block of samples of one page, as a recorder receives it.
+
+    Attributes
+    ----------
+    scene
+        What is visible in the block.
+    samples
+        Numbers of the samples.
+    inputs
+        Inputs (rad) at the samples, or None.
+    times
+        Times (s) of the samples, or None.
+    """
+
+    scene: Scene
+    samples: Any
+    inputs: Floats | None
+    times: Floats | None
+
+
 @dataclass
 class Collector:
-    """A recorder that keeps all that a run tells it, for others and as whole scenes.
+    """A recorder that keeps all heads and blocks of a run.
 
-    What it is told `another` is told too, whose further attributes it has.
+    Attributes
+    ----------
+    another
+        A recorder that receives everything too. Its other attributes are those of this
+        object.
     """
 
     another: "Recorder | None" = None
     _heads: list[RecordingHead] = field(default_factory=list)
-    _told: list[tuple[Scene, Any, Floats | None, Floats | None]] = field(
-        default_factory=list
-    )
+    _blocks: list[LoggedBlock] = field(default_factory=list)
 
     def start(self, head: RecordingHead) -> None:
-        """Take the names of the assembly modes, and what does not move."""
+        """Keep the titles of the assembly modes, and the scenes that do not move."""
         self._heads.append(head)
         if self.another is not None:
             self.another.start(head)
@@ -44,54 +67,63 @@ class Collector:
         inputs: Floats | None = None,
         times: Floats | None = None,
     ) -> None:
-        """Take one block of one page."""
-        self._told.append((scene, samples, inputs, times))
+        """Keep one block of one page; parameters as of `LoggedBlock`."""
+        block = LoggedBlock(scene, samples, inputs, times)
+        self._blocks.append(block)
         if self.another is not None:
-            self.another.log(*self._told[-1])
+            self.another.log(*block)
 
     def play(self, recorder: "Recorder") -> None:
-        """Tell another recorder the same."""
+        """Give another recorder all heads and blocks in their order."""
         for head in self._heads:
             recorder.start(head)
-        for block in self._told:
+        for block in self._blocks:
             recorder.log(*block)
 
     @property
     def titles(self) -> dict[int, str]:
-        """The names of the assembly modes by their numbers."""
-        return {
-            n: title for head in self._heads for n, title in head.assembly_modes.items()
-        }
+        """The titles of the assembly modes by their numbers."""
+        title_by_mode: dict[int, str] = {}
+        for head in self._heads:
+            title_by_mode |= head.assembly_modes
+        return title_by_mode
 
     def scenes(self) -> tuple[Scene, ...]:
         """Return the scenes in the order in which they came, each of all its blocks."""
-        blocks: dict[tuple[str, Page], list[Scene]] = {}
-        still = [scene for head in self._heads for scene in head.scenes]
-        for scene in [*still, *(block[0] for block in self._told)]:
-            blocks.setdefault((scene.source, scene.page), []).append(scene)
-        return tuple(map(_joined, blocks.values()))
+        still_scenes = [scene for head in self._heads for scene in head.scenes]
+        block_scenes = [block.scene for block in self._blocks]
+        parts_by_page: dict[tuple[str, Page], list[Scene]] = {}
+        for scene in [*still_scenes, *block_scenes]:
+            parts_by_page.setdefault((scene.source, scene.page), []).append(scene)
+        return tuple(_join_scenes(parts) for parts in parts_by_page.values())
 
 
-def _joined(blocks: Sequence[Scene]) -> Scene:
-    """Return one scene of successive blocks."""
-    parts: dict[tuple[type, str], list[Primitive]] = {}
-    for scene in blocks:
+def _join_scenes(parts: Sequence[Scene]) -> Scene:
+    """Return one scene of the scenes of successive blocks."""
+    primitive_parts: dict[tuple[type, str], list[Primitive]] = {}
+    for scene in parts:
         for primitive in scene.primitives:
-            parts.setdefault((type(primitive), primitive.path), []).append(primitive)
-    over = tuple(
-        Axis(axes[0].label, axes[0].unit, np.concatenate([axis.values for axis in axes]))
-        for axes in zip(*(scene.over for scene in blocks), strict=True)
-    )
-    primitives = tuple(_whole(pieces) for pieces in parts.values())
-    return Scene(blocks[0].page, primitives, over, blocks[0].source)
+            key = type(primitive), primitive.path
+            primitive_parts.setdefault(key, []).append(primitive)
+    axes: list[Axis] = []
+    for axis_parts in zip(*(scene.over for scene in parts), strict=True):
+        values = np.concatenate([axis.values for axis in axis_parts])
+        axes.append(Axis(axis_parts[0].label, axis_parts[0].unit, values))
+    primitives = tuple(map(_join_primitives, primitive_parts.values()))
+    return Scene(parts[0].page, primitives, tuple(axes), parts[0].source)
 
 
-def _whole(parts: Sequence[Any]) -> Primitive:
-    """Return one primitive of those of successive blocks."""
+def _join_primitives(parts: Sequence[Any]) -> Primitive:
+    """Return one primitive of those of successive blocks.
+
+    Attributes with one row for each sample are joined. The others are those of the first.
+    """
     first: Primitive = parts[0]
-    whole: dict[str, Any] = {}
+    joined_attributes: dict[str, Any] = {}
     for name, rows in sample_rows(first).items():
         blocks = [getattr(part, name) for part in parts]
-        is_array = isinstance(rows, np.ndarray)
-        whole[name] = np.concatenate(blocks) if is_array else list(chain(*blocks))
-    return replace(first, **whole)
+        if isinstance(rows, np.ndarray):
+            joined_attributes[name] = np.concatenate(blocks)
+        else:
+            joined_attributes[name] = list(chain(*blocks))
+    return replace(first, **joined_attributes)

@@ -1,24 +1,20 @@
-"""Which figures the scenes of a run make, by name, each drawn when it is asked for."""
+"""The figures of a run: which ones its scenes give, by name, drawn on request."""
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from spherekit.display.figures.curve_plots import (
-    draw_curves,
-    draw_paths,
-    draw_sphere,
-    focus_of,
-)
+from spherekit.display.figures.curve_plots import draw_curves
 from spherekit.display.figures.diagram_plots import draw_diagrams
-from spherekit.display.figures.input_maps import along_path, draw_maps, ticks
+from spherekit.display.figures.input_maps import draw_maps, find_grid, path_axis
 from spherekit.display.figures.matplotlib_sdk import Figure
 from spherekit.display.figures.plane_plots import draw_plane, is_path
 from spherekit.display.figures.sheet import Sheet, as_data_url
+from spherekit.display.figures.sphere_plots import draw_paths, draw_sphere
+from spherekit.display.figures.sphere_projection import directions_to_show
 from spherekit.display.figures.style import Columns
 from spherekit.display.figures.surface_plots import draw_surfaces
 from spherekit.errors import AnalysisError
@@ -39,29 +35,48 @@ from spherekit.scenes.scene import (
 )
 from spherekit.wording import listing, nearest
 
-MOST_PANELS = 12
-"""A figure with more is parted in several."""
+MAX_PANELS = 12
+"""Largest number of panels of one figure. More panels are divided into several figures."""
 
-Scenes = Sequence[Scene]
-Draw = Callable[[], Figure]
-Drawn = Iterator[tuple[str, Draw]]
-"""Figures by their names, each drawn when it is asked for."""
-Shown = tuple[Scene, Any]
-"""What a scene shows, with the scene."""
+ShownItem = tuple[Scene, Any]
+"""A primitive with the scene that shows it."""
+
+
+class PlannedFigure(NamedTuple):
+    """A figure that is not drawn yet.
+
+    Attributes
+    ----------
+    subject
+        Name of the figure within its analysis.
+    draw
+        Function that draws it.
+    """
+
+    subject: str
+    draw: Callable[[], Figure]
 
 
 class Figures(Mapping[str, Figure]):
-    """The figures of a run by their names, ``analysis/subject``; drawn when asked for."""
+    """The figures of a run by their names, ``analysis/subject``.
 
-    def __init__(self, drawn: Mapping[str, Draw]) -> None:
-        self._draw = drawn
-        self._made: dict[str, Figure] = {}
+    A figure is drawn when it is requested for the first time.
+
+    Parameters
+    ----------
+    draw_by_name
+        For each figure the function that draws it.
+    """
+
+    def __init__(self, draw_by_name: Mapping[str, Callable[[], Figure]]) -> None:
+        self._draw_by_name = draw_by_name
+        self._figure_by_name: dict[str, Figure] = {}
 
     def __len__(self) -> int:
-        return len(self._draw)
+        return len(self._draw_by_name)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._draw)
+        return iter(self._draw_by_name)
 
     def __getitem__(self, name: str) -> Figure:
         """Return the figure of a name, or of a subject that only one name has.
@@ -71,24 +86,28 @@ class Figures(Mapping[str, Figure]):
         AnalysisError
             If there is none, or several.
         """
-        names = [figure for figure in self if name in (figure, figure.partition("/")[2])]
-        names = names or [figure for figure in self if figure.startswith(f"{name}/")]
-        if len(names) != 1:
-            what = f"several figures are meant by {name!r}: {listing(names, len(names))}"
-            if not names:
-                all_names = listing(self, len(self)) or "none, as nothing was to be seen"
-                close = nearest(
-                    name, [*self, *(figure.partition("/")[2] for figure in self)]
-                )
-                what = f"this run has no figure {name!r}{close or '.'} Figures: {all_names}"
-            raise AnalysisError(what)
+        subject_by_name = {key: key.partition("/")[2] for key in self}
+        names = [key for key, subject in subject_by_name.items() if name in (key, subject)]
+        if not names:
+            # The name of an analysis stands for its only figure.
+            names = [key for key in self if key.startswith(f"{name}/")]
+        if not names:
+            all_names = listing(self, len(self)) or "none, as nothing was to be seen"
+            suggestion = nearest(name, [*self, *subject_by_name.values()])
+            raise AnalysisError(
+                f"this run has no figure {name!r}{suggestion or '.'} Figures: {all_names}"
+            )
+        if len(names) > 1:
+            raise AnalysisError(
+                f"several figures are meant by {name!r}: {listing(names, len(names))}"
+            )
         (key,) = names
-        if key not in self._made:
-            self._made[key] = self._draw[key]()
-        return self._made[key]
+        if key not in self._figure_by_name:
+            self._figure_by_name[key] = self._draw_by_name[key]()
+        return self._figure_by_name[key]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._draw
+        return name in self._draw_by_name
 
     def __repr__(self) -> str:
         return f"<figures: {listing(self, len(self)) or 'none'}>"
@@ -101,165 +120,248 @@ class Figures(Mapping[str, Figure]):
         )
 
 
-def figures_of(
-    scenes: Scenes,
+def plan_figures(
+    scenes: Sequence[Scene],
     titles: Mapping[int, str],
     degrees: bool = True,
     columns: Columns = 2,
 ) -> Figures:
-    """Return the figures that scenes of a run make, with angles in degrees or rad.
+    """Return the figures that the scenes of a run give.
 
-    `titles` are the names of the assembly modes, `columns` says over how many columns of
-    a journal a figure goes.
+    Parameters
+    ----------
+    scenes
+        The scenes, each complete.
+    titles
+        Titles of the assembly modes, by number.
+    degrees
+        Whether angles are in degrees, otherwise in rad.
+    columns
+        Number of columns of a journal over which a figure extends.
     """
     if degrees:
         scenes = [convert_to_degrees(scene) for scene in scenes]
     sheet = Sheet(columns, titles)
-    drawn: dict[str, Draw] = {}
+    draw_by_name: dict[str, Callable[[], Figure]] = {}
     for source in dict.fromkeys(scene.source for scene in scenes):
-        of_source = [scene for scene in scenes if scene.source == source]
-        for subject, draw in chain(
-            _planes(of_source, sheet),
-            _spheres(of_source, sheet),
-            _series(of_source, scenes, sheet),
-            *(made(of_source, sheet) for made in (_surfaces, _paths, _axodes, _diagrams)),
-        ):
-            drawn.setdefault(f"{source}/{subject}" if source else subject, draw)
-    return Figures(drawn)
+        source_scenes = [scene for scene in scenes if scene.source == source]
+        planned_figures = [
+            *_plan_planes(source_scenes, sheet),
+            *_plan_spheres(source_scenes, sheet),
+            *_plan_series(source_scenes, scenes, sheet),
+            *_plan_surfaces(source_scenes, sheet),
+            *_plan_paths(source_scenes, sheet),
+            *_plan_axodes(source_scenes, sheet),
+            *_plan_diagrams(source_scenes, sheet),
+        ]
+        for planned_figure in planned_figures:
+            subject = planned_figure.subject
+            name = f"{source}/{subject}" if source else subject
+            draw_by_name.setdefault(name, planned_figure.draw)
+    return Figures(draw_by_name)
 
 
-def _series(of_source: Scenes, every: Scenes, sheet: Sheet) -> Drawn:
-    for (_, name), items in _grouped(of_source, Series, "group").items():
-        lines = [x for x in items if x[0].over and np.any(np.isfinite(x[1].values))]
+def _plan_series(
+    source_scenes: Sequence[Scene], all_scenes: Sequence[Scene], sheet: Sheet
+) -> Iterator[PlannedFigure]:
+    """Yield curves over one axis, or maps over a grid of two inputs, of each group.
+
+    Parameters
+    ----------
+    source_scenes
+        Scenes of one analysis.
+    all_scenes
+        Scenes of all analyses, whose marked inputs are drawn too.
+    sheet
+        Size of the figures, and titles of modes.
+    """
+    for (_, group), items in _group_items(source_scenes, Series, "group").items():
+        lines = [
+            (scene, series)
+            for scene, series in items
+            if scene.over and np.any(np.isfinite(series.values))
+        ]
         if not lines:
             continue
-        over = lines[0][0].over
-        if len(over) > 1 and ticks(over) is not None:
-            for label in dict.fromkeys(item.label for _, item in lines):
+        axes = lines[0][0].over
+        if len(axes) > 1 and find_grid(axes) is not None:
+            for label in dict.fromkeys(series.label for _, series in lines):
                 maps = [line for line in lines if line[1].label == label]
-                subject = name if label == name else f"{name}: {label}"
-                yield from _parted(subject, maps, _page, draw_maps, sheet)
+                subject = group if label == group else f"{group}: {label}"
+                yield from _divide(subject, maps, _page_of, draw_maps, sheet)
             continue
-        curves = [(replace(s, over=(along_path(s.over),)), item) for s, item in lines]
-        marks = [  # on the axis, whatever analysis says it
-            (scene.page, item)
-            for scene in every
-            for item in scene.primitives
-            if isinstance(item, InputMarks)
-            and [axis.label for axis in scene.over] == [over[0].label]
+        # Inputs that are no grid are those of a path, over whose length curves are drawn.
+        curves = [
+            (replace(scene, over=(path_axis(scene.over),)), series)
+            for scene, series in lines
         ]
-        draw = partial(draw_curves, marks if len(over) == 1 else [])
-        yield from _parted(name, curves, _label_of, draw, sheet)
+        marks: list[tuple[Page, InputMarks]] = []
+        if len(axes) == 1:
+            marks = _find_marks(all_scenes, axes[0].label)
+        yield from _divide(group, curves, _label_of, partial(draw_curves, marks), sheet)
 
 
-def _page(item: Shown) -> Hashable:
-    return item[0].page
+def _find_marks(scenes: Sequence[Scene], axis_label: str) -> list[tuple[Page, InputMarks]]:
+    """Return the marked inputs of scenes over one axis, with their pages."""
+    marks: list[tuple[Page, InputMarks]] = []
+    for scene in scenes:
+        if [axis.label for axis in scene.over] == [axis_label]:
+            marks += [
+                (scene.page, primitive)
+                for primitive in scene.primitives
+                if isinstance(primitive, InputMarks)
+            ]
+    return marks
 
 
-def _label_of(item: Shown) -> Hashable:
-    return item[1].label
+def _page_of(item: ShownItem) -> Hashable:
+    """Return the page on which a primitive is shown."""
+    scene, _ = item
+    return scene.page
 
 
-def _parted(
-    name: str,
-    items: Sequence[Shown],
-    panel: Callable[[Shown], Hashable],
+def _label_of(item: ShownItem) -> Hashable:
+    """Return the label of a primitive."""
+    _, primitive = item
+    label: str = primitive.label
+    return label
+
+
+def _divide(
+    subject: str,
+    items: Sequence[ShownItem],
+    panel_of: Callable[[ShownItem], Hashable],
     draw: Callable[[Sequence[Any], Sheet], Figure],
     sheet: Sheet,
-) -> Drawn:
-    """Yield one figure of items, or several of as many panels as are readable."""
-    panels = list(dict.fromkeys(map(panel, items)))
-    parts = -(-len(panels) // MOST_PANELS)
-    for k, chosen in enumerate(np.array_split(np.arange(len(panels)), parts), 1):
-        some = [item for item in items if panels.index(panel(item)) in chosen]
-        title = name if parts == 1 else f"{name}, {k} of {parts}"
-        yield title, partial(draw, some, sheet)
+) -> Iterator[PlannedFigure]:
+    """Yield one figure of items, or several with at most `MAX_PANELS` panels.
+
+    Parameters
+    ----------
+    subject
+        Name of the figure.
+    items
+        The primitives with their scenes.
+    panel_of
+        Returns the panel of an item.
+    draw
+        Draws a figure of items.
+    sheet
+        Size of the figures, and titles of modes.
+    """
+    panels = list(dict.fromkeys(map(panel_of, items)))
+    figure_count = -(-len(panels) // MAX_PANELS)  # rounded up
+    panel_numbers = np.array_split(np.arange(len(panels)), figure_count)
+    for figure_number, numbers in enumerate(panel_numbers, 1):
+        figure_panels = [panels[number] for number in numbers]
+        figure_items = [item for item in items if panel_of(item) in figure_panels]
+        name = subject
+        if figure_count > 1:
+            name = f"{subject}, {figure_number} of {figure_count}"
+        yield PlannedFigure(name, partial(draw, figure_items, sheet))
 
 
-def _planes(of_source: Scenes, sheet: Sheet) -> Drawn:
-    for (_, name), items in _grouped(of_source, Portrait, "label").items():
-        if any(x[1].curves or x[1].marks or is_path(x) for x in items):
-            yield name, partial(draw_plane, items, sheet)
+def _plan_planes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
+    """Yield portraits of two quantities that have curves, marks or a path."""
+    for (_, label), items in _group_items(scenes, Portrait, "label").items():
+        has_content = any(
+            item[1].curves or item[1].marks or is_path(item) for item in items
+        )
+        if has_content:
+            yield PlannedFigure(label, partial(draw_plane, items, sheet))
 
 
-def _spheres(of_source: Scenes, sheet: Sheet) -> Drawn:
-    """Yield what is on the sphere: a figure for each page, those of modes too."""
-    pages: dict[Page, dict[str, Any]] = {}
-    for scene in of_source:
-        for item in scene.primitives:
-            if isinstance(item, SphereCurves | SphereMap):
-                pages.setdefault(scene.page, {}).setdefault(item.path, item)
-    for page, items in pages.items():
-        maps = [item for item in items.values() if isinstance(item, SphereMap)]
-        curves = [item for item in items.values() if isinstance(item, SphereCurves)]
-        if len(focus_of(maps, curves)):
-            title = "on the sphere"
-            if isinstance(page, int):
-                title = f"{title}, {sheet.title(page)}"
-            elif page:
-                title = f"{page[:1].lower()}{page[1:]} {title}"
-            yield title, partial(draw_sphere, maps, curves, sheet)
+def _plan_spheres(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
+    """Yield the curves and maps on the sphere: a figure for each page, also of modes."""
+    primitives_by_page: dict[Page, dict[str, Any]] = {}
+    for scene in scenes:
+        for primitive in scene.primitives:
+            if isinstance(primitive, SphereCurves | SphereMap):
+                primitives = primitives_by_page.setdefault(scene.page, {})
+                primitives.setdefault(primitive.path, primitive)
+    for page, primitives in primitives_by_page.items():
+        maps = [item for item in primitives.values() if isinstance(item, SphereMap)]
+        curves = [item for item in primitives.values() if isinstance(item, SphereCurves)]
+        if not len(directions_to_show(maps, curves)):
+            continue
+        name = "on the sphere"
+        if isinstance(page, int):
+            name = f"on the sphere, {sheet.title(page)}"
+        elif page:
+            name = f"{page[:1].lower()}{page[1:]} on the sphere"
+        yield PlannedFigure(name, partial(draw_sphere, maps, curves, sheet))
 
 
-def _surfaces(of_source: Scenes, sheet: Sheet) -> Drawn:
-    groups: dict[Any, dict[str, Surface]] = {}
-    for (_, axes), items in _grouped(of_source, Surface, "axes").items():
-        groups.setdefault(axes, {}).update({item.path: item for _, item in items})
-    for number, surfaces in enumerate(groups.values(), 1):
-        name = "surfaces" if len(groups) == 1 else f"surfaces {number}"
-        yield name, partial(draw_surfaces, list(surfaces.values()), sheet)
+def _plan_surfaces(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
+    """Yield the surfaces: a figure for each space of three quantities."""
+    surfaces_by_axes: dict[Any, dict[str, Surface]] = {}
+    for (_, axes), items in _group_items(scenes, Surface, "axes").items():
+        surface_by_path = {surface.path: surface for _, surface in items}
+        surfaces_by_axes.setdefault(axes, {}).update(surface_by_path)
+    for number, surface_by_path in enumerate(surfaces_by_axes.values(), 1):
+        name = "surfaces" if len(surfaces_by_axes) == 1 else f"surfaces {number}"
+        surfaces = list(surface_by_path.values())
+        yield PlannedFigure(name, partial(draw_surfaces, surfaces, sheet))
 
 
-def _paths(of_source: Scenes, sheet: Sheet) -> Drawn:
-    """Yield the paths of axes of modes; over several inputs there are no paths."""
+def _plan_paths(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
+    """Yield the paths of pole axes of modes; over several inputs there are no paths."""
     arrows = [
-        (scene, item)
-        for scene in of_source
-        for item in scene.primitives
-        if isinstance(item, Arrow)
-        and item.path_shown
-        and item.shown
-        and not item.primary
-        and isinstance(scene.page, int)
-        and len(scene.over) == 1
+        (scene, primitive)
+        for scene in scenes
+        if isinstance(scene.page, int) and len(scene.over) == 1
+        for primitive in scene.primitives
+        if isinstance(primitive, Arrow)
+        and primitive.path_shown
+        and primitive.shown
+        and not primitive.primary
     ]
     if arrows:
-        yield from _parted("paths of the axes", arrows, _label_of, draw_paths, sheet)
+        yield from _divide("paths of the axes", arrows, _label_of, draw_paths, sheet)
 
 
-def _axodes(of_source: Scenes, sheet: Sheet) -> Drawn:
-    """Yield for each mode the paths of directions in links, as these stand at first."""
-    for scene in of_source:
-        traces = [trace for trace in scene.primitives if isinstance(trace, Trace)]
+def _plan_axodes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
+    """Yield for each mode the paths of directions in links, in the first configuration."""
+    for scene in scenes:
+        traces = [item for item in scene.primitives if isinstance(item, Trace)]
         curves = [
             SphereCurves(trace.path, trace.label, [trace.at_first], tone)
             for tone, trace in enumerate(traces, start=1)
         ]
         if curves and isinstance(scene.page, int):
-            yield (
-                f"axodes, {sheet.title(scene.page)}",
-                partial(draw_sphere, [], curves, sheet),
-            )
+            name = f"axodes, {sheet.title(scene.page)}"
+            yield PlannedFigure(name, partial(draw_sphere, [], curves, sheet))
 
 
-def _diagrams(of_source: Scenes, sheet: Sheet) -> Drawn:
-    for (page, label), items in _grouped(of_source, Diagram, "label").items():
-        diagrams = [x for x in items if len(x[0].over) == 1]
+def _plan_diagrams(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
+    """Yield diagrams of points in a plane over one input, a panel for each mode."""
+    for (page, label), items in _group_items(scenes, Diagram, "label").items():
+        diagrams = [item for item in items if len(item[0].over) == 1]
         if diagrams and not page:
-            yield from _parted(label, diagrams, _page, draw_diagrams, sheet)
+            yield from _divide(label, diagrams, _page_of, draw_diagrams, sheet)
 
 
-def _grouped(
-    scenes: Scenes, kinds: type | tuple[type, ...], key: str
-) -> dict[tuple[str, Any], list[Shown]]:
-    """Return items of kinds with their scenes, by their pages and what a field says.
+def _group_items(
+    scenes: Sequence[Scene], kind: type, attribute: str
+) -> dict[tuple[str, Any], list[ShownItem]]:
+    """Return primitives of a kind with their scenes, by page and one attribute.
 
-    Modes share figures, and have no page of their own.
+    Modes share figures, so all of them have the page "".
+
+    Parameters
+    ----------
+    scenes
+        The scenes.
+    kind
+        Class of the primitives.
+    attribute
+        Name of the attribute by which they are grouped.
     """
-    groups: dict[tuple[str, Any], list[Shown]] = {}
+    groups: dict[tuple[str, Any], list[ShownItem]] = {}
     for scene in scenes:
         page = scene.page if isinstance(scene.page, str) else ""
-        for item in scene.primitives:
-            if isinstance(item, kinds):
-                groups.setdefault((page, getattr(item, key)), []).append((scene, item))
+        for primitive in scene.primitives:
+            if isinstance(primitive, kind):
+                key = page, getattr(primitive, attribute)
+                groups.setdefault(key, []).append((scene, primitive))
     return groups

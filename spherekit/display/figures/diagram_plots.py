@@ -1,4 +1,4 @@
-"""Points that move in a plane with one scale on both axes, a panel for each mode."""
+"""Figures of points that move in a plane with one scale on both axes."""
 
 from collections.abc import Sequence
 
@@ -6,55 +6,74 @@ import numpy as np
 
 from spherekit.display.figures import style
 from spherekit.display.figures.matplotlib_sdk import Axes, Figure
-from spherekit.display.figures.sheet import Sheet, label_outside, name_points
+from spherekit.display.figures.sheet import Sheet, label_shared_axes, name_points
 from spherekit.display.figures.style import Look
 from spherekit.escaping import plot_text
 from spherekit.scenes.plot_layout import insert_gaps
 from spherekit.scenes.scene import Diagram, Scene
 
-RATIO = 0.95
+DIAGRAM_RATIO = 0.95
+"""Height of a panel, relative to its width."""
 
+INFINITE_STEP_RATIO = 0.5
+"""Steps of a path that lead through infinity, relative to the frame.
 
-FAR = 0.5
-"""Steps of a path longer than this part of the frame lead through infinity."""
+Larger: a line across the frame joins both ends of such a path; smaller: fast paths have
+gaps.
+"""
 
 
 def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figure:
-    """Return a figure of the paths of points, each named where it starts."""
+    """Return a figure of the paths of points, each named at its start.
+
+    Parameters
+    ----------
+    items
+        A diagram for each mode, with its scene.
+    sheet
+        Size of the figure, and titles of modes.
+    """
     with style.look():
-        figure, panels = sheet.panels(len(items), RATIO)
-        for panel, (scene, item) in zip(panels, items, strict=True):
-            ranges = item.x_range, item.y_range
-            panel.set(xlim=item.x_range, ylim=item.y_range, aspect="equal")
+        figure, panels = sheet.make_panels(len(items), DIAGRAM_RATIO)
+        for panel, (scene, diagram) in zip(panels, items, strict=True):
+            frame_size = np.ptp((diagram.x_range, diagram.y_range), axis=1)
+            panel.set(xlim=diagram.x_range, ylim=diagram.y_range, aspect="equal")
             panel.set_title(sheet.title(scene.page))
-            for k, name in enumerate(item.names):
-                path = item.places[:, k]
-                far = np.abs(np.diff(path, axis=0)) > FAR * np.ptp(ranges, axis=1)
-                look = _look(item, k) | {"label": plot_text(name)}
-                panel.plot(*insert_gaps(path, np.any(far, 1)).T, **look)
-        label_outside(panels, items[0][1].x_label, items[0][1].y_label)
-        figure.draw_without_rendering()
-        for panel, (_, item) in zip(panels, items, strict=True):
-            _label(panel, item)
+            for point, name in enumerate(diagram.names):
+                path = diagram.places[:, point]
+                steps = np.abs(np.diff(path, axis=0))
+                is_infinite = np.any(steps > INFINITE_STEP_RATIO * frame_size, 1)
+                look = _path_look(diagram, point) | {"label": plot_text(name)}
+                panel.plot(*insert_gaps(path, is_infinite).T, **look)
+        first_diagram = items[0][1]
+        label_shared_axes(panels, first_diagram.x_label, first_diagram.y_label)
+        figure.draw_without_rendering()  # makes the layout, in which names are placed
+        for panel, (_, diagram) in zip(panels, items, strict=True):
+            _name_starts(panel, diagram)
     return figure
 
 
-def _look(item: Diagram, number: int) -> Look:
-    """Return how a path is drawn: of a tone in ink, or one of its own."""
-    if item.tones[number] == 0:
+def _path_look(diagram: Diagram, point: int) -> Look:
+    """Return how the path of a point is drawn.
+
+    Points of the tone 0 have the colour of text. Others have colours of their own.
+    """
+    if diagram.tones[point] == 0:
         return {"color": style.INK}
-    return style.series_look(number - item.tones[:number].count(0))
+    return style.series_look(point - diagram.tones[:point].count(0))
 
 
-def _label(panel: Axes, item: Diagram) -> None:
-    """Name each point where its path is in the frame first, with a dot there."""
-    low, high = np.transpose([item.x_range, item.y_range])
-    seen = np.all((item.places >= low) & (item.places <= high), axis=2)
-    shown = np.flatnonzero(seen.any(axis=0)).tolist()
-    if not shown:
+def _name_starts(panel: Axes, diagram: Diagram) -> None:
+    """Draw a dot with a name where the path of each point enters the frame."""
+    low, high = np.transpose([diagram.x_range, diagram.y_range])
+    # (rows, points) whether a point is in the frame.
+    is_inside = np.all((diagram.places >= low) & (diagram.places <= high), axis=2)
+    visible_points = np.flatnonzero(is_inside.any(axis=0)).tolist()
+    if not visible_points:
         return
-    starts = item.places[np.argmax(seen, axis=0)[shown], shown]
-    tints = [_look(item, k)["color"] for k in shown]
-    for start, tint in zip(starts, tints, strict=True):
-        panel.plot(*start, "o", color=tint, markersize=2.5)
-    name_points(panel, [item.names[k] for k in shown], starts, tints)
+    first_rows = np.argmax(is_inside, axis=0)[visible_points]
+    starts = diagram.places[first_rows, visible_points]
+    colours = [_path_look(diagram, point)["color"] for point in visible_points]
+    for start, colour in zip(starts, colours, strict=True):
+        panel.plot(*start, "o", color=colour, markersize=2.5)
+    name_points(panel, [diagram.names[k] for k in visible_points], starts, colours)

@@ -14,13 +14,28 @@ from spherekit.storage.atomic_write import (
 )
 
 FigureFormat = Literal["png", "pdf", "svg"]
+"""Formats of files of figures."""
+
 FORMATS: tuple[FigureFormat, ...] = get_args(FigureFormat)
 
 
 def write_figures(
     figures: Mapping[str, Figure], folder: Path, kind: FigureFormat = "png"
 ) -> list[Path]:
-    """Write every figure into a folder, named by analysis and subject; return the paths.
+    """Write every figure into a folder, named by analysis and subject.
+
+    Parameters
+    ----------
+    figures
+        The figures by name.
+    folder
+        The folder, which is made if it does not exist.
+    kind
+        Format of the files.
+
+    Returns
+    -------
+    The paths of the files.
 
     Raises
     ------
@@ -30,7 +45,7 @@ def write_figures(
     make_folder(folder)
     paths = []
     for name in figures:
-        path = folder / f"{stem(name)}.{kind}"
+        path = folder / f"{file_stem(name)}.{kind}"
         check_made_by_spherekit(path, SOFTWARE_MARK.encode())
         try:
             figures[name].savefig(path, metadata={"Creator": SOFTWARE_MARK})
@@ -43,6 +58,6 @@ def write_figures(
     return paths
 
 
-def stem(name: str) -> str:
-    """Return what the file of a figure is called, without its ending."""
+def file_stem(name: str) -> str:
+    """Return the name of the file of a figure, without its ending."""
     return re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")

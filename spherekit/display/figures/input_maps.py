@@ -9,91 +9,155 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.display.figures import style
 from spherekit.display.figures.curve_plots import Curve
-from spherekit.display.figures.diagram_plots import RATIO
 from spherekit.display.figures.matplotlib_sdk import Axes, Figure, Normalize
-from spherekit.display.figures.sheet import Sheet, colour_bar, label_outside, ticks_of
+from spherekit.display.figures.sheet import (
+    Sheet,
+    add_colour_bar,
+    label_shared_axes,
+    set_degree_ticks,
+)
 from spherekit.display.figures.style import Look
 from spherekit.escaping import plot_text
 from spherekit.scenes.plot_layout import choose_plot_range, quantity_scale
 from spherekit.scenes.scene import Axis
 
-SIGNED = "RdBu_r"
+MAP_RATIO = 0.95
+"""Height of a panel, relative to its width."""
+
+SIGNED_COLOURS = "RdBu_r"
+"""Colours of quantities with both signs, white at zero."""
+
+SIGN_JUMP_RATIO = 0.3
+"""Difference of neighbours of opposite signs that is a jump, relative to the range.
+
+Larger: a line of zeros is drawn where a quantity jumps; smaller: steep zeros have no line.
+"""
+
+MAX_SLICES = 3
+"""Largest number of values of each further input at which a map is drawn."""
 
 
-TURNED = 0.3
-"""Neighbours of unlike signs that differ by more, over the range, pass no zero."""
+def find_grid(axes: Sequence[Axis]) -> list[Floats] | None:
+    """Return the values of each axis if the rows are a grid of them, else None.
 
+    The last axis varies fastest.
 
-MOST_SLICES = 3
-"""Values of further inputs at which a map is drawn."""
-
-
-def ticks(over: Sequence[Axis]) -> list[Floats] | None:
-    """Return the values of each axis if the rows are a grid of them, the last quickest."""
-    rows = [axis.values for axis in over]
-    per_axis = [np.unique(values) for values in rows]
-    counts = [len(values) for values in per_axis]
+    Parameters
+    ----------
+    axes
+        The axes, each with its value in every row.
+    """
+    rows = [axis.values for axis in axes]
+    values_by_axis = [np.unique(values) for values in rows]
+    counts = [len(values) for values in values_by_axis]
     if min(counts) < 2 or np.prod(counts) != len(rows[0]):
         return None
-    mesh = np.meshgrid(*per_axis, indexing="ij")
-    return per_axis if np.array_equal(rows, np.reshape(mesh, np.shape(rows))) else None
+    grid = np.meshgrid(*values_by_axis, indexing="ij")
+    is_grid = np.array_equal(rows, np.reshape(grid, np.shape(rows)))
+    return values_by_axis if is_grid else None
 
 
-def along_path(over: Sequence[Axis]) -> Axis:
-    """Return how far rows are along a path of several inputs; of one, its axis."""
-    if len(over) == 1:
-        return over[0]
-    points = np.stack([axis.values for axis in over], axis=1)
+def path_axis(axes: Sequence[Axis]) -> Axis:
+    """Return the length along a path of several inputs as an axis; of one, its axis."""
+    if len(axes) == 1:
+        return axes[0]
+    points = np.stack([axis.values for axis in axes], axis=1)
     steps = np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1)
-    return Axis("path of the inputs", over[0].unit, np.cumsum(steps))
+    return Axis("path of the inputs", axes[0].unit, np.cumsum(steps))
 
 
 def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
     """Return a figure of one quantity over two inputs, in every mode.
 
-    With more inputs at the first, the middle and the last value of the others.
+    With more inputs there is a map at the first, the middle and the last value of each.
+
+    Parameters
+    ----------
+    maps
+        The quantity in each mode, with the scenes of the modes. Their rows are a grid.
+    sheet
+        Size of the figure, and titles of modes.
     """
-    over, first = maps[0][0].over, maps[0][1]
-    grid = ticks(over)
+    first_scene, first_series = maps[0]
+    axes = first_scene.over
+    grid = find_grid(axes)
     assert grid is not None
-    ends = (np.linspace(0, len(x) - 1, min(MOST_SLICES, len(x))) for x in grid[2:])
-    slices = [*product(*(np.round(end).astype(int) for end in ends))]
-    values = np.concatenate([item.values for _, item in maps])
-    low, high = choose_plot_range(
-        values, quantity_scale(values, first.unit), first.resolution, "colours"
-    )
-    signed = low < 0.0 < high and np.nanmin(values) < 0.0 < np.nanmax(values)
-    if signed:
-        low, high = -max(-low, high), max(-low, high)
-    tint, colours = Normalize(low, high), SIGNED if signed else style.HEAT
-    look: Look = {"norm": tint, "cmap": colours, "rasterized": True, "shading": "nearest"}
-    shape = [len(axis) for axis in grid]
+    # Indices of the values of further inputs at which maps are drawn.
+    indices_by_input = [
+        np.round(np.linspace(0, len(values) - 1, min(MAX_SLICES, len(values)))).astype(int)
+        for values in grid[2:]
+    ]
+    slices = [*product(*indices_by_input)]
+    values = np.concatenate([series.values for _, series in maps])
+    scale = quantity_scale(values, first_series.unit)
+    low, high = choose_plot_range(values, scale, first_series.resolution, "colours")
+    has_both_signs = low < 0.0 < high and np.nanmin(values) < 0.0 < np.nanmax(values)
+    if has_both_signs:
+        largest = max(-low, high)
+        low = -largest
+        high = largest
+    colour_scale = Normalize(low, high)
+    colours = SIGNED_COLOURS if has_both_signs else style.HEAT
+    look: Look = {
+        "norm": colour_scale,
+        "cmap": colours,
+        "rasterized": True,
+        "shading": "nearest",
+    }
+    grid_shape = [len(axis_values) for axis_values in grid]
     with style.look():
-        figure, panels = sheet.panels(len(maps) * len(slices), RATIO)
-        for panel, ((scene, item), at) in zip(panels, product(maps, slices), strict=True):
-            table = np.moveaxis(item.values.reshape(shape), (0, 1), (-2, -1))[at]
+        figure, panels = sheet.make_panels(len(maps) * len(slices), MAP_RATIO)
+        for panel, ((scene, series), slice_indices) in zip(
+            panels, product(maps, slices), strict=True
+        ):
+            # The first two inputs become the last axes, and the others are indexed.
+            table = series.values.reshape(grid_shape)
+            table = np.moveaxis(table, (0, 1), (-2, -1))[slice_indices]
             panel.pcolormesh(grid[0], grid[1], table.T, **look)
-            if signed:
-                _zeros(panel, grid[0], grid[1], table, high - low)
-            words = [sheet.title(scene.page)] if isinstance(scene.page, int) else []
-            words += [
-                f"{plot_text(axis.label)} = {values_of[k]:.4g} {axis.unit}"
-                for axis, values_of, k in zip(over[2:], grid[2:], at, strict=True)
-            ]
-            panel.set_title("\n".join(words), color=style.page_look(scene.page)["color"])
+            if has_both_signs:
+                _draw_zeros(panel, grid[0], grid[1], table, high - low)
+            title_lines: list[str] = []
+            if isinstance(scene.page, int):
+                title_lines.append(sheet.title(scene.page))
+            for axis, axis_values, index in zip(
+                axes[2:], grid[2:], slice_indices, strict=True
+            ):
+                value = axis_values[index]
+                title_lines.append(f"{plot_text(axis.label)} = {value:.4g} {axis.unit}")
+            colour = style.page_look(scene.page)["color"]
+            panel.set_title("\n".join(title_lines), color=colour)
             panel.set(facecolor="#eeeeee", box_aspect=1.0)
-            ticks_of(panel, over[0].unit, over[1].unit)
-        label_outside(panels, over[0].words, over[1].words)
-        label = "" if first.label == first.group else f"{first.label}: "
-        colour_bar(figure, panels, values, tint, colours, fill(label + first.heading, 42))
+            set_degree_ticks(panel, axes[0].unit, axes[1].unit)
+        label_shared_axes(panels, axes[0].words, axes[1].words)
+        label = first_series.heading
+        if first_series.label != first_series.group:
+            label = f"{first_series.label}: {first_series.heading}"
+        add_colour_bar(figure, panels, values, colour_scale, colours, fill(label, 42))
     return figure
 
 
-def _zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -> None:
-    """Draw where a quantity passes zero, and not where its sign is turned."""
-    still = table.copy()
-    for axis, end in product((0, 1), ("prepend", "append")):
-        beyond: Look = {end: np.nan}
-        still[np.abs(np.diff(table, axis=axis, **beyond)) > TURNED * span] = np.nan
-    if np.any(still < 0.0) and np.any(still > 0.0):
-        panel.contour(x, y, still.T, levels=[0.0], colors=style.INK, linewidths=0.8)
+def _draw_zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -> None:
+    """Draw the line on which a quantity is zero, but not that on which its sign jumps.
+
+    Parameters
+    ----------
+    panel
+        The panel.
+    x, y
+        Values of the two inputs.
+    table
+        (len(x), len(y)) the quantity.
+    span
+        Range of the colours, in the unit of the quantity.
+    """
+    continuous_table = table.copy()
+    for axis in (0, 1):
+        # Both neighbours of a jump are removed.
+        step_before = np.abs(np.diff(table, axis=axis, prepend=np.nan))
+        step_after = np.abs(np.diff(table, axis=axis, append=np.nan))
+        continuous_table[step_before > SIGN_JUMP_RATIO * span] = np.nan
+        continuous_table[step_after > SIGN_JUMP_RATIO * span] = np.nan
+    if np.any(continuous_table < 0.0) and np.any(continuous_table > 0.0):
+        panel.contour(
+            x, y, continuous_table.T, levels=[0.0], colors=style.INK, linewidths=0.8
+        )

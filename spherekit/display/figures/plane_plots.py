@@ -1,4 +1,7 @@
-"""One quantity against another: input-output curves, phase portraits, singular curves."""
+"""Figures of one quantity against another.
+
+Examples are input-output curves, phase portraits and singular curves.
+"""
 
 from collections.abc import Sequence
 
@@ -6,89 +9,133 @@ import numpy as np
 
 from spherekit.display.figures import style
 from spherekit.display.figures.matplotlib_sdk import Axes, Figure
-from spherekit.display.figures.sheet import Sheet, name_points, spot_look, ticks_of
+from spherekit.display.figures.sheet import (
+    Sheet,
+    marker_look,
+    name_points,
+    set_degree_ticks,
+)
 from spherekit.escaping import plot_text
 from spherekit.geometry.vectors import all_finite
 from spherekit.scenes.plot_layout import MAX_LEGEND_KINDS, TURN_BY_UNIT, insert_gaps
-from spherekit.scenes.scene import Portrait, Scene, title_with_unit
+from spherekit.scenes.scene import Mark, PlaneCurve, Portrait, Scene, title_with_unit
 
-RATIO = 0.72
-AROUND = 0.03
-Plane = tuple[Scene, Portrait]
-"""A portrait of a scene."""
+PLANE_RATIO = 0.72
+"""Height of the panel, relative to its width."""
+
+FRAME_MARGIN_RATIO = 0.03
+"""Distance of the frame from the curves, relative to their range."""
+
+CONSTANT_MARGIN_RATIO = 0.05
+"""Distance of the frame from a constant quantity, relative to its value, or to 1."""
+
+PlaneItem = tuple[Scene, Portrait]
+"""A portrait with its scene."""
 
 
-def is_path(plane: Plane) -> bool:
-    """Return whether its rows follow each other, and are not those of a grid or single."""
-    scene, portrait = plane
+def is_path(item: PlaneItem) -> bool:
+    """Return whether the rows of a portrait follow each other along one axis."""
+    scene, portrait = item
     return len(portrait.x) > 1 and len(scene.over) < 2
 
 
-def draw_plane(planes: Sequence[Plane], sheet: Sheet) -> Figure:
-    """Return one figure of a portrait in all pages: their curves, marks and rows."""
-    first = planes[0][1]
-    curves = {curve.points.tobytes(): curve for _, item in planes for curve in item.curves}
-    marks = {
-        (mark.label, mark.place.tobytes()): mark
-        for _, item in planes
-        for mark in item.marks
-    }
-    named = len({mark.label for mark in marks.values()}) <= MAX_LEGEND_KINDS
-    traced = [plane for plane in planes if is_path(plane)]
+def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
+    """Return one figure of a portrait in all pages: their curves, marks and rows.
+
+    Parameters
+    ----------
+    items
+        The portrait in each page. Equal curves and marks are drawn once.
+    sheet
+        Size of the figure, and titles of modes.
+    """
+    first_portrait = items[0][1]
+    curve_by_points: dict[bytes, PlaneCurve] = {}
+    mark_by_place: dict[tuple[str, bytes], Mark] = {}
+    for _, portrait in items:
+        for curve in portrait.curves:
+            curve_by_points[curve.points.tobytes()] = curve
+        for mark in portrait.marks:
+            mark_by_place[mark.label, mark.place.tobytes()] = mark
+    marks = list(mark_by_place.values())
+    # With few kinds of marks the legend names them, otherwise each one has its name.
+    is_named_in_legend = len({mark.label for mark in marks}) <= MAX_LEGEND_KINDS
+    paths = [item for item in items if is_path(item)]
     with style.look():
-        figure, (panel,) = sheet.panels(1, RATIO)
-        for curve in curves.values():
+        figure, (panel,) = sheet.make_panels(1, PLANE_RATIO)
+        for curve in curve_by_points.values():
             look = style.tone_look(curve.tone) | {"linewidth": 0.9, "zorder": 1.5}
             if len(curve.points) == 1:
-                look = spot_look(curve.tone)
+                look = marker_look(curve.tone)
             panel.plot(*curve.points.T, label=plot_text(curve.label), **look)
-        for plane in traced:
-            _trace(panel, *plane, sheet.title(plane[0].page) if len(traced) > 1 else "")
-        for mark in marks.values():
-            look = spot_look(mark.tone) | {"label": plot_text(mark.label) if named else ""}
+        for scene, portrait in paths:
+            title = sheet.title(scene.page) if len(paths) > 1 else ""
+            _draw_path(panel, scene, portrait, title)
+        for mark in marks:
+            label = plot_text(mark.label) if is_named_in_legend else ""
+            look = marker_look(mark.tone) | {"label": label}
             panel.plot(*mark.place, zorder=4.0, **look)
-        _frame(panel, first)
-        if not traced and first.x_unit == first.y_unit and not first.logarithmic:
+        _set_frame(panel, first_portrait)
+        has_one_unit = first_portrait.x_unit == first_portrait.y_unit
+        if not paths and has_one_unit and not first_portrait.logarithmic:
             panel.set_aspect("equal")
-        sheet.name(figure)
-        if not named:
-            figure.draw_without_rendering()
-            shown = list(marks.values())
-            places = np.array([mark.place for mark in shown])
-            tints = [style.tone_colour(mark.tone) for mark in shown]
-            name_points(panel, [mark.label for mark in shown], places, tints)
+        sheet.add_legend(figure)
+        if not is_named_in_legend:
+            figure.draw_without_rendering()  # makes the layout, in which names are placed
+            places = np.array([mark.place for mark in marks])
+            colours = [style.tone_colour(mark.tone) for mark in marks]
+            name_points(panel, [mark.label for mark in marks], places, colours)
     return figure
 
 
-def _trace(panel: Axes, scene: Scene, portrait: Portrait, name: str) -> None:
-    """Draw the rows of a page in its colour, from a dot on."""
+def _draw_path(panel: Axes, scene: Scene, portrait: Portrait, label: str) -> None:
+    """Draw the rows of a page as a curve in its colour, with a dot at its start.
+
+    Parameters
+    ----------
+    panel
+        The panel.
+    scene, portrait
+        The scene of the page and its portrait.
+    label
+        Name in the legend.
+    """
     line = np.stack([portrait.x, portrait.y], axis=1)
-    turns = [TURN_BY_UNIT.get(unit, np.inf) for unit in (portrait.x_unit, portrait.y_unit)]
-    line = insert_gaps(
-        line, np.any(np.abs(np.diff(line, axis=0)) >= np.multiply(0.5, turns), 1)
-    )
+    # Half a revolution or more between two rows is a jump of the angle.
+    revolutions = [
+        TURN_BY_UNIT.get(unit, np.inf) for unit in (portrait.x_unit, portrait.y_unit)
+    ]
+    steps = np.abs(np.diff(line, axis=0))
+    is_jump = np.any(steps >= np.multiply(0.5, revolutions), 1)
+    line = insert_gaps(line, is_jump)
     look = style.page_look(scene.page)
-    panel.plot(*line.T, linewidth=1.4, zorder=2.5, label=name, **look)
-    finite = line[all_finite(line, 1)]
-    if len(finite) and not portrait.curves:
-        panel.plot(*finite[0], "o", color=look["color"], markersize=4.0, zorder=3.0)
+    panel.plot(*line.T, linewidth=1.4, zorder=2.5, label=label, **look)
+    finite_points = line[all_finite(line, 1)]
+    if len(finite_points) and not portrait.curves:
+        panel.plot(*finite_points[0], "o", color=look["color"], markersize=4.0, zorder=3.0)
 
 
-def _frame(panel: Axes, portrait: Portrait) -> None:
-    x, y = portrait.x_range, portrait.y_range
+def _set_frame(panel: Axes, portrait: Portrait) -> None:
+    """Set ranges, names and ticks of both axes."""
+    x_range = portrait.x_range
+    y_range = portrait.y_range
     if portrait.logarithmic:
         panel.set(xscale="log", yscale="log", axisbelow=True)
         panel.grid(True, color="#e8e8e8", linewidth=0.5)
     else:
-        x, y = (
-            (low - around, high + around)
-            for low, high in (x, y)
-            for around in [AROUND * (high - low) or 0.05 * max(abs(low), 1.0)]
-        )
+        x_range = _widen(*x_range)
+        y_range = _widen(*y_range)
     panel.set(
-        xlim=x,
-        ylim=y,
+        xlim=x_range,
+        ylim=y_range,
         xlabel=plot_text(title_with_unit(portrait.x_label, portrait.x_unit)),
         ylabel=plot_text(title_with_unit(portrait.y_label, portrait.y_unit)),
     )
-    ticks_of(panel, portrait.x_unit, portrait.y_unit)
+    set_degree_ticks(panel, portrait.x_unit, portrait.y_unit)
+
+
+def _widen(low: float, high: float) -> tuple[float, float]:
+    """Return a range with a margin on both sides."""
+    margin = FRAME_MARGIN_RATIO * (high - low)
+    margin = margin or CONSTANT_MARGIN_RATIO * max(abs(low), 1.0)
+    return low - margin, high + margin

@@ -1,4 +1,4 @@
-"""A figure with its panels, its legend beside them, and its axes with units."""
+"""Figures with their panels, their legend, and their axes with units."""
 
 import base64
 import io
@@ -23,110 +23,168 @@ from spherekit.escaping import plot_text
 from spherekit.scenes.plot_layout import place_labels
 from spherekit.scenes.scene import Page
 
-DEGREE_STEPS = (1, 1.2, 1.5, 1.8, 3, 4.5, 6, 9, 10)
-LONG = 60.0
-"""Degrees from which on an axis has these steps."""
-LEGEND_ROW = 0.17
-"""Inches that a row of the legend takes."""
-HEADING = 0.25
-"""Inches of a panel's title and the name of its axis."""
-LONG_TITLE = 28
-"""Letters of a title from which on fewer panels stand side by side."""
-SCREEN = 160
+DEGREE_TICK_STEPS = (1, 1.2, 1.5, 1.8, 3, 4.5, 6, 9, 10)
+"""Steps of ticks, times powers of ten, that divide a revolution in degrees."""
+
+DEGREE_TICK_RANGE = 60.0
+"""Smallest range (deg) of an axis with these ticks. Shorter axes have decimal ones."""
+
+LEGEND_ROW_IN = 0.17
+"""Height (inches) of a row of the legend."""
+
+LEGEND_LETTER_IN = 0.062
+"""Width (inches) of a letter in the legend."""
+
+LEGEND_KEY_IN = 0.5
+"""Width (inches) of the line in front of a name in the legend."""
+
+PANEL_HEADING_IN = 0.25
+"""Height (inches) of the title of a panel and of the name of its axis."""
+
+LONG_TITLE_LETTERS = 28
+"""Titles with more letters allow fewer panels side by side."""
+
+SCREEN_DPI = 160
 """Dots per inch in a notebook."""
+
+POINT_NAME_PT = 6.5
+"""Size (points) of the letters of names in a panel."""
 
 
 class Drawing(Figure):
-    """A matplotlib figure in the look of spherekit, shown in notebooks as it is."""
+    """A matplotlib figure in the style of spherekit, which notebooks display."""
 
     savefig = cast(Any, style.look())(Figure.savefig)
 
     def _repr_png_(self) -> bytes:
-        return as_bytes(self)
+        return as_png(self)
 
 
-def as_bytes(figure: Figure) -> bytes:
-    """Return a figure as a PNG picture for the screen."""
+def as_png(figure: Figure) -> bytes:
+    """Return a figure as a PNG image for the screen."""
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=SCREEN)
+    figure.savefig(buffer, format="png", dpi=SCREEN_DPI)
     return buffer.getvalue()
 
 
 def as_data_url(figure: Figure) -> str:
-    """Return a figure as the address of a picture in a page."""
-    return "data:image/png;base64," + base64.b64encode(as_bytes(figure)).decode()
+    """Return a figure as the address of an image in an HTML page."""
+    return "data:image/png;base64," + base64.b64encode(as_png(figure)).decode()
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """How figures of a run are drawn: over one or two columns, modes by their titles."""
+    """The width of the figures of a run, and the titles of its assembly modes.
+
+    Attributes
+    ----------
+    columns
+        Number of columns of a journal over which a figure extends.
+    titles
+        Titles of the assembly modes, by number.
+    """
 
     columns: style.Columns
     titles: Mapping[int, str]
 
     @property
     def width(self) -> float:
-        """Inches."""
+        """Width of a figure (inches)."""
         return style.WIDTHS[self.columns]
 
     def title(self, page: Page) -> str:
-        """Return what a page is called in legends."""
+        """Return the name of a page in legends: the title of a mode, or its own name."""
         if isinstance(page, int):
             title = self.titles.get(page, f"Mode {page}")
             return plot_text(title.replace("Mode", "mode").replace("-", "−"))
         return plot_text(page or "")
 
-    def figure(self, rows: int, row: float) -> Drawing:
-        """Return an empty figure with rows of panels `row` inches high."""
-        return Drawing(figsize=(self.width, rows * row), layout="constrained")
+    def make_figure(self, row_count: int, row_height: float) -> Drawing:
+        """Return an empty figure for rows of panels of a height (inches)."""
+        figure_size = (self.width, row_count * row_height)
+        return Drawing(figsize=figure_size, layout="constrained")
 
-    def name(self, figure: Drawing) -> Drawing:
-        """Return a figure with a legend below, of what is named in any of its panels."""
-        named: dict[str, Any] = {}
+    def add_legend(self, figure: Drawing) -> Drawing:
+        """Add a legend below the panels, of all names that occur in them.
+
+        The height of the figure grows by that of the legend. The figure is returned.
+        """
+        handle_by_label: dict[str, Any] = {}
         for panel in figure.axes:
             handles, labels = panel.get_legend_handles_labels()
-            named = dict(zip(labels, handles, strict=True)) | named
-        if named:
-            columns = max(1, int(self.width / (0.062 * max(map(len, named)) + 0.5)))
-            rows = -(-len(named) // columns)
-            figure.set_figheight(figure.get_figheight() + LEGEND_ROW * rows)
+            # The handle of the first panel with a name remains.
+            handle_by_label = dict(zip(labels, handles, strict=True)) | handle_by_label
+        if handle_by_label:
+            longest_label = max(map(len, handle_by_label))
+            entry_width = LEGEND_LETTER_IN * longest_label + LEGEND_KEY_IN
+            column_count = max(1, int(self.width / entry_width))
+            row_count = -(-len(handle_by_label) // column_count)  # rounded up
+            figure.set_figheight(figure.get_figheight() + LEGEND_ROW_IN * row_count)
             figure.legend(
-                named.values(),
-                named,
+                handle_by_label.values(),
+                handle_by_label,
                 loc="outside lower center",
-                ncols=min(len(named), columns),
+                ncols=min(len(handle_by_label), column_count),
                 handlelength=2.2,
                 columnspacing=1.4,
             )
         return figure
 
-    def panels(
-        self, count: int, ratio: float, longest: int = 0, subplot: Look | None = None
+    def make_panels(
+        self,
+        panel_count: int,
+        ratio: float,
+        longest_title: int = 0,
+        subplot: Look | None = None,
     ) -> tuple[Drawing, Any]:
-        """Return a figure with so many panels.
+        """Return a figure with a number of panels.
 
-        `ratio` is the height of a panel over its width, `longest` the letters of the
-        longest title, `subplot` the kind of panels.
+        Parameters
+        ----------
+        panel_count
+            Number of panels.
+        ratio
+            Height of a panel, relative to its width.
+        longest_title
+            Number of letters of the longest title.
+        subplot
+            Kind of the panels, as keywords of matplotlib.
+
+        Returns
+        -------
+        figure
+            The figure.
+        panels
+            Its panels, row by row.
         """
-        fitting = count > 4 or count + self.columns == 5
-        across = min(count, self.columns + (fitting and longest <= LONG_TITLE))
-        rows = -(-count // across)
-        widest = 0.55 if across == 1 and self.columns == 2 else 1.0
-        figure = self.figure(rows, self.width / across * ratio * widest + HEADING)
-        panels = figure.subplots(rows, across, squeeze=False, subplot_kw=subplot).ravel()
-        for spare in panels[count:]:
-            spare.remove()
-        return figure, panels[:count]
+        # Many panels with short titles have one more column. So have four panels on one
+        # column of a journal, which are then two by two, and three on two columns.
+        allows_more = panel_count > 4 or panel_count + self.columns == 5
+        has_short_titles = longest_title <= LONG_TITLE_LETTERS
+        column_count = min(panel_count, self.columns + (allows_more and has_short_titles))
+        row_count = -(-panel_count // column_count)  # rounded up
+        # A single panel over two columns of a journal would be too high.
+        is_wide = column_count == 1 and self.columns == 2
+        height_factor = 0.55 if is_wide else 1.0
+        panel_height = self.width / column_count * ratio * height_factor
+        figure = self.make_figure(row_count, panel_height + PANEL_HEADING_IN)
+        panels = figure.subplots(
+            row_count, column_count, squeeze=False, subplot_kw=subplot
+        ).ravel()
+        for unused_panel in panels[panel_count:]:
+            unused_panel.remove()
+        return figure, panels[:panel_count]
 
 
-def label_outside(panels: Sequence[Any], x: str, y: str) -> None:
-    """Name the axes of panels that share them: x below the last ones, y once."""
-    for panel in panels[-panels[0].get_gridspec().ncols :]:
-        panel.set_xlabel(plot_text(x))
-    panels[0].get_figure().supylabel(fill(plot_text(y), 30))
+def label_shared_axes(panels: Sequence[Any], x_label: str, y_label: str) -> None:
+    """Name the axes of panels once: x below the last panels, y beside all of them."""
+    column_count = panels[0].get_gridspec().ncols
+    for panel in panels[-column_count:]:
+        panel.set_xlabel(plot_text(x_label))
+    panels[0].get_figure().supylabel(fill(plot_text(y_label), 30))
 
 
-def spot_look(tone: int) -> Look:
+def marker_look(tone: int) -> Look:
     """Return how marks of a kind are drawn."""
     return {
         "linestyle": "none",
@@ -138,57 +196,96 @@ def spot_look(tone: int) -> Look:
     }
 
 
-LETTER = 6.5
-"""Points of the letters of names in a panel."""
-
-
 def name_points(
-    panel: Axes, names: Sequence[str], places: Floats, colours: Sequence[str]
+    panel: Axes, names: Sequence[str], points: Floats, colours: Sequence[str]
 ) -> None:
-    """Write names beside points (n, 2), where they cover nothing; the layout is made."""
-    dots = panel.figure.dpi / 72.0
-    seen: Floats = panel.transData.transform(places)
-    middles = place_labels(names, seen[None], LETTER * dots)[0]
-    for name, place, offset, colour in zip(
-        names, places, (middles - seen) / dots, colours, strict=True
-    ):
+    """Write names beside points, where they cover nothing.
+
+    Parameters
+    ----------
+    panel
+        The panel. Its layout must be final, since positions are measured on the paper.
+    names
+        Names of the points.
+    points
+        (n, 2) positions in the units of the axes.
+    colours
+        Colour of each name.
+    """
+    pixels_per_point = panel.figure.dpi / 72.0
+    pixel_positions: Floats = panel.transData.transform(points)
+    letter_size = POINT_NAME_PT * pixels_per_point
+    name_middles = place_labels(names, pixel_positions[None], letter_size)[0]
+    offsets = (name_middles - pixel_positions) / pixels_per_point
+    for name, point, offset, colour in zip(names, points, offsets, colours, strict=True):
         panel.annotate(
             plot_text(name),
-            place,
+            point,
             xytext=offset,
             textcoords="offset points",
             ha="center",
             va="center",
-            fontsize=LETTER,
+            fontsize=POINT_NAME_PT,
             color=colour,
         )
 
 
-def colour_bar(
+def add_colour_bar(
     figure: Figure,
     panels: Any,
     values: Floats,
-    tint: Normalize,
+    colour_scale: Normalize,
     colours: Any,
-    words: str,
-    pad: float = 0.03,
+    label: str,
+    distance: float = 0.03,
 ) -> Any:
-    """Add the scale of the colours of values, with ends where some are beyond it."""
-    parts = np.ma.compressed(tint(values[np.isfinite(values)]))
+    """Add a colour bar, with pointed ends if some values are beyond its scale.
+
+    Parameters
+    ----------
+    figure
+        The figure.
+    panels
+        The panels to which the bar belongs.
+    values
+        (n,) the values.
+    colour_scale
+        Scale from values to the range 0 to 1.
+    colours
+        Colours over this range.
+    label
+        Name and unit of the quantity.
+    distance
+        Distance of the bar from the panels, relative to their width.
+
+    Returns
+    -------
+    The colour bar of matplotlib.
+    """
+    positions = np.ma.compressed(colour_scale(values[np.isfinite(values)]))
+    has_values_beyond = np.any((positions < 0.0) | (positions > 1.0))
     return figure.colorbar(
-        ScalarMappable(tint, colours),
+        ScalarMappable(colour_scale, colours),
         ax=panels,
         shrink=0.75,
-        pad=pad,
+        pad=distance,
         aspect=28,
-        extend="both" if np.any((parts < 0.0) | (parts > 1.0)) else "neither",
-        label=plot_text(words),
+        extend="both" if has_values_beyond else "neither",
+        label=plot_text(label),
     )
 
 
-def ticks_of(panel: Axes, *units: str) -> None:
-    """Put ticks of many degrees along x and y at those that part a turn."""
+def set_degree_ticks(panel: Axes, *units: str) -> None:
+    """Set ticks that divide a revolution on long axes in degrees.
+
+    Parameters
+    ----------
+    panel
+        The panel.
+    units
+        Units of the axes: x, or x and y.
+    """
     for axis, unit in zip((panel.xaxis, panel.yaxis), units, strict=False):
         low, high = axis.get_view_interval()
-        if unit == "deg" and high - low >= LONG:
-            axis.set_major_locator(MaxNLocator("auto", steps=DEGREE_STEPS))
+        if unit == "deg" and high - low >= DEGREE_TICK_RANGE:
+            axis.set_major_locator(MaxNLocator("auto", steps=DEGREE_TICK_STEPS))

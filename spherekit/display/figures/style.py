@@ -1,7 +1,7 @@
-"""How figures look: sizes of columns, letters, and what each colour stands for.
+"""The style of figures: widths, letters, and the meaning of each colour.
 
-Modes have the colours of Okabe and Ito (2008), told apart with any kind of colour vision,
-by their number: the same in every figure.
+Each mode has a colour by its number, which is the same in every figure. The colours are
+those of Okabe and Ito (2008), which can be distinguished with any kind of colour vision.
 """
 
 from collections.abc import Mapping
@@ -12,15 +12,24 @@ from spherekit.display.figures.matplotlib_sdk import style
 from spherekit.scenes.scene import Page
 
 Columns = Literal[1, 2]
+"""Columns of a journal over which a figure extends."""
+
 Look = dict[str, Any]
-"""How matplotlib draws something."""
+"""Keywords of matplotlib that say how something is drawn."""
 
 WIDTHS: Mapping[int, float] = {1: 3.5, 2: 7.2}
-"""Inches: one column of a journal, and two."""
-DPI = 300
-INK, FAINT = "#222222", "#c8c8c8"
+"""Widths (inches) of figures over one column of a journal, and over two."""
 
-MODES = (
+FILE_DPI = 300
+"""Dots per inch of images in files."""
+
+INK = "#222222"
+"""Colour of text and axes."""
+
+FAINT = "#c8c8c8"
+"""Colour of lines at zero."""
+
+MODE_COLOURS = (
     "#0072B2",
     "#D55E00",
     "#009E73",
@@ -30,15 +39,32 @@ MODES = (
     "#5B4FA2",
     "#7A5A2F",
 )
-SERIES = ("#332288", "#DDAA33", "#117733", "#AA4499", "#88CCEE", "#661100", "#999933")
-"""Of several quantities in one mode; the set of Tol (2021), muted."""
-TONES = (INK, "#B2182B", "#7B3294", "#1B7837", "#9E9E9E", "#8C510A", "#2166AC")
-"""Of kinds of curves and marks: 1, 2 and 3 are the types of singularities."""
-MARKERS = ("o", "v", "s", "D", "o", "P", "X")
-DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))
-HEAT = "viridis"
+"""Colours of assembly modes."""
 
-LOOK: Look = {
+SERIES_COLOURS = (
+    "#332288",
+    "#DDAA33",
+    "#117733",
+    "#AA4499",
+    "#88CCEE",
+    "#661100",
+    "#999933",
+)
+"""Colours of several quantities in one mode; the muted set of Tol (2021)."""
+
+TONE_COLOURS = (INK, "#B2182B", "#7B3294", "#1B7837", "#9E9E9E", "#8C510A", "#2166AC")
+"""Colours of kinds of curves and marks; 1, 2 and 3 are the types of singularities."""
+
+MARKERS = ("o", "v", "s", "D", "o", "P", "X")
+"""Markers of kinds of marks."""
+
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))
+"""Dashes of modes, or quantities, that have the same colour."""
+
+HEAT = "viridis"
+"""Colours of values on maps."""
+
+MATPLOTLIB_SETTINGS: Look = {
     "font.size": 8.0,
     "axes.titlesize": 8.0,
     "axes.labelsize": 8.0,
@@ -64,40 +90,41 @@ LOOK: Look = {
     "axes.formatter.use_mathtext": True,
     "axes.formatter.useoffset": False,
     "lines.linewidth": 1.1,
-    "savefig.dpi": DPI,
+    "savefig.dpi": FILE_DPI,
     "pdf.fonttype": 42,
     "svg.fonttype": "none",
 }
 
 
 def look() -> AbstractContextManager[None]:
-    """Return a context in which matplotlib draws as figures here look, whatever is set."""
-    return style.context(["default", LOOK])
+    """Return a context in which matplotlib draws in this style, whatever its settings."""
+    return style.context(["default", MATPLOTLIB_SETTINGS])
 
 
 def page_look(page: Page) -> Look:
-    """Return how the curves of a mode are drawn, or those of a page of its own.
+    """Return how the curves of a page are drawn: those of a mode in its colour.
 
-    Of modes with the same colour the first has a stroke, the others have dashes.
+    If modes have the same colour, the first has solid lines and the others have dashes.
     """
     if not isinstance(page, int):
         return {"color": INK, "linestyle": "-"}
     return {
-        "color": MODES[page % len(MODES)],
-        "linestyle": DASHES[page // len(MODES) % len(DASHES)],
+        "color": MODE_COLOURS[page % len(MODE_COLOURS)],
+        "linestyle": DASHES[page // len(MODE_COLOURS) % len(DASHES)],
         "gid": f"mode {page}",
     }
 
 
 def series_look(position: int) -> Look:
     """Return how the quantity at a position in its panel is drawn."""
-    dashes = DASHES[position // len(SERIES) % len(DASHES)]
-    return {"color": SERIES[position % len(SERIES)], "linestyle": dashes}
+    dashes = DASHES[position // len(SERIES_COLOURS) % len(DASHES)]
+    colour = SERIES_COLOURS[position % len(SERIES_COLOURS)]
+    return {"color": colour, "linestyle": dashes}
 
 
 def tone_colour(number: int) -> str:
     """Return the colour of a kind of curve or mark."""
-    return TONES[number % len(TONES)]
+    return TONE_COLOURS[number % len(TONE_COLOURS)]
 
 
 def tone_look(number: int) -> Look:

@@ -1,39 +1,65 @@
-"""Triangulated surfaces in a space of three quantities."""
+"""Figures of triangulated surfaces in a space of three quantities."""
 
 from collections.abc import Sequence
 from typing import Any
 
 from spherekit.display.figures import style
 from spherekit.display.figures.matplotlib_sdk import Figure, Normalize
-from spherekit.display.figures.sheet import Sheet, colour_bar
+from spherekit.display.figures.sheet import Sheet, add_colour_bar
 from spherekit.display.figures.style import Look
 from spherekit.escaping import plot_text
 from spherekit.scenes.plot_layout import choose_map_range
 from spherekit.scenes.scene import Surface, title_with_unit
 
+MAX_HEIGHT_IN = 4.5
+"""Largest height (inches) of the figure."""
+
+COLOUR_BAR_DISTANCE = 0.12
+"""Distance of the colour bar from the panel, beyond the labels of its axis."""
+
 
 def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
-    """Return a figure of surfaces in the same space."""
+    """Return a figure of surfaces, or clouds of points, in the same space.
+
+    Parameters
+    ----------
+    surfaces
+        The surfaces. Those without triangles are points, which may have values.
+    sheet
+        Size of the figure.
+    """
     with style.look():
-        figure = sheet.figure(1, min(sheet.width, 4.5))
+        figure = sheet.make_figure(1, min(sheet.width, MAX_HEIGHT_IN))
         panel: Any = figure.add_subplot(projection="3d")
         for surface in surfaces:
-            colour, values = style.tone_colour(surface.tone), surface.values
+            colour = style.tone_colour(surface.tone)
+            values = surface.values
             x, y, z = surface.vertices.T
             if len(surface.triangles):
                 look: Look = {"color": colour, "alpha": 0.6, "linewidth": 0.0}
                 panel.plot_trisurf(x, y, z, triangles=surface.triangles, **look)
-                # An empty curve: what the legend takes for the surface.
+                # An empty curve, since the legend cannot show a surface.
                 panel.plot([], [], [], color=colour, label=plot_text(surface.label))
             elif values is None:
                 panel.scatter(x, y, z, c=colour, s=3.0)
             else:
-                tint = Normalize(*choose_map_range(values, surface.values_unit))
-                panel.scatter(x, y, z, s=3.0, c=values, norm=tint, cmap=style.HEAT)
-                words = title_with_unit(surface.label, surface.values_unit)
-                colour_bar(figure, panel, values, tint, style.HEAT, words, 0.12)
-        first = surfaces[0]
-        x, y, z = (plot_text(title_with_unit(name, first.unit)) for name in first.axes)
-        panel.set(xlabel=x, ylabel=y, zlabel=z)
+                low, high = choose_map_range(values, surface.values_unit)
+                colour_scale = Normalize(low, high)
+                panel.scatter(x, y, z, s=3.0, c=values, norm=colour_scale, cmap=style.HEAT)
+                add_colour_bar(
+                    figure,
+                    panel,
+                    values,
+                    colour_scale,
+                    style.HEAT,
+                    title_with_unit(surface.label, surface.values_unit),
+                    COLOUR_BAR_DISTANCE,
+                )
+        first_surface = surfaces[0]
+        x_label, y_label, z_label = (
+            plot_text(title_with_unit(name, first_surface.unit))
+            for name in first_surface.axes
+        )
+        panel.set(xlabel=x_label, ylabel=y_label, zlabel=z_label)
         panel.set_box_aspect((1, 1, 1), zoom=0.85)
-        return sheet.name(figure)
+        return sheet.add_legend(figure)

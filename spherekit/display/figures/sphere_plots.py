@@ -1,0 +1,313 @@
+"""Figures of the sphere: workspaces, curves and paths of pole axes on maps."""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.display.figures import style
+from spherekit.display.figures.matplotlib_sdk import (
+    Axes,
+    BoundaryNorm,
+    Figure,
+    Normalize,
+    Triangulation,
+    withStroke,
+)
+from spherekit.display.figures.sheet import Sheet, add_colour_bar, marker_look
+from spherekit.display.figures.sphere_projection import (
+    EQUAL_AREA,
+    HEMISPHERE_RAD,
+    STEREOGRAPHIC,
+    SphereView,
+    directions_to_show,
+    frame_about,
+    opposite_frame,
+    turn_to_side,
+)
+from spherekit.display.figures.style import Look
+from spherekit.escaping import plot_text
+from spherekit.geometry.vectors import all_finite
+from spherekit.scenes.plot_layout import choose_map_range, insert_gaps
+from spherekit.scenes.scene import (
+    Arrow,
+    Scene,
+    SphereCurves,
+    SphereMap,
+    title_with_unit,
+)
+
+CIRCLE_STEP_RAD = np.radians(30.0)
+"""Angle between circles of the graticule, and the smallest rim of a map with areas."""
+
+FINE_CIRCLE_STEP_RAD = np.radians(15.0)
+"""The same on maps of small regions, and the step of the rim."""
+
+FINE_RIM_RAD = np.radians(45.0)
+"""Rim up to which the graticule has the fine step."""
+
+MAX_RIM_RAD = np.radians(120.0)
+"""Largest rim. Directions farther from the centre are shown on two hemispheres."""
+
+RIM_ROUNDING_RAD = 1e-9
+"""Angle by which rounding may move a direction across a rim."""
+
+MAX_COUNTED_COLOURS = 12
+"""Largest whole number up to which whole numbers have colours of their own."""
+
+TITLE_ABOVE_RIM_PT = 16.0
+"""Distance (points) of the title of a map from its rim; less: it covers an axis name."""
+
+GRATICULE_LOOK: Look = {"color": "#909090", "alpha": 0.55, "linewidth": 0.4}
+"""Lines of the graticule."""
+
+POLAR_PANEL: Look = {"projection": "polar", "axisbelow": "line"}
+"""The kind of panel of maps: polar axes have the circles, and cut drawings at the rim."""
+
+
+def draw_sphere(
+    maps: Sequence[SphereMap], curves: Sequence[SphereCurves], sheet: Sheet
+) -> Figure:
+    """Return a figure of maps and curves, equal-area and stereographic side by side.
+
+    Parameters
+    ----------
+    maps
+        Quantities on areas of the sphere.
+    curves
+        Curves on the sphere, with marks.
+    sheet
+        Size of the figure, and titles of modes.
+    """
+    shown_directions = directions_to_show(maps, curves)
+    frame = frame_about(shown_directions)
+    angles = SphereView(frame).angles_from_centre(shown_directions)
+    farthest_angle = np.max(angles, initial=0.0)
+    steps_to_rim = np.ceil(farthest_angle / FINE_CIRCLE_STEP_RAD + RIM_ROUNDING_RAD)
+    least_rim = CIRCLE_STEP_RAD if maps else HEMISPHERE_RAD
+    rim = max(least_rim, FINE_CIRCLE_STEP_RAD * steps_to_rim)
+    frames = [frame]
+    if rim > MAX_RIM_RAD:
+        rim = HEMISPHERE_RAD
+        frames = [frame, opposite_frame(frame)]
+    views = [
+        SphereView(view_frame, projection, rim)
+        for view_frame in frames
+        for projection in (EQUAL_AREA, STEREOGRAPHIC)
+    ]
+    with style.look():
+        figure, panels = sheet.make_panels(len(views), 1.0, subplot=POLAR_PANEL)
+        for panel, view in zip(panels, views, strict=True):
+            title = f"{view.projection.name}, about {view.centre_name}"
+            _draw_graticule(panel, view, title)
+            for sphere_curves in curves:
+                _draw_sphere_curves(panel, view, sphere_curves)
+        if maps:
+            _draw_sphere_maps(figure, panels, views, maps)
+        return sheet.add_legend(figure)
+
+
+def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
+    """Return a figure of paths of axes: a panel for each axis, a colour for each mode.
+
+    All panels show the same hemisphere. An axis that leaves it is drawn by its opposite
+    direction.
+
+    Parameters
+    ----------
+    arrows
+        Axes over the samples of modes, with the scenes of the modes.
+    sheet
+        Size of the figure, and titles of modes.
+    """
+    labels = list(dict.fromkeys(arrow.label for _, arrow in arrows))
+    has_several_modes = len({scene.page for scene, _ in arrows}) > 1
+    directions = np.concatenate([arrow.directions for _, arrow in arrows])
+    # The ground axis along which the directions have the largest components.
+    nearest_axis = np.argmax(np.nansum(directions**2, axis=0))
+    view = SphereView(frame_about(np.eye(3)[[nearest_axis]]))
+    with style.look():
+        figure, panels = sheet.make_panels(len(labels), 1.05, subplot=POLAR_PANEL)
+        panel_by_label = dict(zip(labels, panels, strict=True))
+        for label, panel in panel_by_label.items():
+            title = f"{plot_text(label)}, about {view.centre_name}"
+            _draw_graticule(panel, view, title)
+        for scene, arrow in arrows:
+            panel = panel_by_label[arrow.label]
+            look = style.page_look(scene.page)
+            path = turn_to_side(arrow.directions, view.frame[2])
+            # The path has a gap where the axis continues on the other side of the rim.
+            is_jump = np.vecdot(path[1:], path[:-1]) < 0.0
+            path = insert_gaps(path, is_jump)
+            mode_title = sheet.title(scene.page) if has_several_modes else ""
+            panel.plot(*view.project(path).T, label=mode_title, **look)
+            first_direction = path[all_finite(path, 1)][:1]
+            first_point = view.project(first_direction)
+            panel.plot(*first_point.T, "o", color=look["color"], markersize=3.0)
+        return sheet.add_legend(figure)
+
+
+def _draw_graticule(panel: Any, view: SphereView, title: str) -> None:
+    """Draw circles about the centre, with their angles, and name the ground axes.
+
+    Parameters
+    ----------
+    panel
+        A polar panel.
+    view
+        Its map.
+    title
+        Title of the panel.
+    """
+    step = CIRCLE_STEP_RAD if view.rim > FINE_RIM_RAD else FINE_CIRCLE_STEP_RAD
+    inner_angles = np.arange(step, view.rim - RIM_ROUNDING_RAD, step)
+    angles = np.append(inner_angles, view.rim)
+    panel.set_rgrids(
+        view.radius(angles),
+        [f"{angle:.0f}°" for angle in np.degrees(angles)],
+        angle=-75.0,
+        fontsize=6.0,
+        color="#555555",
+        path_effects=[withStroke(linewidth=1.5, foreground="white", alpha=0.7)],
+    )
+    right_name, up_name, _ = view.axis_names
+    # Twelve rays, of which only those to the right and up have names.
+    ray_names = [right_name, "", "", up_name, *[""] * 8]
+    panel.set_thetagrids(np.arange(0.0, 360.0, 30.0), ray_names)
+    panel.tick_params(axis="x", pad=0.0)
+    panel.grid(**GRATICULE_LOOK)
+    panel.set(ylim=(0.0, view.radius(view.rim)))
+    # The layout measures how far the title reaches above the position of the panel. A round
+    # panel fills that position up to its top only if it is put there; in the middle of one
+    # that is higher than wide, too little space would be reserved.
+    panel.set_anchor("N")
+    panel.set_title(title, y=1.0, pad=TITLE_ABOVE_RIM_PT)
+
+
+def _choose_colour_scale(values: Floats, unit: str) -> Normalize:
+    """Return the scale of the colours of values: in steps for few whole numbers."""
+    low, high = choose_map_range(values, unit)
+    are_whole = unit == "" and np.all(values == np.round(values))
+    if are_whole and high < MAX_COUNTED_COLOURS:
+        return BoundaryNorm(np.arange(low - 0.5, high + 1.0), 256)
+    return Normalize(low, high)
+
+
+def _draw_sphere_maps(
+    figure: Figure,
+    panels: Sequence[Any],
+    views: Sequence[SphereView],
+    maps: Sequence[SphereMap],
+) -> None:
+    """Draw quantities on areas in all panels, and a colour bar beside them.
+
+    Parameters
+    ----------
+    figure
+        The figure.
+    panels, views
+        Its panels, and the map of each.
+    maps
+        The quantities, with one unit.
+    """
+    values = np.concatenate([sphere_map.shown_values for sphere_map in maps])
+    values = values[np.isfinite(values)]
+    colour_scale = _choose_colour_scale(values, maps[0].unit)
+    look: Look = {
+        "norm": colour_scale,
+        "cmap": style.HEAT,
+        "zorder": 1.0,
+        "rasterized": True,
+    }
+    for (panel, view), sphere_map in product(zip(panels, views, strict=True), maps):
+        _draw_sphere_map(panel, view, sphere_map, look)
+    colour_bar = add_colour_bar(
+        figure,
+        panels,
+        values,
+        colour_scale,
+        style.HEAT,
+        title_with_unit(maps[0].label, maps[0].unit),
+    )
+    if isinstance(colour_scale, BoundaryNorm):
+        whole_numbers = np.unique(np.round(colour_scale.boundaries[:-1] + 0.5))
+        colour_bar.set_ticks(whole_numbers, labels=[f"{n:.0f}" for n in whole_numbers])
+
+
+def _draw_sphere_map(
+    panel: Any, view: SphereView, sphere_map: SphereMap, look: Look
+) -> None:
+    """Draw a quantity on an area: points, or triangles of one colour or shaded.
+
+    Parameters
+    ----------
+    panel, view
+        A polar panel and its map.
+    sphere_map
+        Vertices with values, and triangles if the area has some.
+    look
+        Colours of the values.
+    """
+    points = view.project(sphere_map.vertices)
+    if not len(sphere_map.triangles):
+        panel.scatter(*points.T, c=sphere_map.values, s=7.0, linewidths=0.0, **look)
+        return
+    is_placed = all_finite(points, 1)
+    triangles = sphere_map.triangles[is_placed[sphere_map.triangles].all(axis=1)]
+    if len(triangles):
+        azimuth, radius = np.nan_to_num(points).T
+        mesh = Triangulation(radius * np.cos(azimuth), radius * np.sin(azimuth), triangles)
+        # Shading within triangles needs an affine transform to the paper, which that of
+        # polar coordinates is not.
+        affine_transform = panel.transProjectionAffine + panel.transWedge + panel.transAxes
+        if isinstance(look["norm"], BoundaryNorm):
+            # A count is that of the whole triangle: the smallest of its vertices.
+            counts = np.min(sphere_map.values[triangles], axis=1)
+            panel.tripcolor(mesh, facecolors=counts, transform=affine_transform, **look)
+        else:
+            panel.tripcolor(
+                mesh,
+                sphere_map.values,
+                shading="gouraud",
+                transform=affine_transform,
+                **look,
+            )
+        panel.grid(**GRATICULE_LOOK)  # tripcolor switches it off
+
+
+def _draw_sphere_curves(panel: Axes, view: SphereView, sphere_curves: SphereCurves) -> None:
+    """Draw curves, and the marks on them whose names differ from that of the curves.
+
+    Parameters
+    ----------
+    panel, view
+        A polar panel and its map.
+    sphere_curves
+        Curves of one kind, with marks.
+    """
+    label = sphere_curves.label
+    has_curves = bool(sphere_curves.curves)
+    curve_look = style.tone_look(sphere_curves.tone) | {
+        "linewidth": 1.3,
+        "label": plot_text(label),
+    }
+    for curve in sphere_curves.curves:
+        panel.plot(*view.project(np.asarray(curve)).T, **curve_look)
+    for mark in sphere_curves.marks:
+        has_label_of_curves = mark.label == label
+        angle = view.angles_from_centre(mark.place[None])[0]
+        is_on_map = angle <= view.rim + RIM_ROUNDING_RAD
+        if not is_on_map or (has_label_of_curves and has_curves):
+            continue
+        mark_label = mark.label
+        if not has_label_of_curves and not has_curves:
+            mark_label = f"{label}: {mark.label}"
+        panel.plot(
+            *view.project(mark.place[None])[0],
+            label=plot_text(mark_label),
+            zorder=4.0,
+            clip_on=False,
+            **marker_look(mark.tone),
+        )

@@ -1,0 +1,186 @@
+"""Maps of directions on the sphere: azimuthal projections about an axis of the ground.
+
+Lambert's equal-area and the stereographic projection keep the azimuth about the centre of
+the map. A direction at the angle t from the centre is at the radius 2 sin(t/2) in the
+former, which keeps areas, and 2 tan(t/2) in the latter, which keeps angles (J. P. Snyder,
+Map Projections: A Working Manual, USGS 1395, 1987, chapters 21 and 24).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.geometry.vectors import all_finite
+from spherekit.scenes.scene import SphereCurves, SphereMap
+
+GROUND_AXES = "xyz"
+"""Names of the axes of the ground."""
+
+HEMISPHERE_RAD = np.radians(90.0)
+"""Angle (rad) from the centre of a map of one hemisphere to its rim."""
+
+CLIPPED_BAND_RAD = np.radians(12.0)
+"""Angle (rad) beyond the rim up to which directions are placed.
+
+Triangles across the rim are drawn and cut off there. Smaller: large ones are missing;
+larger: in stereographic maps of large angles triangles become huge.
+"""
+
+RIM_SINE = 1e-9
+"""Sine of the angle to the rim of a map up to which an axis is on the rim.
+
+Larger: an axis is drawn on the far side by up to this angle; smaller: rounding decides
+between the two directions of an axis on the rim.
+"""
+
+
+class Projection(NamedTuple):
+    """An azimuthal projection.
+
+    Attributes
+    ----------
+    name
+        Name of the projection.
+    radius
+        Function that returns the radius on the map at an angle (rad) from its centre.
+    """
+
+    name: str
+    radius: Callable[[Floats], Floats]
+
+
+EQUAL_AREA = Projection("equal-area (Lambert)", lambda angle: 2.0 * np.sin(angle / 2.0))
+STEREOGRAPHIC = Projection("stereographic", lambda angle: 2.0 * np.tan(angle / 2.0))
+
+
+@dataclass(frozen=True)
+class SphereView:
+    """A map of the sphere seen from outside, about a centre on an axis of the ground.
+
+    Attributes
+    ----------
+    frame
+        (3, 3) rows are the directions to the right, up and out of the map, along axes of
+        the ground.
+    projection
+        The projection.
+    rim
+        Angle (rad) from the centre to the rim.
+    """
+
+    frame: Floats
+    projection: Projection = EQUAL_AREA
+    rim: float = HEMISPHERE_RAD
+
+    @property
+    def axis_names(self) -> list[str]:
+        """Names of the ground axes along the rows of the frame, without signs."""
+        return [GROUND_AXES[k] for k in np.argmax(np.abs(self.frame), axis=1)]
+
+    @property
+    def centre_name(self) -> str:
+        """The ground axis through the centre, with its sign."""
+        sign = "−" if np.min(self.frame[2]) < 0.0 else "+"
+        return f"{sign}{self.axis_names[2]}"
+
+    def angles_from_centre(self, directions: Floats) -> Floats:
+        """Return the angles (n,) rad of directions (n, 3) from the centre."""
+        right, up, out = self.frame @ directions.T
+        return np.arctan2(np.hypot(right, up), out)
+
+    def project(self, directions: Floats) -> Floats:
+        """Return the polar coordinates of directions on the map.
+
+        Parameters
+        ----------
+        directions
+            (n, 3) unit vectors.
+
+        Returns ------- (n, 2) azimuth (rad) from the right, and radius. The radius is NaN
+        beyond the rim and the band around it.
+        """
+        right, up, _ = self.frame @ directions.T
+        angles = self.angles_from_centre(directions)
+        is_beyond = angles > self.rim + CLIPPED_BAND_RAD
+        radii = np.where(is_beyond, np.nan, self.radius(angles))
+        return np.stack([np.arctan2(up, right), radii], axis=1)
+
+    def radius(self, angle: Any) -> Any:
+        """Return the radius on the map at an angle (rad) from the centre."""
+        return self.projection.radius(angle)
+
+
+def frame_about(directions: Floats) -> Floats:
+    """Return the frame (3, 3) of a map about the ground axis nearest to directions.
+
+    Parameters
+    ----------
+    directions
+        (n, 3) unit vectors. Without any the map is about +z.
+    """
+    mean = np.nanmean(directions, axis=0) if len(directions) else np.array([0.0, 0.0, 1.0])
+    nearest_axis = np.argmax(np.abs(mean))
+    # Cyclic order of the axes keeps the frame right-handed.
+    frame = np.roll(np.eye(3), 2 - nearest_axis, axis=0)
+    return frame if mean[nearest_axis] >= 0.0 else opposite_frame(frame)
+
+
+def opposite_frame(frame: Floats) -> Floats:
+    """Return the frame (3, 3) of the map about the opposite point of the sphere."""
+    return frame[[1, 0, 2]] * [[1.0], [1.0], [-1.0]]
+
+
+def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]) -> Floats:
+    """Return the directions (n, 3) that have to be within the rim.
+
+    These are the directions of maps and marks. Only if there are none, they are those of
+    the curves, which may otherwise leave the map at its rim.
+    """
+    parts = [np.zeros((0, 3))]
+    for sphere_map in maps:
+        if len(sphere_map.triangles):
+            parts.append(sphere_map.vertices[np.unique(sphere_map.triangles)])
+        else:
+            parts.append(sphere_map.vertices)
+    for sphere_curves in curves:
+        parts += [mark.place[None] for mark in sphere_curves.marks]
+    if len(parts) == 1:
+        for sphere_curves in curves:
+            parts += [np.asarray(curve) for curve in sphere_curves.curves]
+    directions = np.concatenate(parts)
+    return directions[all_finite(directions, 1)]
+
+
+def turn_to_side(directions: Floats, out: Floats) -> Floats:
+    """Return an axis over samples by that of its two directions that is on one side.
+
+    On the rim, at right angles to `out`, both are. There the direction is the one nearer
+    to that of the sample before, or after if none is before, so that a path that reaches
+    the rim or runs along it has no jump.
+
+    Parameters
+    ----------
+    directions
+        (n, 3) unit vectors, NaN at samples without a direction.
+    out
+        (3,) unit vector to the middle of the side.
+
+    Returns
+    -------
+    (n, 3) for each sample the direction or its opposite.
+    """
+    heights = directions @ out
+    turned = np.where(heights < 0.0, -1.0, 1.0)[:, None] * directions
+    is_on_rim = np.abs(heights) < RIM_SINE
+    # Forwards from decided samples, then backwards to those before the first of them.
+    decided_samples = np.flatnonzero(~is_on_rim & np.isfinite(heights))
+    first_decided = decided_samples[0] if len(decided_samples) else 0
+    order = [(k, k - 1) for k in range(first_decided + 1, len(turned))]
+    order += [(k, k + 1) for k in range(first_decided - 1, -1, -1)]
+    for sample, neighbour in order:
+        if is_on_rim[sample] and turned[sample] @ turned[neighbour] < 0.0:
+            turned[sample] = -turned[sample]
+    return turned
