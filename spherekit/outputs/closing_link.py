@@ -277,9 +277,11 @@ class DyadsWithClosingLink:
         brackets = self._bracket_roots(directions, signs)
         row = brackets.row
 
-        def residual(turn: Floats, some: Indices) -> Floats:
+        def residual(turn: Floats, brackets_of_turns: Indices) -> Floats:
             """Return f (k,) at turns (k,) in some of the brackets."""
-            return self.residual(self.place_dyads(directions[:, row[some]], turn, signs))
+            return self.residual(
+                self.place_dyads(directions[:, row[brackets_of_turns]], turn, signs)
+            )
 
         turns, _ = find_bracketed_zeros(
             residual,

@@ -174,22 +174,24 @@ class DyadChain:
 
     def _make_dyad(self, group: Group) -> DyadPlacement:
         """Return a group as a dyad, the first outer pair of the group as the near pair."""
-        near, middle, far = (group.pairs[position] for position in group.dyad_positions)
+        near_pair, middle_pair, far_pair = (
+            group.pairs[position] for position in group.dyad_positions
+        )
         near_link = group.bodies[1][0]
         far_link = group.bodies[2][0]
         return DyadPlacement(
-            near_pair=near,
-            middle_pair=middle,
-            far_pair=far,
+            near_pair=near_pair,
+            middle_pair=middle_pair,
+            far_pair=far_pair,
             near_link=near_link,
             far_link=far_link,
             # The sum of both ends less one of them is the other one.
-            near_support=sum(self.ends[near]) - near_link,
-            far_support=sum(self.ends[far]) - far_link,
+            near_support=sum(self.ends[near_pair]) - near_link,
+            far_support=sum(self.ends[far_pair]) - far_link,
             parity=group.dyad_parity,
             arcs=(
-                self._arc(near_link, near, middle),
-                self._arc(far_link, far, middle),
+                self._arc(near_link, near_pair, middle_pair),
+                self._arc(far_link, far_pair, middle_pair),
             ),
         )
 

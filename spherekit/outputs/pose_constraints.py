@@ -265,14 +265,14 @@ class _AngleRange:
 
 
 def _collect_axis_ranges(
-    kinematics: LimitedOutput, wanted: Constraints
+    kinematics: LimitedOutput, constraints: Constraints
 ) -> dict[tuple[int, int], list[_AngleRange]]:
     """Return all ranges of the angle between two axes, by the numbers of their pairs.
 
     The smaller number comes first. The first range of each list is the whole half circle.
     """
     mechanism = kinematics.carrying
-    least_link_angle = _find_least_link_angle(mechanism, wanted)
+    least_link_angle = _find_least_link_angle(mechanism, constraints)
     ranges: dict[tuple[int, int], list[_AngleRange]] = {}
 
     def add_range(pair: int, other_pair: int, low: float, high: float, source: str) -> None:
@@ -287,7 +287,7 @@ def _collect_axis_ranges(
         add_range(first, second, span.shortest, span.longest, "the arcs of the leg")
         if span.can_fold:
             add_range(first, second, least_link_angle, np.pi, "the width of the links")
-    for limit in wanted.apart:
+    for limit in constraints.apart:
         pair = _find_pair(kinematics, "apart", limit.one)
         other_pair = _find_pair(kinematics, "apart", limit.other)
         if not _is_always_kept(mechanism, limit, pair, other_pair):
@@ -296,7 +296,7 @@ def _collect_axis_ranges(
 
 
 def _limit_axis_angles(
-    kinematics: LimitedOutput, wanted: Constraints
+    kinematics: LimitedOutput, constraints: Constraints
 ) -> tuple[AngleLimit, ...]:
     """Return the limits of angles between axes: a lower and an upper one for two axes.
 
@@ -304,7 +304,7 @@ def _limit_axis_angles(
     constraints that they come from. An `AnalysisError` says if they contradict each other.
     """
     bounds: list[AngleLimit] = []
-    for axes, ranges in _collect_axis_ranges(kinematics, wanted).items():
+    for axes, ranges in _collect_axis_ranges(kinematics, constraints).items():
         name = "/".join(kinematics.name_of(pair) for pair in axes)
         strictest_low = max(ranges, key=lambda angle_range: angle_range.low)
         strictest_high = min(ranges, key=lambda angle_range: angle_range.high)
@@ -378,13 +378,13 @@ def _is_always_kept(
     return bool(common_links)
 
 
-def _find_least_link_angle(mechanism: Mechanism, wanted: Constraints) -> float:
+def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> float:
     """Return the least angle (rad) between the outer axes of a leg of wide links.
 
     An `AnalysisError` says if the width does not fit the radius.
     """
-    width = wanted.width
-    radius = wanted.radius
+    width = constraints.width
+    radius = constraints.radius
     fits = 0.0 <= width <= np.pi * radius < np.inf
     # A radius of 0 is the default, with a width of 0.
     if not (fits or 0.0 == width <= radius < np.inf):

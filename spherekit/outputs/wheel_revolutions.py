@@ -1,8 +1,8 @@
 """The revolutions of the inputs at which wheels mesh as the file of a mechanism says.
 
-If the output is held, wheels close the mechanism in any mesh, and the inputs are known up
-to whole revolutions only. A file, however, describes one assembly, in which the rolled
-lengths follow from the inputs over any number of revolutions
+If the output is held, wheels close the mechanism in any mesh, and the inputs are
+known up to whole revolutions only. A file, however, describes one assembly, in which the
+rolled lengths follow from the inputs over any number of revolutions
 (`spherekit.positions.gear_phases`). No input leads to the pose in another assembly. For
 example, half a revolution of a carrier is a whole one of its side gear.
 """
@@ -35,19 +35,19 @@ Larger: more lengths far from the configuration converge, in more time.
 
 
 def find_assembled_configuration(
-    held: PositionSolver, released: PositionSolver, values: Floats
+    held_solver: PositionSolver, released_solver: PositionSolver, values: Floats
 ) -> Floats | None:
     """Return a configuration of the assembly that the file describes, None if none exists.
 
     Parameters
     ----------
-    held
-        Solver of the mechanism with its output held. Its first variables are those of
-        `released`.
-    released
+    held_solver
+        Solver of the mechanism with its output held. Its first variables are those
+        of `released_solver`.
+    released_solver
         Solver of the mechanism itself, whose inputs determine the rolled lengths.
     values
-        (variables,) rad of `held`. The loops are closed, the wheels are in any mesh.
+        (variables,) rad of `held_solver`. The loops are closed, the wheels are in any mesh.
 
     Returns
     -------
@@ -55,17 +55,17 @@ def find_assembled_configuration(
     several configurations that differ by whole revolutions of wheels, the one with the
     smallest sum of absolute inputs is returned.
     """
-    gear_phases = released.gear_phases
+    gear_phases = released_solver.gear_phases
     if gear_phases is None or not gear_phases.variables:
         return values
-    driven = list(released.driven)
+    driven = list(released_solver.driven)
     rolled = list(gear_phases.variables)
-    lengths = _list_possible_lengths(held, gear_phases, values[rolled])
+    lengths = _list_possible_lengths(held_solver, gear_phases, values[rolled])
     start_values = np.repeat(values[None], len(lengths), axis=0)
     start_values[:, rolled] = lengths
     with np.errstate(all="ignore"):
-        linearisation = held.closure.solve(
-            start_values, [*held.driven, *rolled], max_steps=MAX_MESH_STEPS
+        linearisation = held_solver.closure.solve(
+            start_values, [*held_solver.driven, *rolled], max_steps=MAX_MESH_STEPS
         )
     is_closed = linearisation.closure_residual < CLOSURE_TOLERANCE
     best_configuration = None
@@ -82,7 +82,7 @@ def find_assembled_configuration(
 
 
 def _list_possible_lengths(
-    held: PositionSolver, gear_phases: GearPhases, lengths: Floats
+    held_solver: PositionSolver, gear_phases: GearPhases, lengths: Floats
 ) -> Floats:
     """Return rolled lengths that differ from some by whole revolutions of wheels.
 
@@ -90,7 +90,7 @@ def _list_possible_lengths(
 
     Parameters
     ----------
-    held
+    held_solver
         Solver of the mechanism with its output held.
     gear_phases
         The ratios by which the lengths follow from the inputs.
@@ -101,8 +101,8 @@ def _list_possible_lengths(
     -------
     (n, m) rolled lengths, those with the smallest sum of absolute lengths first.
     """
-    tree = held.closure.tree
-    joints = [held.closure.joints[tree.owners[v]] for v in gear_phases.variables]
+    tree = held_solver.closure.tree
+    joints = [held_solver.closure.joints[tree.owners[v]] for v in gear_phases.variables]
     choices = map(list_equivalent_lengths, joints, map(float, lengths))
     combinations = np.array(list(islice(product(*choices), MAX_LENGTH_COMBINATIONS)))
     # The inputs change the lengths in the range of the ratios only.

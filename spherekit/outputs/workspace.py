@@ -303,10 +303,12 @@ def orientation_samples(count: int = POSE_SAMPLES) -> Floats:
     SO(3) (2022).
     """
     part = (np.arange(count) + 0.5) / count
-    turned = 2.0 * np.pi * count * part / np.array([[np.sqrt(2.0)], [SUPER_FIBONACCI_PSI]])
+    spiral_angles = (
+        2.0 * np.pi * count * part / np.array([[np.sqrt(2.0)], [SUPER_FIBONACCI_PSI]])
+    )
     # Axes: sine or cosine, spiral, sample. The components of a quaternion are the sine and
     # cosine of the first spiral, then those of the second one.
-    spirals = np.sqrt([part, 1.0 - part]) * [np.sin(turned), np.cos(turned)]
+    spirals = np.sqrt([part, 1.0 - part]) * [np.sin(spiral_angles), np.cos(spiral_angles)]
     return np.hstack(np.moveaxis(spirals, 0, 2))
 
 
