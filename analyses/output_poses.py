@@ -70,8 +70,12 @@ def read_end(
 
     Parameters
     ----------
-    text, inputs, where
-        As for `read_pose`.
+    text
+        ``name=number+name=number``, with the names that `read_pose` accepts.
+    inputs
+        Names of the driven pairs.
+    where
+        What the text is, for complaints.
     allow_rotation
         Whether the text may also be the axis and the angle of a rotation: ux, uy, uz,
         angle.

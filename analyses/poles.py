@@ -316,7 +316,14 @@ class Poles(AbstractAnalysis):
     ) -> Iterator[Arrow]:
         """Yield the arrow along a pole axis; axes of pairs have one for all inputs.
 
-        Parameters are those of `_draw_mode`, and the pole.
+        Parameters
+        ----------
+        batch, rows
+            The batch, and its rows with one assembly mode.
+        input_number
+            Position of the moving input among the inputs.
+        pole
+            The numbers of the two links.
         """
         mechanism = batch.mechanism
         is_of_pair = pole in mechanism.pole_pairs
@@ -346,7 +353,15 @@ class Poles(AbstractAnalysis):
         """Yield plots of the velocity and acceleration coefficients of a pole.
 
         Nothing is yielded for the input itself, and for links that the locked inputs join.
-        Parameters are those of `_draw_mode`, and the pole.
+
+        Parameters
+        ----------
+        batch, rows
+            The batch, and its rows with one assembly mode.
+        input_number
+            Position of the moving input among the inputs.
+        pole
+            The numbers of the two links.
         """
         mechanism = batch.mechanism
         pair = batch.moving_inputs[input_number]

@@ -196,8 +196,10 @@ def _read_file(
 
     Parameters
     ----------
-    solver, where
-        As for `read_poses`, `where` with the file.
+    solver
+        The inverse kinematics of the output, which decides how a pose can be given.
+    where
+        The analysis and the file, for complaints.
     path
         Path of a CSV or Parquet file.
     columns

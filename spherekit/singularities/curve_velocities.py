@@ -264,6 +264,7 @@ class CurveMotion:
         directions = self.pole_axes(start_and_s, poles).directions
         for pole, direction in directions.items():
             continuous = self._continuous_direction(start_and_s, pole)
+            # The first row is the start of the curve, whose sense all rows get.
             is_opposite = np.vecdot(direction, continuous) < 0.0
             signs = np.where(is_opposite != is_opposite[0], -1.0, 1.0)
             directions[pole] = signs[1:, None] * direction[1:]

@@ -356,8 +356,10 @@ class SingularityLocus:
         ----------
         unknowns
             (n, 2 V) variables (rad), then rates of the motion.
-        borders, targets, reference_basis
-            As in `correct`.
+        borders, targets
+            (n, b, V) and (n, b) linear equations in the variables that select a point.
+        reference_basis
+            (n, V, g + k) bases to which those of the tangent spaces are aligned, or None.
         """
         values, motions = np.split(unknowns, 2, axis=1)
         linearised = self._linearise(values, motions, borders, reference_basis)
@@ -400,8 +402,10 @@ class SingularityLocus:
         ----------
         values, motions
             (n, V) variables (rad), and motions that need not close the loops exactly.
-        borders, reference_basis
-            As in `correct`.
+        borders
+            (n, b, V) rows of linear equations in the variables that select a point.
+        reference_basis
+            (n, V, g + k) bases to which those of the tangent spaces are aligned, or None.
         """
         space = self.tangent_space(values, reference_basis)
         motion_space = self.motion_space(space, reference_basis)

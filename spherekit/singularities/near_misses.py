@@ -100,7 +100,7 @@ def _near_misses_on_curve(
     Parameters
     ----------
     sampled, near
-        As in `near_misses`.
+        The singularities on all curves, and the largest angle of a near miss (rad).
     kind, output, number
         Type I or II, position of the output, and number of the curve.
     """

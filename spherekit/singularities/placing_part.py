@@ -42,7 +42,8 @@ class PlacingPart:
     variables
         Number in the whole mechanism of each variable of the part.
     whole_modes
-        Assembly modes of the whole mechanism by the mode of the part that they contain.
+        For the number of each assembly mode of the part, the numbers of the modes of the
+        whole mechanism in which the part has this mode.
     """
 
     position_analysis: PositionAnalysis

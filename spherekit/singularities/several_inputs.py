@@ -75,9 +75,24 @@ ROW_TYPE_LABELS = {
 
 @dataclass(frozen=True)
 class RowClassification:
-    """Types of singularity of n rows, from the rates that close the loops.
+    """Types of singularity of n rows with g inputs, from the rates that close the loops.
 
-    The attributes are those of `OutputCoefficients` with the same names.
+    Attributes
+    ----------
+    input_rate, output_rate
+        (n, g) rate of input i, and size of the output's angular velocity, in the unit
+        motion in which input i moves alone; NaN if that motion is not unique.
+    alone
+        (n, g, 3) unit vectors along the output's angular velocity in that motion.
+    type_two, type_one
+        (n,) measures that vanish at types II and I.
+    hold
+        (n,) smallest singular value of the closure with locked inputs.
+    reciprocal_condition
+        (n,) relative smallest singular value of the closure Jacobian.
+    type, group
+        (n,) `RowType`, and 1 or 2 for singular rows: whether the mechanism in which one
+        input moves alone is singular for at least one input (1) or for none (2).
     """
 
     input_rate: Floats
@@ -237,10 +252,12 @@ def _input_coefficients(
 
     Parameters
     ----------
-    motion, output, by_rank
-        As in `coefficients`.
+    motion, output
+        n configurations, and the output whose rates count.
+    by_rank
+        Whether degrees of freedom are those by the rank of the closure equations.
     space
-        Rates that close the loops at the rows of the motion.
+        Rates that close the loops at these configurations.
     rates_alone
         (n, V, g) unit rates of the motions in which one input moves alone.
     position
@@ -466,7 +483,8 @@ def what_vanishes(
     Parameters
     ----------
     motion, output, by_rank
-        As in `coefficients`; at least two inputs.
+        The motion of a mechanism with at least two inputs, the output, and whether degrees
+        of freedom are those by the rank of the closure equations.
     pointing
         (n, 3) the output direction, in axes of the link that the output is relative to. It
         rests if the output link turns about it.

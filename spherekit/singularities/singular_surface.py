@@ -334,12 +334,20 @@ def singular_surface(
 
     Parameters
     ----------
-    mechanism, kind, output, pointing, slices_of_each, made, budget
-        As for `spherekit.singularities.singular_curves.singular_curves`, with two inputs
-        locked in each slice; type I is that of an orientation.
+    mechanism, kind
+        "II", inputs at rest in a motion of the output; "I", the orientation of the output
+        at rest while inputs move; or "self-motion", both at rest while other links move.
+    output, pointing
+        Which output, and which direction of it if not the link's orientation; see
+        `spherekit.singularities.stationarity.output_of`.
     side, halved
         Length (rad, in the variables) of the edges of the triangles that are laid, and how
         often each is halved afterwards, at a point of the surface.
+    slices_of_each
+        Values at which two inputs are locked in each slice, evenly spread over their
+        ranges. With 0 the search starts from random closed configurations.
+    made, budget
+        Slices that are there already, and the time to spend, unlimited by default.
 
     Raises
     ------
