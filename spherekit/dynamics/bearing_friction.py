@@ -267,7 +267,17 @@ def solve_bearing_friction(
 def _check_determined(
     driven: DrivenState, balance: DrivenEquilibrium, frictions: Sequence[BearingFriction]
 ) -> None:
-    """Raise `SolveError` if a reaction from which friction follows is not determined."""
+    """Raise `SolveError` if a reaction from which friction follows is not determined.
+
+    Parameters
+    ----------
+    driven
+        The motion with its driving torques.
+    balance
+        The equations of the reactions in this motion.
+    frictions
+        The friction of bearings.
+    """
     mechanism = driven.mechanism
     equations = balance.equations
     open_components = equations.open_components

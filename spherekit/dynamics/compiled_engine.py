@@ -320,7 +320,12 @@ def _check_crossing(problem: Problem, run: TaylorRun) -> None:
 
     If closure equations are redundant, those that were independent at the start are
     compiled. Elsewhere they may depend on each other although all equations together
-    determine the motion.
+    determine the motion. The run then ends although no curves cross there.
+
+    Parameters
+    ----------
+    problem, run
+        The problem, and the run that ended because equations became dependent.
     """
     equation = problem.equation
     values = run.last_state[: equation.variable_count]
@@ -336,7 +341,15 @@ def _check_crossing(problem: Problem, run: TaylorRun) -> None:
 def _collect_events(
     problem: Problem, path: StatePath, runs: Sequence[TaylorRun]
 ) -> tuple[Event, ...]:
-    """Return the events of all runs in order of time."""
+    """Return the events of all runs in order of time.
+
+    Parameters
+    ----------
+    problem
+        The problem, with the times at which the user says that loads have kinks.
+    path, runs
+        The states of the simulation, and the runs it consists of.
+    """
     pair_of_variable = {v: pair for pair, v in problem.equation.mechanism.angles.items()}
     events: list[tuple[float, EventKind, int]] = []
     for run in runs:
@@ -358,7 +371,15 @@ def _collect_events(
 
 
 def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> SimulationEnd:
-    """Return why and when the simulation ended; `run` is the last one."""
+    """Return the reason and the time of the end of a simulation.
+
+    Parameters
+    ----------
+    problem, path
+        The problem, and the states of the simulation.
+    run
+        The last run of the compiled equation.
+    """
     if run.end == "time":
         return SimulationEnd("time", problem.until, TIME_MESSAGE)
     if run.end in END_BY_RUN_END:

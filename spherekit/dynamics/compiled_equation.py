@@ -348,11 +348,20 @@ def _compile_expressions(
 def _make_sticking_test(
     switch_function: ArrayFunction, index: int, layout: EquationLayout
 ) -> Callable[[Floats, float, Floats], bool]:
-    """Return a function that says whether a switch would turn back at once.
+    """Return a function that tells whether a sign would change back at once.
 
-    It is called with the state, the time and the parameters after the condition of this
-    index has changed its sign. If the rate of the condition has the opposite sign, the
-    motion sticks, as with dry friction at rest.
+    The function is called with the state, the time and the parameters after the condition
+    has changed its sign. If the rate of the condition has the opposite sign, the motion
+    sticks, as with dry friction at rest.
+
+    Parameters
+    ----------
+    switch_function
+        Returns all conditions, then their rates by time, from state, time and parameters.
+    index
+        Index of the condition.
+    layout
+        Layout of the parameters, which contain the signs of the conditions.
     """
 
     def sticks(state: Floats, time: float, parameters: Floats) -> bool:

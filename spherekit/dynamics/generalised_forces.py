@@ -65,6 +65,7 @@ class Loads:
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
+        """List the components of all loads, and those that are friction of bearings."""
         self.mechanism = mechanism
         self.names = tuple(load.name for load in mechanism.loads)
         components: list[LoadComponent] = []
@@ -176,7 +177,17 @@ class Loads:
         """Return the values (n, laws) of expressions, functions and tables.
 
         A law of friction gives the friction per unit of coefficient and of carried load.
-        The parameters are those of `evaluate_magnitudes`.
+
+        Parameters
+        ----------
+        laws
+            The expressions, Python functions and torque tables.
+        motion
+            The configurations at n rows, and their derivatives by m coordinates.
+        speed
+            (n, m) rates of these coordinates.
+        t
+            (n,) times, s.
         """
         values_by_name = {"t": t}
         variable_of_pair = self.mechanism.angles
@@ -206,8 +217,18 @@ class Loads:
     ) -> Floats:
         """Return the generalised forces (n, m, loads) of each load, N m.
 
-        They are the power of the load per unit rate of each coordinate. The parameters are
-        those of `evaluate_magnitudes`.
+        They are the power of the load per unit rate of each coordinate.
+
+        Parameters
+        ----------
+        motion
+            The configurations at n rows, and their derivatives by m coordinates.
+        speed
+            (n, m) rates of these coordinates.
+        t
+            (n,) times, s.
+        carried
+            As in `evaluate_magnitudes`.
         """
         magnitudes = self.evaluate_magnitudes(motion, speed, t, carried)
         component_forces = magnitudes[:, None] * self.velocities(motion)

@@ -137,7 +137,19 @@ def reduced_model(
 def _fit_curve_group(
     sampler: CurveSampler, group: int, tolerance: float, scales: Floats
 ) -> PiecewiseChebyshev:
-    """Return the Chebyshev series of one group of functions along the whole curve."""
+    """Return the Chebyshev series of one group of functions along the whole curve.
+
+    Parameters
+    ----------
+    sampler
+        Computes exact values of the functions.
+    group
+        Index of the group.
+    tolerance
+        Error to reach, relative to the scales.
+    scales
+        (F,) scales of the functions of the group.
+    """
     return PiecewiseChebyshev.fit(
         lambda x: sampler.evaluate_groups([group], x),
         0.0,
@@ -237,7 +249,10 @@ def _measure_box_errors(
 def _check_request(
     mechanism: AnyMechanism, tolerance: float, min_tolerance: float
 ) -> Mechanism:
-    """Return the mechanism, or raise `SolveError` if no reduced model can be made of it."""
+    """Return the mechanism, or raise `SolveError` if no reduced model can be made of it.
+
+    `tolerance` is the requested one, and `min_tolerance` the smallest that is allowed.
+    """
     mechanism = mechanism_of(mechanism)
     if not min_tolerance <= tolerance <= MAX_TOLERANCE:
         raise SolveError(

@@ -368,6 +368,13 @@ class CurveSampler(Sampler):
 
         They are the components of its unit vector in ground axes, its velocity
         coefficient, and the derivative of this coefficient.
+
+        Parameters
+        ----------
+        pole
+            Name of the pole, LINK/RELATIVE_TO.
+        heading
+            The heading of the model, which forms the names of derivatives.
         """
         labels = [
             FunctionLabel(
@@ -420,7 +427,15 @@ class CurveSampler(Sampler):
     def _evaluate_directions(
         self, x: Floats, motion: CoordinateMotion
     ) -> dict[Pole, Floats]:
-        """Return the unit vectors (n, 3) of the poles in ground axes, in a smooth sense."""
+        """Return the unit vectors (n, 3) of the poles in ground axes, in a smooth sense.
+
+        Parameters
+        ----------
+        x
+            (n,) coordinates of the model, rad.
+        motion
+            The motion at these coordinates.
+        """
         directions = self._compute_axes(motion)
         nearest = np.rint(x / self.lap * SENSE_SAMPLES).astype(int)
         if self.periodic:

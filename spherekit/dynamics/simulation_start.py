@@ -213,7 +213,17 @@ def prepare(
 def _read_rates(
     name: str, start: Start | PoseStart, inputs: Sequence[str]
 ) -> tuple[list[str], Floats]:
-    """Return the pairs whose rates are given at the start, and these rates (m,)."""
+    """Return the pairs whose rates a start states, and these rates (m,), rad/s.
+
+    Parameters
+    ----------
+    name
+        Name of the mechanism, for messages.
+    start
+        The start: inputs and their rates, or a configuration with rates of some pairs.
+    inputs
+        Names of the m inputs.
+    """
     if isinstance(start, PoseStart):
         pairs = [start.pair] if isinstance(start.pair, str) else list(start.pair)
         rates = np.atleast_1d(np.asarray(start.rate, dtype=float))
@@ -261,7 +271,16 @@ def _solve_speed(
 
 
 def make_input_torques(mechanism: Mechanism, torque: Torques | None) -> list[PairTorque]:
-    """Return the driving torques at the inputs as loads."""
+    """Return the driving torques at the inputs as loads.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its inputs.
+    torque
+        A torque of the only input, or torques by the names of the inputs. None without
+        driving torques.
+    """
     if torque is None:
         return []
     inputs = mechanism.input_pairs
@@ -301,7 +320,20 @@ def variable_of(mechanism: Mechanism, pair: str) -> int:
 def _close_start(
     closure: Closure, mechanism: Mechanism, values: Sequence[float]
 ) -> tuple[Floats, Floats]:
-    """Return the closed configuration less whole turns, and these turns (variables,)."""
+    """Return the closed configuration at a start, and its whole revolutions.
+
+    Parameters
+    ----------
+    closure, mechanism
+        The loops, and the mechanism.
+    values
+        (variables,) a nearly closed configuration (rad), with any revolutions of angles.
+
+    Returns
+    -------
+    (variables,) the closed configuration (rad) reduced by whole revolutions, and
+    (variables,) the numbers of these revolutions.
+    """
     name = mechanism.name
     start_values = np.array(values, dtype=float)
     count = len(closure.tree.owners)
@@ -342,9 +374,21 @@ def _check_digits(name: str, values: Floats) -> None:
 def _find_configuration(
     mechanism: Mechanism, q: Floats, assembly_mode: int
 ) -> tuple[Floats, Floats]:
-    """Return the configuration at inputs (m,) less whole turns, and these turns.
+    """Return the configuration at some inputs, and its whole revolutions.
 
-    Both have the shape (variables,).
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its inputs.
+    q
+        (m,) values of the inputs, rad.
+    assembly_mode
+        Number of the assembly mode.
+
+    Returns
+    -------
+    (variables,) the configuration (rad) reduced by whole revolutions, and (variables,) the
+    numbers of these revolutions.
     """
     name = mechanism.name
     if not all_finite(q):

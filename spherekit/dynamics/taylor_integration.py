@@ -273,6 +273,7 @@ class TaylorIntegration:
         project: Callable[[Floats], tuple[Floats, float]],
         crossing_ratio: float,
     ) -> None:
+        """Prepare the integration; the parameters are explained in the class."""
         self.equation = equation
         self.layout = equation.layout
         self.project = project
@@ -461,10 +462,19 @@ class TaylorIntegration:
     def _probe_steps(
         self, integrator: Integrator, steps: Sequence[TaylorStep]
     ) -> tuple[int, float]:
-        """Return how many steps agree with the loads, and how long the next may be (s).
+        """Return the number of steps that agree with the loads, and the longest next step.
 
-        The first step that does not agree is to be repeated so that it ends before the
-        place where it missed a load. If all agree, the length is not limited.
+        The length of the next step is in s.
+
+        The first step that does not agree is repeated so that it ends before the time at
+        which it missed a change of a load. If all agree, the length is not limited.
+
+        Parameters
+        ----------
+        integrator
+            The integrator, which stores the parameters.
+        steps
+            Successive steps.
         """
         if not steps:
             return 0, np.inf
@@ -478,6 +488,12 @@ class TaylorIntegration:
         parameters = self._all_parameters(integrator)[: layout.switch_parameters]
 
         def probe(step: Indices, places: Floats) -> tuple[Floats, Floats]:
+            """Compare the series of steps with the equation of motion at n places.
+
+            `step` (n,) are indices of steps, and `places` (n,) fractions of their lengths.
+            Returns errors (n,) relative to the allowed ones, and the arguments (n,
+            arguments) of steep functions in the loads.
+            """
             h = places * lengths[step]
             states, rates = _evaluate_series(series[step], h)
             inputs = [
@@ -500,7 +516,7 @@ class TaylorIntegration:
         return len(steps), np.inf
 
     def _classify_event(self, integrator: Integrator) -> RunEnd:
-        """Return why the run ends at the last event."""
+        """Return the reason why the run ends at the last event."""
         number, _ = integrator.seen_events[-1]
         kind = integrator.events[number].kind
         if kind == "switch":
@@ -512,9 +528,17 @@ class TaylorIntegration:
         return kind if kind in ("coordinates", "joint_limit") else "singularity"
 
     def _normalise(self, integrator: Integrator, target: float) -> None:
-        """Take whole turns off the angles, set work aside, adapt the unit of momentum.
+        """Keep the numbers of the state small between two segments.
 
-        The parameters are set up to the `target` (s), the next knot of a load.
+        Angles are reduced by whole revolutions, work is added to a separate sum, and the
+        unit of momentum is adapted.
+
+        Parameters
+        ----------
+        integrator
+            The integrator, whose state and parameters are changed in place.
+        target
+            Time (s) of the next knot of a load, up to which the parameters are set.
         """
         state = integrator.state
         values = state[: self.variable_count]

@@ -494,8 +494,16 @@ def velocity_wrenches(
 ) -> Floats:
     """Return the wrenches (n, links, 6) that links need at constant rates, in ground axes.
 
-    They are gyroscopic and centripetal. `rates` (n, m) are those of the coordinates of
-    `motion`.
+    They are gyroscopic and centripetal.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its masses.
+    motion
+        The configurations at n rows, and their derivatives by m coordinates.
+    rates
+        (n, m) rates of these coordinates.
     """
     # n rows, i and k coordinates, l links, a components
     w = np.einsum("ni,nila->nla", rates, motion.w)
@@ -508,10 +516,23 @@ def velocity_wrenches(
 def _apply_inertia(
     mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats
 ) -> Floats:
-    """Return the map L of the module: I v and m v x c for each link, in ground axes.
+    """Return I v and m v x c for each link, in ground axes.
 
-    `vectors` (n, links, 3) are angular velocities or accelerations v in ground axes. The
-    result (n, links, 6) has zero forces for links whose centre of mass is not known.
+    I is the inertia tensor of the link about the centre O, m its mass and c its centre of
+    mass. With the angular velocity v these are the angular momentum about O and the
+    momentum. With the angular acceleration they are a moment and a force.
+
+    Parameters
+    ----------
+    mechanism, motion
+        The mechanism with its masses, and the rotations of its links.
+    vectors
+        (n, links, 3) angular velocities or accelerations v in ground axes.
+
+    Returns
+    -------
+    (n, links, 6) moments and forces. Forces are 0 for links whose centre of mass is not
+    known.
     """
     wrenches = np.zeros((*vectors.shape[:2], 6))
     for mass in mechanism.masses:

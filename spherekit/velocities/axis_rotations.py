@@ -259,7 +259,26 @@ def _profile_side(
     any_profile: bool,
     as_columns: bool,
 ) -> ProfileSide:
-    """Return the profile at the first (`end` = 0) or second link of a contact."""
+    """Return the profile of a contact on one of its two links, as expressions.
+
+    Parameters
+    ----------
+    mechanism, pair
+        The mechanism and the contact.
+    end
+        0 for the first link of the contact, 1 for the second.
+    track
+        The curve, the variable that runs along it, and its start.
+    any_profile
+        Whether profiles other than circles are allowed.
+    as_columns
+        Whether circles are treated like other profiles, with symbols for their columns.
+
+    Raises
+    ------
+    EngineError
+        If the profile is not allowed.
+    """
     profile = (pair.profiles or ())[end]
     link = pair.links[end]
     if as_columns or profile.round_axis is None:

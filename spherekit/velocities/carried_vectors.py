@@ -183,7 +183,14 @@ def _rolling_vector(
 ) -> CarriedVector:
     """Return the vector (k1 - k2) p of a rolling contact.
 
-    `curvature` is the curvature of the profile on the link that carries `contact_line`.
+    Parameters
+    ----------
+    sides
+        The two profiles, with the curvatures k1 and k2.
+    curvature
+        The one of these on the link that carries `contact_line`.
+    contact_line
+        The contact point p, which slides on its link along the tangent.
     """
     first, second = sides
     curvature_difference = first.curvature - second.curvature
@@ -212,9 +219,21 @@ def _vector_along_profile(
     placed: LinkOrientation,
     variables: Sequence[Expr],
 ) -> CarriedVector:
-    """Return sense * (n + k p): the vector of a contact that moves along one profile.
+    """Return the vector +-(n + k p) of a contact that moves along one profile.
 
-    Its derivative by the arc length is k' p, for n' = -k t and p' = t.
+    n is the normal of the profile, k its curvature, and p the contact point. The derivative
+    by the arc length is k' p, because n' = -k t and p' = t with the tangent t.
+
+    Parameters
+    ----------
+    sense
+        +1 or -1, the sign of the vector.
+    side
+        The profile.
+    link, placed
+        Number and orientation of the link that carries the profile.
+    variables
+        Expressions of all variables. The arc length along the profile is one of them.
     """
     (rotation,) = side.chain.rotations
     if isinstance(rotation, AxisRotation):

@@ -147,6 +147,13 @@ class InputColumns:
 
         In each loop, the vectors of the two links of the closing pair must differ by the
         vector of this pair.
+
+        Parameters
+        ----------
+        link_vectors
+            (3,) angular velocity of each link, or its derivative.
+        pair_vectors
+            (3,) relative angular velocity of each pair, or its derivative.
         """
         tree = self._rows.tree
         residuals: list[Exprs] = []
@@ -232,7 +239,16 @@ class InputColumns:
         """Return a bound of the error of the derivative of a carried vector.
 
         The derivative is w x a + r s, with the angular velocity w of the link, the vector
-        a, its slide s and the rate r of the variable. `speed` is the absolute value of r.
+        a, its slide s and the rate r of the variable.
+
+        Parameters
+        ----------
+        carried
+            The vector a with its link and its slide.
+        speed
+            Absolute value of r.
+        rate_error, axis_error, slide_error
+            Bounds of the errors of r, a and s.
         """
         w_bound = self._w_bounds[carried.link]
         error = carried.length * self._w_errors[carried.link] + w_bound * axis_error
@@ -418,9 +434,18 @@ class InputColumns:
     def _relative_pole_parts(
         self, i: int, j: int
     ) -> tuple[list[Expr], dict[str, Iterable[Expr]]]:
-        """Return the fields of a pole that lies along v: those with a sign, and the others.
+        """Return the quantities of the pole of links i and j, which no pair joins.
 
-        The error bounds of the direction are added to the error sum of the row.
+        Its direction is that of v, the angular velocity of link j relative to link i. The
+        error bounds of the direction are added to the error sum of the row.
+
+        Returns
+        -------
+        signed_items
+            The quantities whose sign changes with that of the direction, in the order of
+            `SIGNED_COMPONENTS`.
+        parts
+            The other fields of a `PoleField`, by their names.
         """
         motion = self._relative_motion(i, j)
         length = root(dot(motion.v, motion.v))

@@ -84,7 +84,10 @@ def recompute_in_quad(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
 
 
 def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
-    """Return at most `BATCH_ROWS` rows by quad precision."""
+    """Return at most `BATCH_ROWS` rows by quad precision.
+
+    The parameters are those of `recompute_in_quad`. Newton's method first closes the loops.
+    """
     passive = list(kernel.passive_variables)
     start = values.astype(quad())
     x = start.copy()

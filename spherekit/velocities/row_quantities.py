@@ -106,7 +106,7 @@ class QuantityTable(dict[str, RowQuantity]):
         *arguments: Any,
         component: int | None = None,
     ) -> None:
-        """Add a quantity.
+        """Add a quantity. The parameters are the attributes of `RowQuantity`.
 
         Names of links and pairs can contain underscores, so two quantities can have the
         same name. Such a name is refused when it is used.
@@ -212,7 +212,7 @@ def _add_kinematic_quantities(
 def _add_output_quantities(
     table: QuantityTable, mechanism: Mechanism, input_count: int
 ) -> None:
-    """Add the quantities of the outputs of a mechanism."""
+    """Add the quantities of outputs to a table, for `input_count` inputs."""
     for output in mechanism.outputs:
         points = output.direction is not None
         if points:

@@ -306,7 +306,8 @@ class RowVelocities:
         """Compute rows (k,) again in quad precision, and bound their errors.
 
         The loops of these rows are closed to 33 digits. The remaining error is caused by
-        the rounding of the sizes of the mechanism (`GeometryRounding`).
+        the rounding of the sizes of the mechanism (`GeometryRounding`). `kernel` evaluates
+        the expressions.
         """
         quad_rows = recompute_in_quad(kernel, self.motion.values[rows].T)
         self._columns[:, rows] = quad_rows.columns
@@ -346,7 +347,10 @@ class RowVelocities:
     def _make_geometry_rounding(
         self, quad_rows: QuadPrecisionRows, rows: Indices
     ) -> GeometryRounding:
-        """Return the error bounds of rows (k,) that were computed in quad precision."""
+        """Return the error bounds of rows (k,) that were computed in quad precision.
+
+        `quad_rows` has the results of these rows.
+        """
         tree = self.motion.linearisation.tree
         # Rows that Newton's method did not close stay open as they were.
         closed_gap = EPS * (2.0 + tree.longest_loop)
@@ -410,7 +414,10 @@ class RowVelocities:
         return rotations
 
     def _compute_from_decimals(self, kernel: RowKernel, rows: Indices) -> None:
-        """Compute rows (k,) that are too near to a singularity for rounded sizes."""
+        """Compute rows (k,) that are too near to a singularity for rounded sizes.
+
+        `kernel` tells which columns are constant.
+        """
         plan = self.request.plan
         decimal_rates = DecimalRates.of(self.motion.rows(rows), plan.input)
         if decimal_rates is None:
