@@ -25,7 +25,7 @@ from spherekit import escaping
 from spherekit.cli.main import main
 from spherekit.display.pages.page import PageMaker
 from spherekit.display.rerun.preview import _size_table
-from spherekit.exchange.exported_pose import posed
+from spherekit.exchange.exported_pose import find_pose
 from spherekit.exchange.formula_maker import formulas
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.exchange.source_languages import source
@@ -181,7 +181,7 @@ def test_a_module_of_hostile_texts_runs(tmp_path):
 
 def test_hostile_texts_are_comments_of_models(harmless, tmp_path):
     bare = ElementTree.canonicalize(harmless("mjcf").read_text("utf-8"))
-    made, values = posed(sk.load("four_bar"), 0, None)
+    made, values = find_pose(sk.load("four_bar"), 0, None)
     for what, text in TEXTS.items():
         written = MujocoModel(replace(made, source=Source(text)), values).text
         assert ElementTree.canonicalize(written) == bare, what

@@ -112,7 +112,7 @@ def test_sizes_over_a_grid_are_those_of_the_angular_velocities():
     result = sk.run("five_bar", "poles:only=3/1", samples=(7, 7))
     parts = {
         part.path: (scene, part)
-        for scene in result.views._kept.scenes()
+        for scene in result.views._collector.scenes()
         for part in scene.primitives
         if isinstance(part, Series) and scene.page == 0
     }

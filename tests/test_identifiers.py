@@ -20,7 +20,7 @@ import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.exchange import identifiers
 from spherekit.exchange.coupling_header import header
-from spherekit.exchange.exported_pose import posed
+from spherekit.exchange.exported_pose import find_pose
 from spherekit.exchange.formula_maker import formulas
 from spherekit.exchange.identifiers import unique_names
 from spherekit.exchange.mjcf import MujocoModel
@@ -316,7 +316,7 @@ def test_models_of_equal_names_load_in_mujoco(ground, coupler, tmp_path):
     mechanism = sk.load(file)
     assert model.body("world_2").id and model.actuator("crank_2").id
     assert model.site("out_2").id and model.site("out").id >= 0
-    notes = MujocoModel(*posed(mechanism, 0, None)).notes
+    notes = MujocoModel(*find_pose(mechanism, 0, None)).notes
     assert "the body of link world is called world_2, as world is in use" in notes
     again = sk.import_mechanism(path).mechanism
     assert {x.replace("world_2", "world") for x in again.links} == {*mechanism.links}

@@ -11,7 +11,7 @@ from refusals import HERE, TABLES, check_call, text_of
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import FileError
-from spherekit.exchange.exported_pose import posed
+from spherekit.exchange.exported_pose import find_pose
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.files.mechanism_reader import load, loads
 from spherekit.mechanism.joint_construction import make_joints, make_joints_in_pose
@@ -111,7 +111,7 @@ def test_loads_and_masses_come_back(tmp_path):
     mechanism = replace(
         load("five_bar"), loads=loads_there, joint_limits=(JointLimit("54", -2.0, 0.5),)
     )
-    made, values = posed(mechanism, at=[1.2, 1.3])
+    made, values = find_pose(mechanism, inputs=[1.2, 1.3])
     again = sk.import_mechanism(written(tmp_path, MujocoModel(made, values).text)).mechanism
     found = {load.name: load for load in again.loads}
     for load_there in loads_there[:4]:

@@ -9,7 +9,7 @@ from refusals import HERE
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.exchange.exported_pose import posed
+from spherekit.exchange.exported_pose import find_pose
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.mechanism.elements import Output
 
@@ -207,7 +207,7 @@ def test_outputs_come_back(tmp_path):
         Output("between", "4", "2"),
     )
     mechanism = replace(sk.load("four_bar"), outputs=outputs)
-    made, values = posed(mechanism, at=0.7)
+    made, values = find_pose(mechanism, inputs=0.7)
     again = import_text(tmp_path, MujocoModel(made, values).text).mechanism
     found = {output.name: output for output in again.outputs}
     assert set(found) == {"tip", "between"}

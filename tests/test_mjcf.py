@@ -10,7 +10,7 @@ from refusals import TABLES, check_call, text_of
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.exchange.exported_pose import posed
+from spherekit.exchange.exported_pose import find_pose
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.files.mechanism_reader import loads as read_text
 from spherekit.files.mechanism_writer import dumps
@@ -55,7 +55,7 @@ def apart(mechanism, data, placed):
     ],
 )
 def test_the_pose_is_the_mechanisms_and_motors_sit_at_inputs_alone(name, at):
-    mechanism, values = posed(replace(sk.load(name), loads=()), at=at)
+    mechanism, values = find_pose(replace(sk.load(name), loads=()), inputs=at)
     model, data = started(MujocoModel(mechanism, values).text)
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
     assert apart(mechanism, data, closure.at(values[None]).rotations[0]) < 1e-14
@@ -79,7 +79,7 @@ def prescribed(text, inputs):
     "name", ["four_bar", "stephenson", "five_bar", "bevel_differential"]
 )
 def test_a_motion_of_the_inputs_moves_all_links_as_in_spherekit(name):
-    mechanism, values = posed(replace(sk.load(name), loads=()))
+    mechanism, values = find_pose(replace(sk.load(name), loads=()))
     inputs = [item.pair for item in mechanism.inputs]
     text = MujocoModel(mechanism, values).text
     model, data = started(prescribed(text, inputs))
@@ -114,7 +114,7 @@ SPRUNG = (
 def test_loads_have_the_power_that_they_say():
     """At every pair a load acts, so that one of them is a hinge of a second body."""
     made = replace(sk.load("four_bar"), loads=SPRUNG)
-    mechanism, values = posed(made, at=0.7)
+    mechanism, values = find_pose(made, inputs=0.7)
     written = MujocoModel(mechanism, values)
     assert not [note for note in written.notes if note.startswith("load")]
     model, data = started(written.text)
@@ -146,7 +146,7 @@ def test_loads_have_the_power_that_they_say():
 
 def test_second_bodies_share_the_inertia_of_their_link():
     at_all = tuple(sk.Damper(f"d{pair}", pair, 0.1) for pair in ("21", "32", "43", "41"))
-    plain, values = posed(replace(sk.load("four_bar"), loads=()), at=0.7)
+    plain, values = find_pose(replace(sk.load("four_bar"), loads=()), inputs=0.7)
     model, _ = started(MujocoModel(plain, values).text)
     twinned, _ = started(MujocoModel(replace(plain, loads=at_all), values).text)
     assert twinned.nv == model.nv + 1 and np.all(twinned.dof_damping == 0.1)
@@ -167,7 +167,7 @@ MASSES = {
 
 def largest_difference(mechanism, seconds, timestep):
     """Return how far (rad) MuJoCo's pairs are from a simulation, and the notes."""
-    made, values = posed(mechanism)
+    made, values = find_pose(mechanism)
     written = MujocoModel(made, values, timestep=timestep)
     model, data = started(written.text)
     mujoco.mj_step(model, data, round(seconds / timestep))
@@ -245,7 +245,7 @@ def test_an_export_names_each_load_that_it_leaves_out(tmp_path, capsys):
 
 
 def test_a_mechanism_without_masses_is_held_by_servos():
-    mechanism, values = posed(bare("stephenson"), at=0.5)
+    mechanism, values = find_pose(bare("stephenson"), inputs=0.5)
     written = MujocoModel(mechanism, values)
     assert "kinematics only" in written.notes[0]
     model, data = started(written.text)

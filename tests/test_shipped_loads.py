@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import spherekit as sk
-from spherekit.exchange.exported_pose import posed
+from spherekit.exchange.exported_pose import find_pose
 from spherekit.exchange.mjcf import MujocoModel
 
 LOADED = {
@@ -40,7 +40,7 @@ def test_mujoco_moves_it_as_it_moves_here(name):
     mujoco = pytest.importorskip("mujoco")
     made = sk.load(name)
     bearings = [load.name for load in made.loads if isinstance(load, sk.Bearings)]
-    made, values = posed(made.with_loads(without=bearings))
+    made, values = find_pose(made.with_loads(without=bearings))
     written = MujocoModel(made, values, timestep=2.5e-4)
     assert not [note for note in written.notes if "left out" in note]
     model = mujoco.MjModel.from_xml_string(written.text)

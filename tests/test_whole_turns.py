@@ -11,7 +11,7 @@ from spherekit.dynamics.forward_dynamics import simulate
 from spherekit.dynamics.inverse_dynamics import inverse_dynamics
 from spherekit.errors import SolveError
 from spherekit.exchange.coupling_table_maker import coupling_table
-from spherekit.exchange.exported_pose import posed
+from spherekit.exchange.exported_pose import find_pose
 from spherekit.files.number_change import document_of
 from spherekit.files.study import Start
 from spherekit.files.time_law import ConstantSpeed
@@ -89,7 +89,7 @@ def test_a_state_has_one_force_by_every_way(name, pair, q, mode):
     right = -0.7 * whole * (beside[1] - beside[0]) / (2.0 * h)
     for way, found in generalised_forces(mechanism, q, mode):
         assert found == pytest.approx(right, rel=1e-7), way
-    values = posed(mechanism, mode, q)[1]
+    values = find_pose(mechanism, mode, q)[1]
     assert values[mechanism.angles[pair]] == pytest.approx(whole, abs=1e-9)
 
 

@@ -14,7 +14,7 @@ from spherekit.errors import OutputError
 from spherekit.exchange.coupling_header import header
 from spherekit.exchange.coupling_table import CouplingTable, write_csv, write_npz
 from spherekit.exchange.coupling_table_maker import coupling_table
-from spherekit.exchange.exported_pose import posed
+from spherekit.exchange.exported_pose import find_pose
 from spherekit.exchange.formula_expressions import SmoothModes
 from spherekit.exchange.formula_maker import check_sizes_keep_crossings, formulas
 from spherekit.exchange.latex import latex
@@ -357,7 +357,7 @@ def _export_mujoco_model(
     at: float | Sequence[float] | None,
 ) -> Exported:
     """Write a MuJoCo model in the pose at given inputs (rad), see `export`."""
-    posed_mechanism, values = posed(mechanism, assembly_mode, at)
+    posed_mechanism, values = find_pose(mechanism, assembly_mode, at)
     inputs = listing(
         f"{name} = {values[posed_mechanism.angles[name]]:.6g} rad "
         f"({np.degrees(values[posed_mechanism.angles[name]]):.6g} deg)"

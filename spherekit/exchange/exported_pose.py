@@ -1,6 +1,7 @@
-"""The configuration in which a mechanism goes to a program that wants a pose."""
+"""The configuration of a mechanism for programs that need a pose, such as MuJoCo."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,54 +14,81 @@ from spherekit.positions.angle_unwrapping import unwrap_motion
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.wording import counted, listing
 
-SAMPLES = 61
-"""Places on the way through the inputs' ranges where a configuration is looked for."""
+POSE_SEARCH_SAMPLES = 61
+"""Samples on the path through the ranges of the inputs among which a pose is searched.
+
+Fewer: a mode that exists in a short range only is not found; more: the search takes longer.
+"""
 
 
-def posed(
+class ExportedPose(NamedTuple):
+    """A mechanism with declared inputs, and one of its closed configurations.
+
+    Attributes
+    ----------
+    mechanism
+        The mechanism.
+    values
+        (variables,) its pair variables (rad).
+    """
+
+    mechanism: Mechanism
+    values: Floats
+
+
+def find_pose(
     mechanism: Mechanism,
     assembly_mode: int = 0,
-    at: float | Sequence[float] | None = None,
-) -> tuple[Mechanism, Floats]:
-    """Return a mechanism with its inputs declared, and one configuration (variables,).
+    inputs: float | Sequence[float] | None = None,
+) -> ExportedPose:
+    """Return a mechanism with its inputs declared, and one configuration.
 
     Parameters
     ----------
-    at
-        The inputs (rad), by default the first sample on the way through their ranges at
-        which the assembly mode exists.
+    mechanism
+        The mechanism.
+    assembly_mode
+        Number of the assembly mode.
+    inputs
+        The inputs (rad). By default those of the first sample on the path through their
+        ranges at which the assembly mode exists.
 
     Raises
     ------
     SolveError
-        If there are not as many inputs as given, or the mode does not exist there.
+        If the number of inputs is wrong, or the mode does not exist at them.
     """
-    if at is None:
-        tracer = PositionAnalysis(mechanism, None, assembly_mode, samples=SAMPLES)
-        motion = tracer.motion()
-        where = f"any of {len(motion)} samples of the inputs' ranges"
-        other = "inputs, or another assembly mode"
-    else:
-        q = np.array(at, dtype=float, ndmin=1)
-        if not all_finite(q):
-            raise SolveError(f"export: at is {at}, it has to be finite numbers of rad")
-        mechanism = PositionAnalysis(mechanism, follow=False).mechanism
-        inputs = mechanism.input_pairs
-        if len(q) != len(inputs):
-            raise SolveError(
-                f"{mechanism.name}: at has {counted(len(q), 'value')}, but the inputs are "
-                f"{listing(inputs)}: give one value for each"
-            )
-        tracer, motion = compute_modes_at_inputs(mechanism, q[None], assembly_mode)
-        where = listing(
-            f"{pair} = {value:.6g} rad ({np.degrees(value):.6g} deg)"
-            for pair, value in zip(inputs, q, strict=True)
+    if inputs is None:
+        position_analysis = PositionAnalysis(
+            mechanism, None, assembly_mode, samples=POSE_SEARCH_SAMPLES
         )
-        other = "another input to be at"
-    good = np.flatnonzero(~motion.failed)
-    if not len(good):
+        motion = position_analysis.motion()
+        searched = f"any of {len(motion)} samples of the inputs' ranges"
+        advice = "inputs, or another assembly mode"
+    else:
+        input_values = np.array(inputs, dtype=float, ndmin=1)
+        if not all_finite(input_values):
+            raise SolveError(f"export: at is {inputs}, it has to be finite numbers of rad")
+        mechanism = PositionAnalysis(mechanism, follow=False).mechanism
+        input_pairs = mechanism.input_pairs
+        if len(input_values) != len(input_pairs):
+            raise SolveError(
+                f"{mechanism.name}: at has {counted(len(input_values), 'value')}, but the "
+                f"inputs are {listing(input_pairs)}: give one value for each"
+            )
+        position_analysis, motion = compute_modes_at_inputs(
+            mechanism, input_values[None], assembly_mode
+        )
+        searched = listing(
+            f"{pair} = {value:.6g} rad ({np.degrees(value):.6g} deg)"
+            for pair, value in zip(input_pairs, input_values, strict=True)
+        )
+        advice = "another input to be at"
+    good_rows = np.flatnonzero(~motion.failed)
+    if not len(good_rows):
         raise SolveError(
             f"{mechanism.name}: assembly mode {assembly_mode} has no configuration at "
-            f"{where}; give {other}"
+            f"{searched}; give {advice}"
         )
-    return tracer.mechanism, unwrap_motion(motion, tracer.angle_unwrapping).values[good[0]]
+    continuous_motion = unwrap_motion(motion, position_analysis.angle_unwrapping)
+    return ExportedPose(position_analysis.mechanism, continuous_motion.values[good_rows[0]])

@@ -38,14 +38,14 @@ _C_MACROS = re.compile(
 
 @dataclass(frozen=True)
 class NameRules:
-    """What a language asks of the name of a function.
+    """The rules of a language for the names of functions.
 
     Attributes
     ----------
     words
-        Names that cannot be used.
+        Names that cannot be used: keywords, functions and macros of the language.
     families
-        Names that cannot be used, as a pattern.
+        Pattern of further names that cannot be used. By default it matches none.
     underscores
         Whether a name may begin with an underscore and have two in a row.
     """
@@ -55,7 +55,7 @@ class NameRules:
     underscores: bool = True
 
     def identifier(self, text: str) -> str:
-        """Return a name that the language allows: the text itself where it is one."""
+        """Return a text as a name that the language allows, unchanged if it is one."""
         name = re.sub(r"\W", "_", text, flags=re.ASCII)
         if not self.underscores:
             name = re.sub("__+", "_", name)
@@ -64,7 +64,7 @@ class NameRules:
         return name
 
     def is_taken(self, name: str) -> bool:
-        """Return whether a name is none, or is used by the language or a source."""
+        """Return whether a text is no name, or one that the language or a source uses."""
         return bool(
             not name
             or name[0].isdigit()
@@ -76,7 +76,7 @@ class NameRules:
 
 
 # Libraries add names with underscores to `builtins` when they are imported. The name of a
-# function must not depend on that, so that all of them are left to the family below.
+# function must not depend on that, so the pattern of Python below excludes all of them.
 _PYTHON = frozenset(
     [
         *keyword.kwlist,
@@ -96,25 +96,27 @@ CASADI = NameRules(_C | PYTHON.words | _WORDS["casadi"], _C_MACROS, underscores=
 
 
 def unique_names(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
-    """Return names in their order, where one that stood before gets a number.
+    """Return names in their order, with numbers at those that occurred before.
 
-    The first of equal names stays. Others get ``_2``, ``_3`` and so on.
+    The first of equal names stays as it is. Others get ``_2``, ``_3`` and so on.
 
     Parameters
     ----------
     names
-        Names, of which some may be equal.
+        Names, some of which may be equal.
     taken
         Names that none may have.
     """
-    wanted = list(names)
-    used, unique = {*taken}, list[str]()
-    for name in wanted:
-        free, number = name, 1
-        # A number must not give the name of another one further on.
-        while free in used or (number > 1 and free in wanted):
+    requested_names = list(names)
+    used_names = set(taken)
+    result: list[str] = []
+    for name in requested_names:
+        candidate = name
+        number = 1
+        # A name with a number must not be a later name of the list either.
+        while candidate in used_names or (number > 1 and candidate in requested_names):
             number += 1
-            free = f"{name}_{number}"
-        used.add(free)
-        unique.append(free)
-    return unique
+            candidate = f"{name}_{number}"
+        used_names.add(candidate)
+        result.append(candidate)
+    return result

@@ -216,7 +216,8 @@ def compare_modes(
     differences: list[float] = [0.0]
     deviations = _compute_deviations(formulas, terms, angles, candidates)
     for candidate, deviation in zip(candidates, deviations, strict=True):
-        mode, motion = candidate.mode, candidate.motion
+        mode = candidate.mode
+        motion = candidate.motion
         # The deviation is NaN where the formulas do not close: the mode is then rejected.
         relative_deviation = np.nan_to_num(
             deviation / candidate.allowed_difference, nan=np.inf
@@ -237,8 +238,14 @@ def compare_modes(
             known_input = motion.inputs[middle]
             if np.any(np.isnan(places)):
                 places = candidate.places[candidate.interval[middle]]
-        at = tuple(known_input.tolist())
-        modes.append(Mode(mode.number, mode.title, at, tuple(places.tolist())))
+        modes.append(
+            Mode(
+                number=mode.number,
+                name=mode.title,
+                at=tuple(known_input.tolist()),
+                values=tuple(places.tolist()),
+            )
+        )
         written.append(candidate)
         compared.append(len(deviation))
         differences.append(float(np.max(deviation)))
@@ -335,7 +342,11 @@ def _join_places(
 
 def passive_variables(terms: DesignExpressions) -> dict[str, int]:
     """Return the index of the variable of each R pair that is not driven, by pair name."""
-    return {k: v for k, v in terms.mechanism.angles.items() if k not in terms.inputs}
+    return {
+        pair: variable
+        for pair, variable in terms.mechanism.angles.items()
+        if pair not in terms.inputs
+    }
 
 
 def _find_candidate(
@@ -388,8 +399,8 @@ def _find_candidate(
         else:
             places.append(values[middle_row])
     unknown = np.full(max(len(x) for x in places if x is not None), np.nan)
-    every_place = np.array([unknown if x is None else x for x in places])
-    return ModeCandidate(mode, motion, values, interval, every_place)
+    known_places = np.array([unknown if x is None else x for x in places])
+    return ModeCandidate(mode, motion, values, interval, known_places)
 
 
 def _select_well_conditioned_rows(

@@ -20,11 +20,20 @@ from spherekit.wording import counted, listing
 Element = ElementTree.Element
 
 REDUCTION_TAGS = ("mechanicalReduction", "mechanical_reduction")
+"""Names of the element of a reduction, in ros_control and ros2_control."""
 
 
 @dataclass(frozen=True)
 class DrivenJoint:
-    """A joint that a motor turns alone; the motor turns `motor_ratio` times as far."""
+    """A joint that a motor turns alone.
+
+    Attributes
+    ----------
+    transmission, motor, joint
+        Names of the transmission, the motor and the joint.
+    motor_ratio
+        Angle of the motor divided by that of the joint.
+    """
 
     transmission: str
     motor: str
@@ -36,9 +45,21 @@ class DrivenJoint:
 class DrivenWheel:
     """A wheel, coaxial with `inner_joint`, through which a motor turns two joints.
 
-    `wheel` is its name as a link and as a joint. Its angle is that of the inner joint, plus
-    `ratio` times that of the outer joint, which the inner one carries. The motor turns
-    `motor_ratio` times as far as the wheel.
+    Its angle is that of the inner joint, plus `ratio` times that of the outer joint, which
+    the inner one carries.
+
+    Attributes
+    ----------
+    transmission, motor
+        Names of the transmission and the motor.
+    wheel
+        Name of the wheel as a link and as a joint.
+    inner_joint, outer_joint
+        Names of the two joints.
+    ratio
+        Factor of the angle of the outer joint.
+    motor_ratio
+        Angle of the motor divided by that of the wheel.
     """
 
     transmission: str
@@ -51,8 +72,11 @@ class DrivenWheel:
 
 
 @dataclass(frozen=True)
-class _End:
-    """An actuator or joint of a transmission, with its reduction."""
+class TransmissionEnd:
+    """An actuator or joint of a transmission, by its name, with its reduction.
+
+    The reduction multiplies the angle, see the equations above.
+    """
 
     name: str
     reduction: float
@@ -76,7 +100,7 @@ def read_transmissions(
         If a transmission has too few actuators or joints, a reduction that is no number or
         zero, or drives two joints of which neither carries the other.
     """
-    carried = _carried_links(root)
+    links_by_joint = _find_joined_links(root)
     driven: list[DrivenJoint | DrivenWheel] = []
     notes: list[str] = []
     for item in root.iter("transmission"):
@@ -93,7 +117,7 @@ def read_transmissions(
                     f"{counted(len(joints), 'joint')}"
                 )
             rows = _equations(kind, actuators, joints)
-            inner = _inner_joint(joints, carried, where)
+            inner = _find_inner_joint(joints, links_by_joint, where)
             driven += [
                 _drive(name, actuator, joints, row, inner)
                 for actuator, row in zip(actuators, rows, strict=True)
@@ -107,7 +131,9 @@ def read_transmissions(
             )
         for number, joint in enumerate(joints):
             actuator = (
-                actuators[number] if number < len(actuators) else _End(joint.name, 1.0)
+                actuators[number]
+                if number < len(actuators)
+                else TransmissionEnd(joint.name, 1.0)
             )
             ratio = actuator.reduction * joint.reduction
             driven.append(DrivenJoint(name, actuator.name, joint.name, ratio))
@@ -115,9 +141,17 @@ def read_transmissions(
 
 
 def _equations(
-    kind: str, actuators: Sequence[_End], joints: Sequence[_End]
+    kind: str, actuators: Sequence[TransmissionEnd], joints: Sequence[TransmissionEnd]
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the factors of both joints in the angle of each actuator."""
+    """Return the factors of both joint angles in the angle of each actuator.
+
+    Parameters
+    ----------
+    kind
+        Type of the transmission: a differential or a four-bar linkage.
+    actuators, joints
+        The two actuators and the two joints, in the order of their roles.
+    """
     motor_1, motor_2 = (actuator.reduction for actuator in actuators)
     joint_1, joint_2 = (joint.reduction for joint in joints)
     if kind == "DifferentialTransmission":
@@ -130,25 +164,38 @@ def _equations(
 
 def _drive(
     transmission: str,
-    actuator: _End,
-    joints: Sequence[_End],
+    actuator: TransmissionEnd,
+    joints: Sequence[TransmissionEnd],
     factors: tuple[float, float],
     inner: int,
 ) -> DrivenJoint | DrivenWheel:
-    """Return what an actuator turns, of two joints of which `inner` carries the other."""
+    """Return the joint that an actuator turns alone, or the wheel that turns two joints.
+
+    Parameters
+    ----------
+    transmission
+        Name of the transmission.
+    actuator, joints
+        The actuator, and the two joints.
+    factors
+        Factors of both joint angles in the angle of the actuator.
+    inner
+        Index, 0 or 1, of the joint that carries the other one.
+    """
     outer = 1 - inner
-    for alone in (inner, outer):
-        if factors[1 - alone] == 0.0:
-            joint = joints[alone].name
-            return DrivenJoint(transmission, actuator.name, joint, factors[alone])
+    for index in (inner, outer):
+        other_index = 1 - index
+        if factors[other_index] == 0.0:
+            joint_name = joints[index].name
+            return DrivenJoint(transmission, actuator.name, joint_name, factors[index])
     return DrivenWheel(
-        transmission,
-        actuator.name,
-        actuator.name,
-        joints[inner].name,
-        joints[outer].name,
-        factors[outer] / factors[inner],
-        factors[inner],
+        transmission=transmission,
+        motor=actuator.name,
+        wheel=actuator.name,
+        inner_joint=joints[inner].name,
+        outer_joint=joints[outer].name,
+        ratio=factors[outer] / factors[inner],
+        motor_ratio=factors[inner],
     )
 
 
@@ -161,9 +208,9 @@ def _kind(item: Element) -> str:
     return ""
 
 
-def _ends(item: Element, tag: str, where: str) -> list[_End]:
+def _ends(item: Element, tag: str, where: str) -> list[TransmissionEnd]:
     """Return the actuators or joints of a transmission in the order of their roles."""
-    ends: list[tuple[str, _End]] = []
+    ends: list[tuple[str, TransmissionEnd]] = []
     for child in item.findall(tag):
         name = child.get("name", "")
         role = child.get("role") or child.findtext("role") or ""
@@ -178,46 +225,69 @@ def _ends(item: Element, tag: str, where: str) -> list[_End]:
                 f'{where}: the mechanical reduction of {tag} {name} is "{text.strip()}"; '
                 "it has to be a number other than zero"
             )
-        ends.append((role, _End(name, reduction)))
+        ends.append((role, TransmissionEnd(name, reduction)))
     if all(role for role, _ in ends):
         ends.sort(key=lambda end: end[0])
     return [end for _, end in ends]
 
 
-def _carried_links(root: Element) -> Mapping[str, tuple[str, str]]:
-    """Return parent and child of each joint; the first of welded links stands for all."""
-    joints: dict[str, tuple[str, str]] = {}
-    welded: dict[str, str] = {}
+def _find_joined_links(root: Element) -> Mapping[str, tuple[str, str]]:
+    """Return the parent and the child link of each joint that turns, by its name.
+
+    The first of links that are joined by fixed joints stands for all of them.
+    """
+    links_by_joint: dict[str, tuple[str, str]] = {}
+    parent_by_fixed_link: dict[str, str] = {}
     for joint in root.findall("joint"):
-        parent, child = joint.find("parent"), joint.find("child")
+        parent = joint.find("parent")
+        child = joint.find("child")
         if parent is None or child is None:
             continue
-        ends = parent.get("link", ""), child.get("link", "")
+        parent_link = parent.get("link", "")
+        child_link = child.get("link", "")
         if joint.get("type") == "fixed":
-            welded[ends[1]] = ends[0]
+            parent_by_fixed_link[child_link] = parent_link
         else:
-            joints[joint.get("name", "")] = ends
+            links_by_joint[joint.get("name", "")] = (parent_link, child_link)
 
-    def first_of(link: str) -> str:
-        seen = {link}
-        while link in welded and welded[link] not in seen:
-            link = welded[link]
-            seen.add(link)
+    def first_link(link: str) -> str:
+        """Return the first of the links that are rigidly joined to a link."""
+        visited_links = {link}
+        # A faulty file may have a cycle of fixed joints.
+        while parent_by_fixed_link.get(link, link) not in visited_links:
+            link = parent_by_fixed_link[link]
+            visited_links.add(link)
         return link
 
-    return {name: (first_of(a), first_of(b)) for name, (a, b) in joints.items()}
+    return {
+        joint: (first_link(parent_link), first_link(child_link))
+        for joint, (parent_link, child_link) in links_by_joint.items()
+    }
 
 
-def _inner_joint(
-    joints: Sequence[_End], carried: Mapping[str, tuple[str, str]], where: str
+def _find_inner_joint(
+    joints: Sequence[TransmissionEnd],
+    links_by_joint: Mapping[str, tuple[str, str]],
+    where: str,
 ) -> int:
-    """Return which of two joints carries the other one."""
+    """Return the index, 0 or 1, of the one of two joints that carries the other.
+
+    Parameters
+    ----------
+    joints
+        The two joints.
+    links_by_joint
+        Parent and child link of each joint.
+    where
+        The transmission, for messages.
+    """
     for joint in joints:
-        if joint.name not in carried:
+        if joint.name not in links_by_joint:
             raise FileError(f'{where}: there is no joint "{joint.name}" that turns')
     for inner in (0, 1):
-        inner_ends, outer_ends = (carried[joints[k].name] for k in (inner, 1 - inner))
-        if inner_ends[1] == outer_ends[0]:
+        _, inner_child = links_by_joint[joints[inner].name]
+        outer_parent, _ = links_by_joint[joints[1 - inner].name]
+        if inner_child == outer_parent:
             return inner
     names = listing(joint.name for joint in joints)
     raise FileError(
