@@ -194,7 +194,10 @@ class Relation:
 
 @dataclass(frozen=True)
 class ThirdAxis:
-    """The one of three axes in a plane that is neither that of the input nor of the output.
+    """The third pole axis of a relation c y' = d q' of three links.
+
+    The pole axes of three links are in one plane. Two of them are those of the input rate
+    q' and of the output rate y'; this is the other one.
 
     Attributes
     ----------

@@ -39,22 +39,24 @@ AngleFunction = Callable[[Floats], Floats]
 
 @dataclass(frozen=True)
 class NearMiss:
-    """A local minimum of the angular distance of an output from a type of singularity.
+    """A point at which an output is nearest to a type of singularity without reaching it.
 
     Attributes
     ----------
     type, output
-        The type, and the position of the output.
+        The type, I (the output rests) or II (the input rests), and the position of the
+        output in the list of outputs.
     curve, s
-        Number of the curve, and arc length on it (rad).
+        Number of the configuration curve, and arc length on it (rad).
     q
-        The input in the range (rad).
+        The input there, in its range (rad).
     assembly_modes
         Numbers of the assembly modes there.
     angle
-        The distance (rad), see `SampledSingularities.angle`.
+        The distance (rad): of type I the arctangent of the velocity coefficient, of type II
+        the arcsine of the transmission measure.
     velocity_coefficient
-        The size of y'/q' there.
+        The size of y'/q' there, the rate of the output over that of the input.
     """
 
     type: Type

@@ -509,7 +509,7 @@ class SampledSingularities:
         kind
             Type of the singularity. Crossings count for every type.
         s
-            (n,) arc lengths (rad).
+            (n,) arc lengths from which the change is measured (rad).
 
         Returns
         -------

@@ -503,7 +503,9 @@ class SingleFreedomSingularities:
 
 @dataclass(frozen=True)
 class _SingularCurveEnd:
-    """A configuration at which curves end because the closure loses rank.
+    """A configuration at which curves of configurations end.
+
+    The closure equations lose rank there, which is generally where curves cross.
 
     Attributes
     ----------
