@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 import spherekit as sk
 from spherekit.numerics.sign_changes import find_sign_changes
-from spherekit.positions import mode_search
+from spherekit.positions import modes_over_range
 from spherekit.positions.loop_tree import LoopTree
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
@@ -110,7 +110,7 @@ def test_steps_of_following_end_the_search_of_modes(monkeypatch):
     """As the claim says, with the steps along its modes; others were followed beside."""
     made = sk.load("eight_bar_07")
     every = PositionAnalysis(made, samples=3)
-    monkeypatch.setattr(mode_search, "MOST_TRIED", 100)
+    monkeypatch.setattr(modes_over_range, "MAX_STEPS_ALONG_MODES", 100)
     few = PositionAnalysis(made, samples=3)
     assert 0 < len(few.assembly_modes) < len(every.assembly_modes)
     count = len(few.assembly_modes)
