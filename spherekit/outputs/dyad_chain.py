@@ -289,7 +289,9 @@ def input_rates(numerators: Floats, denominators: Floats) -> tuple[Floats, Float
 def invert_output_rates(
     output_rates: Floats, directions: Floats | None
 ) -> tuple[Floats, Floats]:
-    """Return `input_rates` from the angular velocities that the inputs cause.
+    """Return rates of inputs from the angular velocities of the output that they cause.
+
+    The matrix of angular velocities is inverted. Singular configurations are allowed.
 
     Parameters
     ----------
@@ -299,6 +301,13 @@ def invert_output_rates(
     directions
         (n, 3) unit vectors at which the output of two inputs points. Only the part of the
         angular velocity at right angles to them counts. None for three inputs.
+
+    Returns
+    -------
+    rates
+        (n, inputs, 3) rates of the inputs per unit angular velocity of the output.
+    type_1
+        (n, inputs) measures of type I, 0 where an input moves while the output rests.
     """
     numerators, volume = reciprocal_vectors(np.swapaxes(output_rates, 1, 2), directions)
     return input_rates(numerators, volume[:, None])

@@ -68,10 +68,14 @@ class InverseRows(ArrayRows):
     margin, limiting
         (k,) rad left to the nearest limit, negative outside, and its number in `limits`;
         NaN and -1 where no limit says anything.
-    type_1, type_2
-        (k, inputs) and (k,), see `Inverse` and `spherekit.velocities.transmission`.
+    type_1
+        (k, inputs) speed of the output per unit rate of each input; 0 at a singularity of
+        type I, where the input moves while the output rests.
+    type_2
+        (k,) transmission measure; 0 at a singularity of type II, where the output can move
+        although the inputs are locked (`spherekit.velocities.transmission`).
     rates
-        (k, inputs, 3), see `ModeAtPoses`.
+        (k, inputs, 3) rates of the inputs per unit angular velocity of the output.
     values
         (k, pairs asked for) rad in (-pi, pi].
     limits

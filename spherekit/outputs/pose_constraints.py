@@ -28,7 +28,8 @@ class ModeAtPoses(Protocol):
     """A mechanism at n poses of its output, in one working mode.
 
     Quantities are NaN where they are not determined. The angles that limit the reach are
-    always determined.
+    always determined. At a singularity of type I an input moves while the output rests. At
+    one of type II the output can move although the inputs are locked.
     """
 
     def cosine(self, one: int, other: int) -> Floats:
@@ -43,7 +44,7 @@ class ModeAtPoses(Protocol):
 
     @property
     def type_1(self) -> Floats:
-        """(n, inputs) measures of type I, see `Inverse`."""
+        """(n, inputs) speed of the output per unit rate of each input; 0 at type I."""
 
     @property
     def type_1_square(self) -> Floats:
@@ -54,7 +55,7 @@ class ModeAtPoses(Protocol):
 
     @property
     def type_2(self) -> Floats:
-        """(n,) measure of type II, see `Inverse`."""
+        """(n,) transmission measure from 0 at type II to 1 with all pairs locked."""
 
     @property
     def rates(self) -> Floats:

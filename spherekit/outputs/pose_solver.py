@@ -107,7 +107,17 @@ class GraphKinematics(OutputKinematics):
     def inverse(
         self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
     ) -> InverseRows:
-        """Return a row for each configuration found, or one that says there is none."""
+        """Return a row for each configuration of some poses, or one that there is none.
+
+        Parameters
+        ----------
+        poses
+            (n, 3) directions or (n, 3, 3) rotations, see `points`.
+        modes
+            Labels of the working modes that are returned.
+        pairs
+            Numbers of the pairs whose variables are returned.
+        """
         solutions = self.kinematics.solutions(poses)
         labels = np.array([*map(label_of, solutions.signs), ""])
         chosen = np.flatnonzero(np.isin(labels[:-1], modes))

@@ -143,6 +143,13 @@ Larger: more samples around a singular configuration are AT_SINGULARITY. Smaller
 with half their digits or less count as regular.
 """
 
+COMPARABLE_CONDITION = 100.0 * UNDETERMINED_CONDITION
+"""Reciprocal condition number above which configurations within a leap are compared.
+
+Larger: fewer configurations are left to show that the path is smooth. Smaller: rounding
+errors of nearly singular configurations prevent leaps.
+"""
+
 NAMED_REASON_CONDITION = 1e-3
 """Conditioning of the last node below which it is the reason why the path ends.
 
@@ -396,13 +403,14 @@ class RotationPath:
             if not is_regular or step_sizes[0, 0] > STEP_VERIFICATION.correction * change:
                 continue
 
-            # Configurations between both nodes have to agree with the Hermite polynomial.
-            # Those next to the singular configuration are too inaccurate to be compared.
+            # Configurations at 20, 40, 60 and 80 % of the leap have to agree with the
+            # Hermite polynomial through both nodes. Those next to the singular
+            # configuration are too inaccurate to be compared.
             inner_theta = node.theta + length * np.arange(0.2, 0.9, 0.2)
             both_nodes = PathNodes.joined([node, next_node])
             guess, _ = both_nodes.interpolate(inner_theta)
             inner_nodes, _ = self._correct_nodes(inner_theta, guess)
-            is_comparable = inner_nodes.condition > 100.0 * UNDETERMINED_CONDITION
+            is_comparable = inner_nodes.condition > COMPARABLE_CONDITION
             error = max_abs(inner_nodes.values - guess, axis=1)[is_comparable]
             is_smooth = len(error) >= 2 and np.max(error) <= LEAP_SMOOTHNESS_RAD
             if not is_smooth or not np.all(inner_nodes.is_valid):
@@ -411,7 +419,7 @@ class RotationPath:
             def least_singular_value(
                 theta: Floats, nodes: PathNodes = both_nodes
             ) -> Floats:
-                """Return that of the system (n,) at angles (n,) on the polynomial."""
+                """Return the least singular value (n,) of the system at angles (n,)."""
                 values, _ = nodes.interpolate(theta)
                 # The system does not depend on the target, so any target will do.
                 deviation = self.output_link.compare(values, np.eye(3)[None])

@@ -189,7 +189,10 @@ class WorkingMode:
 
     @property
     def type_1(self) -> Floats:
-        """(n, inputs) measures of type I, see `Inverse`."""
+        """(n, inputs) speed of the output per unit rate of each input.
+
+        It is 0 at a singularity of type I, where the input moves while the output rests.
+        """
         return np.stack([self.output_speed(pair) for pair in self.driven], axis=1)
 
     @property
@@ -203,7 +206,10 @@ class WorkingMode:
 
     @property
     def type_2(self) -> Floats:
-        """(n,) measure of type II, NaN where the mode has no configuration."""
+        """(n,) transmission measure, NaN where the mode has no configuration.
+
+        It is 0 at a singularity of type II, where the output can move with locked inputs.
+        """
         assert self.measure is not None
         return np.where(self._has_configuration, self.measure(self), np.nan)
 

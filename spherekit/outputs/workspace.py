@@ -40,9 +40,11 @@ class Judged:
     inputs
         (n, inputs) rad.
     type_1
-        (n,) least measure of type I of all inputs.
+        (n,) least speed of the output per unit rate of an input; 0 at a singularity of type
+        I, where an input moves while the output rests.
     type_2
-        (n,) measure of type II.
+        (n,) transmission measure from 0 to 1; 0 at a singularity of type II, where the
+        output can move although the inputs are locked.
     """
 
     margin: Floats

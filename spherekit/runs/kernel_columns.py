@@ -151,12 +151,13 @@ class KernelColumns:
         """
         input_columns = self.kernel.input_columns[input_index]
         part = input_columns.signed_part(self.kernel.all_columns(self._values[:, rows]))
-        # Rows of the part: direction, its derivative, velocity and acceleration
-        # coefficient.
+        # The part is (8, poles, k): direction, its derivative, velocity coefficient and
+        # acceleration coefficient.
         unit, unit_rate, (coefficient, coefficient_rate) = np.split(part, [3, 6])
         with np.errstate(invalid="ignore", over="ignore"):  # of uncertified rows
             velocity = coefficient * unit
             velocity_rate = coefficient_rate * unit + coefficient * unit_rate
+        # Rows that the kernel does not certify come from the fields that replace it.
         replaced = np.flatnonzero(np.isin(rows, self.uncertified))
         if len(replaced):
             field = self.uncertified_fields[input_index]

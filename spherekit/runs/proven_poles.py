@@ -243,12 +243,16 @@ def _enclose_run_poles(
 ) -> dict[PoleKey, EnclosedPole]:
     """Return the enclosed poles at all configurations of a run whose existence is proven.
 
+    A configuration is proven if the closure equations have a root in small balls (numbers
+    with error bounds) around it. The poles are enclosed by evaluating the rates with these
+    balls.
+
     Parameters
     ----------
     mechanism
         The mechanism of the run, with its inputs.
     motion
-        Columns of the table of configurations.
+        Columns of the table of configurations, one row for each sample and assembly mode.
     """
     decimal_mechanism = read_decimals(mechanism)
     construction = find_construction(decimal_mechanism.structure)

@@ -95,11 +95,11 @@ class SettingMeasurement:
     Attributes
     ----------
     reference
-        Words about the reference values.
+        Words that describe the reference values for users.
     floor
-        Error of the reference values.
+        Error of the reference values, below which no error can be measured.
     reference_tables
-        Tables of the reference values.
+        Tables of the analysis, computed from the reference values.
     settings
         The settings with their times and errors.
     """

@@ -129,7 +129,17 @@ def _locate_errors(study: Study, name: str) -> Iterator[None]:
 def _read_parameters(
     study: Study, cls: type[AbstractAnalysis], parameters: Mapping[str, Any]
 ) -> Facts:
-    """Return the fields of an analysis from the parameters in a study's file."""
+    """Return the fields of an analysis from the parameters in a study's file.
+
+    Parameters
+    ----------
+    study
+        The study, which knows the line of each parameter for error messages.
+    cls
+        Class of the analysis.
+    parameters
+        The parameters as the file states them.
+    """
 
     def make_error(path: Names, message: str) -> SpherekitError:
         return study.fault(("analyses", cls.name, *path), message)
