@@ -22,19 +22,21 @@ def usable_cores() -> int:
         return os.cpu_count() or 1
 
 
-def usable_memory() -> int | None:
-    """Return the memory (bytes) that this process may use, or None if it is not known.
+def usable_memory() -> int:
+    """Return the memory (bytes) that this process may use.
 
     It is the smallest of the memory of the machine, the rest of the address space
-    (``ulimit -v``), and the limits of the control groups (containers).
+    (``ulimit -v``), and the limits of the control groups (containers). psutil does not
+    know the last ones.
     """
-    limits = list(_control_group_limits())
-    with suppress(AttributeError, ValueError, OSError):
-        limits.append(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    import psutil
+
+    limits = [psutil.virtual_memory().total, *_control_group_limits()]
     total_address_space = address_space()
     if total_address_space is not None:
-        limits.append(max(0, total_address_space - _used_address_space()))
-    return min(limits, default=None)
+        used_address_space = psutil.Process().memory_info().vms
+        limits.append(max(0, total_address_space - used_address_space))
+    return min(limits)
 
 
 def address_space() -> int | None:
@@ -70,15 +72,6 @@ def need_space(size: int, what: str) -> None:
             f"{what} about {size / 1e6:.0f} MB of addresses, and this process may have "
             f"{limit / 1e6:.0f} MB (ulimit -v {limit // 1024}); allow more"
         )
-
-
-def _used_address_space() -> int:
-    """Return the address space (bytes) that this process uses; 0 if it is not known."""
-    try:
-        pages = Path("/proc/self/statm").read_text("ascii").split()[0]
-        return int(pages) * os.sysconf("SC_PAGE_SIZE")
-    except OSError:  # not available on macOS
-        return 0
 
 
 def _control_group_limits() -> Iterator[int]:

@@ -47,7 +47,7 @@ def need_memory(
     """
     needed = evaluation_memory(mechanism, row_count)
     usable = usable_memory()
-    if usable is not None and needed > usable:
+    if needed > usable:
         raise AnalysisError(
             f"{listing(whole_analyses)} looks at all samples at once: that takes about "
             f"{size_text(needed)} of memory for {row_count} rows, and this process may use "
