@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
-from spherekit.plugin.checks.variants import renamed
+from spherekit.plugin.checks.variants import rename_links
 from spherekit.plugin.singularities import ordered_pole
 
 NAME = "singularities"
@@ -88,6 +88,6 @@ def test_a_cone_that_never_returns_turns_by_its_ratio():
 
 
 def test_links_whose_names_begin_alike_are_told_apart():
-    made = renamed(sk.load("four_bar"), {"1": "1", "2": "2", "3": "3", "4": "11"})
+    made = rename_links(sk.load("four_bar"), {"1": "1", "2": "2", "3": "3", "4": "11"})
     assert ordered_pole(made, "11/1") == ordered_pole(made, (3, "1")) == (3, 0)
     assert ordered_pole(made, "1/11") == (0, 3)
