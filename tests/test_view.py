@@ -1,7 +1,10 @@
 """The recordings: what is in the file, what happens when it cannot be written."""
 
+import os
 import resource
 import socket
+import subprocess
+import sys
 from dataclasses import replace
 from functools import cache
 
@@ -473,3 +476,22 @@ def test_names_of_links_do_not_cover_each_other():
     for k, (middle, half) in enumerate(boxes):
         for other, size in boxes[:k]:
             assert np.any(np.abs(middle - other) >= half + size)
+
+
+def test_graphs_have_the_same_layout_in_every_process():
+    """Sets of texts have another order in each process; a layout must not depend on it."""
+    code = (
+        "import spherekit as sk; from spherekit.mechanism.graph import layout_graph; "
+        "print(layout_graph(sk.load('three_rrr')).tolist())"
+    )
+    layouts = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert len(layouts) == 1

@@ -101,18 +101,20 @@ def layout_graph(mechanism: Mechanism) -> Floats:
     """
     import networkx as nx
 
+    # Nodes are numbers, links first. The layout depends on the order of sets of nodes, and
+    # sets of texts have another order in every process.
     graph: nx.Graph[Any] = nx.Graph()
-    link_nodes = [("link", name) for name in mechanism.links]
-    pair_nodes = [("pair", pair.name) for pair in mechanism.pairs]
-    graph.add_nodes_from(link_nodes)
-    for pair in mechanism.pairs:
-        graph.add_edges_from((("pair", pair.name), ("link", name)) for name in pair.links)
+    link_count = len(mechanism.links)
+    node_count = link_count + len(mechanism.pairs)
+    graph.add_nodes_from(range(node_count))
+    for pair_number, ends in enumerate(mechanism.ends):
+        graph.add_edges_from((link_count + pair_number, link) for link in ends)
     # The spring model of Kamada and Kawai keeps the order of its start. From a planar start
     # it gives a drawing with few crossings.
     is_planar, _ = nx.check_planarity(graph)
     start = nx.planar_layout(graph) if is_planar else nx.circular_layout(graph)
     position_of = nx.kamada_kawai_layout(graph, pos=start)
-    positions = np.array([position_of[node] for node in (*link_nodes, *pair_nodes)])
+    positions = np.array([position_of[node] for node in range(node_count)])
     extent = np.ptp(positions, axis=0)
     positions = (positions - positions.min(axis=0)) / np.where(extent > 0.0, extent, 1.0)
     return _separate_nodes(positions)
