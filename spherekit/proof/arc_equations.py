@@ -277,6 +277,15 @@ class ArcEquations:
     ) -> tuple[list[Jet], dict[int, Jet]]:
         """Return the jets of all equations and of the link orientations.
 
+        A jet is an array of balls with its derivatives by the variables, see `Jet`.
+
+        Parameters
+        ----------
+        variables
+            Balls (rad) of all variables of the construction, real or complex.
+        order
+            Highest order of the derivatives: 0, 1 or 2.
+
         Returns
         -------
         equations
@@ -288,7 +297,8 @@ class ArcEquations:
         orientations: dict[int, Jet] = {}
 
         def carry_along(path: Sequence[int], axis: Vector) -> Jet:
-            """Return an axis of the first link of a path in the reference of the last."""
+            """Return an axis of the first link of a path in the axes where it ends."""
+            # Each link's orientation leads to its reference, the next link of the path.
             jet: Jet = {(): axis}
             for link in path:
                 jet = jet_product(orientations[link], jet, np.matmul, order)

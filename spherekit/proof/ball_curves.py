@@ -100,9 +100,19 @@ def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
 
 @lru_cache(maxsize=MAX_CACHED_CURVES)
 def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
-    """Return the curve of a profile, and its length (rad) if it is open, else 0.
+    """Return the curve of a profile, and its length if it is open.
 
-    The precision is an argument only because it belongs to the key of the cache.
+    Parameters
+    ----------
+    profile
+        The profile in the axes of its link: a circle, a spline through points, or a Fourier
+        sum of the colatitude.
+    _precision_bits
+        Bits of ball centres. They are an argument only because results are cached.
+
+    Returns
+    -------
+    The curve as a function of its arc length, and its length (rad); 0 if it is closed.
     """
     if profile.kind == "points":
         path, _table = spline_through(np.array(profile.points), profile.closed)
@@ -191,6 +201,7 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
     float_starts = centre_floats(starts)
 
     def curve(s: Array) -> Array:
+        """Return the frames (n, 3, 3) of the curve at arc lengths s (n,) rad."""
         s_floats = centre_floats(series_coefficient(s, 0))
         if closed:
             s = s - exact_balls(np.floor(s_floats / float_starts[-1])) * length
@@ -230,6 +241,7 @@ def _make_wave(axes: Array, cosines: Array, sines: Array) -> Path:
     x, y, z = axes
 
     def path(azimuth: Array) -> tuple[Array, Array]:
+        """Return points (n, 3) at azimuths (n,) rad, and their derivatives by azimuth."""
         colatitude = 0 * azimuth
         slope = 0 * azimuth
         for wave, (a, b) in enumerate(zip_longest(cosines, sines, fillvalue=0)):
@@ -256,6 +268,7 @@ def _make_spline(spline_path: SplinePath) -> Path:
     spline_knots: Floats = spline_path.spline.t
 
     def path(parameter: Array) -> tuple[Array, Array]:
+        """Return projected points (n, 3) and their derivatives by the parameter (n,)."""
         inner_knots = spline_knots[degree + 1 : len(control_points)]
         parameter_floats = centre_floats(series_coefficient(parameter, 0))
         first = np.searchsorted(inner_knots, parameter_floats, side="right")

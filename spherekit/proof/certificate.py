@@ -83,7 +83,15 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
 def _construction_table(
     decimal_mechanism: DecimalMechanism, construction: Construction
 ) -> Mapping[str, Any]:
-    """Return an order of placing links, with names of links and pairs."""
+    """Return an order of placing links, with names of links and pairs.
+
+    Parameters
+    ----------
+    decimal_mechanism
+        The mechanism, for the names.
+    construction
+        The order: a root, then each link across one pair or on the axes of two.
+    """
     structure = decimal_mechanism.structure
     links = structure.links
     couplers = {}
@@ -148,7 +156,7 @@ def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
                 "ends_at_crossings": [_arm_entry(arm) for arm in arms],
                 "at_one_input": is_constant,
                 "input_stops": [
-                    {"place": point.place.tolist(), "off": point.error}
+                    {"place": point.position.tolist(), "off": point.error}
                     for point in stationary_points.proven
                 ],
                 "pieces": [_piece_table(piece) for piece in chain.pieces],
@@ -210,7 +218,15 @@ def _round_balls(balls: Sequence[Ball]) -> RoundedBalls:
 def _wheel_tables(
     decimal_mechanism: DecimalMechanism, construction: Construction
 ) -> list[dict[str, Any]]:
-    """Return how each wheel rotates with the shared variable, and its angle at zero."""
+    """Return how each wheel rotates with the shared variable, and its angle at zero.
+
+    Parameters
+    ----------
+    decimal_mechanism
+        A mechanism with one input. Its followers are the pairs of wheels.
+    construction
+        A construction in which the input and all wheels are multiples of one variable.
+    """
     structure = decimal_mechanism.structure
     factors = {step.pairs: step.angle_factor for step in construction.steps}
     with working_precision(WHEEL_PRECISION_BITS):
@@ -331,7 +347,7 @@ def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
                 "output": singularity.output,
                 "type": singularity.type,
                 "curve": singularity.curve,
-                "place": singularity.point.place.tolist(),
+                "place": singularity.point.position.tolist(),
                 "off": singularity.point.error,
             }
             for singularity in located.singularities
@@ -344,9 +360,19 @@ def _system_tables(
     construction: Construction,
     systems: Sequence[EquationSystem],
 ) -> list[dict[str, Any]]:
-    """Return systems with approximations of all their solutions for each mode before.
+    """Return systems of equations with approximations of all their solutions.
 
     A solution has e^(i angle) of each unknown, or its inverse where "inverse" is true.
+
+    Parameters
+    ----------
+    decimal_mechanism
+        The mechanism, for the names.
+    construction
+        Its order of placing links, which numbers equations and variables.
+    systems
+        The systems in the order in which they are solved. Each has its solutions for
+        several choices of its given variables.
     """
     structure = decimal_mechanism.structure
     names = structure.names_of(construction.pairs)

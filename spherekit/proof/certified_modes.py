@@ -382,9 +382,13 @@ class _RootSearch:
         )
 
     def _covers(self, centres: Floats, radii: Floats) -> Bools:
-        """Return which boxes are in balls whose only root is known, (n,).
+        """Return which boxes (n,) are surely inside a neighbourhood with one known root.
 
-        `centres` and `radii` (n, variables) are the centres and half widths (rad).
+        Parameters
+        ----------
+        centres, radii
+            (n, variables) centres and half widths (rad) of the boxes. Only the unknowns,
+            which come first, matter.
         """
         count = self.equations.unknown_count
         root_boxes = (
@@ -397,11 +401,11 @@ class _RootSearch:
         )
         return boxes_covered(root_boxes, centres[:, :count], radii[:, :count])
 
-    def _add_configuration(self, place: Floats) -> bool:
+    def _add_configuration(self, position: Floats) -> bool:
         """Try to prove a real configuration (v,); return whether a real root was added."""
         count_before = len(self.real)
-        if not self._covers(place[None], 0.0 * place[None])[0]:
-            self.add_root(place[: self.equations.unknown_count].tolist())
+        if not self._covers(position[None], 0.0 * position[None])[0]:
+            self.add_root(position[: self.equations.unknown_count].tolist())
         return len(self.real) > count_before
 
 
@@ -414,7 +418,22 @@ def _root_sort_key(root: CertifiedRoot) -> tuple[float, ...]:
 
 
 def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> list[Ball]:
-    """Return balls (rad) of the angles of all pairs, at real balls of all variables."""
+    """Return balls (rad) of the angles of all pairs.
+
+    The angles of pairs that are variables are given. Those of the two pairs of a dyad
+    follow from the orientations of the links.
+
+    Parameters
+    ----------
+    equations
+        The equations of the mechanism.
+    variables
+        Real balls (rad) of all variables about a configuration.
+
+    Returns
+    -------
+    One ball for each pair of the structure, in order.
+    """
     construction = equations.construction
     orientations = equations.link_orientations(variables)
     angles = []

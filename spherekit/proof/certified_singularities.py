@@ -91,7 +91,7 @@ class CertifiedSingularities:
         points += [singularity.point for singularity in self.singularities]
         # Inputs at which something happens, with their errors.
         inputs = [
-            (curves.input_angle(point.place), curves.cycle_turns * point.error)
+            (curves.input_angle(point.position), curves.cycle_turns * point.error)
             for point in points
         ]
         inputs += [
@@ -167,7 +167,7 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
                     type_text = singularity_type
                     if _may_coincide(point, other_points):
                         type_text = f"{singularity_type} or III"
-                    q = curves.input_angle(point.place)
+                    q = curves.input_angle(point.position)
                     q_in_range = curves.wrap_into_range(q)
                     singularities.append(
                         CertifiedSingularity(
@@ -193,6 +193,6 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
 def _may_coincide(point: StationaryPoint, others: Sequence[StationaryPoint]) -> bool:
     """Return whether a stationary point may be the same configuration as one of others."""
     return any(
-        np.all(np.abs(wrap(point.place - other.place)) <= point.error + other.error)
+        np.all(np.abs(wrap(point.position - other.position)) <= point.error + other.error)
         for other in others
     )

@@ -140,9 +140,9 @@ def _reverse(piece: CertifiedArc) -> CertifiedArc:
 
 
 def find_piece_ahead(
-    equations: ArcEquations, piece: CertifiedArc, place: Floats, longest: float
+    equations: ArcEquations, piece: CertifiedArc, position: Floats, longest: float
 ) -> CertifiedArc | None:
-    """Return an arc near a place whose centre is ahead in the box of another arc.
+    """Return an arc near a position whose centre is ahead in the box of another arc.
 
     Parameters
     ----------
@@ -150,12 +150,12 @@ def find_piece_ahead(
         The equations of the mechanism.
     piece
         The other arc. The result is oriented like it.
-    place
+    position
         (v,) where the centre is looked for (rad).
     longest
         Largest half length (rad) that is tried.
     """
-    configuration = correct_configuration(equations, place)
+    configuration = correct_configuration(equations, position)
     if configuration is None:
         return None
     next_piece = find_piece(equations, configuration, piece.tangent, longest)
@@ -171,8 +171,8 @@ def _find_next_piece(equations: ArcEquations, last: CertifiedArc) -> CertifiedAr
     ratio = NEXT_CENTRE_RATIO
     longest = min(LONGEST_ARC_RAD, LENGTH_GROWTH * last.half_length)
     while ratio > MIN_CENTRE_RATIO:
-        place = last.centre + ratio * last.half_length * last.tangent
-        if next_piece := find_piece_ahead(equations, last, place, longest):
+        position = last.centre + ratio * last.half_length * last.tangent
+        if next_piece := find_piece_ahead(equations, last, position, longest):
             return next_piece
         ratio *= CENTRE_RATIO_REDUCTION
     return None
@@ -183,8 +183,8 @@ def _follow_forward(
 ) -> Chain:
     """Return the chain from an arc on, until it closes or ends.
 
-    A curve ends outside the range or on an arm of a crossing. If it starts in such a place,
-    it is followed until it has left the place and ends in another one.
+    A curve ends outside the range or on an arm of a crossing. If it starts in such a
+    position, it is followed until it has left the position and ends in another one.
 
     Parameters
     ----------
@@ -207,7 +207,7 @@ def _follow_forward(
         end = end_of_curve(last)
         if end and end != end_to_leave:
             return Chain(pieces, False)
-        # Once the curve has left its starting place, any end counts.
+        # Once the curve has left its starting position, any end counts.
         end_to_leave = end and end_to_leave
         has_left_start = distance_covered > 1.5 * start.half_length
         start_is_ahead = has_left_start and last.coordinates(start.centre)[0] > 0

@@ -44,14 +44,14 @@ from spherekit.proof.tubes import CertifiedArc, OrientedBox
 GIVEN_VALUE_TOLERANCE_RAD = 1e-9
 """Largest distance (rad) of a variable from a value that it is tried with.
 
-Larger: more values are tried in vain. Smaller: rounding of the place excludes a value.
+Larger: more values are tried in vain. Smaller: rounding of the position excludes a value.
 """
 
 SOLUTION_RADIUS_RAD = 1e-9
 """Half width (rad) of the balls in which the other variables are proven to be.
 
-Larger: the derivatives in the balls may be singular. Smaller: the error of the place is no
-longer inside.
+Larger: the derivatives in the balls may be singular. Smaller: the error of the position is
+no longer inside.
 """
 
 MAX_SADDLES = 64
@@ -89,9 +89,9 @@ class FourPairLoop:
 
 
 def complete_configuration(
-    equations: ArcEquations, equation: int, given: Mapping[int, Ball], place: Floats
+    equations: ArcEquations, equation: int, given: Mapping[int, Ball], position: Floats
 ) -> Array | None:
-    """Return balls near a place that solve all equations but one, with given variables.
+    """Return balls near a position that solve all equations but one, with given variables.
 
     Parameters
     ----------
@@ -101,19 +101,19 @@ def complete_configuration(
         Number of the equation that is left out.
     given
         By variable: its value (rad), modulo turns.
-    place
-        (v,) the place (rad).
+    position
+        (v,) the position (rad).
 
     Returns
     -------
     (v,) balls, of which those not given contain exactly one solution. None if a given value
-    is not near the place, or if no solution is proven.
+    is not near the position, or if no solution is proven.
     """
-    balls = exact_balls(place)
+    balls = exact_balls(position)
     for variable, value in given.items():
-        turns = np.round((place[variable] - centre_float(value)) / (2.0 * np.pi))
+        turns = np.round((position[variable] - centre_float(value)) / (2.0 * np.pi))
         balls[variable] = value + 2 * pi_ball() * turns
-        distance = abs(centre_float(balls[variable]) - place[variable])
+        distance = abs(centre_float(balls[variable]) - position[variable])
         if distance > GIVEN_VALUE_TOLERANCE_RAD:
             return None
     free = [j for j in range(equations.variable_count) if j not in given]
@@ -234,6 +234,13 @@ def _exact_arc(
 ) -> Fraction | None:
     """Return the arc between two axes of a link exactly as the file states it.
 
+    Parameters
+    ----------
+    decimal_mechanism
+        The mechanism with its file.
+    link, first_pair, second_pair
+        Numbers, in the structure, of the link and of the pairs whose axes are meant.
+
     Returns
     -------
     The arc in the unit of the file, from 0 to half a turn. None if the file does not state
@@ -319,12 +326,12 @@ class Crossings:
                     self.loops.append(loop)
         self.saddles: list[Saddle] = []
 
-    def find(self, place: Floats) -> bool:
-        """Look for a saddle near a place (v,) rad, and return whether one was added."""
+    def find(self, position: Floats) -> bool:
+        """Look for a saddle near a position (v,) rad, and return whether one was added."""
         if len(self.saddles) >= MAX_SADDLES:
             return False
         saddle = find_saddle(
-            self.equations, place, self._contains_proven_crossing, self._is_disjoint
+            self.equations, position, self._contains_proven_crossing, self._is_disjoint
         )
         if saddle is not None:
             self.saddles.append(saddle)
@@ -348,12 +355,12 @@ class Crossings:
             return None, None
         return None if len(pieces) == 1 else self.arm(pieces[0]), self.arm(pieces[-1])
 
-    def may_contain(self, place: Floats, error: float) -> bool:
+    def may_contain(self, position: Floats, error: float) -> bool:
         """Return whether a saddle's box may contain a configuration within an error.
 
-        `place` (v,) and `error` are in rad.
+        `position` (v,) and `error` are in rad.
         """
-        return any(saddle.may_contain(place, error) for saddle in self.saddles)
+        return any(saddle.may_contain(position, error) for saddle in self.saddles)
 
     def is_constant(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
         """Return whether a variable is proven to be constant along a chain of arcs.

@@ -99,7 +99,7 @@ class CertifiedCurves:
     chains
         The curves, as chains of certified arcs.
     crossings
-        The places where curves cross or nearly do.
+        The positions where curves cross or nearly do.
     box_count
         Number of boxes that were examined.
     undecided_boxes
@@ -134,9 +134,9 @@ class CertifiedCurves:
         """
         return self.construction.cycle_turns
 
-    def input_angle(self, place: Floats) -> float:
-        """Return the input (rad) at a place (v,) in the space of all variables."""
-        return place[self.input_variable] * self.cycle_turns
+    def input_angle(self, position: Floats) -> float:
+        """Return the input (rad) at a position (v,) in the space of all variables."""
+        return position[self.input_variable] * self.cycle_turns
 
     @cached_property
     def input_stationary_points(self) -> list[StationaryPoints]:
@@ -187,27 +187,29 @@ class CertifiedCurves:
             low = self.input_angle(centre - radius)
             high = self.input_angle(centre + radius)
             ranges.append((low, high))
-        # Parts of curves in which the input may be stationary, as (place, error, offset).
-        # Those that only reach into the range are tried with an offset of -1, 0 and 1 times
-        # the error.
-        doubtful_places = [
+        # Parts of curves in which the input may be stationary, as (position, error,
+        # offset). # Those that only reach into the range are tried with an offset of -1, 0
+        # and # 1 # times # the error.
+        doubtful_positions = [
             (saddle.centre, error, 0.0)
             for saddle, error in zip(
                 self.saddles, self.bound_saddle_doubts(self.input_variable), strict=True
             )
             if error
         ]
-        doubtful_places += [
-            (point.place, point.error, offset)
+        doubtful_positions += [
+            (point.position, point.error, offset)
             for points in self.input_stationary_points
             for point in points.undecided
             for offset in (-1.0, 0.0, 1.0)
         ]
-        for place, error, offset in doubtful_places:
+        for position, error, offset in doubtful_positions:
             half_width = error * self.cycle_turns
-            position = self.wrap_into_range(self.input_angle(place) + offset * half_width)
-            if position is not None:
-                middle = position - offset * half_width
+            wrapped_input = self.wrap_into_range(
+                self.input_angle(position) + offset * half_width
+            )
+            if wrapped_input is not None:
+                middle = wrapped_input - offset * half_width
                 ranges.append((middle - half_width, middle + half_width))
         return _join_ranges(ranges)
 
@@ -249,9 +251,11 @@ class CertifiedCurves:
         """Inputs (rad) in the range at which curves cross or nearly do, in order."""
         return self._sorted_inputs(saddle.centre for saddle in self.saddles)
 
-    def _sorted_inputs(self, places: Iterable[Floats]) -> list[float]:
-        """Return the inputs (rad) of those places (v,) that are in the range, in order."""
-        inputs = (self.wrap_into_range(self.input_angle(place)) for place in places)
+    def _sorted_inputs(self, positions: Iterable[Floats]) -> list[float]:
+        """Return, in order, the inputs (rad) of the positions (v,) in the range."""
+        inputs = (
+            self.wrap_into_range(self.input_angle(position)) for position in positions
+        )
         return sorted(q for q in inputs if q is not None)
 
     @cached_property
@@ -288,7 +292,7 @@ class CertifiedCurves:
     def turning_points(self) -> list[float]:
         """Inputs (rad) in the range at which two modes meet and end, in order."""
         return self._sorted_inputs(
-            point.place
+            point.position
             for points in self.input_stationary_points
             for point in points.proven
         )
@@ -315,22 +319,24 @@ class CertifiedCurves:
             self.has_constant_input,
             strict=True,
         ):
-            places = []
+            positions = []
             for number, (piece, _) in enumerate(chain.links):
-                stationary_places = [
-                    point.place
+                stationary_positions = [
+                    point.position
                     for point in (*points.proven, *points.undecided)
                     if point.piece == number
                 ]
-                stationary_places.sort(key=lambda place: piece.coordinates(place)[0])
-                places += [piece.centre, *stationary_places]
-            places.append(chain.pieces[0 if chain.closed else -1].centre)
+                stationary_positions.sort(
+                    key=lambda position: piece.coordinates(position)[0]
+                )
+                positions += [piece.centre, *stationary_positions]
+            positions.append(chain.pieces[0 if chain.closed else -1].centre)
             first_arm, last_arm = arms
             if first_arm is not None:
-                places.insert(0, self.saddles[first_arm[0]].centre)
+                positions.insert(0, self.saddles[first_arm[0]].centre)
             if last_arm is not None:
-                places.append(self.saddles[last_arm[0]].centre)
-            variable = np.array(places)[:, self.input_variable]
+                positions.append(self.saddles[last_arm[0]].centre)
+            variable = np.array(positions)[:, self.input_variable]
             if not is_constant:
                 paths.append(np.cumsum([variable[0], *wrap(np.diff(variable))]))
         return paths

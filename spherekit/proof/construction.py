@@ -242,7 +242,18 @@ class Construction:
 def _find_parent_paths(
     placements: Mapping[int, LinkPlacement], first_parent: int, second_parent: int
 ) -> ParentPaths:
-    """Return the paths of references of two links up to the first link that both share."""
+    """Return the paths of two links to the first link that both paths have in common.
+
+    A path leads from a link to its reference, from there to the reference of that link, and
+    so on to the root.
+
+    Parameters
+    ----------
+    placements
+        By link: its reference link.
+    first_parent, second_parent
+        The two links.
+    """
     paths = []
     for parent in (first_parent, second_parent):
         path = [parent]
@@ -391,7 +402,16 @@ def placing_orders(
     def remove_bodies(
         remaining: frozenset[int], order: PlacingOrder
     ) -> Iterator[PlacingOrder]:
-        """Remove bodies, the one placed last first; `order` has those removed so far."""
+        """Yield the orders that end with a given order, by removing one body after another.
+
+        Parameters
+        ----------
+        remaining
+            The bodies that are still to be removed, and the root.
+        order
+            The bodies removed so far with their pairs, the one removed last first. Placing
+            is the reverse of removing, so that this is the end of the placing order.
+        """
         # The bodies that can still be removed depend on the set of those removed and on
         # their pairs, not on the sequence. A set that was reached before gives no new
         # order.

@@ -105,9 +105,14 @@ class CurveSearch:
             self._tree = cKDTree(_within_one_turn(self._centres), boxsize=periods)
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
-        """Return which boxes are inside a certified arc's box or a saddle's, (n,).
+        """Return which boxes (n,) are surely inside the box of a known arc or saddle.
 
-        `centres` and `radii` (n, v) are the centres and half widths of the boxes (rad).
+        Only the arcs with the nearest centres are tried.
+
+        Parameters
+        ----------
+        centres, radii
+            (n, v) centres and half widths (rad) of the boxes in the space of all variables.
         """
         is_covered = boxes_covered(self.crossings.saddles, centres, radii)
         tried_count = min(TRIED_NEIGHBOURS, len(self._centres))
@@ -126,24 +131,24 @@ class CurveSearch:
         is_covered[rows] = np.any(is_inside, axis=1)
         return is_covered
 
-    def _are_inside(self, pieces: Any, places: Floats, reach: Floats | float) -> Bools:
-        """Return whether places (..., v) with a reach are inside the boxes of arcs.
+    def _are_inside(self, pieces: Any, positions: Floats, reach: Floats | float) -> Bools:
+        """Return whether positions (..., v) with a reach are inside the boxes of arcs.
 
         Parameters
         ----------
         pieces
             Numbers (...) of the arcs, or any other index of them.
-        places
-            (..., v) places (rad).
+        positions
+            (..., v) positions (rad).
         reach
-            Distance (rad) along the frame by which a place must be inside; negative if it
-            may be outside.
+            Distance (rad) along the frame by which a position must be inside; negative if
+            it may be outside.
         """
-        offsets = wrap(places - self._centres[pieces])
+        offsets = wrap(positions - self._centres[pieces])
         coordinates = np.abs(np.einsum("...v,...vw->...w", offsets, self._frames[pieces]))
         return np.all(coordinates + reach <= self._limits[pieces], axis=-1)
 
-    def add_configuration(self, place: Floats) -> bool:
+    def add_configuration(self, position: Floats) -> bool:
         """Follow the curve through a configuration (v,), if it is in the range.
 
         Returns
@@ -151,8 +156,8 @@ class CurveSearch:
         Whether the number of chains or saddles has changed.
         """
         counts_before = len(self.chains), len(self.crossings.saddles)
-        if not self.side(place[-1], OUTSIDE_RANGE_RAD):
-            self._add_curve(place)
+        if not self.side(position[-1], OUTSIDE_RANGE_RAD):
+            self._add_curve(position)
         return (len(self.chains), len(self.crossings.saddles)) != counts_before
 
     def resolve_undecided(self, undecided: BoxSet) -> BoxSet:
@@ -173,12 +178,12 @@ class CurveSearch:
         self._add_chains_of_short_arms()
         return BoxSet(centres, radii)
 
-    def _add_curve(self, place: Floats) -> None:
+    def _add_curve(self, position: Floats) -> None:
         """Add the curve through a configuration (v,), unless it is known already."""
-        if self._is_known(place, 0.0):
+        if self._is_known(position, 0.0):
             return
         saddle_count = len(self.crossings.saddles)
-        first = find_piece(self.equations, place, None, LONGEST_ARC_RAD)
+        first = find_piece(self.equations, position, None, LONGEST_ARC_RAD)
         if first is None or self._is_known(first.centre, first.centre_error):
             return
         chain = find_chain(self.equations, first, self.side, self.crossings)
@@ -221,10 +226,13 @@ class CurveSearch:
         """Return the arcs of a chain whose centre is in the range of the input."""
         return [piece for piece in chain.pieces if not self.side(piece.centre[-1], 0.0)]
 
-    def _is_known(self, place: Floats, error: float) -> bool:
-        """Return whether a place (v,) within an error may be in a known arc or saddle."""
-        in_arcs = self._are_inside(slice(None), place, -error - COORDINATE_ROUNDING_RAD)
-        return bool(np.any(in_arcs)) or self.crossings.may_contain(place, error)
+    def _is_known(self, position: Floats, error: float) -> bool:
+        """Return whether a known arc or saddle may contain a configuration.
+
+        The configuration is at most `error` (rad) from `position` (v,) in each variable.
+        """
+        in_arcs = self._are_inside(slice(None), position, -error - COORDINATE_ROUNDING_RAD)
+        return bool(np.any(in_arcs)) or self.crossings.may_contain(position, error)
 
     def _has_overlapping_chains(self) -> bool:
         """Return whether two chains may pass one configuration of the range."""
@@ -276,10 +284,12 @@ class CurveSearch:
                 continue
             saddle_number, quadrant = use.arm
             saddle = self.crossings.saddles[saddle_number]
-            place = correct_configuration(self.equations, saddle.point_near_arm(quadrant))
-            if place is None:
+            position = correct_configuration(
+                self.equations, saddle.point_near_arm(quadrant)
+            )
+            if position is None:
                 continue
-            piece = find_piece(self.equations, place, None, LONGEST_ARC_RAD)
+            piece = find_piece(self.equations, position, None, LONGEST_ARC_RAD)
             if piece is None or self.crossings.arm(piece) != use.arm:
                 continue
             if use.input_sign * self.side(piece.centre[-1], 0.0) > 0:

@@ -72,7 +72,7 @@ class Harmonics:
         self.error = np.array([error for _, error in coefficients_and_errors])
 
     def derivatives(self, circle_points: Floats, order: int) -> list[Floats]:
-        """Return values and derivatives of all equations at n places.
+        """Return values and derivatives of all equations at n points.
 
         Parameters
         ----------

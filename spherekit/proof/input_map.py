@@ -234,7 +234,11 @@ def _classify_boxes(
     counts_of_cell: dict[tuple[int, ...], set[int]] = defaultdict(set)
 
     def examine(boxes: Integers, _: int) -> Integers:
-        """Classify boxes, and return the halves of the others."""
+        """Classify boxes (2, n, inputs), and return the halves of the others.
+
+        A box is classified if it is proven regular. Parts of cells only add their number of
+        modes to their cell.
+        """
         levels, parts = boxes
         radii = ranges.radii(boxes)
         is_regular, modes = count_modes(

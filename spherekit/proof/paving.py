@@ -270,7 +270,10 @@ def pave(
     undecided_radii: list[Floats] = []
 
     def examine(boxes: Integers, examined_count: int) -> Integers:
-        """Return the halves of the boxes that are neither excluded nor covered."""
+        """Return the halves of the boxes (2, n, v) that are neither excluded nor covered.
+
+        Boxes that are too small to be halved are recorded as undecided.
+        """
         radii = ranges.radii(boxes)
         values, slopes = equations.harmonics.derivatives(ranges.circle_points(boxes), 1)
         change = radii @ degrees.T

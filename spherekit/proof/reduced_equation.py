@@ -33,8 +33,8 @@ from spherekit.proof.balls import (
 MIN_SECOND_SINGULAR_RATIO = 1e-6
 """Smallest relative second-smallest singular value of F' where one rank is lost.
 
-Larger: crossings of badly scaled loops are refused. Smaller: places that lose two ranks are
-tried in vain.
+Larger: crossings of badly scaled loops are refused. Smaller: positions that lose two ranks
+are tried in vain.
 """
 
 MIN_CURVATURE_RATIO = 1e-6
@@ -45,16 +45,16 @@ test fails anyway.
 """
 
 MAX_CENTRE_DISTANCE_RAD = 0.02
-"""Largest change (rad) of a variable from the given place to the critical point of g.
+"""Largest change (rad) of a variable from the given position to the critical point of g.
 
 Larger: crossings farther away are found, perhaps of other curves. Smaller: crossings beside
-the place where a curve was lost are missed.
+the position where a curve was lost are missed.
 """
 
 MAX_CRITICAL_POINT_STEPS = 12
 """Largest number of Newton steps to the critical point of g.
 
-Larger: places farther away succeed. Smaller: they fail sooner.
+Larger: positions farther away succeed. Smaller: they fail sooner.
 """
 
 MAX_CRITICAL_STEP_RAD = 0.5
@@ -133,12 +133,12 @@ class ReducedEquation:
     units: Floats
     other_curvatures: Floats
 
-    def split_residual(self, place: Array) -> tuple[Ball, Array]:
-        """Split F at a place into a multiple of l and a remainder.
+    def split_residual(self, position: Array) -> tuple[Ball, Array]:
+        """Split F at a position into a multiple of l and a remainder.
 
         Parameters
         ----------
-        place
+        position
             (v,) balls (rad).
 
         Returns
@@ -148,19 +148,19 @@ class ReducedEquation:
         residual
             (k,) F less `level` times l.
         """
-        (values,) = self.equations.evaluate(place, 0)
+        (values,) = self.equations.evaluate(position, 0)
         missed = exact_balls(self.missed)
         level = exact_centres(missed @ values)
         return level, values - level * missed
 
     def differentiate(
-        self, places: Array, residual: Array, order: int = 2
+        self, positions: Array, residual: Array, order: int = 2
     ) -> BorderedDerivatives:
         """Return derivatives of (z, g) over balls of all variables.
 
         Parameters
         ----------
-        places
+        positions
             (v,) balls (rad).
         residual
             (k,) balls: the residual of F that the first direction removes.
@@ -172,7 +172,7 @@ class ReducedEquation:
         ZeroDivisionError
             If the bordered matrix may be singular for some point of the balls.
         """
-        _, slopes, *curvatures = self.equations.evaluate(places, order)
+        _, slopes, *curvatures = self.equations.evaluate(positions, order)
         k, v = slopes.shape
         zero = np.zeros((2, 1))
         missed = exact_balls(self.missed)
@@ -189,14 +189,14 @@ class ReducedEquation:
         second = solve_balls(bordered, right).reshape(-1, 3, 3)
         return BorderedDerivatives(first, second)
 
-    def find_critical_point(self, place: Array) -> Array:
+    def find_critical_point(self, position: Array) -> Array:
         """Return the point with F = g l at which both slopes of g are 0.
 
         It is found by Newton's method. No proof depends on its accuracy.
 
         Parameters
         ----------
-        place
+        position
             (v,) start, balls (rad).
 
         Returns
@@ -209,7 +209,7 @@ class ReducedEquation:
             If the iteration diverges.
         """
         for _ in range(MAX_CRITICAL_POINT_STEPS):
-            derivatives = self.differentiate(place, self.split_residual(place)[1])
+            derivatives = self.differentiate(position, self.split_residual(position)[1])
             # Slope of g after the residual is removed.
             slope = exact_centres(derivatives.gradient + derivatives.seconds[-1, 0, 1:])
             uv_step = solve_balls(exact_centres(derivatives.hessian), -slope[:, None])[:, 0]
@@ -219,11 +219,11 @@ class ReducedEquation:
             step_size = np.max(np.abs(centre_floats(change)))
             if not step_size < MAX_CRITICAL_STEP_RAD:
                 raise ZeroDivisionError
-            place = exact_centres(place + change)
+            position = exact_centres(position + change)
             # The last eight bits are rounding.
             if step_size < 2.0 ** (8 - precision_bits()):
                 break
-        return place
+        return position
 
     def enclose_box(self, limits: Floats) -> Array:
         """Return balls (v,) of all variables over a box about the centre.
@@ -235,31 +235,31 @@ class ReducedEquation:
         return exact_balls(self.centre) + zero_balls(reach)
 
     def evaluate_at(
-        self, place: Array, level: Ball, correction: Array
+        self, position: Array, level: Ball, correction: Array
     ) -> tuple[Ball, Array]:
-        """Return g and its two slopes at the u and v of a place.
+        """Return g and its two slopes at the u and v of a position.
 
         Parameters
         ----------
-        place
+        position
             (v,) balls (rad) near F = g l.
         level
-            An approximation of g at the place.
+            An approximation of g at the position.
         correction
-            (v + 1,) balls that contain the difference of the exact (z, g) from `place` and
-            `level`.
+            (v + 1,) balls that contain the difference of the exact (z, g) from `position`
+            and `level`.
 
         Returns
         -------
         The value of g, and its derivatives (2,) by u and v.
         """
         no_residual = 0 * exact_balls(self.missed)
-        derivatives = self.differentiate(place + correction[:-1], no_residual, 1)
+        derivatives = self.differentiate(position + correction[:-1], no_residual, 1)
         return level + correction[-1], derivatives.gradient
 
 
-def reduce_at_saddle(equations: ArcEquations, place: Floats) -> ReducedEquation:
-    """Return the reduced equation about the critical point of g near a place.
+def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquation:
+    """Return the reduced equation about the critical point of g near a position.
 
     The coordinates u and v are along the principal curvatures of g: g is convex in u and
     concave in v.
@@ -268,15 +268,17 @@ def reduce_at_saddle(equations: ArcEquations, place: Floats) -> ReducedEquation:
     ----------
     equations
         The equations of the mechanism.
-    place
-        (v,) a place (rad) where F' nearly loses a rank.
+    position
+        (v,) a position (rad) where F' nearly loses a rank.
 
     Raises
     ------
     ZeroDivisionError
         If there is no critical point nearby, or if g has no saddle there.
     """
-    critical_point = _reduce_about(equations, place).find_critical_point(exact_balls(place))
+    critical_point = _reduce_about(equations, position).find_critical_point(
+        exact_balls(position)
+    )
     centre = centre_floats(critical_point)
     reduced_equation = _reduce_about(equations, centre)
     _, residual = reduced_equation.split_residual(exact_balls(centre))
@@ -286,7 +288,7 @@ def reduce_at_saddle(equations: ArcEquations, place: Floats) -> ReducedEquation:
     has_saddle = low < 0.0 < high and min(-low, high) > MIN_CURVATURE_RATIO * max(
         -low, high
     )
-    is_near = np.max(np.abs(centre - place)) < MAX_CENTRE_DISTANCE_RAD
+    is_near = np.max(np.abs(centre - position)) < MAX_CENTRE_DISTANCE_RAD
     if not (has_saddle and is_near):
         raise ZeroDivisionError
     frame = reduced_equation.frame.copy()
@@ -304,15 +306,22 @@ def reduce_at_saddle(equations: ArcEquations, place: Floats) -> ReducedEquation:
     )
 
 
-def _reduce_about(equations: ArcEquations, place: Floats) -> ReducedEquation:
-    """Return the reduced equation for the rank that F' is closest to losing at a place.
+def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
+    """Return the reduced equation for the rank that F' is closest to losing at a position.
+
+    Parameters
+    ----------
+    equations
+        The equations F of the mechanism.
+    position
+        (v,) values of all variables (rad).
 
     Raises
     ------
     ZeroDivisionError
         If F' nearly loses more than one rank.
     """
-    circle_points = cosines_and_sines(place[None])
+    circle_points = cosines_and_sines(position[None])
     _, slopes = equations.harmonics.derivatives(circle_points, 1)
     left, singular_values, right = np.linalg.svd(slopes[0])
     smallest = MIN_SECOND_SINGULAR_RATIO * singular_values[0]
@@ -322,7 +331,7 @@ def _reduce_about(equations: ArcEquations, place: Floats) -> ReducedEquation:
     frame = np.roll(right, 2, axis=0).T
     return ReducedEquation(
         equations=equations,
-        centre=place,
+        centre=position,
         frame=frame,
         missed=left[:, -1],
         units=np.ones(2),

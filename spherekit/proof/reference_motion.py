@@ -347,7 +347,16 @@ class ExactSimulation:
     def _evaluate_step(self, step: _Step, t: Array) -> list[Array]:
         """Return the variables and their first two derivatives at times within a step.
 
-        `t` (n,) is in s. The results are (n, variables) each.
+        Parameters
+        ----------
+        step
+            The step, with the series of the coordinate and of p.
+        t
+            (n,) times (s).
+
+        Returns
+        -------
+        Three arrays (n, variables): rad, rad/s, rad/s2.
         """
         c, p = step.evaluate(2 * (t - step.start) / step.length - 1)
         closure = self._close_loops(t, c, step.coordinate)
@@ -418,7 +427,11 @@ class ExactSimulation:
             return np.sign(centre_floats(condition)) if sides is None else sides[number]
 
         def apply_function(name: str, arguments: Sequence[Any]) -> Any:
-            """Return a function of an expression; NaN outside its domain."""
+            """Return a function of an expression of a load; NaN outside its domain.
+
+            `arguments` are balls, (n,) or numbers. Functions that are not smooth are
+            evaluated on the side on which their switch is held.
+            """
             if name == "sign":
                 # The power 0 gives ones of the type of the argument.
                 return take_side(arguments[0]) * arguments[0] ** 0
@@ -516,7 +529,18 @@ class ExactSimulation:
         return _CoordinateState(moving, np.sqrt(B), closing_step)
 
     def _run(self, driven: int, q: float, dq: float) -> None:
-        """Compute all steps from the start to the end."""
+        """Compute all steps from the start to the end.
+
+        Each step ends at the first of these: its length, a kink of a torque table, a sign
+        change of a switch, a joint limit.
+
+        Parameters
+        ----------
+        driven
+            The variable whose start is given; it is the first coordinate.
+        q, dq
+            Its value (rad) and rate (rad/s) at t = 0.
+        """
         coordinate = driven
         start = exact_balls([0.0])
         values = self._close_loops(start, exact_balls([q]), driven).values

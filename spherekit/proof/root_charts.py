@@ -225,6 +225,13 @@ def evaluate_polynomials(polynomials: Polynomials, roots: ChartRoots) -> Polynom
 def polish_roots(polynomials: Polynomials, roots: ChartRoots) -> tuple[ChartRoots, Bools]:
     """Improve approximate roots by Newton's method.
 
+    Parameters
+    ----------
+    polynomials
+        The system at m choices of its given variables.
+    roots
+        n approximate roots, each with the number of its choice.
+
     Returns
     -------
     The roots, and (n,) for which of them the method has converged.

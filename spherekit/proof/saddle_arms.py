@@ -146,6 +146,13 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
     A rate is linear in the direction (u, v). In the cone between two directions it has the
     sign that it has in both.
 
+    Parameters
+    ----------
+    form
+        Derivatives of the variables and of g over the rectangle.
+    errors
+        How far the arms deviate from the zeros of the quadratic form.
+
     Raises
     ------
     ZeroDivisionError

@@ -1,6 +1,6 @@
-"""Saddles: places where configuration curves cross, or narrowly miss each other.
+"""Saddles: positions where configuration curves cross, or narrowly miss each other.
 
-Near such a place the configurations are the zeros of a reduced equation g(u, v)
+Near such a position the configurations are the zeros of a reduced equation g(u, v)
 (`spherekit.proof.reduced_equation`). Suppose that over a rectangle g is convex in u and
 concave in v, positive on the sides u = +-r, and negative at (0, +-s) with s a small part of
 the height. Its zeros are then four arms, one in each quadrant, which leave through the
@@ -134,39 +134,39 @@ class Saddle(OrientedBox):
         uv = 0.9 * np.array([HEIGHT_RATIO, 1.0]) * self.limits[:2] * quadrant
         return self.centre + self.frame[:, :2] @ uv
 
-    def find_quadrant(self, place: Floats, error: float) -> Quadrant | None:
+    def find_quadrant(self, position: Floats, error: float) -> Quadrant | None:
         """Return the quadrant of the arm that a configuration is on, None if not proven.
 
         Parameters
         ----------
-        place
+        position
             (v,) near the configuration (rad).
         error
-            Largest distance (rad) of the configuration from the place.
+            Largest distance (rad) of the configuration from the position.
         """
-        u, v = self.coordinates(place)[:2]
+        u, v = self.coordinates(position)[:2]
         inner_height = INNER_HEIGHT_RATIO * self.limits[1]
         is_outside_centre = abs(v) - error > inner_height + COORDINATE_ROUNDING_RAD
         has_sign_of_u = abs(u) > error + COORDINATE_ROUNDING_RAD
-        if not (is_outside_centre and has_sign_of_u and self.contains(place, error)):
+        if not (is_outside_centre and has_sign_of_u and self.contains(position, error)):
             return None
         return int(np.sign(u)), int(np.sign(v))
 
 
 def find_saddle(
     equations: ArcEquations,
-    place: Floats,
+    position: Floats,
     is_proven_crossing: Callable[[OrientedBox], bool],
     is_allowed: Callable[[OrientedBox], bool],
 ) -> Saddle | None:
-    """Return the saddle near a place, None if none is proven.
+    """Return the saddle near a position, None if none is proven.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
-    place
-        (v,) a place (rad) where a curve could not be followed.
+    position
+        (v,) a position (rad) where a curve could not be followed.
     is_proven_crossing
         Returns whether a box is proven to contain a configuration in which F' loses a rank.
         The level is then exactly 0.
@@ -174,7 +174,7 @@ def find_saddle(
         Returns whether a box may be used.
     """
     with working_precision(LEVEL_PRECISIONS_BITS[0]), suppress(ZeroDivisionError):
-        reduced_equation = reduce_at_saddle(equations, place)
+        reduced_equation = reduce_at_saddle(equations, position)
         size = LARGEST_RECTANGLE_RAD
         while size > SMALLEST_RECTANGLE_RAD:
             saddle = _prove_saddle(reduced_equation, size, is_proven_crossing)
@@ -321,7 +321,7 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
     ZeroDivisionError
         If the critical point of g moves away from the centre.
     """
-    place = exact_balls(reduced_equation.centre)
+    position = exact_balls(reduced_equation.centre)
     # Largest distance of two points of the rectangle in one direction.
     largest_distance = 2.002 * np.max(limits[:2])
     for bits in LEVEL_PRECISIONS_BITS:
@@ -331,23 +331,23 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
                 reduced_equation.equations.construction,
             )
             sharp_equation = replace(reduced_equation, equations=equations)
-            place = sharp_equation.find_critical_point(place)
-            offset = (centre_floats(place) - reduced_equation.centre) @ (
+            position = sharp_equation.find_critical_point(position)
+            offset = (centre_floats(position) - reduced_equation.centre) @ (
                 reduced_equation.frame
             )
             if not np.all(np.abs(offset) < 1e-3 * limits):
                 raise ZeroDivisionError
-            level, residual = sharp_equation.split_residual(place)
+            level, residual = sharp_equation.split_residual(position)
             box_balls = sharp_equation.enclose_box(limits)
             derivatives = sharp_equation.differentiate(box_balls, residual, 1)
             value, gradient = sharp_equation.evaluate_at(
-                place, level, derivatives.correction
+                position, level, derivatives.correction
             )
-            slope_at_place = max(map(upper_magnitude, gradient))
-            level = widen(value, largest_distance * slope_at_place)
+            slope_at_position = max(map(upper_magnitude, gradient))
+            level = widen(value, largest_distance * slope_at_position)
             if not level.contains(0):
                 break
-    return level, slope_at_place
+    return level, slope_at_position
 
 
 def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array) -> bool:

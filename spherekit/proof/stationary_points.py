@@ -94,7 +94,15 @@ class RateBounds:
 
 
 def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
-    """Return bounds of the rates of all variables for |s| <= half_length (rad)."""
+    """Return bounds of the rates of all variables along a certified arc.
+
+    Parameters
+    ----------
+    piece
+        The arc z = z0 + t s + N y, with its bounds of Y F' and Y F''.
+    half_length
+        The bounds are valid for |s| up to this (rad).
+    """
     test = piece.test
     tangent = piece.frame[:, 0]
     normals = piece.frame[:, 1:]
@@ -154,7 +162,7 @@ class StationaryPoint:
 
     Attributes
     ----------
-    place
+    position
         (v,) near the configuration (rad).
     error
         Bound (rad) of the deviation of every variable. For an undecided stretch it is the
@@ -163,7 +171,7 @@ class StationaryPoint:
         Number of the arc of the chain after whose centre the configuration comes.
     """
 
-    place: Floats
+    position: Floats
     error: float
     piece: int = 0
 
@@ -373,9 +381,9 @@ def _find_middle_piece(
     None if no such arc is proven.
     """
     end_coordinate = piece.coordinates(end)[0]
-    place = piece.centre + ratio * wrap(end - piece.centre)
+    position = piece.centre + ratio * wrap(end - piece.centre)
     longest = max(2.0 * end_coordinate, SHORTEST_STRETCH_RAD)
-    middle = find_piece_ahead(equations, piece, place, longest)
+    middle = find_piece_ahead(equations, piece, position, longest)
     if middle is None or not piece.coordinates(middle.centre)[0] < end_coordinate:
         return None
     end_is_ahead = middle.coordinates(end)[0] > 0.0
@@ -411,10 +419,10 @@ def _enclose_zero(
 
         It is an approximation: no proof depends on it.
         """
-        place = correct_configuration(equations, piece.centre + ratios[0] * chord)
-        if place is None:
-            place = piece.centre
-        circle_points = cosines_and_sines(place[None])
+        position = correct_configuration(equations, piece.centre + ratios[0] * chord)
+        if position is None:
+            position = piece.centre
+        circle_points = cosines_and_sines(position[None])
         slopes = equations.harmonics.derivatives(circle_points, 1)[1][0]
         tangent_frame = find_frame(slopes, piece.tangent)
         if tangent_frame is None:
@@ -444,7 +452,7 @@ def _enclose_zero(
                 start = middle
         bracket *= BRACKET_GROWTH
     reach = start.coordinates(end)[0] + end_error + COORDINATE_ROUNDING_RAD
-    # The place is halfway between start and end. It may be as far from the axis as the
+    # The position is halfway between start and end. It may be as far from the axis as the
     # zero, on the other side.
     distances = [2.0 * start.distance_within(reach) + end_error] * (len(end) - 1)
     half_extent = [0.5 * (reach + end_error), *distances]

@@ -92,22 +92,25 @@ class OrientedBox:
     frame: Floats
     limits: Floats
 
-    def coordinates(self, places: Floats) -> Floats:
-        """Return coordinates (..., v) along the frame of places (..., v), modulo turns."""
-        return wrap(places - self.centre) @ self.frame
+    def coordinates(self, positions: Floats) -> Floats:
+        """Return coordinates (..., v) of positions (..., v) along the frame.
 
-    def _contain(self, places: Floats, reach: Floats | float) -> Bools:
-        """Return whether places with a reach along each side are inside, (...)."""
-        coordinates = np.abs(self.coordinates(places))
+        Positions that differ by whole turns of a variable have the same coordinates.
+        """
+        return wrap(positions - self.centre) @ self.frame
+
+    def _contain(self, positions: Floats, reach: Floats | float) -> Bools:
+        """Return whether positions with a reach along each side are inside, (...)."""
+        coordinates = np.abs(self.coordinates(positions))
         return np.all(coordinates + reach <= self.limits, axis=-1)
 
-    def contains(self, place: Floats, error: float) -> bool:
-        """Return whether a place (v,) with an error of at most `error` is surely inside."""
-        return bool(self._contain(place, error + COORDINATE_ROUNDING_RAD))
+    def contains(self, position: Floats, error: float) -> bool:
+        """Return whether a position (v,), at most `error` (rad) off, is surely inside."""
+        return bool(self._contain(position, error + COORDINATE_ROUNDING_RAD))
 
-    def may_contain(self, place: Floats, error: float) -> bool:
-        """Return whether a place (v,) with an error of at most `error` may be inside."""
-        return bool(self._contain(place, -error - COORDINATE_ROUNDING_RAD))
+    def may_contain(self, position: Floats, error: float) -> bool:
+        """Return whether a position (v,), at most `error` (rad) off, may be inside."""
+        return bool(self._contain(position, -error - COORDINATE_ROUNDING_RAD))
 
     def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return which axis-aligned boxes are surely inside, (n,).
@@ -384,30 +387,30 @@ class TubeTest:
 
 
 def correct_configuration(
-    equations: ArcEquations, place: Floats, free_count: int | None = None
+    equations: ArcEquations, position: Floats, free_count: int | None = None
 ) -> Floats | None:
-    """Return the configuration near a place, by Newton's method; None if it fails.
+    """Return the configuration near a position, by Newton's method; None if it fails.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
-    place
+    position
         (v,) start (rad).
     free_count
         Only the first `free_count` variables are changed. By default all are, by steps of
         least length.
     """
-    place = place.copy()
+    position = position.copy()
     for _ in range(MAX_CORRECTOR_STEPS):
-        circle_points = np.stack([np.cos(place), np.sin(place)], axis=-1)
+        circle_points = np.stack([np.cos(position), np.sin(position)], axis=-1)
         (values,), (slopes,) = equations.harmonics.derivatives(circle_points[None], 1)
         change, *_ = np.linalg.lstsq(slopes[:, :free_count], -values, rcond=1e-13)
-        place[:free_count] += change
+        position[:free_count] += change
         step_size = np.max(np.abs(change))
         # A step of more than 1 rad has left the neighbourhood of the start.
         if not step_size < 1.0:
             return None
         if step_size < 1e-11:
             break
-    return place if np.max(np.abs(values)) < 1e-10 else None
+    return position if np.max(np.abs(values)) < 1e-10 else None
