@@ -1,7 +1,7 @@
-"""The extremes: sweeps of one parameter to where numbers stop being trustworthy.
+"""The extremes: sweeps of one parameter to where numbers are no longer trustworthy.
 
-A case is a function in a module of this package, one module a family; see
-`benchmarks.extremes.registry` for what it returns and how that is judged.
+A case is a function in a module of this package, with one module for each family. The
+module `benchmarks.extremes.registry` says what a case returns and how it is judged.
 """
 
 from collections.abc import Sequence
@@ -36,41 +36,39 @@ def cases() -> dict[str, Case]:
 
 
 def run(quick: bool, only: Sequence[str] = ()) -> list[Section]:
-    """Return a table of cases for each family, and all rows of the cases named."""
+    """Return a table of the cases of each family.
+
+    Parameters
+    ----------
+    quick
+        Whether cases have only a few values of their parameter.
+    only
+        Names of the cases, by default all. If given, their rows are returned too.
+    """
     chosen = [case for name, case in cases().items() if not only or name in only]
-    rows = {case.name: case.rows(quick) for case in chosen}
+    rows_by_case = {case.name: case.rows(quick) for case in chosen}
     families = dict.fromkeys(case.family for case in chosen)
     sections = [
-        _summary(family, [case for case in chosen if case.family == family], rows)
+        _summarize_family(
+            family, [case for case in chosen if case.family == family], rows_by_case
+        )
         for family in families
     ]
-    return sections + [_whole(case, rows[case.name]) for case in chosen if only]
+    if only:
+        sections += [_list_rows(case, rows_by_case[case.name]) for case in chosen]
+    return sections
 
 
-def _summary(family: str, members: list[Case], rows: dict[str, list[Row]]) -> Section:
-    table: list[tuple[Cell, ...]] = []
-    wrong, every = 0, all(case.held for case in members)
-    for case in members:
-        found = rows[case.name]
-        wrong += sum(row.wrong for row in found) if case.held else 0
-        trusted = [row for row in found if row.trusted]
-        worst = max(trusted, key=lambda row: row.ratio, default=None)
-        reserved = [row for row in found if not row.given]
-        first = min(reserved, key=lambda row: row.conditioning, default=None)
-        table.append(
-            (
-                case.name,
-                case.text,
-                case.parameter,
-                f"{case.values[0]:g} to {case.values[-1]:g}",
-                worst.ratio if worst else None,
-                f"{worst.quantity} at {worst.parameter:.3g}" if worst else "-",
-                max((row.conditioning for row in trusted), default=None),
-                _trust(first),
-                ", ".join(sorted({row.status for row in reserved})) or "-",
-                sum(row.wrong for row in found),
-            )
-        )
+def _summarize_family(
+    family: str, family_cases: list[Case], rows_by_case: dict[str, list[Row]]
+) -> Section:
+    """Return the table of a family, with a row for each case."""
+    wrong_count = sum(
+        row.wrong for case in family_cases if case.held for row in rows_by_case[case.name]
+    )
+    exception = ""
+    if not all(case.held for case in family_cases):
+        exception = ", those of formulas that are compared left out."
     return Section(
         f"Extremes: {family}",
         f"The largest error over unit roundoff times conditioning, where that is at most "
@@ -88,20 +86,42 @@ def _summary(family: str, members: list[Case], rows: dict[str, list[Row]]) -> Se
             "statuses",
             "wrong without a status",
         ),
-        table,
-        f"{wrong} numbers stand without a status and are further off than allowed"
-        + (", those of formulas that are compared left out." if not every else "."),
+        [_summarize_case(case, rows_by_case[case.name]) for case in family_cases],
+        f"{wrong_count} numbers stand without a status and are further off than allowed"
+        + (exception or "."),
     )
 
 
-def _trust(row: Row | None) -> str:
+def _summarize_case(case: Case, rows: list[Row]) -> tuple[Cell, ...]:
+    """Return the largest error of a case, and where its numbers get a status."""
+    trusted = [row for row in rows if row.trusted]
+    worst = max(trusted, key=lambda row: row.ratio, default=None)
+    reserved = [row for row in rows if not row.given]
+    first_reserved = min(reserved, key=lambda row: row.conditioning, default=None)
+    return (
+        case.name,
+        case.text,
+        case.parameter,
+        f"{case.values[0]:g} to {case.values[-1]:g}",
+        worst.ratio if worst else None,
+        f"{worst.quantity} at {worst.parameter:.3g}" if worst else "-",
+        max((row.conditioning for row in trusted), default=None),
+        _describe_first_status(first_reserved),
+        ", ".join(sorted({row.status for row in reserved})) or "-",
+        sum(row.wrong for row in rows),
+    )
+
+
+def _describe_first_status(row: Row | None) -> str:
+    """Return quantity, parameter and conditioning of the first row with a status."""
     if row is None:
         return "none needed"
     conditioning = "inf" if np.isinf(row.conditioning) else f"{row.conditioning:.1e}"
     return f"{row.quantity} at {row.parameter:.3g} (conditioning {conditioning})"
 
 
-def _whole(case: Case, rows: list[Row]) -> Section:
+def _list_rows(case: Case, rows: list[Row]) -> Section:
+    """Return the table of all rows of a case."""
     return Section(
         f"Extremes: {case.name}",
         case.text,

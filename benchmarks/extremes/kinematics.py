@@ -1,4 +1,4 @@
-"""Configurations, poles and rates of spherekit judged by those in 90 digits."""
+"""Configurations, poles and rates of spherekit, compared with those in 90 digits."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -27,14 +27,33 @@ from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_field import PoleField
 from spherekit.velocities.pole_request import Route, request
 
-BEYOND = float("inf")
-"""Conditioning where there is no configuration, or no rate."""
+INFINITE = float("inf")
+"""Conditioning, or error, where there is no configuration or no rate."""
+
+FAILED_DISTANCE = 2.0
+"""Distance of a configuration that failed, larger than that of any other."""
+
+NEAR_SINGULARITY_RAD = 1e-2
+"""Distance (rad) at which a configuration with `AT_SINGULARITY` is accepted.
+
+Beyond a dead centre, where no configuration exists, it stands for the dead centre.
+"""
 
 
 @final
 @dataclass(frozen=True)
 class Point:
-    """A parameter, inputs (inputs,) of a mechanism, and variables near the solution."""
+    """A configuration at which a mechanism is judged.
+
+    Attributes
+    ----------
+    parameter
+        Value of the parameter of the case.
+    inputs
+        (inputs,) inputs (rad).
+    near
+        (variables,) a configuration (rad) near the solution, in 90 digits.
+    """
 
     parameter: float
     inputs: Any
@@ -50,129 +69,179 @@ def judged(
     search: bool = True,
     route: Route = "best",
 ) -> Iterator[Row]:
-    """Yield what spherekit makes of points of one assembly mode, the surest point first.
+    """Yield the errors of spherekit at points of one assembly mode.
 
-    The assembly mode is the one that is nearest to the first point; at the others it is
-    taken by its number, so a flip of modes shows as an error. `poles`, `derivatives`,
-    `search` and `route` say what is asked for.
+    The assembly mode is that which is nearest to the first point. At the other points it is
+    taken by its number, so that a jump to another mode is an error.
+
+    Parameters
+    ----------
+    reference
+        The mechanism.
+    points
+        The points. The first one must be far from singular configurations.
+    poles, derivatives
+        Whether poles, and derivatives of the rates, are computed.
+    search
+        Whether all assembly modes are searched, or only that of the reference pose.
+    route
+        How poles are computed.
     """
     path = np.array([np.asarray(point.inputs, dtype=float) for point in points])
-    tracer = PositionAnalysis(reference.mechanism, path=path, search=search)
-    motion, mechanism = tracer.motion(), tracer.mechanism
-    driven = mechanism.pairs[reference.tree.owners[reference.moved]].name
-    every = all_poles(len(mechanism.links)) if poles else ()
+    position_analysis = PositionAnalysis(reference.mechanism, path=path, search=search)
+    motion = position_analysis.motion()
+    mechanism = position_analysis.mechanism
+    moved_pair = mechanism.pairs[reference.tree.owners[reference.moved]].name
+    requested_poles = all_poles(len(mechanism.links)) if poles else ()
     rates = [(0, link) for link in range(1, len(mechanism.links))]
-    wanted = request(mechanism, driven, every, [*every, *rates], derivatives)
-    field = evaluate(motion, wanted, route=route)
-    number = -1
+    pole_request = request(
+        mechanism, moved_pair, requested_poles, [*requested_poles, *rates], derivatives
+    )
+    field = evaluate(motion, pole_request, route=route)
+    mode = -1
     for k, point in enumerate(points):
         with mp.workdps(DIGITS):
             start = point.near.copy()
             start[list(reference.inputs)] = exact(path[k])
+            true_values = None
             try:
-                known = truth(
-                    reference, reference.closed(start, reference.inputs), derivatives
-                )
+                configuration = reference.closed(start, reference.inputs)
+                true_values = truth(reference, configuration, derivatives)
             except NoSolution:
-                known = None
-            if number < 0:
-                number = _nearest(
-                    reference, motion, range(k, len(motion), len(points)), point
-                )
-            row = number * len(points) + k
-            if known is None:
-                yield from _unreachable(reference, motion, field, row, point)
+                pass
+            if mode < 0:
+                # The rows of a motion are sorted by mode and then by sample.
+                rows_of_modes = range(k, len(motion), len(points))
+                mode = _find_nearest_row(reference, motion, rows_of_modes, point)
+            row = mode * len(points) + k
+            if true_values is None:
+                yield from _judge_unreachable(reference, motion, field, row, point)
             else:
-                yield from _compared(motion, field, row, point.parameter, known)
+                yield from _compare(motion, field, row, point.parameter, true_values)
 
 
-def _nearest(
+def _find_nearest_row(
     reference: Reference, motion: Motion, rows: Sequence[int], point: Point
 ) -> int:
-    """Return the number of the row whose angles are nearest to those of a point."""
-    near = point.near[reference.angles].astype(float)
-    gaps = np.abs(np.sin(0.5 * (motion.values[:, reference.angles] - near)))
-    return int(np.argmin([np.max(np.nan_to_num(gaps[row], nan=2.0)) for row in rows]))
+    """Return the index in `rows` of the row whose angles are nearest to a point."""
+    angles = reference.angles
+    point_angles = point.near[angles].astype(float)
+    differences = np.abs(np.sin(0.5 * (motion.values[:, angles] - point_angles)))
+    distances = [
+        np.max(np.nan_to_num(differences[row], nan=FAILED_DISTANCE)) for row in rows
+    ]
+    return int(np.argmin(distances))
 
 
-def _unreachable(
+def _judge_unreachable(
     reference: Reference, motion: Motion, field: PoleField, row: int, point: Point
 ) -> Iterator[Row]:
-    """Yield rows where no configuration exists: none may be given without a status."""
+    """Yield rows where no configuration exists: numbers need a status.
+
+    Parameters
+    ----------
+    reference
+        The mechanism.
+    motion, field
+        Configurations and rates of spherekit.
+    row
+        Their row at the point.
+    point
+        The point.
+    """
     status = Status(motion.status[row])
     error = 0.0
     if not motion.failed[row]:
-        near = exact(motion.values[row]) - point.near
-        error = float(max(abs(mp.sin(x / 2)) for x in near[reference.angles])) * 2
-        if status == Status.AT_SINGULARITY and error < 1e-2:
+        differences = (exact(motion.values[row]) - point.near)[reference.angles]
+        error = float(max(abs(mp.sin(x / 2)) for x in differences)) * 2
+        if status == Status.AT_SINGULARITY and error < NEAR_SINGULARITY_RAD:
             error = 0.0
-    yield Row(point.parameter, "positions", BEYOND, error, status.name)
-    yield Row(point.parameter, "rates", BEYOND, BEYOND, Status(field.status[row]).name)
+    yield Row(point.parameter, "positions", INFINITE, error, status.name)
+    rate_status = Status(field.status[row]).name
+    yield Row(point.parameter, "rates", INFINITE, INFINITE, rate_status)
 
 
-def _compared(
-    motion: Motion, field: PoleField, row: int, parameter: float, known: Truth
+def _compare(
+    motion: Motion, field: PoleField, row: int, parameter: float, true_values: Truth
 ) -> Iterator[Row]:
-    status = Status(motion.status[row])
-    held = not motion.failed[row]
+    """Yield the errors at a configuration that exists.
+
+    Parameters
+    ----------
+    motion, field
+        Configurations and rates of spherekit.
+    row
+        Their row.
+    parameter
+        Value of the parameter of the case.
+    true_values
+        The quantities in 90 digits.
+    """
+    position_status = Status(motion.status[row])
+    condition = true_values.condition
     angles = [v for v in range(motion.values.shape[1]) if _is_angle(motion, v)]
-    if held:
-        turn = exact(motion.values[row, angles]) - known.angles
-        error = float(max(abs(2 * mp.sin(x / 2)) for x in turn))
-        yield Row(parameter, "angles", known.condition["angles"], error)
-        gap = np.max(np.abs(exact(motion.rotations[row]) - known.rotations))
-        yield Row(parameter, "orientations", known.condition["rotations"], float(gap))
+    if motion.failed[row]:
+        yield Row(parameter, "angles", condition["angles"], INFINITE, position_status.name)
     else:
-        condition = known.condition["angles"]
-        yield Row(parameter, "angles", condition, BEYOND, status.name)
+        differences = exact(motion.values[row, angles]) - true_values.angles
+        error = float(max(abs(2 * mp.sin(x / 2)) for x in differences))
+        yield Row(parameter, "angles", condition["angles"], error)
+        rotation_errors = np.abs(exact(motion.rotations[row]) - true_values.rotations)
+        error = float(np.max(rotation_errors))
+        yield Row(parameter, "orientations", condition["rotations"], error)
     status = Status(field.status[row])
-    for name, given, right in (
-        ("rates", field.w, known.rates),
-        ("derivatives", field.dw, known.derivatives),
+    for name, link_vectors, true_vectors in (
+        ("rates", field.w, true_values.rates),
+        ("derivatives", field.dw, true_values.derivatives),
     ):
-        if right is None:
+        if true_vectors is None:
             continue
-        error = BEYOND
+        error = INFINITE
         if status == Status.OK:
-            size = max(mp.mpf(1), max(length(right)))
-            found = np.stack([given[link][row] for link in sorted(given)])
-            gap = exact(found) - right[sorted(given)]
-            error = float(max(length(gap)) / size)
-        yield Row(parameter, name, known.condition[name], error, status.name)
+            links = sorted(link_vectors)
+            vectors = np.stack([link_vectors[link][row] for link in links])
+            size = max(mp.mpf(1), max(length(true_vectors)))
+            error = float(max(length(exact(vectors) - true_vectors[links])) / size)
+        yield Row(parameter, name, condition[name], error, status.name)
     if status == Status.OK:
-        yield from _poles(field, row, parameter, known)
+        yield from _compare_poles(field, row, parameter, true_values)
 
 
 def _is_angle(motion: Motion, variable: int) -> bool:
+    """Return whether a variable belongs to an R pair."""
     pair = motion.mechanism.variable_owners[variable]
     return motion.mechanism.pairs[pair].type == "R"
 
 
-def _poles(field: PoleField, row: int, parameter: float, known: Truth) -> Iterator[Row]:
-    """Yield the worst of the directions given, and the worst refused."""
-    given: list[Row] = []
+def _compare_poles(
+    field: PoleField, row: int, parameter: float, true_values: Truth
+) -> Iterator[Row]:
+    """Yield the largest errors of poles and coefficients, and the best refused pole."""
+    compared: list[Row] = []
     refused: list[Row] = []
-    largest = max(mp.mpf(1), max(length(known.rates)))
+    largest_rate = max(mp.mpf(1), max(length(true_values.rates)))
     for (i, j), directions in field.direction.items():
-        unit, condition, size = known.pole(i, j)
+        true_direction, conditioning, true_rate = true_values.pole(i, j)
         status = Status(field.pole_status[i, j][row])
         if status == Status.OK:
             rate = abs(float(field.velocity_coefficient[i, j][row]))
-            off = float(abs(exact(rate) - mp.mpf(size)) / largest)
-            given.append(Row(parameter, "coefficients", known.condition["rates"], off))
-            if size == 0.0:
-                continue
-            error = float(length(cross(exact(directions[row]), unit)))
-            given.append(Row(parameter, "poles", condition, error))
-        elif size > 0.0:
-            refused.append(Row(parameter, "poles", condition, BEYOND, status.name))
+            error = float(abs(exact(rate) - mp.mpf(true_rate)) / largest_rate)
+            rate_conditioning = true_values.condition["rates"]
+            compared.append(Row(parameter, "coefficients", rate_conditioning, error))
+            if true_rate == 0.0:
+                continue  # links that rest relative to each other have no pole
+            error = float(length(cross(exact(directions[row]), true_direction)))
+            compared.append(Row(parameter, "poles", conditioning, error))
+        elif true_rate > 0.0:
+            refused.append(Row(parameter, "poles", conditioning, INFINITE, status.name))
     for quantity in ("coefficients", "poles"):
-        of = [each for each in given if each.quantity == quantity]
-        if of:
-            yield max(of, key=lambda each: (each.wrong, _known(each.ratio)))
+        rows = [item for item in compared if item.quantity == quantity]
+        if rows:
+            yield max(rows, key=lambda item: (item.wrong, _finite_ratio(item.ratio)))
     if refused:
-        yield min(refused, key=lambda each: each.conditioning)
+        yield min(refused, key=lambda item: item.conditioning)
 
 
-def _known(ratio: float) -> float:
+def _finite_ratio(ratio: float) -> float:
+    """Return a ratio, or a number larger than any ratio if it is not finite."""
     return ratio if np.isfinite(ratio) else 1 / ROUNDOFF

@@ -33,59 +33,90 @@ FAMILY = "loads"
 POWER = "power of ten of the load, N m"
 HUGE = (0.0, 100.0, 200.0, 290.0, 300.0, 305.0, 307.0, 308.0)
 TINY = (-100.0, -200.0, -300.0, -307.0, -309.0, -315.0, -320.0, -323.0)
-NORMAL = sys.float_info.min
-"""Below it numbers have fewer digits, and the error is taken over it."""
+SMALLEST_NORMAL = sys.float_info.min
+"""Smallest number with all digits. Errors of smaller torques are taken relative to it."""
+
+INPUT_RAD = 0.7
+"""The input (rad) at which torques are computed."""
+
+ENERGY_CONDITIONING = 1e7
+"""Conditioning of the energy of a simulation: its tolerance 1e-9 over roundoff."""
 
 
-def loaded(*torques: str) -> Mechanism:
-    """Return the paper's four-bar without inertia under torques at its rocker's pair."""
-    made = load("four_bar")
-    loads = (PairTorque(f"load{k}", "41", torque) for k, torque in enumerate(torques))
-    return replace(made, masses=(), loads=tuple(loads))
+def four_bar_with_torques(*torques: str) -> Mechanism:
+    """Return the paper's four-bar without inertia, with torques at its rocker's pair."""
+    loads = tuple(PairTorque(f"load{k}", "41", torque) for k, torque in enumerate(torques))
+    return replace(load("four_bar"), masses=(), loads=loads)
 
 
-def forces(powers: Sequence[float]) -> Iterator[Row]:
-    """Yield the torque that holds a load of so many powers of ten against 90 digits."""
+def judge_holding_torques(powers: Sequence[float]) -> Iterator[Row]:
+    """Yield the errors of the torque that holds a load of so many powers of ten (N m)."""
     for power in powers:
-        made = loaded(f"{10.0**power!r}*sin(theta_41)")
-        found = inverse_dynamics(made, Polynomial((0.7,)), [0.0], assembly_mode=0)
-        reference = Reference(made)
+        mechanism = four_bar_with_torques(f"{10.0**power!r}*sin(theta_41)")
+        dynamics = inverse_dynamics(
+            mechanism, Polynomial((INPUT_RAD,)), [0.0], assembly_mode=0
+        )
+        reference = Reference(mechanism)
         with mp.workdps(DIGITS):
-            start = exact(found.values[0])
-            known = truth(reference, reference.closed(start, reference.inputs), False)
-            right, condition = _torque(reference, known, mp.mpf(10.0**power))
-            error = abs(mp.mpf(float(found.tau[0])) - right) / max(abs(right), NORMAL)
-        status = Status(found.status[0]).name
-        yield Row(power, "torque", condition, float(error), status)
+            start = exact(dynamics.values[0])
+            configuration = reference.closed(start, reference.inputs)
+            kinematics = truth(reference, configuration, derivatives=False)
+            amplitude = mp.mpf(10.0**power)
+            torque, conditioning = _true_torque(reference, kinematics, amplitude)
+            size = max(abs(torque), SMALLEST_NORMAL)
+            error = abs(mp.mpf(float(dynamics.tau[0])) - torque) / size
+        status = Status(dynamics.status[0]).name
+        yield Row(power, "torque", conditioning, float(error), status)
 
 
-def _torque(reference: Reference, known: Truth, size: mp.mpf) -> tuple[mp.mpf, float]:
-    """Return -size sin(theta_41) d theta_41 / d q, and its relative conditioning."""
-    made = reference.mechanism
-    rocker = reference.angles.index(made.variable_names.index("theta_41"))
-    link = made.link_number["4"]
+def _true_torque(
+    reference: Reference, kinematics: Truth, amplitude: mp.mpf
+) -> tuple[mp.mpf, float]:
+    """Return the holding torque of the input in 90 digits, and its conditioning.
 
-    joint = revolute(reference.joints[made.pair_number["41"]])
-    axis = joint.first[:, 2]
+    Parameters
+    ----------
+    reference
+        The four-bar.
+    kinematics
+        Its configuration and rates.
+    amplitude
+        Factor A (N m) of the load A sin(theta_41).
 
-    def at(angles: Exact, rotations: Exact, rates: Exact) -> mp.mpf:
-        return -size * mp.sin(angles[rocker]) * (rates[link] @ exact(axis))
+    Returns
+    -------
+    torque
+        -A sin(theta_41) d theta_41 / d q (N m).
+    conditioning
+        Its conditioning relative to itself.
+    """
+    mechanism = reference.mechanism
+    rocker_angle = reference.angles.index(mechanism.variable_names.index("theta_41"))
+    rocker = mechanism.link_number["4"]
+    joint = revolute(reference.joints[mechanism.pair_number["41"]])
+    rocker_axis = exact(joint.first[:, 2])
 
-    right = at(known.angles, known.rotations, known.rates)
-    moved = [at(c["angles"], c["rotations"], c["rates"]) for c in known.changed]
-    return right, max(1.0, float(max(abs(x / right - 1) for x in moved) / SMALL))
+    def holding_torque(angles: Exact, rates: Exact) -> mp.mpf:
+        return -amplitude * mp.sin(angles[rocker_angle]) * (rates[rocker] @ rocker_axis)
+
+    torque = holding_torque(kinematics.angles, kinematics.rates)
+    changes = [
+        abs(holding_torque(changed["angles"], changed["rates"]) / torque - 1)
+        for changed in kinematics.changed
+    ]
+    return torque, max(1.0, float(max(changes) / SMALL))
 
 
 @case(FAMILY, POWER, HUGE)
 def torque_of_a_huge_load(powers: Sequence[float]) -> Iterator[Row]:
     """The torque that holds a load up to 1e308 N m on the rocker of the four-bar."""
-    yield from forces(powers)
+    yield from judge_holding_torques(powers)
 
 
 @case(FAMILY, POWER, TINY)
 def torque_of_a_tiny_load(powers: Sequence[float]) -> Iterator[Row]:
     """The same of a load down to the smallest denormal number."""
-    yield from forces(powers)
+    yield from judge_holding_torques(powers)
 
 
 @case(FAMILY, POWER, HUGE)
@@ -95,12 +126,12 @@ def loads_that_overflow(powers: Sequence[float]) -> Iterator[Row]:
     The error is 0 where the torque is finite and infinite where it is not.
     """
     for power in powers:
-        made = loaded(*[f"4*cos(theta_41)*{10.0**power!r}"] * 4)
-        frame = sk.run(made, "eksergian", samples=5).frame()
+        mechanism = four_bar_with_torques(*[f"4*cos(theta_41)*{10.0**power!r}"] * 4)
+        frame = sk.run(mechanism, "eksergian", samples=5).frame()
         row: Any
         for row in frame.itertuples():
-            finite = abs(row.tau) < float("inf")
-            yield Row(power, "torque", 1.0, 0.0 if finite else float("inf"), row.status)
+            error = 0.0 if abs(row.tau) < float("inf") else float("inf")
+            yield Row(power, "torque", 1.0, error, row.status)
 
 
 @case(FAMILY, POWER, HUGE)
@@ -111,14 +142,18 @@ def motion_under_a_huge_load(powers: Sequence[float]) -> Iterator[Row]:
     ended; the conditioning stands for that tolerance.
     """
     for power in powers:
-        made = replace(
-            loaded(f"{10.0**power!r}*sin(theta_41)"), masses=load("four_bar").masses
+        mechanism = replace(
+            four_bar_with_torques(f"{10.0**power!r}*sin(theta_41)"),
+            masses=load("four_bar").masses,
         )
         try:
-            found = simulate(made, Start(0.7, 0.0), 1e-3, engine="numpy")
+            simulation = simulate(mechanism, Start(INPUT_RAD, 0.0), 1e-3, engine="numpy")
         except SpherekitError as fault:
-            yield Row(power, "energy", 1e7, float("inf"), type(fault).__name__)
+            yield Row(
+                power, "energy", ENERGY_CONDITIONING, float("inf"), type(fault).__name__
+            )
             continue
-        checks = found.checks
-        status = "OK" if found.end.kind == "time" else found.end.kind
-        yield Row(power, "energy", 1e7, checks.energy / checks.energy_scale, status)
+        checks = simulation.checks
+        error = checks.energy / checks.energy_scale
+        status = "OK" if simulation.end.kind == "time" else simulation.end.kind
+        yield Row(power, "energy", ENERGY_CONDITIONING, error, status)

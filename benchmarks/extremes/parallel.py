@@ -1,4 +1,4 @@
-"""Axes that are parallel, or in one plane, to within a small angle."""
+"""Axes that are parallel, or in one plane, up to a small angle."""
 
 from collections.abc import Iterator, Sequence
 
@@ -10,23 +10,44 @@ from benchmarks.extremes.reference import DIGITS, Reference, exact
 from benchmarks.extremes.registry import Row, case, down
 from benchmarks.extremes.shapes import four_bar, point_of
 from benchmarks.samples import EIGHT_BARS, make_mechanism, random_axes
+from spherekit.arrays import Floats
 from spherekit.mechanism.joint_construction import make_joints_in_pose
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.velocities.pole_request import Route
 
 FAMILY = "parallel axes"
-APART = "angle between, rad"
+AXIS_ANGLE = "angle between, rad"
+PLANE_ANGLE = "angle out of the plane, rad"
 ANGLES = down(1e-1, 1e-14)
-CHAINS = (0, 5, 13)
-"""A chain of dyads, the double butterfly, and one with a triad."""
+
+EIGHT_BAR_NUMBERS = (0, 5, 13)
+"""Eight-bars: a chain of dyads, the double butterfly, and one with a triad."""
+
+PAIR_COUNT = 10
+"""Number of pairs of an eight-bar."""
 
 
-def at_pose(
-    made: Mechanism, parameter: float, derivatives: bool = True, route: Route = "best"
+def judge_reference_pose(
+    mechanism: Mechanism,
+    parameter: float,
+    derivatives: bool = True,
+    route: Route = "best",
 ) -> Iterator[Row]:
-    """Yield the rows of a mechanism in its reference pose."""
-    reference = Reference(made)
-    values = make_joints_in_pose(made)[1]
+    """Yield the errors of a mechanism in its reference pose.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism that is given by a reference pose.
+    parameter
+        Value of the parameter of the case.
+    derivatives
+        Whether derivatives of the rates are computed.
+    route
+        How poles are computed.
+    """
+    reference = Reference(mechanism)
+    _, values = make_joints_in_pose(mechanism)
     assert values is not None
     with mp.workdps(DIGITS):
         point = Point(parameter, values[list(reference.inputs)], exact(values))
@@ -35,7 +56,7 @@ def at_pose(
     )
 
 
-@case(FAMILY, APART, ANGLES)
+@case(FAMILY, AXIS_ANGLE, ANGLES)
 def crank_without_length(angles: Sequence[float]) -> Iterator[Row]:
     """A four-bar whose crank has two nearly coaxial pairs: nothing moves but the crank."""
     for angle in angles:
@@ -43,46 +64,67 @@ def crank_without_length(angles: Sequence[float]) -> Iterator[Row]:
         yield from judged(reference, [point])
 
 
-@case(FAMILY, APART, ANGLES)
+@case(FAMILY, AXIS_ANGLE, ANGLES)
 def axes_of_one_link(angles: Sequence[float]) -> Iterator[Row]:
     """Three eight-bars with two nearly parallel axes in a link that has three."""
-    for number in CHAINS:
+    for number in EIGHT_BAR_NUMBERS:
         for angle in angles:
-            yield from at_pose(_eight_bar(number, angle, adjacent=True), angle)
+            mechanism = _eight_bar_with_parallel_axes(number, angle, share_link=True)
+            yield from judge_reference_pose(mechanism, angle)
 
 
-@case(FAMILY, APART, ANGLES)
+@case(FAMILY, AXIS_ANGLE, ANGLES)
 def axes_of_two_lines(angles: Sequence[float]) -> Iterator[Row]:
     """Three eight-bars with nearly parallel axes in links that are not joined."""
-    for number in CHAINS:
+    for number in EIGHT_BAR_NUMBERS:
         for angle in angles:
-            yield from at_pose(_eight_bar(number, angle, adjacent=False), angle)
+            mechanism = _eight_bar_with_parallel_axes(number, angle, share_link=False)
+            yield from judge_reference_pose(mechanism, angle)
 
 
-def _eight_bar(number: int, angle: float, adjacent: bool) -> Mechanism:
-    """Return a random eight-bar with two axes `angle` apart, the first such two."""
-    random = np.random.default_rng(number)
-    axes = random_axes(random, 10)
-    chain = make_mechanism(EIGHT_BARS[number], axes)
-    ends = chain.ends
-    one, other = next(
+def _eight_bar_with_parallel_axes(number: int, angle: float, share_link: bool) -> Mechanism:
+    """Return a random eight-bar with two nearly parallel axes.
+
+    Parameters
+    ----------
+    number
+        Number of the eight-bar, and seed of its axes.
+    angle
+        Angle (rad) between the two axes.
+    share_link
+        Whether the two pairs have a link in common, which is not the ground. Otherwise they
+        have none.
+    """
+    axes = random_axes(np.random.default_rng(number), PAIR_COUNT)
+    ends = make_mechanism(EIGHT_BARS[number], axes).ends
+
+    def is_wanted(pair_a: int, pair_b: int) -> bool:
+        has_common_link = bool(set(ends[pair_a]) & set(ends[pair_b]))
+        at_ground = 0 in (*ends[pair_a], *ends[pair_b])
+        if share_link:
+            return has_common_link and not at_ground
+        return not has_common_link
+
+    # Pair 0 is the input.
+    first, second = next(
         (a, b)
-        for a in range(1, 10)
-        for b in range(a + 1, 10)
-        if bool(set(ends[a]) & set(ends[b])) == adjacent
-        and (not adjacent or 0 not in (*ends[a], *ends[b]))
+        for a in range(1, PAIR_COUNT)
+        for b in range(a + 1, PAIR_COUNT)
+        if is_wanted(a, b)
     )
-    axes[other] = _beside(axes[one], axes[other], angle)
+    axes[second] = _rotate_towards(axes[first], axes[second], angle)
     return make_mechanism(EIGHT_BARS[number], axes)
 
 
-def _beside(axis: np.ndarray, toward: np.ndarray, angle: float) -> np.ndarray:
-    side = toward - (toward @ axis) * axis
-    found = np.cos(angle) * axis + np.sin(angle) * side / np.linalg.norm(side)
-    return np.asarray(found / np.linalg.norm(found))
+def _rotate_towards(axis: Floats, target: Floats, angle: float) -> Floats:
+    """Return an axis (3,) rotated by an angle (rad) towards another one."""
+    perpendicular = target - (target @ axis) * axis
+    length = np.linalg.norm(perpendicular)
+    rotated = np.cos(angle) * axis + np.sin(angle) * perpendicular / length
+    return np.asarray(rotated / np.linalg.norm(rotated))
 
 
-@case(FAMILY, "angle out of the plane, rad", ANGLES)
+@case(FAMILY, PLANE_ANGLE, ANGLES)
 def three_axes_in_a_plane(angles: Sequence[float]) -> Iterator[Row]:
     """A four-bar in an eight-bar with three axes nearly in a plane: one pair stands still.
 
@@ -90,23 +132,38 @@ def three_axes_in_a_plane(angles: Sequence[float]) -> Iterator[Row]:
     apart, but one of the coefficients is nearly zero.
     """
     for angle in angles:
-        yield from at_pose(_flat(angle, out=3), angle)
+        mechanism = _eight_bar_with_flat_loop(angle, flat_count=3)
+        yield from judge_reference_pose(mechanism, angle)
 
 
-@case(FAMILY, "angle out of the plane, rad", ANGLES)
+@case(FAMILY, PLANE_ANGLE, ANGLES)
 def two_lines_in_a_plane(angles: Sequence[float]) -> Iterator[Row]:
     """The same with all four axes nearly in a plane: both lines of a pole coincide."""
     for angle in angles:
-        yield from at_pose(_flat(angle, out=4), angle)
+        mechanism = _eight_bar_with_flat_loop(angle, flat_count=4)
+        yield from judge_reference_pose(mechanism, angle)
 
 
-def _flat(angle: float, out: int) -> Mechanism:
-    """Return an eight-bar whose first four-bar has `out` axes nearly in a plane."""
-    random = np.random.default_rng(5)
-    axes = random_axes(random, 10)
+def _eight_bar_with_flat_loop(angle: float, flat_count: int) -> Mechanism:
+    """Return an eight-bar whose first four-bar has axes nearly in a plane.
+
+    Parameters
+    ----------
+    angle
+        Largest angle (rad) of an axis out of the plane.
+    flat_count
+        Number of axes near the plane.
+    """
+    rng = np.random.default_rng(5)
+    axes = random_axes(rng, PAIR_COUNT)
     chain = make_mechanism(EIGHT_BARS[0], axes)
     loop = [chain.pair_number[name] for name in ("p1_2", "p2_3", "p3_4", "p1_4")]
-    for pair in loop[:out]:
-        turn, up = random.uniform(0, 2 * np.pi), random.uniform(0.5, 1.0) * angle
-        axes[pair] = [np.cos(turn) * np.cos(up), np.sin(turn) * np.cos(up), np.sin(up)]
+    for pair in loop[:flat_count]:
+        longitude = rng.uniform(0, 2 * np.pi)
+        latitude = rng.uniform(0.5, 1.0) * angle
+        axes[pair] = [
+            np.cos(longitude) * np.cos(latitude),
+            np.sin(longitude) * np.cos(latitude),
+            np.sin(latitude),
+        ]
     return make_mechanism(EIGHT_BARS[0], axes / np.linalg.norm(axes, axis=1, keepdims=True))

@@ -1,8 +1,8 @@
-"""Configurations and rates in 90 digits, and how far small changes of the data move them.
+"""Configurations and rates in 90 digits, with their conditioning.
 
-Nothing here calls a solver of spherekit. The frames of pairs in their links, as doubles,
-are the data; they are made orthonormal in 90 digits, and from there on everything is
-exact to rounding of that precision.
+Nothing here calls a solver of spherekit. The data are the frames of the pairs in their
+links, as doubles. They are made orthonormal in 90 digits, and from there on everything is
+exact up to rounding of that precision.
 """
 
 from collections.abc import Sequence
@@ -20,17 +20,40 @@ from spherekit.positions.loop_tree import LoopTree
 import mpmath as mp  # isort: skip
 
 DIGITS = 90
+"""Number of decimal digits."""
+
 SMALL = mp.mpf(10) ** -30
-"""The change of the data, and of the input, that derivatives are taken with."""
+"""Change of the data, and of the input, by which derivatives are computed.
+
+Differences then have 30 exact digits, of 90.
+"""
+
 CHANGES = 3
-"""So many changes of all data at once, at random, are tried."""
-MOST_STEPS = 60
+"""Number of random changes of all data that are tried for the conditioning."""
+
+MAX_NEWTON_STEPS = 60
+"""Largest number of steps of Newton's method."""
+
+LONGEST_NEWTON_STEP_RAD = mp.mpf("0.3")
+"""Longer steps (rad) are shortened, so that Newton's method stays near its start."""
+
+LAST_STEP_RAD = mp.mpf(10) ** (35 - DIGITS)
+"""The last step (rad) is smaller. The quadratic convergence makes the result exact."""
+
+CLOSURE_RESIDUAL_RAD = mp.mpf(10) ** (10 - DIGITS)
+"""Loops count as closed if their residual (rad) is smaller."""
+
+LAST_SINGULAR_STEP = mp.mpf(10) ** (45 - DIGITS)
+"""The last step to a singular configuration is smaller.
+
+Its derivatives are difference quotients, so that it converges linearly by 30 digits.
+"""
 
 Exact = Any
 """An array of mpmath numbers."""
 
-_number = np.frompyfunc(mp.mpf, 1, 1)
-_sine, _cosine, _root = (np.frompyfunc(f, 1, 1) for f in (mp.sin, mp.cos, mp.sqrt))
+_to_number = np.frompyfunc(mp.mpf, 1, 1)
+_square_root = np.frompyfunc(mp.sqrt, 1, 1)
 
 
 class NoSolution(Exception):
@@ -39,12 +62,12 @@ class NoSolution(Exception):
 
 def exact(values: Any) -> Exact:
     """Return an array of floats as numbers of 90 digits, without rounding."""
-    return _number(np.asarray(values, dtype=object) + mp.mpf(0))
+    return _to_number(np.asarray(values, dtype=object) + mp.mpf(0))
 
 
 def length(vectors: Exact) -> Exact:
     """Return the lengths (...,) of vectors (..., 3)."""
-    return _root(np.sum(vectors * vectors, axis=-1))
+    return _square_root(np.sum(vectors * vectors, axis=-1))
 
 
 def cross(a: Exact, b: Exact) -> Exact:
@@ -54,8 +77,19 @@ def cross(a: Exact, b: Exact) -> Exact:
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
 
-def solved(matrix: Exact, right: Exact) -> Exact:
-    """Return x (n, m) with matrix (n, n) x = right (n, m), by elimination with pivots.
+def solve_equations(matrix: Exact, right_side: Exact) -> Exact:
+    """Solve linear equations by elimination with partial pivoting.
+
+    Parameters
+    ----------
+    matrix
+        (n, n) matrix.
+    right_side
+        (n, m) right sides.
+
+    Returns
+    -------
+    (n, m) solutions.
 
     Raises
     ------
@@ -63,66 +97,99 @@ def solved(matrix: Exact, right: Exact) -> Exact:
         If the matrix is singular.
     """
     n = len(matrix)
-    rows = np.concatenate([matrix, right], axis=1)
+    rows = np.concatenate([matrix, right_side], axis=1)
     for k in range(n):
-        best = k + int(np.argmax(np.abs(rows[k:, k])))
-        if rows[best, k] == 0:
+        pivot = k + int(np.argmax(np.abs(rows[k:, k])))
+        if rows[pivot, k] == 0:
             raise NoSolution
-        rows[[k, best]] = rows[[best, k]]
+        rows[[k, pivot]] = rows[[pivot, k]]
         rows[k, k:] = rows[k, k:] / rows[k, k]
         below = np.flatnonzero(rows[k + 1 :, k] != 0) + k + 1
         rows[below, k:] -= rows[below, k, None] * rows[k, None, k:]
-    out = rows[:, n:]
+    solutions = rows[:, n:]
     for k in range(n - 1, 0, -1):
-        out[:k] -= rows[:k, k, None] * out[k, None]
-    return out
+        solutions[:k] -= rows[:k, k, None] * solutions[k, None]
+    return solutions
 
 
 @final
 @dataclass(frozen=True)
-class Data:
-    """What a mechanism is made of.
+class GeometryData:
+    """The data of a mechanism, which may be changed slightly.
 
-    `frames` (2, pairs, 3, 3): of each pair in its first and second link; for a circle its
-    third column is the centre. `radii` (2, pairs) of circles; `turns` (2, pairs) is 1, or
-    -1 where a circle is run backwards.
+    Attributes
+    ----------
+    frames
+        (2, pairs, 3, 3) frame of each pair in its first and in its second link. The third
+        column is the axis of an R pair, or the centre of a circle.
+    radii
+        (2, pairs) radii (rad) of circles; 1 for R pairs.
+    directions
+        (2, pairs) 1, or -1 if a circle is run backwards.
     """
 
     frames: Exact
     radii: Exact
-    turns: Any
+    directions: Any
 
-    def changed(self, random: np.random.Generator) -> "Data":
-        """Turn each frame about its three axes, and scale each radius, by `SMALL`."""
+    def change_randomly(self, rng: np.random.Generator) -> "GeometryData":
+        """Rotate each frame about its three axes, and scale each radius, by `SMALL`."""
         frames = self.frames.copy()
-        for which, pair in np.ndindex(frames.shape[:2]):
-            frames[which, pair] = _turned(frames[which, pair], random)
-        parts = exact(random.uniform(-1, 1, self.radii.shape))
-        return replace(self, frames=frames, radii=self.radii * (1 + SMALL * parts))
+        for side, pair in np.ndindex(frames.shape[:2]):
+            frames[side, pair] = _rotate_randomly(frames[side, pair], rng)
+        factors = exact(rng.uniform(-1, 1, self.radii.shape))
+        return replace(self, frames=frames, radii=self.radii * (1 + SMALL * factors))
 
 
-def _turned(frame: Exact, random: np.random.Generator) -> Exact:
-    x, y, z = random.uniform(-1, 1, 3).tolist()
-    turn = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=object)
-    return frame + SMALL * (turn @ frame)
+def _rotate_randomly(frame: Exact, rng: np.random.Generator) -> Exact:
+    """Return a frame (3, 3) rotated by up to `SMALL` about each coordinate axis."""
+    x, y, z = rng.uniform(-1, 1, 3).tolist()
+    rotation = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]], dtype=object)
+    return frame + SMALL * (rotation @ frame)
 
 
 @final
 @dataclass(frozen=True)
-class Placed:
-    """One choice of all variables: orientations, vectors of variables, what stays open."""
+class PlacedLinks:
+    """The links at one choice of all variables.
+
+    Attributes
+    ----------
+    rotations
+        (links, 3, 3) rotations from link axes to ground axes.
+    vectors
+        (variables, 3) angular velocity of the second link of a pair relative to the first
+        one, per rate of the variable, in ground axes.
+    residual
+        (3 loops,) closure residual (rad).
+    """
 
     rotations: Exact
     vectors: Exact
-    gap: Exact
+    residual: Exact
 
 
 @final
 class Reference:
-    """A mechanism of R pairs and contacts of circles.
+    """A mechanism of R pairs and contacts of circles, in 90 digits.
 
-    `held` (variables of the inputs that stand still) and `moved` (the one that moves)
-    are numbers of variables.
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    moved
+        Name of the input that moves, by default the first.
+
+    Attributes
+    ----------
+    count
+        Number of variables.
+    inputs
+        Numbers of the variables of all inputs.
+    moved
+        Number of the variable of the input that moves. The others stand still.
+    angles
+        Numbers of the variables of R pairs.
     """
 
     def __init__(self, mechanism: Mechanism, moved: str | None = None) -> None:
@@ -130,204 +197,313 @@ class Reference:
         self.tree = LoopTree.of_mechanism(mechanism)
         self.joints = make_joints(mechanism)
         self.count = len(self.tree.owners)
-        names = [item.pair for item in mechanism.inputs]
-        numbers = [mechanism.variables_of(mechanism.pair_number[p])[0] for p in names]
-        self.inputs = tuple(numbers)
-        self.moved = numbers[names.index(moved) if moved else 0]
+        input_pairs = [item.pair for item in mechanism.inputs]
+        variables = [
+            mechanism.variables_of(mechanism.pair_number[pair])[0] for pair in input_pairs
+        ]
+        self.inputs = tuple(variables)
+        self.moved = variables[input_pairs.index(moved) if moved else 0]
         self.angles = [v for v, p in enumerate(self.tree.owners) if self.joints[p].has_axis]
         with mp.workdps(DIGITS):
-            self.data = self._data()
+            self.data = self._read_data()
 
-    def _data(self) -> Data:
-        pairs = len(self.joints)
-        frames = np.zeros((2, pairs, 3, 3))
-        radii, turns = np.ones((2, pairs)), np.ones((2, pairs), dtype=int)
+    def _read_data(self) -> GeometryData:
+        """Return the data of the mechanism, with orthonormal frames.
+
+        Raises
+        ------
+        ModelError
+            If a profile is not a circle.
+        """
+        pair_count = len(self.joints)
+        frames = np.zeros((2, pair_count, 3, 3))
+        radii = np.ones((2, pair_count))
+        directions = np.ones((2, pair_count), dtype=int)
         for k, joint in enumerate(self.joints):
             if joint.has_axis:
                 hinge = revolute(joint)
-                frames[0, k], frames[1, k] = hinge.first, hinge.second
+                frames[0, k] = hinge.first
+                frames[1, k] = hinge.second
                 continue
-            profiles = self.mechanism.pairs[k].profiles
-            assert profiles is not None
-            for which, curve in enumerate(track.curve for track in joint.contact_profiles):
-                profile = profiles[which]
+            pair = self.mechanism.pairs[k]
+            assert pair.profiles is not None
+            curves = [profile.curve for profile in joint.contact_profiles]
+            for side, curve in enumerate(curves):
+                profile = pair.profiles[side]
                 if profile.kind not in ("circle", "great_circle"):
                     raise ModelError(
-                        f"{self.mechanism.name}: pairs.{self.mechanism.pairs[k].name}: the "
-                        f'profile of link {self.mechanism.pairs[k].links[which]} is "'
+                        f"{self.mechanism.name}: pairs.{pair.name}: the "
+                        f'profile of link {pair.links[side]} is "'
                         f'{profile.kind}", but this reference is of circles alone; '
                         "compare with spherekit.proof.reference_rows for other profiles"
                     )
-                turns[which, k] = -1 if curve.backwards else 1
-                frames[which, k] = curve.path.axes  # type: ignore[union-attr]
-                radii[which, k] = profile.radius or 0.5 * np.pi
+                directions[side, k] = -1 if curve.backwards else 1
+                frames[side, k] = curve.path.axes  # type: ignore[union-attr]
+                radii[side, k] = profile.radius or 0.5 * np.pi
         axis = exact(frames[..., 2])
         axis = axis / length(axis)[..., None]
-        side = exact(frames[..., 0])
-        side = side - np.sum(side * axis, axis=-1)[..., None] * axis
-        side = side / length(side)[..., None]
-        return Data(np.stack([side, cross(axis, side), axis], -1), exact(radii), turns)
+        x = exact(frames[..., 0])
+        x = x - np.sum(x * axis, axis=-1)[..., None] * axis
+        x = x / length(x)[..., None]
+        orthonormal = np.stack([x, cross(axis, x), axis], -1)
+        return GeometryData(orthonormal, exact(radii), directions)
 
-    def _own(self, data: Data, which: int, pair: int, value: Exact) -> tuple[Exact, Exact]:
-        """Return the frame of a pair in one link, and the curvature of its circle."""
-        joint, frame = self.joints[pair], data.frames[which, pair]
+    def _pair_frame(
+        self, data: GeometryData, side: int, pair: int, value: Exact
+    ) -> tuple[Exact, Exact]:
+        """Return the moving frame of a pair in one of its links.
+
+        Parameters
+        ----------
+        data
+            The data of the mechanism.
+        side
+            0 for the first link, 1 for the second one.
+        pair
+            Number of the pair.
+        value
+            Angle (rad) of an R pair, or arc length (rad) along the circle.
+
+        Returns
+        -------
+        frame
+            (3, 3) frame. On a circle its columns are the tangent, the normal and the point.
+        curvature
+            Geodesic curvature of the circle, 0 for R pairs.
+        """
+        joint = self.joints[pair]
+        frame = data.frames[side, pair]
         if joint.has_axis:
-            if which:
+            if side == 1:
                 return frame, mp.mpf(0)
+            # The frame in the first link rotates about the axis.
             c, s = mp.cos(value), mp.sin(value)
             x, y, z = frame.T
             return np.stack([c * x + s * y, c * y - s * x, z], axis=-1), mp.mpf(0)
-        start = joint.contact_profiles[which].start
-        turn, radius = int(data.turns[which, pair]), data.radii[which, pair]
+        start = joint.contact_profiles[side].start
+        direction = int(data.directions[side, pair])
+        radius = data.radii[side, pair]
         sine, cosine = mp.sin(radius), mp.cos(radius)
-        angle = turn * (value + start) / sine
+        angle = direction * (value + start) / sine
         c, s = mp.cos(angle), mp.sin(angle)
         x, y, z = frame.T
         point = cosine * z + sine * (c * x + s * y)
-        tangent = turn * (c * y - s * x)
-        return (
-            np.stack([tangent, cross(point, tangent), point], axis=-1),
-            turn * cosine / sine,
-        )
+        tangent = direction * (c * y - s * x)
+        moving_frame = np.stack([tangent, cross(point, tangent), point], axis=-1)
+        return moving_frame, direction * cosine / sine
 
-    def place(self, values: Exact, data: Data | None = None) -> Placed:
-        """Return the links as variables (count,) place them."""
+    def place(self, values: Exact, data: GeometryData | None = None) -> PlacedLinks:
+        """Place the links by all variables.
+
+        Parameters
+        ----------
+        values
+            (variables,) angles and arc lengths (rad).
+        data
+            The data, by default those of the mechanism.
+        """
         data = data or self.data
         tree = self.tree
-        own: list[tuple[Exact, Exact]] = []
-        vectors_in: list[list[Exact]] = []
-        at = 0
+        pair_frames: list[tuple[Exact, Exact]] = []
+        # Vectors of the variables of each pair, in the axes of its first link.
+        local_vectors: list[list[Exact]] = []
+        variable = 0
         for pair, joint in enumerate(self.joints):
-            last = at + joint.variable_count - 1
-            first, k1 = self._own(data, 0, pair, values[at])
-            second, k2 = self._own(data, 1, pair, values[last])
-            own.append((first, second))
-            normal, point = first[:, 1], first[:, 2]
+            last_variable = variable + joint.variable_count - 1
+            first, k1 = self._pair_frame(data, 0, pair, values[variable])
+            second, k2 = self._pair_frame(data, 1, pair, values[last_variable])
+            pair_frames.append((first, second))
+            normal = first[:, 1]
+            point = first[:, 2]
             if joint.has_axis:
-                vectors_in.append([point])
-            elif last == at:
-                vectors_in.append([(k1 - k2) * point])
+                local_vectors.append([point])
+            elif last_variable == variable:
+                # Rolling: both profiles run by the same arc length.
+                local_vectors.append([(k1 - k2) * point])
             else:
-                vectors_in.append([normal + k1 * point, -(normal + k2 * point)])
-            at = last + 1
+                local_vectors.append([normal + k1 * point, -(normal + k2 * point)])
+            variable = last_variable + 1
         rotations = np.empty((tree.count, 3, 3), dtype=object)
         rotations[0] = exact(np.eye(3))
         for pair, parent, child in tree.placements:
-            first, second = own[pair]
-            across = first @ second.T
-            ahead = tree.ends[pair][0] == parent
-            rotations[child] = rotations[parent] @ (across if ahead else across.T)
-        gap = []
+            first, second = pair_frames[pair]
+            relative = first @ second.T
+            first_link, _ = tree.ends[pair]
+            if first_link != parent:
+                relative = relative.T
+            rotations[child] = rotations[parent] @ relative
+        residual = []
         for chord in tree.chords:
-            a, b = tree.ends[chord]
-            first, second = own[chord]
-            open_by = rotations[a] @ first @ (rotations[b] @ second).T
-            skew = (open_by - open_by.T) / 2
-            gap += [skew[2, 1], skew[0, 2], skew[1, 0]]
+            first_link, second_link = tree.ends[chord]
+            first, second = pair_frames[chord]
+            first_frame = rotations[first_link] @ first
+            second_frame = rotations[second_link] @ second
+            difference = first_frame @ second_frame.T
+            skew = (difference - difference.T) / 2
+            residual += [skew[2, 1], skew[0, 2], skew[1, 0]]
         vectors = [
-            rotations[a] @ vector
-            for (a, _), several in zip(tree.ends, vectors_in, strict=True)
-            for vector in several
+            rotations[first_link] @ vector
+            for (first_link, _), pair_vectors in zip(tree.ends, local_vectors, strict=True)
+            for vector in pair_vectors
         ]
-        return Placed(rotations, np.array(vectors), np.array(gap, dtype=object))
+        return PlacedLinks(rotations, np.array(vectors), np.array(residual, dtype=object))
 
-    def jacobian(self, placed: Placed) -> Exact:
-        """Return (3 loops, variables)."""
+    def jacobian(self, placed: PlacedLinks) -> Exact:
+        """Return the derivatives (3 loops, variables) of the closure residual."""
         signs = self.tree.signs
         grid = signs[:, None, :] * placed.vectors.T[None]
         return grid.reshape(3 * len(self.tree.chords), self.count)
 
     def closed(self, values: Exact, held: Sequence[int]) -> Exact:
-        """Return the variables with the loops closed, those of `held` as they are.
+        """Close the loops by Newton's method.
+
+        Parameters
+        ----------
+        values
+            (variables,) start values (rad).
+        held
+            Numbers of the variables that do not change.
+
+        Returns
+        -------
+        (variables,) closed configuration (rad).
 
         Raises
         ------
         NoSolution
-            If Newton's method does not come to rest.
+            If Newton's method does not converge.
         """
-        free = [v for v in range(self.count) if v not in held]
+        passive = [v for v in range(self.count) if v not in held]
         values = values.copy()
-        small, closed = mp.mpf(10) ** (35 - DIGITS), mp.mpf(10) ** (10 - DIGITS)
-        for _ in range(MOST_STEPS):
+        for _ in range(MAX_NEWTON_STEPS):
             placed = self.place(values)
-            matrix = self.jacobian(placed)[:, free]
-            change = solved(matrix, -placed.gap[:, None])[:, 0]
-            size = np.max(np.abs(change))
-            if size > mp.mpf("0.3"):
-                change = change * (mp.mpf("0.3") / size)
-            values[free] = values[free] + change
-            if size < small and np.max(np.abs(placed.gap)) < closed:
+            matrix = self.jacobian(placed)[:, passive]
+            change = solve_equations(matrix, -placed.residual[:, None])[:, 0]
+            step_length = np.max(np.abs(change))
+            if step_length > LONGEST_NEWTON_STEP_RAD:
+                change = change * (LONGEST_NEWTON_STEP_RAD / step_length)
+            values[passive] = values[passive] + change
+            # The residual is that before the step.
+            residual = np.max(np.abs(placed.residual))
+            if step_length < LAST_STEP_RAD and residual < CLOSURE_RESIDUAL_RAD:
                 return values
         raise NoSolution
 
-    def rates(self, placed: Placed) -> tuple[Exact, Exact]:
-        """Return the rates of variables (count,) and of links (links, 3) by the input."""
+    def rates(self, placed: PlacedLinks) -> tuple[Exact, Exact]:
+        """Return the rates by the input that moves.
+
+        Returns
+        -------
+        variable_rates
+            (variables,) rates of the variables.
+        link_rates
+            (links, 3) angular velocities of the links in ground axes.
+        """
         matrix = self.jacobian(placed)
-        free = [v for v in range(self.count) if v not in self.inputs]
+        passive = [v for v in range(self.count) if v not in self.inputs]
         rates = exact(np.zeros(self.count))
         rates[self.moved] = mp.mpf(1)
-        rates[free] = solved(matrix[:, free], -matrix[:, [self.moved]])[:, 0]
+        rates[passive] = solve_equations(matrix[:, passive], -matrix[:, [self.moved]])[:, 0]
         return rates, self.tree.paths @ (rates[:, None] * placed.vectors)
 
-    def turning(self, values: Exact, stands: int, held: Sequence[int] = ()) -> Exact:
-        """Return the configuration nearby in which a variable stands still.
+    def find_singular(self, values: Exact, resting: int, held: Sequence[int] = ()) -> Exact:
+        """Return the configuration nearby in which a variable is stationary.
 
-        It is the input at a dead centre of the input (type II), an output's pair at one
-        of the output (type I). `held` are inputs that keep their values. Newton's method
-        for closure and the null vector of the velocity equations without `stands`.
+        Newton's method solves the closure equations together with J v = 0, where the vector
+        v of rates has no entry for the stationary variable, and is normalised.
+
+        Parameters
+        ----------
+        values
+            (variables,) a configuration (rad) near the singular one.
+        resting
+            Number of the variable that is stationary: the input at a dead centre of the
+            input (type II), or the variable of an output's pair (type I).
+        held
+            Numbers of the inputs that keep their values.
+
+        Raises
+        ------
+        NoSolution
+            If Newton's method does not converge.
         """
-        loose = [v for v in range(self.count) if v not in held]
-        moving = [v for v in loose if v != stands]
-        start = self.jacobian(self.place(values))[:, moving]
-        null = np.linalg.svd(start.astype(float))[2][-1]
-        scale, z = exact(null), np.concatenate([values[loose], exact(null)])
+        free = [v for v in range(self.count) if v not in held]
+        moving = [v for v in free if v != resting]
+        start_jacobian = self.jacobian(self.place(values))[:, moving]
+        start_rates = exact(np.linalg.svd(start_jacobian.astype(float))[2][-1])
+        # The unknowns are the free variables, then the rates of the moving ones.
+        unknowns = np.concatenate([values[free], start_rates])
 
-        def function(z: Exact) -> Exact:
-            there = values.copy()
-            there[loose] = z[: len(loose)]
-            placed = self.place(there)
-            v = z[len(loose) :]
-            still = self.jacobian(placed)[:, moving] @ v
-            return np.concatenate([placed.gap, still, [scale @ v - 1]])
+        def equations(unknowns: Exact) -> Exact:
+            configuration = values.copy()
+            configuration[free] = unknowns[: len(free)]
+            placed = self.place(configuration)
+            rates = unknowns[len(free) :]
+            loop_rates = self.jacobian(placed)[:, moving] @ rates
+            normalisation = start_rates @ rates - 1
+            return np.concatenate([placed.residual, loop_rates, [normalisation]])
 
-        for _ in range(MOST_STEPS):
-            here = function(z)
+        for _ in range(MAX_NEWTON_STEPS):
+            residual = equations(unknowns)
             columns = []
-            for k in range(len(z)):
-                moved = z.copy()
-                moved[k] += SMALL
-                columns.append((function(moved) - here) / SMALL)
-            change = solved(np.stack(columns, axis=1), -here[:, None])[:, 0]
-            z = z + change
-            if np.max(np.abs(change)) < mp.mpf(10) ** (45 - DIGITS):
-                out = values.copy()
-                out[loose] = z[: len(loose)]
-                return out
+            for k in range(len(unknowns)):
+                changed = unknowns.copy()
+                changed[k] += SMALL
+                columns.append((equations(changed) - residual) / SMALL)
+            matrix = np.stack(columns, axis=1)
+            change = solve_equations(matrix, -residual[:, None])[:, 0]
+            unknowns = unknowns + change
+            if np.max(np.abs(change)) < LAST_SINGULAR_STEP:
+                singular = values.copy()
+                singular[free] = unknowns[: len(free)]
+                return singular
         raise NoSolution
 
     def tangent(self, values: Exact, held: Sequence[int] = ()) -> Exact:
-        """Return the direction (count,) in which the mechanism moves, of unit length."""
-        loose = [v for v in range(self.count) if v not in held]
-        matrix = self.jacobian(self.place(values))[:, loose]
-        rough = np.linalg.svd(matrix.astype(float))[2][-1]
-        bordered = np.concatenate([matrix, exact(rough)[None]])
-        right = exact(np.zeros((len(loose), 1)))
-        right[-1, 0] = mp.mpf(1)
-        out = exact(np.zeros(self.count))
-        found = solved(bordered, right)[:, 0]
-        out[loose] = found / mp.sqrt(np.sum(found * found))
-        return out
+        """Return the unit direction (variables,) in which the mechanism moves.
+
+        Parameters
+        ----------
+        values
+            (variables,) a closed configuration (rad).
+        held
+            Numbers of the inputs that keep their values.
+        """
+        free = [v for v in range(self.count) if v not in held]
+        matrix = self.jacobian(self.place(values))[:, free]
+        # The null vector in doubles makes the matrix square and regular.
+        approximate = np.linalg.svd(matrix.astype(float))[2][-1]
+        bordered = np.concatenate([matrix, exact(approximate)[None]])
+        right_side = exact(np.zeros((len(free), 1)))
+        right_side[-1, 0] = mp.mpf(1)
+        null_vector = solve_equations(bordered, right_side)[:, 0]
+        tangent = exact(np.zeros(self.count))
+        tangent[free] = null_vector / mp.sqrt(np.sum(null_vector * null_vector))
+        return tangent
 
 
 @final
 @dataclass(frozen=True)
 class Truth:
-    """Quantities at one configuration, and how far unit changes of the data move them.
+    """Quantities at one configuration in 90 digits, with their conditioning.
 
-    `angles` (R variables,), `rotations` (links, 3, 3), `rates`, `derivatives` (links, 3).
-    `condition[quantity]` is relative to the size of the quantity where that is above 1;
-    for `rotations` and `angles` in rad/rad. `changed` has the same arrays after each
-    change of the data, by name.
+    Attributes
+    ----------
+    values
+        (variables,) the configuration (rad).
+    angles
+        (R variables,) angles (rad) of R pairs.
+    rotations
+        (links, 3, 3) rotations from link axes to ground axes.
+    rates
+        (links, 3) angular velocities by the input, in ground axes.
+    derivatives
+        (links, 3) their derivatives by the input; None if they were not asked for.
+    condition
+        Conditioning of each quantity by its name. It is relative to the size of the
+        quantity if that is above 1; for angles and rotations it is in rad/rad.
+    changed
+        The same arrays after each random change of the data, by name.
     """
 
     values: Exact
@@ -339,78 +515,109 @@ class Truth:
     changed: tuple[dict[str, Exact], ...]
 
     def pole(self, i: int, j: int) -> tuple[Exact, float, float]:
-        """Return the direction of a pole, its conditioning, and the size of its rate."""
+        """Return the pole axis of links i and j.
+
+        Returns
+        -------
+        direction
+            (3,) unit vector in ground axes; zero if the links rest relative to each other.
+        conditioning
+            Conditioning of the direction, infinite if the links rest.
+        rate
+            Size of the relative angular velocity by the input.
+        """
         relative = self.rates[j] - self.rates[i]
         size = length(relative)
         if size == 0:
             return relative, float("inf"), 0.0
-        rates = [changed["rates"] for changed in self.changed]
-        moved = [length(cross(w[j] - w[i], relative)) for w in rates]
-        return relative / size, _over(max(moved), size * size), float(size)
+        # The cross product with the changed vector is the change of the direction.
+        changed_rates = [changed["rates"] for changed in self.changed]
+        changes = [length(cross(w[j] - w[i], relative)) for w in changed_rates]
+        return relative / size, _conditioning(max(changes), size * size), float(size)
 
 
-def _over(change: Exact, size: Exact) -> float:
+def _conditioning(change: Exact, size: Exact) -> float:
+    """Return a change relative to a size, for a unit change of the data; at least 1."""
     return max(1.0, float(change / size / SMALL))
 
 
 def truth(reference: Reference, values: Exact, derivatives: bool = True) -> Truth:
     """Return the quantities at a closed configuration in 90 digits, with conditioning.
 
-    The conditioning is the largest change of a quantity over changes of all data at
-    once: each frame of each pair turned by up to one unit about each of its axes, each
-    radius scaled and each input moved by up to one unit, times itself where it is above
-    1. Units are infinitesimal (1e-30), the changes random, and the same every time.
+    The conditioning is the largest change of a quantity over changes of all data at once:
+    each frame of each pair is rotated by up to one unit about each of its axes, each radius
+    is scaled and each input is moved by up to one unit, times itself if it is above 1.
+    Units are infinitesimal (1e-30), the changes random, and the same every time.
+
+    Parameters
+    ----------
+    reference
+        The mechanism.
+    values
+        (variables,) the configuration (rad).
+    derivatives
+        Whether the derivatives of the rates are computed.
     """
     with mp.workdps(DIGITS):
-        return _truth(reference, values, derivatives)
+        return _compute_truth(reference, values, derivatives)
 
 
-def _truth(reference: Reference, values: Exact, derivatives: bool) -> Truth:
-    free = [v for v in range(reference.count) if v not in reference.inputs]
-    placed = reference.place(values)
-    inverse = solved(reference.jacobian(placed)[:, free], exact(np.eye(len(free))))
+def _compute_truth(reference: Reference, values: Exact, derivatives: bool) -> Truth:
+    """Return the result of `truth`, with the present precision of mpmath."""
+    passive = [v for v in range(reference.count) if v not in reference.inputs]
+    nominal_jacobian = reference.jacobian(reference.place(values))[:, passive]
+    inverse = solve_equations(nominal_jacobian, exact(np.eye(len(passive))))
 
-    def settled(values: Exact, data: Data) -> Exact:
+    def close_nearby(values: Exact, data: GeometryData) -> Exact:
+        """Close the loops after a change by about `SMALL`.
+
+        Each step with the constant inverse gains 30 digits, so that two are enough.
+        """
         values = values.copy()
         for _ in range(2):
-            values[free] = values[free] - inverse @ reference.place(values, data).gap
+            residual = reference.place(values, data).residual
+            values[passive] = values[passive] - inverse @ residual
         return values
 
-    def at(values: Exact, data: Data) -> list[Exact]:
+    def compute_quantities(values: Exact, data: GeometryData) -> dict[str, Exact]:
         placed = reference.place(values, data)
-        slope, w = reference.rates(placed)
-        out = [values[reference.angles], placed.rotations, w]
+        variable_rates, link_rates = reference.rates(placed)
+        quantities = {
+            "angles": values[reference.angles],
+            "rotations": placed.rotations,
+            "rates": link_rates,
+        }
         if derivatives:
-            further = settled(values + SMALL * slope, data)
-            _, beyond = reference.rates(reference.place(further, data))
-            out.append((beyond - w) / SMALL)
-        return out
+            ahead = close_nearby(values + SMALL * variable_rates, data)
+            _, rates_ahead = reference.rates(reference.place(ahead, data))
+            quantities["derivatives"] = (rates_ahead - link_rates) / SMALL
+        return quantities
 
-    names = ["angles", "rotations", "rates", "derivatives"]
-    here = at(values, reference.data)
-    sizes = [mp.mpf(1), mp.mpf(1)] + [
-        max(mp.mpf(1), max(length(vectors))) for vectors in here[2:]
-    ]
-    condition = dict.fromkeys(names[: len(here)], 1.0)
-    random = np.random.default_rng(1)
+    nominal = compute_quantities(values, reference.data)
+    sizes = {"angles": mp.mpf(1), "rotations": mp.mpf(1)}
+    for name in nominal.keys() - sizes.keys():
+        sizes[name] = max(mp.mpf(1), max(length(nominal[name])))
+    condition = dict.fromkeys(nominal, 1.0)
+    rng = np.random.default_rng(1)
     changed: list[dict[str, Exact]] = []
     for _ in range(CHANGES):
-        data = reference.data.changed(random)
-        there = values.copy()
-        for number in reference.inputs:
-            unit = max(mp.mpf(1), abs(there[number]))
-            there[number] += SMALL * unit * random.uniform(-1, 1)
-        moved = at(settled(there, data), data)
-        changed.append(dict(zip(names, moved, strict=False)))
-        for name, size, one, other in zip(names, sizes, here, moved, strict=False):
-            change = np.max(np.abs(one - other)) if np.size(one) else mp.mpf(0)
-            condition[name] = max(condition[name], _over(change, size))
+        data = reference.data.change_randomly(rng)
+        changed_values = values.copy()
+        for variable in reference.inputs:
+            unit = max(mp.mpf(1), abs(changed_values[variable]))
+            changed_values[variable] += SMALL * unit * rng.uniform(-1, 1)
+        quantities = compute_quantities(close_nearby(changed_values, data), data)
+        changed.append(quantities)
+        for name, array in nominal.items():
+            difference = np.abs(array - quantities[name])
+            change = np.max(difference) if np.size(array) else mp.mpf(0)
+            condition[name] = max(condition[name], _conditioning(change, sizes[name]))
     return Truth(
         values,
-        here[0],
-        here[1],
-        here[2],
-        here[3] if derivatives else None,
+        nominal["angles"],
+        nominal["rotations"],
+        nominal["rates"],
+        nominal.get("derivatives"),
         condition,
         tuple(changed),
     )

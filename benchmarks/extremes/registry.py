@@ -1,4 +1,4 @@
-"""The cases of the extremes: what one is, what it returns, and how it is judged."""
+"""The cases of the extremes: their rows, how rows are judged, and a list of all cases."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -10,62 +10,97 @@ from spherekit.tolerances import EPS
 
 ROUNDOFF = EPS / 2
 """Unit roundoff of float64."""
+
 ALLOWED = 100.0
-"""Errors may be so many times unit roundoff times conditioning."""
+"""Largest error that is allowed, over unit roundoff times conditioning."""
+
 TRUSTED = 1e12
-"""Beyond this conditioning no number may be further off than at it without a status."""
-QUICK = 3
-"""Parameters of a case in a quick run, unless it names them."""
+"""Largest conditioning up to which numbers must be right within what it allows.
+
+A number without a status may not deviate by more than is allowed at this conditioning,
+however large the conditioning is.
+"""
+
+QUICK_VALUE_COUNT = 3
+"""Number of parameters of a case in a quick run, unless the case names them."""
+
+NO_RESERVE = "OK"
+"""Status of a number that is given without reserve."""
 
 
 @final
 @dataclass(frozen=True)
 class Row:
-    """One quantity at one parameter.
+    """The error of one quantity at one value of the parameter.
 
-    `conditioning` is the largest change of the quantity for changes of the data by one
-    unit, `error` the deviation from higher precision in the same measure. `status` is
-    what spherekit says of it, "OK" where the number is given without reserve.
+    Attributes
+    ----------
+    parameter
+        Value of the parameter.
+    quantity
+        Name of the quantity.
+    conditioning
+        Largest change of the quantity for changes of the data by one unit.
+    error
+        Deviation from a computation of higher precision, in the same measure.
+    status
+        What spherekit says about the number, `NO_RESERVE` or another status.
     """
 
     parameter: float
     quantity: str
     conditioning: float
     error: float
-    status: str = "OK"
+    status: str = NO_RESERVE
 
     @property
     def ratio(self) -> float:
-        """Return the error over unit roundoff times conditioning."""
+        """The error over unit roundoff times conditioning."""
         return self.error / (ROUNDOFF * self.conditioning)
 
     @property
     def given(self) -> bool:
-        """Whether the number stands without a reserve."""
-        return self.status == "OK"
+        """Whether the number is given without reserve."""
+        return self.status == NO_RESERVE
 
     @property
     def trusted(self) -> bool:
-        """Whether a number is given, and conditioning asks that it is right."""
+        """Whether the number is given, and its conditioning requires that it is right."""
         return self.given and self.conditioning <= TRUSTED
 
     @property
     def wrong(self) -> bool:
-        """Whether a number stands without a reserve and is further off than allowed."""
+        """Whether the number is given and deviates by more than is allowed, or is NaN."""
         limit = ALLOWED * ROUNDOFF * min(self.conditioning, TRUSTED)
         return self.given and not self.error <= limit
 
 
 Sweep = Callable[[Sequence[float]], Iterable[Row]]
+"""A function that returns the rows of some values of a parameter."""
 
 
 @final
 @dataclass(frozen=True)
 class Case:
-    """A sweep of one parameter.
+    """A sweep of one parameter to where numbers are no longer trustworthy.
 
-    `held` says whether its numbers are held to what is allowed, or whether a formula is
-    measured for where it breaks down.
+    Attributes
+    ----------
+    name
+        Name of the case.
+    family
+        Name of the family of similar cases.
+    parameter
+        What the parameter is, with its unit.
+    values
+        Its values.
+    few
+        The values of a quick run.
+    sweep
+        Computes the rows. The first paragraph of its docstring describes the case.
+    held
+        Whether the errors must be within what is allowed. Otherwise the case shows where a
+        formula fails.
     """
 
     name: str
@@ -78,16 +113,17 @@ class Case:
 
     @property
     def text(self) -> str:
-        """What the case is, the first paragraph of its docstring."""
+        """The description of the case."""
         paragraph = (self.sweep.__doc__ or "").split("\n\n")[0]
         return " ".join(paragraph.split())
 
     def rows(self, quick: bool = False) -> list[Row]:
-        """Return the rows of all parameters, or of a few of them."""
+        """Return the rows of all values, or of those of a quick run."""
         return list(self.sweep(self.few if quick else self.values))
 
 
 CASES: dict[str, Case] = {}
+"""All cases by name, in the order in which their modules were imported."""
 
 
 def case(
@@ -97,26 +133,46 @@ def case(
     few: Sequence[float] = (),
     held: bool = True,
 ) -> Callable[[Sweep], Sweep]:
-    """Register a function from values of a parameter to rows as a case of a family.
+    """Return a decorator that registers a function as a case.
 
-    `few` are the values of a quick run, by default some of `values` spread evenly.
+    The name of the function is that of the case.
+
+    Parameters
+    ----------
+    family
+        Name of the family.
+    parameter
+        What the parameter is, with its unit.
+    values
+        Its values.
+    few
+        The values of a quick run, by default some of `values` that are spread evenly.
+    held
+        Whether the errors must be within what is allowed.
     """
     if not few:
-        count = min(QUICK, len(values))
-        chosen = np.linspace(0, len(values) - 1, count).round().astype(int)
-        few = [values[k] for k in chosen]
+        count = min(QUICK_VALUE_COUNT, len(values))
+        indices = np.linspace(0, len(values) - 1, count).round().astype(int)
+        few = [values[k] for k in indices]
 
     def register(sweep: Sweep) -> Sweep:
         name = sweep.__name__
         assert name not in CASES, name
-        given = tuple(values), tuple(few)
-        CASES[name] = Case(name, family, parameter, *given, sweep, held)
+        CASES[name] = Case(name, family, parameter, tuple(values), tuple(few), sweep, held)
         return sweep
 
     return register
 
 
 def down(first: float, last: float, by: float = 10.0) -> tuple[float, ...]:
-    """Return values from `first` to `last`, each the one before over `by`."""
+    """Return a decreasing geometric sequence, rounded to three digits.
+
+    Parameters
+    ----------
+    first, last
+        First and last value.
+    by
+        Ratio of each value to the next.
+    """
     count = round(np.log(first / last) / np.log(by))
     return tuple(float(f"{first / by**k:.3g}") for k in range(count + 1))

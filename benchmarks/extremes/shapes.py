@@ -1,4 +1,4 @@
-"""Mechanisms made for the extremes."""
+"""Mechanisms that are made for the extremes, and their configurations in 90 digits."""
 
 from collections.abc import Sequence
 
@@ -17,14 +17,19 @@ TURN = 2 * np.pi
 def four_bar(arcs: Sequence[float]) -> Mechanism:
     """Return the four-bar with these arcs (rad) of frame, crank, coupler and rocker."""
     frame, crank, coupler, rocker = map(float, arcs)
-    ends = {"21": ("1", "2"), "32": ("2", "3"), "43": ("3", "4"), "41": ("1", "4")}
+    links_of_pair = {
+        "21": ("1", "2"),
+        "32": ("2", "3"),
+        "43": ("3", "4"),
+        "41": ("1", "4"),
+    }
     sizes = {
         "1": LinkSizes(("41", "21"), (frame,)),
         "2": LinkSizes(("21", "32"), (crank,)),
         "3": LinkSizes(("32", "43"), (coupler,)),
         "4": LinkSizes(("43", "41"), (rocker,)),
     }
-    pairs = tuple(Pair(name, "R", links) for name, links in ends.items())
+    pairs = tuple(Pair(name, "R", links) for name, links in links_of_pair.items())
     links = ("1", "2", "3", "4")
     geometry = SizeGeometry(sizes)
     return Mechanism(
@@ -37,7 +42,16 @@ def cam(
 ) -> Mechanism:
     """Return an eccentric circular cam and a follower with a circular face.
 
-    `crank` and `rocker` are the arcs (rad) from the pivots to the centres of the circles.
+    Parameters
+    ----------
+    frame
+        Arc (rad) between the two pivots.
+    crank, rocker
+        Arcs (rad) from the pivots to the centres of the circles.
+    radii
+        Radii (rad) of the cam and of the face.
+    contact
+        ``"external"`` or ``"internal"``.
     """
     profiles = tuple(
         Profile("circle", (0.0, float(np.sin(arc)), float(np.cos(arc))), radius)
@@ -60,10 +74,21 @@ def cam(
 def point_of(
     mechanism: Mechanism, parameter: float, q: float, search: bool = True
 ) -> tuple[Reference, Point]:
-    """Return the exact mechanism and its first mode at an input, as spherekit has it.
+    """Return a mechanism in 90 digits, with the first mode of spherekit at an input.
 
-    Where a mechanism has two modes, the start that Newton's method in 90 digits is given
-    says which one is meant, and no more.
+    The configuration of spherekit is only the start of Newton's method in 90 digits. It
+    decides which of the modes is meant.
+
+    Parameters
+    ----------
+    mechanism
+        A mechanism with one input.
+    parameter
+        Value of the parameter of the case.
+    q
+        The input (rad).
+    search
+        Whether all assembly modes are searched.
     """
     motion = PositionAnalysis(mechanism, path=np.array([q]), search=search).motion()
     row = int(np.flatnonzero(~motion.failed)[0])

@@ -1,4 +1,4 @@
-"""Inputs many whole turns away from zero."""
+"""Inputs many revolutions away from zero."""
 
 from collections.abc import Iterator, Sequence
 
@@ -12,41 +12,46 @@ from spherekit.files.mechanism_reader import load
 
 FAMILY = "many turns"
 TURNS = "whole turns"
-COUNTS = (0.0, 1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6)
-AT = 0.7
+TURN_COUNTS = (0.0, 1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6)
+
+INPUT_RAD = 0.7
+"""The input (rad) beyond the whole revolutions."""
 
 
-def turned(name: str, counts: Sequence[float]) -> Iterator[Row]:
-    """Yield rows of a shipped mechanism at inputs 2 pi k + 0.7, rounded to doubles."""
-    reference, start = point_of(load(name), 0.0, AT)
+def judge_turns(name: str, counts: Sequence[float]) -> Iterator[Row]:
+    """Yield the rows of a shipped mechanism at inputs 2 pi k + 0.7, rounded to doubles.
+
+    The exact configuration is that of the rounded input.
+    """
+    reference, start = point_of(load(name), 0.0, INPUT_RAD)
     points = []
     for count in counts:
         with mp.workdps(DIGITS):
-            q = float(2 * mp.pi * mp.mpf(count) + mp.mpf(AT))
+            q = float(2 * mp.pi * mp.mpf(count) + mp.mpf(INPUT_RAD))
             points.append(Point(count, [q], start.near))
     for point in points:
         yield from judged(reference, [point])
 
 
-@case(FAMILY, TURNS, COUNTS)
+@case(FAMILY, TURNS, TURN_COUNTS)
 def turns_of_the_four_bar(counts: Sequence[float]) -> Iterator[Row]:
     """The shipped four-bar, dyads only."""
-    yield from turned("four_bar", counts)
+    yield from judge_turns("four_bar", counts)
 
 
-@case(FAMILY, TURNS, COUNTS)
+@case(FAMILY, TURNS, TURN_COUNTS)
 def turns_of_the_stephenson(counts: Sequence[float]) -> Iterator[Row]:
     """The shipped Stephenson, two dyads."""
-    yield from turned("stephenson", counts)
+    yield from judge_turns("stephenson", counts)
 
 
-@case(FAMILY, TURNS, COUNTS)
+@case(FAMILY, TURNS, TURN_COUNTS)
 def turns_of_the_double_butterfly(counts: Sequence[float]) -> Iterator[Row]:
     """The shipped double butterfly, one group of seven bodies that is followed."""
-    yield from turned("double_butterfly", counts)
+    yield from judge_turns("double_butterfly", counts)
 
 
-@case(FAMILY, TURNS, COUNTS)
+@case(FAMILY, TURNS, TURN_COUNTS)
 def turns_of_a_cam(counts: Sequence[float]) -> Iterator[Row]:
     """The shipped cam with a roller."""
-    yield from turned("roller_cam", counts)
+    yield from judge_turns("roller_cam", counts)
