@@ -73,7 +73,7 @@ Larger: crossings are missed. Smaller: more steps near crossings.
 MAX_COLLOCATION_STEPS = 100_000
 """Steps after which a simulation ends."""
 
-MAX_ITERATIONS = 40
+MAX_STEP_ITERATIONS = 40
 """Iterations of a step after which it is rejected."""
 
 MANY_ITERATIONS = 24
@@ -462,7 +462,7 @@ class Collocation:
         change = np.inf
         error = np.inf
         has_converged = False
-        for iterations in range(1, MAX_ITERATIONS + 1):
+        for iterations in range(1, MAX_STEP_ITERATIONS + 1):
             last_change = change
             dynamics = self._evaluate_dynamics(t, states)
             rates = equation.state_rates(dynamics)

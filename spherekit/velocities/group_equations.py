@@ -38,7 +38,7 @@ MAX_DETERMINANT_SIZE = 6
 Larger: larger groups have expressions, whose length grows with the factorial of the size.
 """
 
-GROUND_AXES = constants(np.eye(3))
+GROUND_DIRECTIONS = constants(np.eye(3))
 """Directions (3, 3) of the equations of a loop without private variables."""
 
 WITHOUT_PRIVATE = -1
@@ -291,7 +291,7 @@ class GroupEquations:
             for private, by_variable, known_part in zip(
                 self.private_variables, loop_vectors, known_parts, strict=True
             ):
-                directions: Sequence[Exprs] = [*GROUND_AXES]
+                directions: Sequence[Exprs] = [*GROUND_DIRECTIONS]
                 if private:
                     directions = [cross(*(by_variable[v] for v in private))]
                 equations += [

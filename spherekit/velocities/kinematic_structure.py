@@ -32,7 +32,7 @@ Larger: mechanisms with nearly coincident axes are refused. Smaller: the equatio
 axes are solved, with few correct digits.
 """
 
-REFERENCE_SAMPLES = 9
+CLOSED_CONFIGURATION_SAMPLES = 9
 """Number of samples of the input among which a closed configuration is sought."""
 
 
@@ -208,7 +208,7 @@ def _find_closed_configuration(
         If none is found.
     """
     position_analysis = position_analysis_of(driven_at(mechanism, input_pairs))
-    motion = position_analysis.sparse(REFERENCE_SAMPLES)
+    motion = position_analysis.sparse(CLOSED_CONFIGURATION_SAMPLES)
     if all(motion.failed):
         raise EngineError(
             f"{mechanism.name}: no configuration was found at which to choose "
