@@ -1,22 +1,28 @@
-// What is shown: the inputs, sizes, assembly mode and view, kept in the page's link.
+// The state of the page: inputs, sizes, assembly mode and view. It is kept in the page's link.
+//
+// Angles are in rad, except sizes, which are in the unit of the file. A kernel is a set of
+// exported formulas. Its results for one configuration are a row: one number for each result.
 
 const model = JSON.parse(document.getElementById("model").textContent);
 const DEG = Math.PI / 180;
-const UNIT = model.angle_unit === "deg" ? DEG : 1;
+const UNIT = model.angle_unit === "deg" ? DEG : 1;       // unit of angles of the file, in rad
 const SIGN = model.angle_unit === "deg" ? "°" : "rad";
 
-function kernel({about, at, step}) {
-  const place = new Map(about.results.map((result, k) => [result.name, k]));
-  const made = {about, at, step, place, count: about.results.length};
-  made.motion = motionOf(made);
-  return made;
-}
-const LISTS = ["q", "dq", "ddq"];
-const inputs = model.inputs;
-const rows = kernel(KERNELS.rows);         // at every sample of every mode
-const picture = kernel(KERNELS.picture);   // at the cursor
+// A kernel with `place`, the index of each result by name, and `count`, the number of results.
 
-const first = {
+function makeKernel({about, at, step}) {
+  const place = new Map(about.results.map((result, index) => [result.name, index]));
+  const kernel = {about, at, step, place, count: about.results.length};
+  kernel.motion = makeMotionArguments(kernel);
+  return kernel;
+}
+
+const LISTS = ["q", "dq", "ddq"];          // inputs, their rates and accelerations in the state
+const inputs = model.inputs;
+const rows = makeKernel(KERNELS.rows);         // evaluated at every sample of every mode
+const picture = makeKernel(KERNELS.picture);   // evaluated at the cursor
+
+const first = {                            // the state without a link
   q: inputs.map(input => input.from),
   dq: inputs.map(() => 1),
   ddq: inputs.map(() => 0),
@@ -26,68 +32,87 @@ const first = {
   theme: "", alone: false,
 };
 const state = structuredClone(first);
-const changed = new Set(["all"]);          // what the next picture has to renew
+const changed = new Set(["all"]);          // kinds of changes that the next picture has to show
 
-function change(what, values = {}) {
+function change(kind, values = {}) {
   Object.assign(state, values);
-  changed.add(what);
+  changed.add(kind);
   wake();
 }
 
-function motionOf(kernel) {                // what a kernel's results follow from, by name
-  const several = inputs.length > 1, places = new Map();
-  for (const kind of LISTS) inputs.forEach(({pair}, k) => places.set(several ? `${kind}_${pair}` : kind, [kind, k]));
-  const slots = kernel.about.motion.map(name => places.get(name)), given = slots.map(() => 0);
-  return (q, turns) => {                   // `turns` (rad) of passive pairs, by the names of the arguments
-    slots.forEach((slot, k) => {
-      if (slot) given[k] = slot[0] === "q" ? q[slot[1]] : state[slot[0]][slot[1]];
-      else given[k] = turns?.get(kernel.about.motion[k]) ?? 0;
+// A function that returns the array of motion arguments of a kernel, in its order. Its arguments
+// are the inputs, and the whole turns (rad) of passive pairs by the names of the arguments. Rates
+// and accelerations are those of the state. The array is the same at each call.
+
+function makeMotionArguments(kernel) {
+  const hasSeveralInputs = inputs.length > 1;
+  const sourceByName = new Map();          // name of an argument: [list of the state, index of the input]
+  for (const list of LISTS)
+    inputs.forEach(({pair}, index) => {
+      const name = hasSeveralInputs ? `${list}_${pair}` : list;
+      sourceByName.set(name, [list, index]);
     });
-    return given;
+  const names = kernel.about.motion;
+  const sources = names.map(name => sourceByName.get(name));
+  const motion = sources.map(() => 0);
+  return (q, turns) => {
+    sources.forEach((source, k) => {
+      if (!source) {                       // whole turns of a passive pair
+        motion[k] = turns?.get(names[k]) ?? 0;
+        return;
+      }
+      const [list, index] = source;
+      motion[k] = list === "q" ? q[index] : state[list][index];
+    });
+    return motion;
   };
 }
 
-function inKernel(sizes) {                 // rad and SI, in the order of the kernel
-  const of = new Map(model.sizes.map((size, k) => [size.key, sizes[k]]));
-  return rows.about.sizes.map(({key, unit}) => of.get(key) * (unit === "rad" ? UNIT : 1));
+function toKernelSizes(sizes) {            // from the order and units of sliders to those of the kernel
+  const sizeByKey = new Map(model.sizes.map((size, index) => [size.key, sizes[index]]));
+  return rows.about.sizes.map(({key, unit}) => sizeByKey.get(key) * (unit === "rad" ? UNIT : 1));
 }
 
 const NUMBERS = ["mode", "over", "moving", "step", "yaw", "pitch", "zoom"];
+const SWITCHES = ["every", "others", "alone"];
 
-function link() {
-  const words = new URLSearchParams();
-  for (const key of LISTS)
-    if (state[key].some((x, k) => x !== first[key][k])) words.set(key, state[key].join());
-  model.sizes.forEach((size, k) => {
-    if (state.sizes[k] !== first.sizes[k]) words.set(size.key, state.sizes[k]);
+function link() {                          // the state as text, without what is as at first
+  const parameters = new URLSearchParams();
+  for (const list of LISTS)
+    if (state[list].some((x, index) => x !== first[list][index])) parameters.set(list, state[list].join());
+  model.sizes.forEach((size, index) => {
+    if (state.sizes[index] !== first.sizes[index]) parameters.set(size.key, state.sizes[index]);
   });
-  for (const key of NUMBERS) if (state[key] !== first[key]) words.set(key, +state[key].toPrecision(6));
-  for (const key of ["every", "others", "alone"]) if (state[key]) words.set(key, 1);
-  if (state.theme) words.set("theme", state.theme);
-  return words.toString();
+  for (const key of NUMBERS)
+    if (state[key] !== first[key]) parameters.set(key, +state[key].toPrecision(6));
+  for (const key of SWITCHES) if (state[key]) parameters.set(key, 1);
+  if (state.theme) parameters.set("theme", state.theme);
+  return parameters.toString();
 }
 
-function followLink() {
-  const words = new URLSearchParams(location.hash.slice(1)), read = structuredClone(first);
-  for (const key of LISTS) {
-    const numbers = (words.get(key) ?? "").split(",").map(Number);
-    if (words.has(key) && numbers.length === inputs.length && numbers.every(Number.isFinite))
-      read[key] = numbers;
+function followLink() {                    // read the state; numbers that are not allowed are moved to the nearest
+  const parameters = new URLSearchParams(location.hash.slice(1));
+  const newState = structuredClone(first);
+  for (const list of LISTS) {
+    const numbers = (parameters.get(list) ?? "").split(",").map(Number);
+    if (parameters.has(list) && numbers.length === inputs.length && numbers.every(Number.isFinite))
+      newState[list] = numbers;
   }
-  const number = key => (words.get(key)?.trim() ? Number(words.get(key)) : NaN);
-  for (const key of NUMBERS) if (Number.isFinite(number(key))) read[key] = number(key);
-  model.sizes.forEach(({key, least, most}, k) => {
-    if (Number.isFinite(number(key))) read.sizes[k] = clamp(number(key), least, most);
+  const number = key => (parameters.get(key)?.trim() ? Number(parameters.get(key)) : NaN);
+  for (const key of NUMBERS) if (Number.isFinite(number(key))) newState[key] = number(key);
+  model.sizes.forEach(({key, least, most}, index) => {
+    if (Number.isFinite(number(key))) newState.sizes[index] = clamp(number(key), least, most);
   });
-  read.q = read.q.map((x, k) => clamp(x, inputs[k].from, inputs[k].to));
-  read.mode = clamp(Math.round(read.mode), 0, rows.about.modes.length - 1);
-  read.over = clamp(Math.round(read.over), 0, inputs.length - 1);
-  read.moving = clamp(Math.round(read.moving), 0, model.plans.length - 1);
-  read.step = clamp(Math.round(read.step), -1, model.plans[read.moving].steps.length - 1);
-  read.zoom = clamp(read.zoom, 0.4, 6);
-  for (const key of ["every", "others", "alone"]) read[key] = words.has(key);
-  if (["light", "dark"].includes(words.get("theme"))) read.theme = words.get("theme");
-  change("all", read);
+  const lastIndex = list => list.length - 1;
+  newState.q = newState.q.map((x, index) => clamp(x, inputs[index].from, inputs[index].to));
+  newState.mode = clamp(Math.round(newState.mode), 0, lastIndex(rows.about.modes));
+  newState.over = clamp(Math.round(newState.over), 0, lastIndex(inputs));
+  newState.moving = clamp(Math.round(newState.moving), 0, lastIndex(model.plans));
+  newState.step = clamp(Math.round(newState.step), -1, lastIndex(model.plans[newState.moving].steps));
+  newState.zoom = clamp(newState.zoom, 0.4, 6);
+  for (const key of SWITCHES) newState[key] = parameters.has(key);
+  if (["light", "dark"].includes(parameters.get("theme"))) newState.theme = parameters.get("theme");
+  change("all", newState);
 }
 
 function clamp(x, low, high) {

@@ -24,7 +24,7 @@ function lastNonNegative(square, good, bad) {
   const [atGood, atBad] = [square(good), square(bad)];
   if (!(atGood >= 0)) return good;
   // Rounding can leave the square NaN at the very end of an inner dyad.
-  let root = Number.isFinite(atBad) ? zero(good, bad, atGood, atBad, square) : bad;
+  let root = Number.isFinite(atBad) ? findZero(good, bad, atGood, atBad, square) : bad;
   if (!Number.isFinite(root)) root = bad;
   const span = Math.abs(bad - good), toGood = Math.sign(good - bad);
   for (let back = 1e-13 * span; !(square(root) >= 0); back *= 8) {

@@ -1,35 +1,48 @@
 // Motion: the configurations of every assembly mode along one input, in the current sizes.
+//
+// `q` are the inputs (rad), `sizes` those of the kernel, `over` is the number of the input along
+// which curves are drawn. The places of a mode are the signs of its dyads in closed form, otherwise
+// the variables of all pairs.
 
-const CLOSED = 1e-9;                       // rad; the step made there leaves its square
-const FARTHEST = 0.35;                     // rad that a variable may go in a step
+const CLOSED = 1e-9;                       // closure residual (rad); after one more step it is far smaller
+const FARTHEST = 0.35;                     // largest change (rad) of a variable in one step along a mode
+const LARGEST_RESIDUAL = 4;                // closure residual (rad) beyond which Newton's method has failed
+const NEWTON_STEPS = 12;
+const START_HALVINGS = 7;                  // of the way to other inputs or sizes, from a known configuration
+const CURVE_HALVINGS = 5;                  // of the step between samples of a curve
 
-const closures = [...rows.place.entries()].filter(([name]) => /^closure_\d+$/.test(name)).map(([, k]) => k);
+const closures = [...rows.place.entries()].filter(([name]) => /^closure_\d+$/.test(name)).map(([, index]) => index);
 const determinant = rows.place.get("determinant");
 
-function evaluated(kernel, q, places, sizes, result = new Float64Array(kernel.count), turns = null) {
+function evaluateKernel(kernel, q, places, sizes, result = new Float64Array(kernel.count), turns = null) {
   return kernel.at(kernel.motion(q, turns), places, sizes, result);
 }
 
-function refined(good, bad, holds, count = 40) {  // the last place that holds, between two numbers
-  for (let k = 0; k < count; k++) {
+// The last number with a property between one that has it and one that has not, by bisection.
+
+function bisect(good, bad, hasProperty, halvings = 40) {
+  for (let k = 0; k < halvings; k++) {
     const middle = 0.5 * (good + bad);
-    if (holds(middle)) good = middle; else bad = middle;
+    if (hasProperty(middle)) good = middle; else bad = middle;
   }
   return good;
 }
 
-function zero(a, b, fa, fb, f) {           // Illinois' rule: false position, with halved ends
+// A zero of a function f between a and b, at which it has the values fa and fb of unlike signs. This
+// is false position with Illinois' rule: the value at an end that remains is halved.
+
+function findZero(a, b, fa, fb, f) {
   for (let k = 0; k < 24 && Math.abs(b - a) > 1e-12; k++) {
-    const x = (a * fb - b * fa) / (fb - fa), y = f(x);
-    if (!(y * fb > 0)) { a = b; fa = fb; } else fa *= 0.5;
+    const x = (a * fb - b * fa) / (fb - fa), fx = f(x);
+    if (!(fx * fb > 0)) { a = b; fa = fb; } else fa *= 0.5;
     b = x;
-    fb = y;
-    if (y === 0) break;
+    fb = fx;
+    if (fx === 0) break;
   }
   return b;
 }
 
-// Where positions follow in closed form, a mode is its signs at every input.
+// Modes in closed form. A mode has the same signs at every input.
 
 const closes = row => closures.every(closure => row[closure] >= 0);
 
@@ -37,65 +50,71 @@ class SignedMode {
   constructor({values}) {
     this.places = values;
   }
-  settle() {}
-  rowAt(q, sizes) {                        // with NaN after the first dyad that does not close
-    return evaluated(rows, q, this.places, sizes);
+  settle() {}                              // nothing has to be followed when sizes change
+  rowAt(q, sizes) {                        // results are NaN after the first dyad that does not close
+    return evaluateKernel(rows, q, this.places, sizes);
   }
-  state(q, sizes) {                        // {places, row}, null where a dyad does not close
+  state(q, sizes) {                        // {places, row}, or null if a dyad does not close
     const row = this.rowAt(q, sizes);
     return closes(row) ? {places: this.places, row} : null;
   }
-  along(over, inputs, q, sizes) {
-    return inputs.map(x => this.state(q.with(over, x), sizes));
+  along(over, inputsAlong, q, sizes) {     // the state at each of several values of one input
+    return inputsAlong.map(x => this.state(q.with(over, x), sizes));
   }
-  sample(over, inputs, q, sizes) {
-    return sampleFeasibleRanges(x => this.rowAt(q.with(over, x), sizes), inputs);
+  sample(over, inputsAlong, q, sizes) {
+    return sampleFeasibleRanges(x => this.rowAt(q.with(over, x), sizes), inputsAlong);
   }
-  end(good, bad, sizes) {                  // the last inputs that close, on a straight way
-    const rowAt = part => this.rowAt(between(good, bad, part), sizes);
-    return between(good, bad, lastThatCloses(rowAt, 0, 1));
+  end(good, bad, sizes) {                  // the last inputs at which the mode closes, on the straight line to others
+    const rowAt = part => this.rowAt(interpolate(good, bad, part), sizes);
+    return interpolate(good, bad, lastThatCloses(rowAt, 0, 1));
   }
 }
 
-// Others are followed by Newton's steps, from the configuration that is known.
+// Other modes are followed by Newton's steps, from a known configuration.
 
-function between(a, b, part) {
+function interpolate(a, b, part) {
   return a.map((x, k) => x + part * (b[k] - x));
 }
 
-function newton(q, places, sizes) {
-  const given = rows.motion(q);
-  for (let k = 0; k < 12; k++) {
-    const open = rows.step(given, places, sizes);
-    if (!(open < 4)) return false;
-    if (open < CLOSED) return true;
+function closeLoops(q, places, sizes) {    // changes the places; whether Newton's method converges
+  const motion = rows.motion(q);
+  for (let k = 0; k < NEWTON_STEPS; k++) {
+    const residual = rows.step(motion, places, sizes);
+    if (!(residual < LARGEST_RESIDUAL)) return false;
+    if (residual < CLOSED) return true;
   }
   return false;
 }
 
-function follow(from, q, sizes, finest = 5) {  // a state {q, places, sizes, row} to other inputs and sizes
-  const places = Float64Array.from(from.places);
-  if (newton(q, places, sizes) && places.every((x, k) => Math.abs(x - from.places[k]) < FARTHEST)) {
-    const row = evaluated(rows, q, places, sizes);
-    if (determinant === undefined || row[determinant] * from.row[determinant] > 0) return {q, places, sizes, row};
+// The state {q, places, sizes, row} at other inputs and sizes that continues a known one; null if
+// there is none. The way is halved up to `halvings` times if variables change by too much. A change
+// of sign of the determinant would be another mode.
+
+function followState(known, q, sizes, halvings = CURVE_HALVINGS) {
+  const places = Float64Array.from(known.places);
+  const isNear = () => places.every((x, k) => Math.abs(x - known.places[k]) < FARTHEST);
+  if (closeLoops(q, places, sizes) && isNear()) {
+    const row = evaluateKernel(rows, q, places, sizes);
+    if (determinant === undefined || row[determinant] * known.row[determinant] > 0) return {q, places, sizes, row};
   }
-  if (!finest) return null;
-  const reached = follow(from, between(from.q, q, 0.5), between(from.sizes, sizes, 0.5), finest - 1);
-  return reached && follow(reached, q, sizes, finest - 1);
+  if (!halvings) return null;
+  const middleInputs = interpolate(known.q, q, 0.5), middleSizes = interpolate(known.sizes, sizes, 0.5);
+  const middle = followState(known, middleInputs, middleSizes, halvings - 1);
+  return middle && followState(middle, q, sizes, halvings - 1);
 }
 
 class FollowedMode {
   constructor({at, values}) {
-    const sizes = inKernel(first.sizes);
-    this.home = {q: at, places: values, sizes, row: evaluated(rows, at, values, sizes)};
-    this.known = [];
+    const sizes = toKernelSizes(first.sizes);
+    this.home = {q: at, places: values, sizes, row: evaluateKernel(rows, at, values, sizes)};
+    this.known = [];                       // states along the last curve
   }
-  settle(sizes) {                          // the first of what is known that comes along
+  settle(sizes) {                          // follow a known state to other sizes; whether one can be followed
     if (String(this.home.sizes) === String(sizes)) return true;
-    for (const start of [this.home, ...this.known]) {
-      const here = follow(start, start.q, sizes, 7);
-      if (!here) continue;
-      this.home = here;
+    for (const knownState of [this.home, ...this.known]) {
+      const newHome = followState(knownState, knownState.q, sizes, START_HALVINGS);
+      if (!newHome) continue;
+      this.home = newHome;
       this.known = [];
       return true;
     }
@@ -103,99 +122,104 @@ class FollowedMode {
   }
   state(q, sizes) {
     if (!this.settle(sizes)) return null;
-    const distance = x => Math.max(...x.q.map((value, k) => Math.abs(value - q[k])));
-    const start = this.known.reduce((best, x) => (distance(x) < distance(best) ? x : best), this.home);
-    return follow(start, q, sizes, 7);
+    const distance = knownState => Math.max(...knownState.q.map((value, k) => Math.abs(value - q[k])));
+    const nearest = this.known.reduce((best, x) => (distance(x) < distance(best) ? x : best), this.home);
+    return followState(nearest, q, sizes, START_HALVINGS);
   }
-  along(over, inputs, q, sizes) {
-    const reached = inputs.map(() => null);
-    if (!this.settle(sizes)) return reached;
-    const start = follow(this.home, q.with(over, this.home.q[over]), sizes, 7);
-    if (!start) return reached;
-    const nearest = inputs.findIndex(x => x >= start.q[over] - 1e-12);
-    const middle = nearest < 0 ? inputs.length - 1 : nearest;
-    for (const way of [1, -1]) {
-      let here = start;
-      for (let k = way > 0 ? middle : middle - 1; here && k >= 0 && k < inputs.length; k += way) {
-        here = follow(here, q.with(over, inputs[k]), sizes);
-        reached[k] = here;
+  along(over, inputsAlong, q, sizes) {     // from the known configuration up and down along the input
+    const states = inputsAlong.map(() => null);
+    if (!this.settle(sizes)) return states;
+    const start = followState(this.home, q.with(over, this.home.q[over]), sizes, START_HALVINGS);
+    if (!start) return states;
+    const firstAbove = inputsAlong.findIndex(x => x >= start.q[over] - 1e-12);
+    const middle = firstAbove < 0 ? inputsAlong.length - 1 : firstAbove;
+    for (const direction of [1, -1]) {
+      let last = start;
+      for (let k = direction > 0 ? middle : middle - 1; last && k >= 0 && k < inputsAlong.length; k += direction) {
+        last = followState(last, q.with(over, inputsAlong[k]), sizes);
+        states[k] = last;
       }
     }
-    this.known = reached.filter(Boolean);
-    return reached;
+    this.known = states.filter(Boolean);
+    return states;
   }
-  sample(over, inputs, q, sizes) {
-    const states = this.along(over, inputs, q, sizes);
+  sample(over, inputsAlong, q, sizes) {    // as sampleFeasibleRanges, with a point at each end of the mode
+    const states = this.along(over, inputsAlong, q, sizes);
     const points = [], ends = [];
     states.forEach((state, k) => {
-      if (k && !state !== !states[k - 1]) {
-        const [good, bad] = state ? [inputs[k], inputs[k - 1]] : [inputs[k - 1], inputs[k]];
+      const isBorder = k && !state !== !states[k - 1];
+      if (isBorder) {
+        const [good, bad] = state ? [inputsAlong[k], inputsAlong[k - 1]] : [inputsAlong[k - 1], inputsAlong[k]];
         const end = this.end(q.with(over, good), q.with(over, bad), sizes)[over];
         ends.push(end);
         points.push({x: end, row: this.state(q.with(over, end), sizes)?.row ?? null});
       }
-      points.push({x: inputs[k], row: state?.row ?? null});
+      points.push({x: inputsAlong[k], row: state?.row ?? null});
     });
     return {points, ends, meets: [], largestSquares: []};
   }
   end(good, bad, sizes) {
     let last = this.state(good, sizes);
-    const part = refined(0, 1, middle => {
-      const there = last && follow(last, between(good, bad, middle), sizes, 1);
-      last = there ?? last;
-      return Boolean(there);
+    const part = bisect(0, 1, middle => {
+      const next = last && followState(last, interpolate(good, bad, middle), sizes, 1);
+      last = next ?? last;
+      return Boolean(next);
     }, 24);
-    return between(good, bad, part);
+    return interpolate(good, bad, part);
   }
 }
 
-function titled({number, name}) {          // as the file calls it, or by the signs of its dyads
-  const said = name.split(", ").at(-1);
-  return /^[-+~]*$/.test(said) ? `mode ${number} ${said.replaceAll("-", "−").replaceAll("~", "")}`.trim() : said;
+function modeTitle({number, name}) {       // the name in the file, or the number and the signs of the dyads
+  const lastPart = name.split(", ").at(-1);
+  const isSigns = /^[-+~]*$/.test(lastPart);
+  return isSigns ? `mode ${number} ${lastPart.replaceAll("-", "−").replaceAll("~", "")}`.trim() : lastPart;
 }
 
 const KindOfMode = !rows.about.closed_form ? FollowedMode : model.crossings ? SmoothMode : SignedMode;
-const modes = rows.about.modes.map((mode, k) => Object.assign(new KindOfMode(mode), {number: k, name: titled(mode), curve: null}));
+const modes = rows.about.modes.map((mode, k) => Object.assign(new KindOfMode(mode), {number: k, name: modeTitle(mode), curve: null}));
 
-// A curve: the results of a mode at the samples, its dead centres and where its outputs rest.
+// A curve of a mode: its results at the samples, the ends of its ranges, and the inputs at which
+// its outputs rest.
 
 const SAMPLES = rows.about.closed_form ? 181 : 121;
 
-function grid({from, to}, count) {
+function inputGrid({from, to}, count) {
   return Array.from({length: count}, (_, k) => from + (k * (to - from)) / (count - 1));
 }
 
-function sampled(mode, over, q, sizes) {
-  const {points, ...marks} = mode.sample(over, grid(inputs[over], SAMPLES), q, sizes);
+function sampleCurve(mode, over, q, sizes) {
+  const {points, ...marks} = mode.sample(over, inputGrid(inputs[over], SAMPLES), q, sizes);
   const curve = {over, x: points.map(({x}) => x), values: points.map(({row}) => row), ...marks};
   countTurns(mode, q, sizes, curve);
   signCurve(mode, q, sizes, curve);
-  mode.curve = curve;
+  mode.curve = curve;                      // signs at inputs between the samples follow from it
   curve.rests = findRests(mode, q, sizes, curve);
   curve.beyond = rangesBeyondLimits(mode, q, sizes, curve);
   return curve;
 }
 
-// Inputs at which a coefficient of an output passes through zero.
+// Inputs at which the velocity coefficient of an output passes through zero, but not those at which
+// it changes its sign at infinity.
 
 function findRests(mode, q, sizes, {over, x, values}) {
-  const marks = [];
+  const rests = [];
   for (const name of model.coefficients[over]) {
-    const k = rows.place.get(name), column = values.map(row => (row ? row[k] : NaN));
-    const limit = 10 * median(column) + 1;
+    const index = rows.place.get(name), column = values.map(row => (row ? row[index] : NaN));
+    const limit = 10 * medianSize(column) + 1;
     const coefficient = value => {
-      const there = q.with(over, value), row = mode.state(there, sizes)?.row;
-      return row ? signedAt(mode, there, sizes, row)[k] : NaN;
+      const qThere = q.with(over, value), row = mode.state(qThere, sizes)?.row;
+      return row ? signedAt(mode, qThere, sizes, row)[index] : NaN;
     };
     for (let n = 1; n < x.length; n++) {
       const [a, b] = [column[n - 1], column[n]];
-      if (a * b < 0 && Math.max(Math.abs(a), Math.abs(b)) <= limit) marks.push(zero(x[n - 1], x[n], a, b, coefficient));
+      const isSmall = Math.max(Math.abs(a), Math.abs(b)) <= limit;
+      if (a * b < 0 && isSmall) rests.push(findZero(x[n - 1], x[n], a, b, coefficient));
     }
   }
-  return marks.filter(Number.isFinite);
+  return rests.filter(Number.isFinite);
 }
 
-function median(numbers) {
+function medianSize(numbers) {             // of the absolute values of finite numbers
   const sizes = Float64Array.from(numbers.filter(Number.isFinite), Math.abs).sort();
   return sizes.length ? sizes[sizes.length >> 1] : 0;
 }

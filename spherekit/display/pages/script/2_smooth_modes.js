@@ -31,7 +31,7 @@ class SmoothMode {
     return this.pieces.findLast(({from}) => !(x < from)).places;  // of an input NaN, any
   }
   rowAt(q, sizes) {
-    return evaluated(rows, q, this.placesAt(q[0], sizes), sizes);
+    return evaluateKernel(rows, q, this.placesAt(q[0], sizes), sizes);
   }
   state(q, sizes) {
     const row = this.rowAt(q, sizes);
@@ -84,7 +84,7 @@ function meetingsOf(places, sizes) {
   meetings.sizes = sizes;
   const signs = String(places);
   if (!meetings.bySigns.has(signs)) {
-    const {meets} = sampleFeasibleRanges(x => evaluated(rows, [x], places, sizes), grid(inputs[0], SAMPLES));
+    const {meets} = sampleFeasibleRanges(x => evaluateKernel(rows, [x], places, sizes), inputGrid(inputs[0], SAMPLES));
     meetings.bySigns.set(signs, meets);
   }
   return meetings.bySigns.get(signs);
@@ -97,7 +97,7 @@ function meetingsOf(places, sizes) {
 function continuedPlaces(x, places, way, sizes, longest = COMPARED_AT) {
   const step = way * Math.min(COMPARED_AT, longest);
   const directions = (input, signs) => {
-    const all = evaluated(picture, [input], signs, sizes);
+    const all = evaluateKernel(picture, [input], signs, sizes);
     return placeColumns.map(k => all[k]);
   };
   const [third, second, first] = [3, 2, 1].map(k => directions(x - k * step, places));
@@ -114,7 +114,7 @@ function continuedPlaces(x, places, way, sizes, longest = COMPARED_AT) {
 }
 
 function signsNear(x, places, sizes) {     // all signs of the dyads that may be in line beside an input
-  const row = evaluated(rows, [x], places, sizes);
+  const row = evaluateKernel(rows, [x], places, sizes);
   let signs = [Array.from(places)];
   closures.forEach((closure, k) => {
     if (row[closure] < MAY_BE_IN_LINE) signs = signs.flatMap(one => [one, one.with(k, -one[k])]);

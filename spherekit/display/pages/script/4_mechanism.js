@@ -191,9 +191,9 @@ function drawPaths() {
 
 for (const part of [1 / 6, 0.5, 0.3, 0.7, 0.1, 0.9, 0, 1]) {
   first.q = inputs.map(({from, to}) => Math.round((from + part * (to - from)) / UNIT * 10) / 10 * UNIT);
-  const closed = modes[0].state(first.q, inKernel(first.sizes));
+  const closed = modes[0].state(first.q, toKernelSizes(first.sizes));
   if (!closed) continue;
-  const [x, y, z] = middleOf(evaluated(picture, first.q, closed.places, inKernel(first.sizes)));
+  const [x, y, z] = middleOf(evaluateKernel(picture, first.q, closed.places, toKernelSizes(first.sizes)));
   first.yaw = Math.hypot(x, y) > 0.2 ? Math.atan2(y, x) - 0.24 : 0.5;
   first.pitch = clamp(Math.asin(clamp(z, -1, 1)) + 0.17, -1.2, 1.2);
   break;

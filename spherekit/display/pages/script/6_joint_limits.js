@@ -44,7 +44,7 @@ function rangesBeyondLimits(mode, q, sizes, {over, x, values}) {  // along a cur
 }
 
 function lastWithin(margin, within, beyond) {
-  return refined(within, beyond, value => margin(value) >= 0);
+  return bisect(within, beyond, value => margin(value) >= 0);
 }
 
 function limitText({pair, low, high}) {

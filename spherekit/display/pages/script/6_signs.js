@@ -71,7 +71,7 @@ function signedAt(mode, q, sizes, row) {   // a row of a mode anywhere along its
 }
 
 function sideOfAxes(mode, q, sizes) {      // the sum of the axes of all pairs, and of the points of contact
-  const closed = mode.state(q, sizes), row = evaluated(picture, q, closed.places, sizes);
+  const closed = mode.state(q, sizes), row = evaluateKernel(picture, q, closed.places, sizes);
   const directions = model.pairs.map(({name, axis, variables}) => scaled(axis ? axisOf(row, name) : contactOf(row, name), variables));
   return directions.reduce(plus, [0, 0, 0]);
 }

@@ -21,7 +21,7 @@ const reduceAngle = angle => angle - TURN_RAD * Math.ceil((angle - HALF_TURN_RAD
 
 function followAngles(mode, q, sizes, {anchor, period, column}, {over, x}) {
   const [low, high] = Number.isFinite(period) ? [anchor, anchor + period] : [Math.min(anchor, x[0]), Math.max(anchor, x.at(-1))];
-  const {points} = mode.sample(over, grid({from: low, to: high}, SAMPLES), q, sizes);
+  const {points} = mode.sample(over, inputGrid({from: low, to: high}, SAMPLES), q, sizes);
   const runs = [];
   let open = null;
   for (const {x: at, row} of points) {
@@ -84,5 +84,5 @@ function withTurns(mode, q, sizes, row, {over, followed}) {  // a row once more,
   const turns = new Map(woundPairs.map((pair, j) => [pair.argument, turnsAt(pair, followed[j], q[over], row)]));
   if ([...turns.values()].every(value => value === 0)) return row;
   const closed = mode.state(q, sizes);
-  return closed ? evaluated(rows, q, closed.places, sizes, undefined, turns) : row;
+  return closed ? evaluateKernel(rows, q, closed.places, sizes, undefined, turns) : row;
 }

@@ -12,7 +12,7 @@ const KINDS = [
 ];
 
 function surveyed(mode, sizes, count) {
-  const axes = inputs.slice(0, 2).map(input => grid(input, count));
+  const axes = inputs.slice(0, 2).map(input => inputGrid(input, count));
   const nodes = axes[0].map(a => {
     const states = mode.along(1, axes[1], state.q.with(0, a), sizes);
     return states.map((closed, j) => closed && reachedAt([a, axes[1][j]], closed));
@@ -62,7 +62,7 @@ function zeros(mode, outline, value, sizes) {  // segments between zeros on the 
   const numbers = outline.map(({row, q}) => (row ? value(row, [...q, ...state.q.slice(2)]) : NaN)), found = [], segments = [];
   numbers.forEach((x, k) => {
     const next = (k + 1) % numbers.length, y = numbers[next];
-    if (x * y < 0) found.push(placed(mode, between(outline[k].q, outline[next].q, x / (x - y)), sizes));
+    if (x * y < 0) found.push(placed(mode, interpolate(outline[k].q, outline[next].q, x / (x - y)), sizes));
   });
   const apart = (a, b) => Math.hypot(a.q[0] - b.q[0], a.q[1] - b.q[1]);
   const crosses = found.length === 4 && apart(found[0], found[1]) + apart(found[2], found[3]) > apart(found[1], found[2]) + apart(found[3], found[0]);

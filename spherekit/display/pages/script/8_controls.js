@@ -206,7 +206,7 @@ function turnKnob(event) {
 }
 
 function passTurn(way) {                   // a smooth curve may need several turns to close
-  const mode = modeAfterTurn(modes[state.mode], way, inKernel(state.sizes));
+  const mode = modeAfterTurn(modes[state.mode], way, toKernelSizes(state.sizes));
   if (mode !== state.mode) change("mode", {mode});
 }
 

@@ -32,7 +32,7 @@ function advance(now) {
   let q = state.q[k] + (way * span * Math.min(now - clock, 100)) / 1000 / TURN;
   clock = now;
   const turnsBack = x => !whole && (x > to || x < from);
-  if (turnsBack(q) || (!whole && !modes[state.mode].state(state.q.with(k, clamp(q, from, to)), inKernel(state.sizes)))) way = q > state.q[k] ? -1 : 1;
+  if (turnsBack(q) || (!whole && !modes[state.mode].state(state.q.with(k, clamp(q, from, to)), toKernelSizes(state.sizes)))) way = q > state.q[k] ? -1 : 1;
   if (whole && q > to) { q -= span; passTurn(1); }
   setInput(k, q);
 }
@@ -69,14 +69,14 @@ function showTroubles() {
 function renew() {
   const began = performance.now();
   const does = (...names) => names.some(name => changed.has(name)), all = does("all");
-  const now = inKernel(state.sizes);
+  const now = toKernelSizes(state.sizes);
   if (all || does("theme")) showTheme();
   if (all || does("sizes") || (several && does("input"))) for (const mode of modes) mode.stale = true;
   const chosen = modes[state.mode], computed = modes.some(mode => mode.stale);
   const moves = all || computed || does("sizes", "input", "mode", "others");
   for (const mode of [chosen, ...modes])
     if (mode.stale && (mode === chosen || !mode.curve || performance.now() - began < BUDGET)) {
-      attempt(`The curve of ${mode.name}`, () => { mode.curve = NO_CURVE; mode.curve = sampled(mode, state.over, state.q, now); });
+      attempt(`The curve of ${mode.name}`, () => { mode.curve = NO_CURVE; mode.curve = sampleCurve(mode, state.over, state.q, now); });
       mode.stale = false;
     }
   if (moves) for (const mode of modes) {
@@ -120,7 +120,7 @@ function locate(mode, now) {               // where a mode is at the inputs, and
   const row = withTurns(mode, state.q, now, closed.row, mode.curve);
   mode.here = mode.isSingular ? row.map(() => NaN) : signedAt(mode, state.q, now, row);
   const drawn = state.others || modes[state.mode] === mode;
-  mode.row = drawn ? evaluated(picture, closed.q ?? state.q, closed.places, now) : null;
+  mode.row = drawn ? evaluateKernel(picture, closed.q ?? state.q, closed.places, now) : null;
 }
 
 // Rates divide by the square of a dyad, or by the determinant of the loops. Near a dead centre,
@@ -148,14 +148,14 @@ function besideMeeting(mode, q, sizes) {
 }
 
 function ghost() {                         // where the chosen mode is lost: it closes there last
-  const {curve} = modes[state.mode], now = inKernel(state.sizes), at = state.q[curve.over];
+  const {curve} = modes[state.mode], now = toKernelSizes(state.sizes), at = state.q[curve.over];
   let nearest = null;
   curve.x.forEach((x, k) => {
     if (curve.values[k] && (nearest === null || Math.abs(x - at) < Math.abs(nearest - at))) nearest = x;
   });
   if (nearest === null) return null;
   const q = state.q.with(curve.over, nearest), closed = modes[state.mode].state(q, now);
-  return closed && {q, row: evaluated(picture, q, closed.places, now)};
+  return closed && {q, row: evaluateKernel(picture, q, closed.places, now)};
 }
 
 function draw() {
