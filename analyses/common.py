@@ -70,7 +70,10 @@ def row_columns(batch: Batch, with_time: bool = False) -> dict[str, NDArray[Any]
     -------
     Sample, assembly mode, time if wanted, and inputs, (n,) each.
     """
-    columns = {"sample": batch.sample, "assembly_mode": batch.assembly_mode}
+    columns: dict[str, NDArray[Any]] = {
+        "sample": batch.sample,
+        "assembly_mode": batch.assembly_mode,
+    }
     if with_time:
         columns["t"] = batch.t
     return {**columns, **input_columns(batch.mechanism, batch.inputs)}

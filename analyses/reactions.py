@@ -157,7 +157,9 @@ class ReactionAnalysis(AbstractAnalysis):
         # The x and y components in the first link of an R pair, which differ by its angle.
         moments_in_first = result.in_first(result.moments).reshape(-1, 2)
         forces_in_first = result.in_first(result.forces).reshape(-1, 2)
-        columns = repeat_rows(row_columns(batch, with_time=True), pair_names, "pair")
+        columns: dict[str, Any] = {
+            **repeat_rows(row_columns(batch, with_time=True), pair_names, "pair")
+        }
         for component, axis in enumerate("xyz"):
             columns[f"moment_{axis}"] = moments[:, component]
         for component, axis in enumerate("xy"):

@@ -1,6 +1,6 @@
 """Workspaces of all working modes of an output: tables, summary, and scenes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -140,10 +140,9 @@ class WorkspaceModes:
     @cached_property
     def workspaces(self) -> Sequence[Workspace]:
         """The workspace of each mode."""
+        find_workspaces: Callable[..., Sequence[Workspace]] = orientation_workspaces
         if self.kinematics.points:
             find_workspaces = direction_workspaces
-        else:
-            find_workspaces = orientation_workspaces
         return find_workspaces(self.kinematics, self.bounds, self.modes, self.tolerance)
 
     @cached_property

@@ -79,7 +79,7 @@ class ForwardSolutions:
         """
         columns = self.columns
         modes_of_sentence: dict[tuple[str, str], list[str]] = {}
-        for row in np.flatnonzero(has_pose):
+        for row in np.flatnonzero(has_pose).tolist():
             angles = []
             for name in POSE_ANGLES:
                 if name in columns and np.isfinite(columns[name][row]):

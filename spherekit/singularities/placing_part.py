@@ -77,7 +77,9 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
             if whole_modes is not None and _have_same_turning_points(whole, part):
                 return PlacingPart(part, variables, whole_modes)
     all_variables = list(range(len(mechanism.variable_owners)))
-    same_modes = {mode.number: (mode.number,) for mode in whole.assembly_modes}
+    same_modes: dict[int, tuple[int, ...]] = {
+        mode.number: (mode.number,) for mode in whole.assembly_modes
+    }
     return PlacingPart(whole, all_variables, same_modes)
 
 

@@ -181,8 +181,8 @@ class SampledSingularities:
         """
         first_curve, _ = places[0]
         low, high = self.range
-        q = values[[self._driven]]
-        inputs, _ = turns_in_range(q, low, high, self._period(first_curve))
+        input_on_curve = values[[self._driven]]
+        inputs, _ = turns_in_range(input_on_curve, low, high, self._period(first_curve))
         if self._passed_ranges is not None and first_curve not in self._passed_ranges:
             inputs = inputs[:1]
         for q in inputs.tolist():

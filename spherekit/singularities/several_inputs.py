@@ -510,7 +510,7 @@ def what_vanishes(
         is_vanishing = np.abs(tier.sizes) < VANISHING_SIZE
         for row, phrases in enumerate(phrases_by_row):
             if not phrases:
-                numbers = np.flatnonzero(is_vanishing[row])
+                numbers = np.flatnonzero(is_vanishing[row]).tolist()
                 phrases_by_row[row] = [tier.phrases[number] for number in numbers]
     for row in np.flatnonzero(result.type == RowType.SELF_MOTION).tolist():
         moving_links = _describe_self_motion(motion.rows(slice(row, row + 1)), output)
