@@ -32,7 +32,7 @@ There is one margin for each limit. It is negative if the limit is violated, and
 has no value at a pose.
 """
 
-START_COUNT = 12
+SEARCH_START_COUNT = 12
 """Number of starts in one round. With more, the search is slower but more thorough."""
 
 BALL_SAMPLE_COUNT = 4000
@@ -42,10 +42,10 @@ A reachable region in the ball is noticed if its size exceeds about 1/16 of the 
 orientations, and 1/60 for directions.
 """
 
-MAX_ROUNDS = 6
+MAX_SEARCH_ROUNDS = 6
 """Largest number of rounds. Each round improves all starts and then samples the ball."""
 
-MAX_STEPS = 60
+MAX_SQP_STEPS = 60
 """Largest number of SQP steps from one start."""
 
 FIRST_STEPS = 8
@@ -175,7 +175,7 @@ class NearestPoseSearch:
         chart = NormalCoordinates.around(target_pose)
         starts = _choose_spread_starts(chart.coordinates(reachable))
         nearest: Floats | None = None
-        for _ in range(MAX_ROUNDS):
+        for _ in range(MAX_SEARCH_ROUNDS):
             candidate = self._find_local_minimum(chart, starts)
             if candidate is None:
                 break
@@ -201,16 +201,16 @@ class NearestPoseSearch:
 
         Returns
         -------
-        (`START_COUNT`, d) coordinates. First come the reachable samples that are nearest to
-        the target, and then the samples that violate the margins least.
+        (`SEARCH_START_COUNT`, d) coordinates. First come the reachable samples that are
+        nearest to the target, and then the samples that violate the margins least.
         """
         v = radius * BALL_SAMPLES[chart.dimension]
         with np.errstate(all="ignore"):
             least_margin = np.min(self.margins(chart.poses(v)), axis=1)
         # The samples are sorted by their distance from the centre.
-        inside = np.flatnonzero(least_margin >= 0.0)[:START_COUNT]
+        inside = np.flatnonzero(least_margin >= 0.0)[:SEARCH_START_COUNT]
         violation = np.where(least_margin < 0.0, -least_margin, np.inf)
-        outside = np.argsort(violation)[: START_COUNT - len(inside)]
+        outside = np.argsort(violation)[: SEARCH_START_COUNT - len(inside)]
         return v[np.concatenate([inside, outside])]
 
     def _find_local_minimum(
@@ -239,7 +239,7 @@ class NearestPoseSearch:
         merit = np.full(len(v), np.inf)
         # Indices of the starts that are still improved.
         active_starts = np.arange(len(v))
-        for count in range(MAX_STEPS):
+        for count in range(MAX_SQP_STEPS):
             if count == FIRST_STEPS:
                 active_starts = active_starts[
                     np.argsort(merit[active_starts])[:FINALIST_COUNT]
@@ -420,18 +420,18 @@ def _choose_spread_starts(reachable: Floats) -> Floats:
 
     Returns
     -------
-    (up to `START_COUNT`, d) coordinates. Half of them are those nearest to the target.
-    Each further one is the pose that is farthest from all those chosen before, so that
-    separate regions of the workspace get starts too.
+    (up to `SEARCH_START_COUNT`, d) coordinates. Half of them are those nearest to the
+    target. Each further one is the pose that is farthest from all those chosen before, so
+    that separate regions of the workspace get starts too.
     """
     reachable = reachable[np.argsort(np.linalg.norm(reachable, axis=1))]
-    chosen = list(reachable[: START_COUNT // 2])
+    chosen = list(reachable[: SEARCH_START_COUNT // 2])
     distance_to_chosen = np.full(len(reachable), np.inf)
     for start in chosen:
         distance_to_chosen = np.minimum(
             distance_to_chosen, np.linalg.norm(reachable - start, axis=1)
         )
-    while len(chosen) < min(START_COUNT, len(reachable)):
+    while len(chosen) < min(SEARCH_START_COUNT, len(reachable)):
         chosen.append(reachable[np.argmax(distance_to_chosen)])
         distance_to_chosen = np.minimum(
             distance_to_chosen, np.linalg.norm(reachable - chosen[-1], axis=1)

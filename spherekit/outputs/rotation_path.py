@@ -73,13 +73,13 @@ vanishes for other reasons. Smaller: more failed steps near a limit.
 STEP_VERIFICATION = Verification()
 """Tests of a step. The change of the equations is that of their eigenvalues."""
 
-MAX_CORRECTOR_STEPS = 8
+MAX_TARGET_STEPS = 8
 """Largest number of Newton steps with which a predicted configuration is corrected.
 
 Larger: worse predictions are corrected, and the mode can be lost. Smaller: more steps fail.
 """
 
-MAX_CORRECTION_RAD = 0.5
+MAX_TARGET_STEP_RAD = 0.5
 """Largest change of a variable (rad) in one Newton step.
 
 Larger: Newton's method can change to another mode. Smaller: convergence takes more steps.
@@ -305,9 +305,9 @@ class RotationPath:
         values, step_sizes = newton(
             newton_step,
             guess,
-            MAX_CORRECTOR_STEPS,
+            MAX_TARGET_STEPS,
             CORRECTOR_STEP_TOLERANCE_RAD,
-            MAX_CORRECTION_RAD,
+            MAX_TARGET_STEP_RAD,
         )
         return self.output_link.compare(values, targets), step_sizes
 

@@ -21,10 +21,10 @@ TOLERANCE_TONE = 5
 MIN_LOGARITHM_ARGUMENT = 1e-17
 """Least time (s) and error in the chart, since 0 has no logarithm."""
 
-FRAME_MARGIN_RATIO = 0.06
+CHART_MARGIN_RATIO = 0.06
 """Margin around the points, as a part of their range in decades."""
 
-MIN_FRAME_MARGIN_DECADES = 0.1
+MIN_CHART_MARGIN_DECADES = 0.1
 """Least margin around the points, in decades."""
 
 
@@ -95,5 +95,5 @@ def _find_frame(points: Floats) -> tuple[Floats, Floats]:
     if not len(points):
         return np.array([0.1, 0.1]), np.array([1.0, 1.0])
     low, high = np.log10([points.min(axis=0), points.max(axis=0)])
-    margin = np.maximum(FRAME_MARGIN_RATIO * (high - low), MIN_FRAME_MARGIN_DECADES)
+    margin = np.maximum(CHART_MARGIN_RATIO * (high - low), MIN_CHART_MARGIN_DECADES)
     return 10.0 ** (low - margin), 10.0 ** (high + margin)
