@@ -6,6 +6,7 @@ from argparse import ArgumentParser, Namespace
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,25 @@ from spherekit.cli.main import say
 from spherekit.cli.study_arguments import add_input_argument, add_lock_argument, with_locks
 from spherekit.conventions import Facts, Lines
 from spherekit.wording import counted
+
+INCOMPLETE = 3
+"""Exit status if completeness is not proven."""
+
+LOCKED_SIZE_ERROR_RAD = 1e-14
+"""Bound of the error of sizes that follow from locked pairs, which are rounded."""
+
+MAX_INPUT = 100000
+"""Largest input, in the unit of the file, that options accept."""
+
+MIN_CELL_RAD = 1e-4
+MAX_CELL_RAD = 1.0
+"""Limits of ``--cell``."""
+
+MAX_LISTED_RANGES = 8
+"""Number of undecided ranges that are printed."""
+
+PRECISION_BITS = 80
+"""Working precision of the few numbers that are computed here."""
 
 EXAMPLES = """examples:
   # all modes, curves and singularities over the input's range, proven
@@ -92,16 +112,27 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
 
 
-INCOMPLETE = 3
-"""Exit status where nothing wrong was found, but completeness is not proven."""
-LOCKED = 1e-14
-"""By how much (rad) sizes of a mechanism with locked pairs may be off: they are rounded."""
-LARGEST = 100000
-"""Largest input read."""
+@dataclass(frozen=True)
+class Certification:
+    """The result of one proof.
+
+    Attributes
+    ----------
+    lines
+        Lines to print.
+    certificate
+        The certificate, ready for JSON.
+    is_complete
+        Whether everything is proven.
+    """
+
+    lines: Lines
+    certificate: Facts
+    is_complete: bool
 
 
 def execute(options: Namespace) -> int:
-    """Prove what can be proven; 3 if that is not all."""
+    """Prove assembly modes, curves and singularities; write the certificate."""
     from spherekit.errors import AnalysisError
     from spherekit.files.mechanism_reader import checked_document, mechanism_from_document
     from spherekit.files.mechanism_writer import dumps
@@ -116,144 +147,176 @@ def execute(options: Namespace) -> int:
     if options.lock:
         locked = with_locks(mechanism_from_document(document), options.lock, options.file)
         document = parse(dumps(locked, document.data["angle_unit"]), options.file)
-        tolerance = max(tolerance, LOCKED)
+        tolerance = max(tolerance, LOCKED_SIZE_ERROR_RAD)
     mechanism = driven_at(mechanism_from_document(document), options.input)
-    written = read_decimals(mechanism, document, tolerance)
-    at = options.at is not None
-    if at and options.range:
+    decimal_mechanism = read_decimals(mechanism, document, tolerance)
+    is_at_inputs = options.at is not None
+    input_count = len(mechanism.inputs)
+    if is_at_inputs and options.range:
         raise AnalysisError("--at and --range are two questions; give one of them")
-    if options.poles and not at:
+    if options.poles and not is_at_inputs:
         raise AnalysisError("--poles are those of modes at inputs; give --at Q too")
-    if options.clear_of and (at or len(mechanism.inputs) > 1):
+    if options.clear_of and (is_at_inputs or input_count > 1):
         raise AnalysisError("--clear-of is for the range of one input, and not for --at")
-    several = len(mechanism.inputs) > 1 and not at
-    wheels = not at and not find_construction(written.structure).unknown_count
-    if not several and (options.cell is not None or options.figure):
+    is_map = input_count > 1 and not is_at_inputs
+    if not is_map and (options.cell is not None or options.figure):
         raise AnalysisError(
             "--cell and --figure are for ranges of several inputs; "
-            f"{mechanism.name} has {len(mechanism.inputs)}, or --at is given"
+            f"{mechanism.name} has {input_count}, or --at is given"
         )
-    for target in filter(None, (options.out, options.figure)):
-        check_file(target)
-    if wheels:
-        made = _wheels(written)
-    elif several:
-        made = _map(written, options)
-    elif at:
-        made = _at(written, options.at, options.poles)
+    for target in (options.out, options.figure):
+        if target:
+            check_file(target)
+    if is_at_inputs:
+        result = _certify_inputs(decimal_mechanism, options.at, options.poles)
+    elif not find_construction(decimal_mechanism.structure).unknown_count:
+        result = _certify_wheels(decimal_mechanism)
+    elif is_map:
+        result = _certify_map(decimal_mechanism, options)
     else:
-        made = _over(written, options.range, options.clear_of)
-    lines, certificate, complete = made
+        result = _certify_range(decimal_mechanism, options.range, options.clear_of)
     if options.out:
-        write_text(Path(options.out), json.dumps(certificate, indent=1) + "\n")
+        write_text(Path(options.out), json.dumps(result.certificate, indent=1) + "\n")
         say(f"wrote {options.out}")
-    print("\n".join(lines))
-    return 0 if complete else INCOMPLETE
+    print("\n".join(result.lines))
+    return 0 if result.is_complete else INCOMPLETE
 
 
-Made = tuple[Lines, Facts, bool]
+def _certify_inputs(
+    decimal_mechanism: Any, inputs_text: str, with_poles: bool
+) -> Certification:
+    """Certify all assembly modes at given inputs.
 
-
-def _at(written: Any, text: str, with_poles: bool) -> Made:
-    """Return lines and certificate of the modes at inputs."""
+    Parameters
+    ----------
+    decimal_mechanism
+        The mechanism with the decimal numbers of its file.
+    inputs_text
+        The value of ``--at``: a decimal number for each input, with commas between them.
+    with_poles
+        Whether pole axes and velocity coefficients are enclosed too.
+    """
     from spherekit.errors import AnalysisError
     from spherekit.proof.certificate import modes_certificate, pole_table
     from spherekit.proof.certified_modes import certify_modes
 
-    mechanism = written.mechanism
-    values = [_decimal("--at", part) for part in text.split(",")]
-    count = len(mechanism.inputs)
-    if len(values) != count:
+    mechanism = decimal_mechanism.mechanism
+    values = [_decimal_text("--at", part) for part in inputs_text.split(",")]
+    input_count = len(mechanism.inputs)
+    if len(values) != input_count:
         raise AnalysisError(
-            f"--at: {mechanism.name} has {counted(count, 'input')}, {len(values)} "
+            f"--at: {mechanism.name} has {counted(input_count, 'input')}, {len(values)} "
             "values were given; give one for each, with commas between them"
         )
-    modes = certify_modes(written, values)
-    lines = [f"{mechanism.name}: {modes.completeness}", *_mode_lines(modes)]
+    modes = certify_modes(decimal_mechanism, values)
+    lines = [f"{mechanism.name}: {modes.completeness}", *_describe_modes(modes)]
     certificate = modes_certificate(modes)
     if with_poles:
         certificate["poles"] = pole_table(modes)
-        lines += map(_pole_line, certificate["poles"])
-    return lines, certificate, modes.is_complete
+        lines += [_describe_pole(row) for row in certificate["poles"]]
+    return Certification(lines, certificate, modes.is_complete)
 
 
-def _pole_line(row: Facts) -> str:
-    """Return one line for a pole."""
-    where = "may rest"
+def _describe_pole(row: Facts) -> str:
+    """Return one line for a row of the table of poles."""
+    axis = "may rest"  # a link at rest relative to another has no pole axis
     if row["direction"] is not None:
-        axis = ", ".join(f"{entry:.12f}" for entry in row["direction"])
-        where = f"axis {axis} to {row['direction_off']:.0e}"
-    line = "  mode {mode}, {moving} moving, {link}/{relative_to}: {where}, coefficient "
-    line += "{velocity_coefficient:.12g} to {velocity_coefficient_off:.0e}"
-    return line.format(where=where, **row)
+        components = ", ".join(f"{component:.12f}" for component in row["direction"])
+        axis = f"axis {components} to {row['direction_off']:.0e}"
+    return (
+        f"  mode {row['mode']}, {row['moving']} moving, "
+        f"{row['link']}/{row['relative_to']}: {axis}, coefficient "
+        f"{row['velocity_coefficient']:.12g} to {row['velocity_coefficient_off']:.0e}"
+    )
 
 
-def _decimal(option: str, text: str) -> str:
-    """Return the text of a decimal number."""
+def _decimal_text(option: str, text: str) -> str:
+    """Return the text of a decimal number without exponent, as certificates state it.
+
+    Raises
+    ------
+    AnalysisError
+        If the value of an option is no number, or larger than `MAX_INPUT`.
+    """
     from decimal import Decimal, InvalidOperation
 
     from spherekit.errors import AnalysisError
 
-    with suppress(InvalidOperation):  # of what is no number too
+    with suppress(InvalidOperation):  # raised for texts, and by abs() for a signalling NaN
         number = Decimal(text.strip())
-        if abs(number) <= LARGEST:
+        if abs(number) <= MAX_INPUT:
             return f"{number:f}"
     raise AnalysisError(
-        f"{option}: {text!r} is not a decimal number from -{LARGEST} to {LARGEST}; write "
-        "40 or 12.5"
+        f"{option}: {text!r} is not a decimal number from -{MAX_INPUT} to {MAX_INPUT}; "
+        "write 40 or 12.5"
     )
 
 
-def _mode_lines(modes: Any) -> Lines:
-    """Return one line for each mode: the angles of all pairs with proven digits."""
+def _describe_modes(modes: Any) -> Lines:
+    """Return a line for each mode, with the angles of all pairs and their error bound.
+
+    Clusters of solutions that could not be separated have lines of their own.
+    """
     import numpy as np
 
     from spherekit.proof.balls import centre_float, upper_magnitude
 
+    pair_names = modes.decimal_mechanism.structure.pairs
     lines = []
     for mode_index, angles in enumerate(modes.angles()):
-        degrees = np.degrees([*map(centre_float, angles)])
-        wrapped = 180.0 - np.remainder(180.0 - degrees, 360.0)
-        shown = ", ".join(
-            f"{name} {angle:.9f}"
-            for name, angle in zip(
-                modes.decimal_mechanism.structure.pairs, wrapped, strict=True
-            )
+        degrees = np.degrees([centre_float(angle) for angle in angles])
+        wrapped = 180.0 - np.remainder(180.0 - degrees, 360.0)  # within (-180, 180]
+        angle_list = ", ".join(
+            f"{name} {angle:.9f}" for name, angle in zip(pair_names, wrapped, strict=True)
         )
-        off = max(np.degrees(upper_magnitude(angle - angle.mid())) for angle in angles)
-        lines.append(f"  mode {mode_index}, deg: {shown}; each to {off:.0e}")
-    for centre, half in modes.clusters:
-        place = ", ".join(f"{angle:.6f}" for angle in np.degrees(centre))
-        width = np.degrees(2.0 * np.max(half))
-        lines.append(f"  undecided: a cluster at {place} deg, {width:.1e} deg wide")
+        errors = [np.degrees(upper_magnitude(angle - angle.mid())) for angle in angles]
+        lines.append(f"  mode {mode_index}, deg: {angle_list}; each to {max(errors):.0e}")
+    for centre, half_widths in modes.clusters:
+        centre_text = ", ".join(f"{angle:.6f}" for angle in np.degrees(centre))
+        width = np.degrees(2.0 * np.max(half_widths))
+        lines.append(f"  undecided: a cluster at {centre_text} deg, {width:.1e} deg wide")
     return lines
 
 
-def _wheels(written: Any) -> Made:
-    """Return lines and certificate of a mechanism whose wheels fix all its angles."""
+def _certify_wheels(decimal_mechanism: Any) -> Certification:
+    """Certify a mechanism without closure equations: wheels in mesh fix all its angles."""
     from spherekit.proof.balls import centre_float, upper_magnitude, working_precision
     from spherekit.proof.certificate import wheels_certificate
 
-    structure = written.structure
-    with working_precision(80):
-        ratios = written.follower_ratios()
+    structure = decimal_mechanism.structure
+    with working_precision(PRECISION_BITS):
+        ratios = decimal_mechanism.follower_ratios()
     inputs = structure.names_of(structure.inputs)
     lines = [
         f"{structure.name}: certified: one mode at all inputs, no dead centre; wheels in "
         "mesh fix every angle by the inputs"
     ]
-    for pair, row in zip(structure.followers, ratios, strict=True):
-        parts = " ".join(
+    for pair, pair_ratios in zip(structure.followers, ratios, strict=True):
+        terms = " ".join(
             f"{centre_float(ratio):+.12g} x {name}"
-            for ratio, name in zip(row, inputs, strict=True)
+            for ratio, name in zip(pair_ratios, inputs, strict=True)
         )
-        off = max(upper_magnitude(ratio - ratio.mid()) for ratio in row)
-        lines.append(f"  {structure.pairs[pair]} turns {parts}, factors to {off:.0e}")
-    return lines, wheels_certificate(written, ratios), True
+        error = max(upper_magnitude(ratio - ratio.mid()) for ratio in pair_ratios)
+        lines.append(f"  {structure.pairs[pair]} turns {terms}, factors to {error:.0e}")
+    certificate = wheels_certificate(decimal_mechanism, ratios)
+    return Certification(lines, certificate, is_complete=True)
 
 
-def _over(written: Any, given: Lines | None, clear_of: str | None) -> Made:
-    """Return lines and certificate of the curves over the range of the only input."""
+def _certify_range(
+    decimal_mechanism: Any, ends: Lines | None, clear_of: str | None
+) -> Certification:
+    """Certify the curves of modes and the singularities over the range of the only input.
+
+    Parameters
+    ----------
+    decimal_mechanism
+        The mechanism with the decimal numbers of its file.
+    ends
+        The values of ``--range``; by default the range of the file.
+    clear_of
+        The value of ``--clear-of``: an input whose distance to the next singularity is
+        computed.
+    """
     import numpy as np
 
     from spherekit.completeness import Guarantee
@@ -267,43 +330,49 @@ def _over(written: Any, given: Lines | None, clear_of: str | None) -> Made:
     from spherekit.proof.configuration_curves import certify_curves
     from spherekit.proof.construction import find_construction
 
-    mechanism = written.mechanism
-    low, high = written.input_range_text(mechanism.inputs[0].pair)
-    if given:
-        low, high = (_decimal("--range", end) for end in given)
+    mechanism = decimal_mechanism.mechanism
+    low, high = decimal_mechanism.input_range_text(mechanism.inputs[0].pair)
+    if ends:
+        low, high = (_decimal_text("--range", end) for end in ends)
     if not float(low) < float(high):
         raise AnalysisError(f"the range {low} to {high} is empty; give FROM < TO")
-    made = find_construction(written.structure, find_output_pairs(written).values())
-    curves = certify_curves(written, (low, high), made)
+    construction = find_construction(
+        decimal_mechanism.structure, find_output_pairs(decimal_mechanism).values()
+    )
+    curves = certify_curves(decimal_mechanism, (low, high), construction)
     located = locate_singularities(curves)
-    lines = [f"{mechanism.name}: {curves.completeness}", *_curve_lines(curves, located)]
+    lines = [f"{mechanism.name}: {curves.completeness}"]
+    lines += _describe_curves(curves)
+    lines += _describe_singularities(curves, located)
     if clear_of:
-        position = _decimal("--clear-of", clear_of)
-        if not (curves.is_full_cycle or float(low) <= float(position) <= float(high)):
+        position = _decimal_text("--clear-of", clear_of)
+        is_in_range = float(low) <= float(position) <= float(high)
+        if not (curves.is_full_cycle or is_in_range):
             raise AnalysisError(
                 f"--clear-of {clear_of}: nothing is proven there; give an input from {low} "
                 f"to {high}, or another --range"
             )
-        with working_precision(80):
-            q = centre_float(written.input_angle(position))
+        with working_precision(PRECISION_BITS):
+            q = centre_float(decimal_mechanism.input_angle(position))
         lines.append(
             f"  within {np.degrees(located.clearance(q)):.9f} deg of {clear_of} there is "
             "no singularity, in any mode"
         )
     certificate = {**curves_certificate(curves), "singularities": singular_table(located)}
-    complete = (
-        curves.completeness.guarantee is Guarantee.CERTIFIED and not located.undecided
-    )
-    return lines, certificate, complete
+    is_certified = curves.completeness.guarantee is Guarantee.CERTIFIED
+    return Certification(lines, certificate, is_certified and not located.undecided)
 
 
-def _map(written: Any, options: Namespace) -> Made:
-    """Return lines and certificate of boxes of two inputs, and draw them if asked."""
+def _certify_map(decimal_mechanism: Any, options: Namespace) -> Certification:
+    """Certify the number of modes over the ranges of two inputs, in boxes.
+
+    With ``--figure`` the boxes are drawn.
+    """
     from spherekit.errors import AnalysisError
     from spherekit.proof.certificate import map_certificate
-    from spherekit.proof.input_map import DEFAULT_CELL_RAD, certify_input_map
+    from spherekit.proof.input_map import DEFAULT_CELL_RAD, UNDECIDED, certify_input_map
 
-    mechanism = written.mechanism
+    mechanism = decimal_mechanism.mechanism
     names = mechanism.input_pairs
     if len(names) > 2 or options.range:
         raise AnalysisError(
@@ -311,72 +380,103 @@ def _map(written: Any, options: Namespace) -> Made:
             "of two over those of the file: give values of all with --at"
         )
     cell = DEFAULT_CELL_RAD if options.cell is None else options.cell
-    if not 1e-4 <= cell <= 1.0:
+    if not MIN_CELL_RAD <= cell <= MAX_CELL_RAD:
         raise AnalysisError(f"--cell {cell} rad is no use; give one from 0.0001 to 1")
-    boxes = certify_input_map(written, [*map(written.input_range_text, names)], cell)
-    lines = [f"{mechanism.name}: {boxes.completeness}"]
-    lines += [
-        f"  {counted(count, 'mode')} in {100 * share:.3f} % of the area"
-        for count, share in boxes.mode_shares.items()
-    ]
+    ranges = [decimal_mechanism.input_range_text(name) for name in names]
+    input_map = certify_input_map(decimal_mechanism, ranges, cell)
+    lines = [f"{mechanism.name}: {input_map.completeness}"]
+    for mode_count, share in input_map.mode_shares.items():
+        lines.append(f"  {counted(mode_count, 'mode')} in {100 * share:.3f} % of the area")
     if options.figure:
-        _draw(boxes, names, options.figure)
+        _draw_map(input_map, names, options.figure)
         lines.append(f"  drawn in {options.figure}")
-    return lines, map_certificate(boxes), not boxes.share(2)
+    is_complete = not input_map.share(UNDECIDED)
+    return Certification(lines, map_certificate(input_map), is_complete)
 
 
-def _draw(boxes: Any, names: Lines, path: str) -> None:
+def _draw_map(input_map: Any, names: Lines, path: str) -> None:
+    """Draw the boxes of a map in the colours of their numbers of modes.
+
+    Parameters
+    ----------
+    input_map
+        The certified map.
+    names
+        The names of the two inputs.
+    path
+        The picture to write.
+    """
     import numpy as np
 
     from spherekit.display.figures import certified_map
     from spherekit.proof.input_map import CONTAINS, UNDECIDED
 
-    of = {counted(count, "mode"): boxes.modes == count for count in boxes.mode_shares}
-    of[certified_map.CONTAINS] = boxes.kind == CONTAINS
-    of[certified_map.UNDECIDED] = boxes.kind == UNDECIDED
+    is_in_area = {
+        counted(mode_count, "mode"): input_map.modes == mode_count
+        for mode_count in input_map.mode_shares
+    }
+    is_in_area[certified_map.CONTAINS] = input_map.kind == CONTAINS
+    is_in_area[certified_map.UNDECIDED] = input_map.kind == UNDECIDED
     areas = {
-        word: (np.degrees(boxes.centres[here]), np.degrees(boxes.radii[here]))
-        for word, here in of.items()
+        label: (np.degrees(input_map.centres[boxes]), np.degrees(input_map.radii[boxes]))
+        for label, boxes in is_in_area.items()
     }
     certified_map.draw_certified_map(areas, names).savefig(path)
 
 
 def _degrees(q: float) -> str:
-    """Return an input (rad) in degrees, zero but for rounding without a sign."""
+    """Return an input (rad) in degrees; rounding errors of zero have no sign."""
     return f"{round(math.degrees(q), 9) + 0.0:.9f}"
 
 
-def _crossings(curves: Any) -> Iterator[str]:
-    """Return words for each place in the range where curves cross or nearly do."""
-    words = {0: "curves cross", None: "curves cross, or miss each other by"}
+def _crossing_sentences(curves: Any) -> Iterator[str]:
+    """Yield a sentence for each crossing, or near miss, of curves within the range.
+
+    A saddle of the closure equation at level zero is a crossing. If the sign of its level
+    is not decided, the curves cross, or miss each other by a bounded distance.
+    """
     for saddle in curves.saddles:
         q = curves.wrap_into_range(curves.input_angle(saddle.centre))
-        if q is not None:
-            by = f" at most {saddle.gap:.0e} rad" if saddle.level_sign != 0 else ""
-            what = words.get(saddle.level_sign, "curves miss each other by")
-            yield f"{what}{by} at {_degrees(q)} deg"
+        if q is None:
+            continue
+        if saddle.level_sign == 0:
+            sentence = "curves cross"
+        elif saddle.level_sign is None:
+            sentence = f"curves cross, or miss each other by at most {saddle.gap:.0e} rad"
+        else:
+            sentence = f"curves miss each other by at most {saddle.gap:.0e} rad"
+        yield f"{sentence} at {_degrees(q)} deg"
 
 
-def _curve_lines(curves: Any, located: Any) -> Lines:
+def _describe_curves(curves: Any) -> Lines:
+    """Return lines for the numbers of modes, crossings, and undecided ranges of curves."""
+    lines = []
+    for low, high, mode_count in curves.intervals:
+        modes = counted(mode_count, "mode")
+        lines.append(f"  {_degrees(low)} to {_degrees(high)} deg: {modes}")
+    for sentence, count in Counter(_crossing_sentences(curves)).items():
+        configurations = f", in {count} configurations" if count > 1 else ""
+        lines.append(f"  {sentence}{configurations}")
+    for q in curves.constant_input_values:
+        lines.append(f"  a whole curve of modes at {_degrees(q)} deg")
+    for low, high in curves.undecided_ranges[:MAX_LISTED_RANGES]:
+        lines.append(f"  undecided: {_degrees(low)} to {_degrees(high)} deg")
+    return lines
+
+
+def _describe_singularities(curves: Any, located: Any) -> Lines:
+    """Return lines for the singularities of all outputs, and what is left undecided."""
     import numpy as np
 
     lines = []
-    for low, high, count in curves.intervals:
-        lines.append(f"  {_degrees(low)} to {_degrees(high)} deg: {counted(count, 'mode')}")
-    for place, count in Counter(_crossings(curves)).items():
-        lines.append(f"  {place}{f', in {count} configurations' if count > 1 else ''}")
-    for q in curves.constant_input_values:
-        lines.append(f"  a whole curve of modes at {_degrees(q)} deg")
-    for low, high in curves.undecided_ranges[:8]:
-        lines.append(f"  undecided: {_degrees(low)} to {_degrees(high)} deg")
     for singularity in located.singularities:
         is_outside = curves.wrap_into_range(singularity.q) is None
-        where = ", out of the range" if is_outside else ""
+        outside = ", out of the range" if is_outside else ""
         error = np.degrees(singularity.point.error * curves.cycle_turns)
         lines.append(
             f"  output {singularity.output}: type {singularity.type} at "
             f"{np.degrees(singularity.q):.9f} deg, to {error:.0e}, on curve "
-            f"{singularity.curve}{where}"
+            f"{singularity.curve}{outside}"
         )
     if located.undecided:
         lines.append(f"  singularities undecided in {located.undecided} parts of curves")
