@@ -1,77 +1,93 @@
 // Signs of the coefficients of links that no pair joins.
 //
-// The kernel gives the size of their relative angular velocity w. A pole axis has two senses, and
-// the coefficient is signed along the one that goes on along the mode, as in `evaluate`: at the
+// The kernel gives the size of their relative angular velocity w. A pole axis has two senses. The
+// coefficient is signed along the one that is continued along the mode, as in `evaluate`: at the
 // first sample it is on the side of the sum of all axes; later it reverses nowhere, so the
 // coefficient changes its sign where w passes through zero.
 
 const AT_REST = 1e-12;                     // angular velocity per unit rate that is rounding
 const REVERSAL_HALVINGS = 24;              // of a step between samples in which w reverses
 
+// For each pole the columns of a row with the angular velocities of its two links (null for the
+// ground), and the columns that get the sign.
+
 const signedPoles = model.signed.map(({links, end, names}) => ({
-  w: links.map(link => (linkNumber.get(link) ? ["x", "y", "z"].map(x => rows.place.get(`angular_velocity_${link}_${x}${end}`)) : null)),
+  velocities: links.map(link => (linkNumber.get(link) ? ["x", "y", "z"].map(x => rows.place.get(`angular_velocity_${link}_${x}${end}`)) : null)),
   columns: names.map(name => rows.place.get(name)),
 }));
 
-function relativeVelocity({w: [link, other]}, row) {
-  const of = columns => (columns ? columns.map(k => row[k]) : [0, 0, 0]);
-  return plus(of(link), scaled(of(other), -1));
+function relativeVelocity({velocities: [link, reference]}, row) {
+  const velocityOf = columns => (columns ? columns.map(k => row[k]) : [0, 0, 0]);
+  return plus(velocityOf(link), scaled(velocityOf(reference), -1));
 }
 
-function signCurve(mode, q, sizes, curve) {  // signs of all poles at the samples, put into their rows
+function signCurve(mode, q, sizes, curve) {  // finds the signs of all poles at the samples, and puts them into the rows
   const {x, values, over} = curve;
   curve.signs = values.map(row => (row ? signedPoles.map(() => 1) : null));
   if (!signedPoles.length) return;
   signedPoles.forEach((pole, j) => {
-    let last = -1;
+    let lastSample = -1;                   // the last one at which the pole has a direction
     values.forEach((row, n) => {
       if (!row) return;
       const velocity = relativeVelocity(pole, row);
-      if (last < 0 && isDirection(velocity)) {
-        const side = sideOfAxes(mode, q.with(over, x[n]), sizes);
+      if (lastSample >= 0) curve.signs[n][j] = continuedSign(mode, q, sizes, curve, j, lastSample, x[n], row);
+      else if (isDirection(velocity)) {
+        const side = sumOfAxes(mode, q.with(over, x[n]), sizes);
         curve.signs[n][j] = dot(side, velocity) < 0 ? -1 : 1;
-      } else if (last >= 0) curve.signs[n][j] = continuedSign(mode, q, sizes, curve, j, last, x[n], row);
-      if (isDirection(velocity)) last = n;
+      }
+      if (isDirection(velocity)) lastSample = n;
     });
   });
   curve.values = values.map((row, n) => (row ? withSigns(row, curve.signs[n]) : row));
 }
 
-function continuedSign(mode, q, sizes, {over, x, values, signs}, j, n, to, row) {  // from the sample n on
-  const pole = signedPoles[j], velocity = input => {
-    const there = mode.state(q.with(over, input), sizes)?.row;
-    return there ? relativeVelocity(pole, there) : null;
+// The sign of the pole j at an input with a row, continued from the sample n of a curve.
+
+function continuedSign(mode, q, sizes, {over, x, values, signs}, j, n, input, row) {
+  const pole = signedPoles[j];
+  const velocityAt = value => {
+    const rowThere = mode.state(q.with(over, value), sizes)?.row;
+    return rowThere ? relativeVelocity(pole, rowThere) : null;
   };
-  const [atSample, atEnd] = [values[n], row].map(each => relativeVelocity(pole, each));
-  return reversesBetween(velocity, x[n], atSample, to, atEnd, REVERSAL_HALVINGS) ? -signs[n][j] : signs[n][j];
+  const start = {x: x[n], velocity: relativeVelocity(pole, values[n])};
+  const end = {x: input, velocity: relativeVelocity(pole, row)};
+  return reversesBetween(velocityAt, start, end, REVERSAL_HALVINGS) ? -signs[n][j] : signs[n][j];
 }
 
-function reversesBetween(velocity, a, atA, b, atB, halvings) {
-  if (!isDirection(atB) || !(dot(atA, atB) < 0)) return false;
-  const middle = 0.5 * (a + b), there = velocity(middle);
-  if (!there) return false;                // a gap of the mode: the coefficient keeps its sign
-  if (!halvings || !isDirection(there)) return true;
-  return reversesBetween(velocity, a, atA, middle, there, halvings - 1) !== reversesBetween(velocity, middle, there, b, atB, halvings - 1);
+// Whether the velocity of a pole passes through zero between two points {x, velocity}. If its
+// direction turns by more than a right angle, the step is halved: the axis may have turned without
+// passing zero.
+
+function reversesBetween(velocityAt, start, end, halvings) {
+  if (!isDirection(end.velocity) || !(dot(start.velocity, end.velocity) < 0)) return false;
+  const x = 0.5 * (start.x + end.x), middle = {x, velocity: velocityAt(x)};
+  if (!middle.velocity) return false;      // a gap of the mode: the coefficient keeps its sign
+  if (!halvings || !isDirection(middle.velocity)) return true;
+  const reversesBefore = reversesBetween(velocityAt, start, middle, halvings - 1);
+  return reversesBefore !== reversesBetween(velocityAt, middle, end, halvings - 1);
 }
 
 const isDirection = vector => Number.isFinite(vector[0]) && Math.hypot(...vector) > AT_REST;
 
 function withSigns(row, signs) {
-  const signed = row.slice();
-  signedPoles.forEach(({columns}, j) => { for (const k of columns) signed[k] *= signs[j]; });
-  return signed;
+  const signedRow = row.slice();
+  signedPoles.forEach(({columns}, j) => {
+    for (const k of columns) signedRow[k] *= signs[j];
+  });
+  return signedRow;
 }
 
-function signedAt(mode, q, sizes, row) {   // a row of a mode anywhere along its curve
+function signedAt(mode, q, sizes, row) {   // a row with signs anywhere along the curve of a mode
   const {curve} = mode;
   if (!signedPoles.length || !curve?.signs.some(Boolean)) return row;
-  const distance = n => (curve.signs[n] ? Math.abs(curve.x[n] - q[curve.over]) : Infinity);
+  const input = q[curve.over];
+  const distance = n => (curve.signs[n] ? Math.abs(curve.x[n] - input) : Infinity);
   const nearest = curve.x.reduce((best, _, n) => (distance(n) < distance(best) ? n : best), 0);
-  return withSigns(row, signedPoles.map((_, j) => continuedSign(mode, q, sizes, curve, j, nearest, q[curve.over], row)));
+  return withSigns(row, signedPoles.map((_, j) => continuedSign(mode, q, sizes, curve, j, nearest, input, row)));
 }
 
-function sideOfAxes(mode, q, sizes) {      // the sum of the axes of all pairs, and of the points of contact
-  const closed = mode.state(q, sizes), row = evaluateKernel(picture, q, closed.places, sizes);
+function sumOfAxes(mode, q, sizes) {       // of all pairs, with the points of contact; each as often as it has variables
+  const {places} = mode.state(q, sizes), row = evaluateKernel(picture, q, places, sizes);
   const directions = model.pairs.map(({name, axis, variables}) => scaled(axis ? axisOf(row, name) : contactOf(row, name), variables));
   return directions.reduce(plus, [0, 0, 0]);
 }

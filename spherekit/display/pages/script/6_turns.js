@@ -1,12 +1,14 @@
 // Whole turns of passive pairs that loads depend on, such as springs.
 //
 // A kernel gives the angle of a passive pair up to whole turns. The turns count from the anchor of
-// the input, the reference pose or zero: there the angle is in (-180, 180] degrees, and it goes on
-// from there along the mode. A range of the mode that does not reach the anchor begins at its
-// least input after it. After a period of the input, the angle has grown by whole turns.
+// the input, the reference pose or zero: there the angle is in (-180, 180] degrees, and it is
+// continued from there along the mode. A range of the mode that does not reach the anchor begins at
+// its least input after it. After a period of the input, the angle has grown by whole turns.
+//
+// A run is {x, angles}: inputs without a gap, and the continuous angles (rad) of a pair at them.
 
 const TURN_RAD = 2 * Math.PI;
-const HALF_TURN_RAD = Math.PI + 1e-3;      // half a turn is positive, whatever rounding makes of it
+const HALF_TURN_RAD = Math.PI + 1e-3;      // half a turn is positive, also if rounding makes it larger
 const CERTAIN_STEP_RAD = 1;                // longer steps between samples are halved
 const STEP_HALVINGS = 20;
 const woundPairs = model.wound.map(({pair, anchor, period}) => ({
@@ -16,73 +18,98 @@ const woundPairs = model.wound.map(({pair, anchor, period}) => ({
 
 const reduceAngle = angle => angle - TURN_RAD * Math.ceil((angle - HALF_TURN_RAD) / TURN_RAD);
 
-// The angles of a wound pair along a whole period of the input, with all their turns: the gap-free
-// runs {x, angles} of the mode, and by how much an angle grows in a period.
+// The angles of a wound pair along a whole period of the input, with all their turns: the runs of
+// the mode, and the growth of the angle in a period.
 
 function followAngles(mode, q, sizes, {anchor, period, column}, {over, x}) {
-  const [low, high] = Number.isFinite(period) ? [anchor, anchor + period] : [Math.min(anchor, x[0]), Math.max(anchor, x.at(-1))];
-  const {points} = mode.sample(over, inputGrid({from: low, to: high}, SAMPLES), q, sizes);
-  const runs = [];
-  let open = null;
-  for (const {x: at, row} of points) {
-    if (!row) { open = null; continue; }
-    if (!open) runs.push(open = {x: [], angles: []});
-    open.x.push(at);
-    open.angles.push(row[column]);
-  }
-  const [first, last] = [runs[0], runs.at(-1)];
-  const isWhole = run => run.x[0] === low && run.x.at(-1) === high;
-  const joins = Number.isFinite(period) && runs.length > 1 && first.x[0] === low && last.x.at(-1) === high;
+  const isPeriodic = Number.isFinite(period);
+  const from = isPeriodic ? anchor : Math.min(anchor, x[0]);
+  const to = isPeriodic ? anchor + period : Math.max(anchor, x.at(-1));
+  const {points} = mode.sample(over, inputGrid({from, to}, SAMPLES), q, sizes);
+  const runs = splitIntoRuns(points, column);
+  const firstRun = runs[0], lastRun = runs.at(-1);
+  const isWholePeriod = run => isPeriodic && run.x[0] === from && run.x.at(-1) === to;
+  // The last run of a period may continue over the anchor into the first one.
+  const isJoined = isPeriodic && runs.length > 1 && firstRun.x[0] === from && lastRun.x.at(-1) === to;
   let growth = 0;
   for (const run of runs) {
-    unwrap(run, at => mode.state(q.with(over, at), sizes)?.row[column] ?? NaN);
-    // The last run of a period goes on over the anchor into the first one.
-    const atEnd = joins && run === last, reference = atEnd ? run.angles.length - 1 : nearestPlace(run.x, anchor);
+    unwrapAngles(run, input => mode.state(q.with(over, input), sizes)?.row[column] ?? NaN);
+    const isCountedAtEnd = isJoined && run === lastRun;
+    const reference = isCountedAtEnd ? run.angles.length - 1 : nearestIndex(run.x, anchor);
     const shift = reduceAngle(run.angles[reference]) - run.angles[reference];
     run.angles = run.angles.map(angle => angle + shift);
-    if (isWhole(run) && Number.isFinite(period)) growth = TURN_RAD * Math.round((run.angles.at(-1) - run.angles[0]) / TURN_RAD);
+    if (isWholePeriod(run)) growth = TURN_RAD * Math.round((run.angles.at(-1) - run.angles[0]) / TURN_RAD);
   }
   return {runs, growth};
 }
 
-function unwrap({x, angles}, angleAt) {    // in place
+function splitIntoRuns(points, column) {
+  const runs = [];
+  let run = null;
+  for (const {x, row} of points) {
+    if (!row) {                            // a gap of the mode
+      run = null;
+      continue;
+    }
+    if (!run) {
+      run = {x: [], angles: []};
+      runs.push(run);
+    }
+    run.x.push(x);
+    run.angles.push(row[column]);
+  }
+  return runs;
+}
+
+function unwrapAngles({x, angles}, angleAt) {  // changes the angles; `angleAt` gives them up to whole turns
   for (let k = 1; k < angles.length; k++)
     angles[k] = angles[k - 1] + angleChange(angleAt, [x[k - 1], angles[k - 1]], [x[k], angles[k]], STEP_HALVINGS);
 }
 
-function angleChange(angleAt, from, to, halvings) {  // from and to: [input, angle up to whole turns]
-  const change = to[1] - from[1] - TURN_RAD * Math.round((to[1] - from[1]) / TURN_RAD);
+// The change of an angle between two points [input, angle up to whole turns]. Long steps are halved,
+// since they may contain whole turns.
+
+function angleChange(angleAt, start, end, halvings) {
+  const difference = end[1] - start[1];
+  const change = difference - TURN_RAD * Math.round(difference / TURN_RAD);
   if (!(Math.abs(change) > CERTAIN_STEP_RAD) || !halvings) return change;
-  const at = 0.5 * (from[0] + to[0]), middle = [at, angleAt(at)];
+  const middleInput = 0.5 * (start[0] + end[0]), middle = [middleInput, angleAt(middleInput)];
   if (Number.isNaN(middle[1])) return change;
-  return angleChange(angleAt, from, middle, halvings - 1) + angleChange(angleAt, middle, to, halvings - 1);
+  return angleChange(angleAt, start, middle, halvings - 1) + angleChange(angleAt, middle, end, halvings - 1);
 }
 
-function nearestPlace(x, wanted) {
+function nearestIndex(numbers, target) {
   let best = 0;
-  for (let k = 1; k < x.length; k++) if (Math.abs(x[k] - wanted) < Math.abs(x[best] - wanted)) best = k;
+  for (let k = 1; k < numbers.length; k++)
+    if (Math.abs(numbers[k] - target) < Math.abs(numbers[best] - target)) best = k;
   return best;
 }
 
-function countTurns(mode, q, sizes, curve) {
+function countTurns(mode, q, sizes, curve) {  // computes the rows of a curve again, with turns
   curve.followed = inputs.length === 1 ? woundPairs.map(pair => followAngles(mode, q, sizes, pair, curve)) : [];
   curve.values = curve.values.map((row, n) => row && withTurns(mode, q.with(curve.over, curve.x[n]), sizes, row, curve));
 }
 
-function turnsAt({anchor, period, column}, {runs, growth}, x, row) {  // rad that the kernel's angle lacks
-  const laps = Number.isFinite(period) ? Math.floor((x - anchor) / period) : 0, place = x - (laps ? laps * period : 0);
-  let near = NaN, distance = Infinity;
+// The whole turns (rad) that the kernel's angle of a pair lacks at an input.
+
+function turnsAt({anchor, period, column}, {runs, growth}, input, row) {
+  const periods = Number.isFinite(period) ? Math.floor((input - anchor) / period) : 0;
+  const inputInPeriod = input - (periods ? periods * period : 0);
+  let nearestAngle = NaN, leastDistance = Infinity;
   for (const run of runs) {
-    const k = nearestPlace(run.x, place);
-    if (Math.abs(run.x[k] - place) < distance) { distance = Math.abs(run.x[k] - place); near = run.angles[k]; }
+    const k = nearestIndex(run.x, inputInPeriod), distance = Math.abs(run.x[k] - inputInPeriod);
+    if (distance < leastDistance) {
+      leastDistance = distance;
+      nearestAngle = run.angles[k];
+    }
   }
-  return TURN_RAD * Math.round((near - row[column]) / TURN_RAD) + laps * growth;
+  return TURN_RAD * Math.round((nearestAngle - row[column]) / TURN_RAD) + periods * growth;
 }
 
-function withTurns(mode, q, sizes, row, {over, followed}) {  // a row once more, with its turns
+function withTurns(mode, q, sizes, row, {over, followed}) {  // a row, evaluated again with its turns if there are any
   if (!followed?.length) return row;
   const turns = new Map(woundPairs.map((pair, j) => [pair.argument, turnsAt(pair, followed[j], q[over], row)]));
   if ([...turns.values()].every(value => value === 0)) return row;
-  const closed = mode.state(q, sizes);
-  return closed ? evaluateKernel(rows, q, closed.places, sizes, undefined, turns) : row;
+  const configuration = mode.state(q, sizes);
+  return configuration ? evaluateKernel(rows, q, configuration.places, sizes, undefined, turns) : row;
 }
