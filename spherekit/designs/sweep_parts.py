@@ -34,7 +34,7 @@ from spherekit.wording import counted, listing, nearest
 if TYPE_CHECKING:
     import pandas as pd
 
-LOCK = ".sweep.lock"
+LOCK_FILE = ".sweep.lock"
 """Name of the file in the folder of a sweep that only one program at a time can lock."""
 
 TEMPORARY_PREFIX = "spherekit-sweep-"
@@ -295,7 +295,7 @@ def _lock_folder(parts_folder: Path) -> Iterator[None]:
     OutputError
         If another program has locked the folder.
     """
-    lock = acquire_lock(parts_folder / LOCK)
+    lock = acquire_lock(parts_folder / LOCK_FILE)
     if isinstance(lock, str):
         raise OutputError(f"{parts_folder}: another sweep is at work in it ({lock})")
     try:
