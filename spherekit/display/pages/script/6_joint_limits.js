@@ -1,58 +1,61 @@
 // Joint limits of the file: ranges that the variables of R pairs cannot leave. The page shows
-// where a mode is beyond them, and goes there all the same.
+// where a mode is beyond them, but does not stop there.
 //
 // The angle of a passive pair is known up to whole turns: it is within the limits if any number
-// of turns brings it there.
+// of turns brings it there. A margin is the angle (rad) to the nearer limit, negative beyond it.
 
 const limits = model.limits.map(({pair, low, high}) => {
-  const driven = inputs.findIndex(input => input.pair === pair), column = rows.place.get(`theta_${pair}`);
-  return {pair, low, high, driven, angle: (row, q) => (driven < 0 ? row[column] : q[driven])};
+  const inputIndex = inputs.findIndex(input => input.pair === pair);  // -1 of a passive pair
+  const column = rows.place.get(`theta_${pair}`);
+  const isPassive = inputIndex < 0;
+  return {pair, low, high, isPassive, angle: (row, q) => (isPassive ? row[column] : q[inputIndex])};
 });
 
-function angleNearLimits({low, high, driven, angle}, row, q) {  // rad, less whole turns of a passive pair
-  const middle = 0.5 * (low + high), off = angle(row, q) - middle;
-  return middle + (driven < 0 ? Math.atan2(Math.sin(off), Math.cos(off)) : off);
+function angleNearLimits({low, high, isPassive, angle}, row, q) {  // rad; of a passive pair by the turn nearest to the limits
+  const middle = 0.5 * (low + high), difference = angle(row, q) - middle;
+  return middle + (isPassive ? Math.atan2(Math.sin(difference), Math.cos(difference)) : difference);
 }
 
-function marginOf(limit, row, q) {         // rad to the nearer limit, negative beyond it
+function marginOf(limit, row, q) {
   const angle = angleNearLimits(limit, row, q);
   return Math.min(angle - limit.low, limit.high - angle);
 }
 
 const leastMargin = (row, q) => limits.reduce((least, limit) => Math.min(least, marginOf(limit, row, q)), Infinity);
 
-function rangesBeyondLimits(mode, q, sizes, {over, x, values}) {  // along a curve: [{from, to}]
+// The ranges {from, to} of the input of a curve in which the mode is beyond a limit.
+
+function rangesBeyondLimits(mode, q, sizes, {over, x, values}) {
   if (!limits.length) return [];
-  const at = value => q.with(over, value);
-  const margin = value => {
-    const row = mode.state(at(value), sizes)?.row;
-    return row ? leastMargin(row, at(value)) : NaN;
+  const inputsAt = value => q.with(over, value);
+  const marginAt = value => {
+    const row = mode.state(inputsAt(value), sizes)?.row;
+    return row ? leastMargin(row, inputsAt(value)) : NaN;
   };
-  const margins = values.map((row, n) => (row ? leastMargin(row, at(x[n])) : NaN));
-  const border = n => lastWithin(margin, margins[n] >= 0 ? x[n] : x[n + 1], margins[n] >= 0 ? x[n + 1] : x[n]);
+  const isWithin = value => marginAt(value) >= 0;
+  const margins = values.map((row, n) => (row ? leastMargin(row, inputsAt(x[n])) : NaN));
+  // The last input within the limits, between the samples n and n + 1 on both sides of one.
+  const borderAfter = n => (margins[n] >= 0 ? bisect(x[n], x[n + 1], isWithin) : bisect(x[n + 1], x[n], isWithin));
   const ranges = [];
   let from = margins[0] < 0 ? x[0] : null;
   for (let n = 0; n + 1 < x.length; n++) {
-    const [here, next] = [margins[n], margins[n + 1]];
-    if (from !== null && !(next < 0)) {
-      ranges.push({from, to: next >= 0 ? border(n) : x[n]});
+    const [margin, nextMargin] = [margins[n], margins[n + 1]];
+    if (from !== null && !(nextMargin < 0)) {
+      // In a gap of the mode, whose margin is NaN, the range ends at the sample before.
+      ranges.push({from, to: nextMargin >= 0 ? borderAfter(n) : x[n]});
       from = null;
-    } else if (from === null && next < 0) from = here >= 0 ? border(n) : x[n + 1];
+    } else if (from === null && nextMargin < 0) from = margin >= 0 ? borderAfter(n) : x[n + 1];
   }
   if (from !== null) ranges.push({from, to: x.at(-1)});
   return ranges;
 }
 
-function lastWithin(margin, within, beyond) {
-  return bisect(within, beyond, value => margin(value) >= 0);
-}
-
 function limitText({pair, low, high}) {
-  const angle = x => `${text(x / UNIT, false)}${SIGN === "°" ? SIGN : " rad"}`;
-  return `${pair} may go from ${angle(low)} to ${angle(high)}`;
+  const angleText = angle => `${text(angle / UNIT, false)}${SIGN === "°" ? SIGN : " rad"}`;
+  return `${pair} may go from ${angleText(low)} to ${angleText(high)}`;
 }
 
-function beyondText(row, q) {              // which limits a configuration is beyond
-  const passed = limits.filter(limit => marginOf(limit, row, q) < 0);
-  return passed.length ? `beyond a joint limit: ${passed.map(limitText).join("; ")}` : "";
+function beyondText(row, q) {              // the limits that a configuration is beyond, empty if none
+  const exceeded = limits.filter(limit => marginOf(limit, row, q) < 0);
+  return exceeded.length ? `beyond a joint limit: ${exceeded.map(limitText).join("; ")}` : "";
 }
