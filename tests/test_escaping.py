@@ -161,7 +161,7 @@ def test_hostile_texts_are_comments_of_sources(language, harmless, tmp_path):
         path = paths[what]
         assert stripped(path, language) == code, what
         comment = comment_of(path, language)
-        assert not escaping.HIDDEN.search(comment.replace("\n", "")), what
+        assert not escaping.HIDDEN_CHARACTERS.search(comment.replace("\n", "")), what
         assert_readable(text, comment)
 
 
@@ -206,7 +206,7 @@ def test_hostile_texts_come_back_from_files(what, tmp_path):
     assert mechanism.source.citation == mechanism.source.assumed == TEXTS[what]
     written = dumps(mechanism)
     assert loads(written, what) == mechanism
-    assert not escaping.HIDDEN.search(written.replace("\n", ""))
+    assert not escaping.HIDDEN_CHARACTERS.search(written.replace("\n", ""))
     saved = "".join(
         repr(number) if isinstance(number := part, int) else part
         for part in PageMaker(mechanism, [], ["q"], None).make_model([])["toml"]
@@ -241,7 +241,7 @@ def test_names_and_expressions_are_refused_in_visible_letters(what, tmp_path, ca
         file.write_text(document, "utf-8")
         assert main(["validate", str(file)]) == 1, place
         said = capsys.readouterr().err
-        assert len(said) > 30 and not escaping.HIDDEN.search(said.replace("\n", "")), place
+        assert len(said) > 30 and not escaping.HIDDEN_CHARACTERS.search(said.replace("\n", "")), place
 
 
 def test_a_path_with_hidden_characters_is_printed_visibly(tmp_path, capsys):
@@ -250,7 +250,7 @@ def test_a_path_with_hidden_characters_is_printed_visibly(tmp_path, capsys):
         assert main([first, str(tmp_path / "\u202ered\u2028.toml"), *others]) == 1
         said = capsys.readouterr().err
         assert "red" in said
-        assert not escaping.HIDDEN.search(said.replace("\n", ""))
+        assert not escaping.HIDDEN_CHARACTERS.search(said.replace("\n", ""))
 
 
 def test_a_citation_on_the_terminal_is_visible(monkeypatch, capsys):
@@ -259,11 +259,11 @@ def test_a_citation_on_the_terminal_is_visible(monkeypatch, capsys):
     monkeypatch.setattr("spherekit.files.mechanism_reader.load", lambda name: hostile)
     assert main(["mechanisms"]) == 0
     lines = capsys.readouterr().out.split("\n")
-    assert not escaping.HIDDEN.search("".join(lines)) and "[U+001B][31mred" in lines[0]
+    assert not escaping.HIDDEN_CHARACTERS.search("".join(lines)) and "[U+001B][31mred" in lines[0]
     assert len(lines) == len(sk.mechanisms()) + 2  # a study, and the end
     assert main(["mechanisms", "--json"]) == 0
     said = capsys.readouterr().out
-    assert not escaping.HIDDEN.search(said.replace("\n", ""))
+    assert not escaping.HIDDEN_CHARACTERS.search(said.replace("\n", ""))
     assert json.loads(said)[0]["source"] == hostile.source.citation
 
 
@@ -317,7 +317,7 @@ def test_literals_are_read_as_the_same_text(what):
     for indent in (None, 1):
         written = escaping.json_text(value, indent)
         assert json.loads(written) == value and "<" not in written
-        assert not escaping.HIDDEN.search(written.replace("\n", ""))
+        assert not escaping.HIDDEN_CHARACTERS.search(written.replace("\n", ""))
     shown = escaping.html_text(text)
     assert html.unescape(shown) == escaping.visible(text) and not set('<>"') & set(shown)
     julia = escaping.julia_string(text)
@@ -342,7 +342,7 @@ def test_names_of_foreign_models_stay_in_comments(tmp_path):
         path.write_text(text.replace('"four_bar"', name), "utf-8")
         made = sk.import_mechanism(path)
         assert made.mechanism.ground == "1"
-        assert not escaping.HIDDEN.search(made.text.replace("\n", ""))
+        assert not escaping.HIDDEN_CHARACTERS.search(made.text.replace("\n", ""))
 
 
 @pytest.fixture(scope="module")
