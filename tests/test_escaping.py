@@ -241,7 +241,9 @@ def test_names_and_expressions_are_refused_in_visible_letters(what, tmp_path, ca
         file.write_text(document, "utf-8")
         assert main(["validate", str(file)]) == 1, place
         said = capsys.readouterr().err
-        assert len(said) > 30 and not escaping.HIDDEN_CHARACTERS.search(said.replace("\n", "")), place
+        assert len(said) > 30 and not escaping.HIDDEN_CHARACTERS.search(
+            said.replace("\n", "")
+        ), place
 
 
 def test_a_path_with_hidden_characters_is_printed_visibly(tmp_path, capsys):
@@ -259,7 +261,10 @@ def test_a_citation_on_the_terminal_is_visible(monkeypatch, capsys):
     monkeypatch.setattr("spherekit.files.mechanism_reader.load", lambda name: hostile)
     assert main(["mechanisms"]) == 0
     lines = capsys.readouterr().out.split("\n")
-    assert not escaping.HIDDEN_CHARACTERS.search("".join(lines)) and "[U+001B][31mred" in lines[0]
+    assert (
+        not escaping.HIDDEN_CHARACTERS.search("".join(lines))
+        and "[U+001B][31mred" in lines[0]
+    )
     assert len(lines) == len(sk.mechanisms()) + 2  # a study, and the end
     assert main(["mechanisms", "--json"]) == 0
     said = capsys.readouterr().out
