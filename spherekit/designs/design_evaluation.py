@@ -121,9 +121,10 @@ class DesignEvaluator:
     """Computes figures of merit of designs of one topology.
 
     One kernel serves all designs if the varied numbers are sizes of R pairs, masses or
-    loads. If every group is a dyad, the kernel is in closed form. Otherwise all complex
-    solutions of the closure equations are tracked from design to design. Designs that no
-    kernel covers, and designs of which a solution is lost, are analysed one by one.
+    loads. If every group of links that are placed together is a dyad (two links and three
+    R pairs), the kernel is in closed form. Otherwise all complex solutions of the closure
+    equations are tracked from design to design. Designs that no kernel covers, and designs
+    of which a solution is lost, are analysed one by one.
 
     Parameters
     ----------
@@ -156,6 +157,7 @@ class DesignEvaluator:
         merits: Sequence[FigureOfMerit],
         samples: DesignSamples,
     ) -> None:
+        """Read the figures of merit and make the kernel of all designs, if there is one."""
         self.document = document
         self.mechanism = mechanism
         self.inputs = samples.inputs
@@ -172,17 +174,25 @@ class DesignEvaluator:
             equivalent_linkage=find_equivalent_linkage(mechanism, self.inputs),
             masses_follow_sizes=self._masses_follow_sizes,
         )
-        # The closure equations and start solutions if solutions are tracked.
+        # The closure equations, and the solutions from which others are tracked. None if
+        # the kernel is in closed form, or if there is no kernel.
         self._tracking: tuple[PathKernel, StartSolutions] | None = None
         self.kernel = self._make_kernel()
 
     def _make_kernel(self) -> DesignKernel | None:
-        """Return the kernel of all designs, or None if there is none.
+        """Return the kernel, which computes all designs at once, or None if there is none.
 
-        Modes that follow smooth curves through crossings have no kernel, because their
-        signs change at inputs that differ from design to design. Mechanisms with redundant
-        constraints have none either: the equations of a kernel close some loops only, and
-        other loops stay open if the sizes of a design do not agree.
+        There is none in these cases:
+
+        - Assembly modes follow smooth curves through crossings of curves (``"pass"``). The
+          signs of their dyads change there, at inputs that differ from design to design.
+        - Constraints are redundant. The equations of a kernel close some loops only, and
+          other loops stay open if the sizes of a design do not agree.
+        - Contacts are not replaced by links, or they are and outputs vary.
+        - A variable is neither a size of a kernel nor a number of a mass or load.
+        - Links are not placed in closed form, and no start solutions are known.
+
+        If solutions have to be tracked, this also sets `_tracking`.
         """
         if self.samples.crossings == "pass" or self._is_over_constrained:
             return None
@@ -194,6 +204,8 @@ class DesignEvaluator:
             ):
                 return None
         elif any(v.slot is None and v.path[0] not in ACTIONS for v in self.variables):
+            # `slot` is None for numbers that are no size of a kernel; `path[0]` is the
+            # table of the file in which the number is.
             return None
         expressions = self.varied_mechanism.make_expressions()
         if not expressions.has_closed_form:
@@ -235,28 +247,33 @@ class DesignEvaluator:
         )
 
     def grashof_classes(self, values: Floats) -> NDArray[np.str_] | None:
-        """Return the Grashof class (n,) of each design.
+        """Return the Grashof class of each design: which links of the four-bar turn fully.
 
         Parameters
         ----------
         values
-            (variables, n) values of the variables, in the units of the file.
+            (variables, n) values of the design variables, in the units of the file.
 
         Returns
         -------
-        The classes; None if the mechanism is not a four-bar or has no kernel.
+        (n,) names of the classes, such as "crank-rocker". None if the mechanism is not a
+        four-bar, or if designs are analysed one by one because no function (kernel)
+        computes all of them at once.
         """
         links_of_four_bar = four_bar_links(self.mechanism)
         if links_of_four_bar is None or self.kernel is None:
             return None
         varied_mechanism = self.varied_mechanism
-        links, arcs = arc_function(varied_mechanism.make_expressions())
-        scaled = values * varied_mechanism.unit_scales[:, None]
-        link_sizes = scaled[varied_mechanism.size_variables]
-        # Arcs do not depend on the other sizes of the kernel, masses and loads.
+        links, compute_arcs = arc_function(varied_mechanism.make_expressions())
+        values_in_rad_and_si = values * varied_mechanism.unit_scales[:, None]
+        # `size_variables` lists which variables are sizes of links.
+        link_sizes = values_in_rad_and_si[varied_mechanism.size_variables]
+        # The function takes all sizes of the kernel: those of links, and then numbers of
+        # masses and loads. Arcs do not depend on the latter, so that zeros stand for them.
         other_count = len(varied_mechanism.nominal_sizes) - len(link_sizes)
         sizes = np.pad(link_sizes, ((0, other_count), (0, 0)))
-        arc_of_link = dict(zip(links, arcs(sizes), strict=True))
+        arc_of_link = dict(zip(links, compute_arcs(sizes), strict=True))
+        # The arcs of fixed link, input, coupler and output.
         return class_of(*(arc_of_link[link] for link in links_of_four_bar))
 
     def evaluate(self, values: Floats) -> DesignTable:
@@ -271,8 +288,9 @@ class DesignEvaluator:
         -------
         The rows of all designs; `DesignTable.design` is the column of `values`.
         """
-        figure_values = len(self.figures.merits) * len(self.figures.rows)
-        fitting_count = MAX_FIGURE_VALUES // figure_values + 1
+        # Designs are evaluated in blocks whose values at all samples fit into memory.
+        values_per_design = len(self.figures.merits) * len(self.figures.rows)
+        fitting_count = MAX_FIGURE_VALUES // values_per_design + 1
         block_size = min(DESIGNS_PER_BLOCK, fitting_count)
         if self._tracking is not None:
             block_size = self._designs_tracked_together
@@ -283,6 +301,7 @@ class DesignEvaluator:
                 part = self._evaluate_by_kernel(self.kernel, block)
             else:
                 part = self._evaluate_one_by_one(block)
+            # A block counts its designs from 0.
             parts.append(replace(part, design=part.design + start))
         return DesignTable.join_by_design(parts, self.figures.names)
 
@@ -321,8 +340,26 @@ class DesignEvaluator:
     # All designs in one kernel.
 
     def _evaluate_by_kernel(self, kernel: DesignKernel, values: Floats) -> DesignTable:
-        """Return the rows of designs (variables, n), in the units of the file."""
+        """Return the figures of merit of designs, by the kernel where it applies.
+
+        There are three sets of designs. Impossible ones get a row with the reason. Those
+        to which the kernel applies are computed by it, all at once. The others, whose loads
+        or contacts have another form than the equations of the kernel (`OTHER_FORM`) or of
+        which tracking lost a solution, are analysed one by one.
+
+        Parameters
+        ----------
+        kernel
+            Computes quantities of many designs at once.
+        values
+            (variables, n) values of the design variables, in the units of the file.
+
+        Returns
+        -------
+        A row for each design and each assembly mode in which it closes.
+        """
         names = self.figures.names
+        # `reasons` has a text for each design; the next call changes it in place.
         sizes, reasons = self.varied_mechanism.kernel_sizes(values)
         self._reject_impossible_arcs(values, reasons)
         one_by_one = np.flatnonzero(reasons == OTHER_FORM)
@@ -335,19 +372,23 @@ class DesignEvaluator:
         ]
         if len(possible):
             if self._tracking is None:
-                part = self._evaluate_signed_modes(kernel, sizes[:, possible])
+                # All groups are dyads: their signs identify the assembly modes.
+                kernel_part = self._evaluate_signed_modes(kernel, sizes[:, possible])
             else:
-                part, lost_designs = self._evaluate_tracked_modes(
-                    kernel, sizes[:, possible], values[:, possible]
+                kernel_part, lost_designs = self._evaluate_tracked_modes(
+                    kernel, sizes[:, possible], file_values=values[:, possible]
                 )
                 one_by_one = np.append(one_by_one, possible[lost_designs])
-            parts.append(_renumber_designs(part, possible))
-        part = self._evaluate_one_by_one(values[:, one_by_one])
-        parts.append(_renumber_designs(part, one_by_one))
+            # Both count the designs among `possible`.
+            parts.append(_renumber_designs(kernel_part, possible))
+        single_part = self._evaluate_one_by_one(values[:, one_by_one])
+        parts.append(_renumber_designs(single_part, one_by_one))
         return DesignTable.join_by_design(parts, names)
 
     def _reject_impossible_arcs(self, values: Floats, reasons: NDArray[np.object_]) -> None:
-        """Set the reason of designs with arcs that are not between 0 and 180 degrees.
+        """Set the reason of designs with arcs of links that are not between 0 and 180 deg.
+
+        Links that are marked as signed may have other arcs, and are not checked.
 
         Parameters
         ----------
@@ -359,6 +400,7 @@ class DesignEvaluator:
         geometry = self.mechanism.geometry
         scales = self.varied_mechanism.unit_scales
         for variable, arcs, scale in zip(self.variables, values, scales, strict=True):
+            # `slot` is the kind and location of a size of links, here an arc of a link.
             match variable.slot:
                 case ("arcs", (link, _)) if isinstance(geometry, SizeGeometry):
                     if geometry.links[link].signed:
@@ -372,7 +414,17 @@ class DesignEvaluator:
     def _add_missing_designs(
         self, parts: list[DesignTable], design_count: int, claim: str
     ) -> DesignTable:
-        """Return tables joined, with a row for each design that is in none of them."""
+        """Return tables joined, with a row for each design that is in none of them.
+
+        Parameters
+        ----------
+        parts
+            Rows of the designs in the modes in which they close.
+        design_count
+            Number of all designs.
+        claim
+            What is guaranteed about the modes of the added designs, which never close.
+        """
         names = self.figures.names
         present = np.concatenate([part.design for part in parts])
         missing = DesignTable.from_columns(
@@ -385,7 +437,10 @@ class DesignEvaluator:
         return DesignTable.join_by_design([*parts, missing], names)
 
     def _evaluate_signed_modes(self, kernel: DesignKernel, sizes: Floats) -> DesignTable:
-        """Return the rows of designs in the modes of all signs of their dyads.
+        """Return the figures of designs, in the assembly modes of all signs of their dyads.
+
+        A dyad (two links and three R pairs) can be put together in two ways, which the sign
+        of the triple product of its three axes tells apart.
 
         Parameters
         ----------
@@ -413,12 +468,12 @@ class DesignEvaluator:
     def _evaluate_tracked_modes(
         self, kernel: DesignKernel, sizes: Floats, file_values: Floats
     ) -> tuple[DesignTable, Indices]:
-        """Return the rows of designs in all their modes, which are tracked.
+        """Return the figures of designs in all assembly modes, found by tracking solutions.
 
         Parameters
         ----------
         kernel
-            A kernel of the variables of pairs.
+            A kernel that computes quantities from the variables of all pairs.
         sizes
             (sizes, n) sizes of the designs.
         file_values
@@ -435,6 +490,7 @@ class DesignEvaluator:
         _, start_solutions = self._tracking
         claim = COMPLETE_CLAIM if start_solutions.is_complete else SAMPLED_CLAIM
         modes = self.track_modes(sizes)
+        # Loads may depend on whole revolutions, which tracking does not count.
         revolution_offsets = np.zeros(
             (len(kernel.unwrapped_pairs), *modes.values.shape[1:])
         )
@@ -453,6 +509,7 @@ class DesignEvaluator:
             labels=modes.labels,
             claim=claim,
         )
+        # Each row has the index of its mode so far, not of its design.
         table = self._add_missing_designs(
             [_renumber_designs(table, modes.design)], sizes.shape[1], claim
         )
@@ -472,7 +529,13 @@ class DesignEvaluator:
         return replace(modes, values=modes.values[:, row_indices])
 
     def analyse_positions(self, mechanism: Mechanism) -> DesignMotion:
-        """Find the assembly modes of the mechanism of one design by a search."""
+        """Find the assembly modes of the mechanism of one design by a search.
+
+        Returns
+        -------
+        The modes with their configurations at the samples and at the points, which are the
+        given inputs of some figures of merit.
+        """
         input_grid = self.samples.input_grid
         points = self.figures.points
         sampling: dict[str, Any] = {"path": input_grid.q}
@@ -488,7 +551,8 @@ class DesignEvaluator:
             _, row_indices = self._tracking_inputs
             point_samples = row_indices[len(self.samples.rows) :]
             motions.append(position_analysis.samples(point_samples))
-        # The rows of a motion are sorted by mode and then by sample.
+        # The rows of a motion are sorted by mode and then by sample. The parts are (modes,
+        # samples or points, variables).
         parts = [
             motion.values.reshape(-1, motion.samples, motion.values.shape[1])
             for motion in motions
@@ -506,6 +570,9 @@ class DesignEvaluator:
         self, kernel: DesignKernel, prepared: Floats, signs: Sequence[float]
     ) -> Floats:
         """Return the revolution offsets of a mode of designs whose groups are all dyads.
+
+        The closed form gives angles in (-pi, pi]. A revolution offset is the multiple of
+        2 pi to be added to such an angle so that it is continuous along the samples.
 
         Parameters
         ----------
@@ -526,6 +593,8 @@ class DesignEvaluator:
         if not kernel.unwrapped_pairs:
             return np.zeros((0, len(rows), design_count))
         evaluate_angles = kernel.evaluate_angles
+        # The arguments of the kernel are, one below the other: the sample, the signs, the
+        # revolution offsets (which stay zero here) and the prepared numbers.
         signs_start = rows.shape[1]
         signs_end = signs_start + len(signs)
         prepared_start = signs_end + len(kernel.unwrapped_pairs)
@@ -548,15 +617,25 @@ class DesignEvaluator:
 
         q = rows[:, :input_count]
         linkage = self.varied_mechanism.equivalent_linkage
+        # Angles that gear ratios (a train of wheels) relate to the input do not repeat
+        # after a revolution of it.
         repeats = linkage is None or linkage.train is None
         with np.errstate(all="ignore"):
             if input_count == 1:
                 return unwrap_along_one_input(
-                    angles_at, design_count, self._anchor[0], q[:, 0], repeats
+                    angles_at,
+                    design_count,
+                    anchor=self._anchor[0],
+                    q=q[:, 0],
+                    repeats=repeats,
                 )
             sample_inputs, point_inputs = np.split(q, [len(self.samples.rows)])
             return unwrap_along_several_inputs(
-                angles_at, design_count, self._anchor, sample_inputs, point_inputs
+                angles_at,
+                design_count,
+                anchor=self._anchor,
+                q=sample_inputs,
+                points=point_inputs,
             )
 
     def make_kernel_mechanism(self, values: Floats) -> Mechanism:
@@ -582,7 +661,10 @@ class DesignEvaluator:
     def unwrap_configurations(
         self, kernel: DesignKernel | RedundantKernel, solver: PositionSolver, values: Floats
     ) -> Floats:
-        """Return the revolution offsets of the modes of one design.
+        """Return the revolution offsets of the assembly modes of one design.
+
+        A revolution offset is the multiple of 2 pi to be added to an angle so that it is
+        continuous along the samples.
 
         Parameters
         ----------
@@ -601,6 +683,7 @@ class DesignEvaluator:
         offsets = np.zeros((len(kernel.unwrapped_pairs), *values.shape[1:]))
         if not kernel.unwrapped_pairs:
             return offsets
+        # `Mechanism.angles` gives the number of the variable of a pair.
         variables = [solver.mechanism.angles[name] for name in kernel.unwrapped_pairs]
         unwrapping = AngleUnwrapping(solver)
         for mode in range(values.shape[2]):
@@ -608,7 +691,10 @@ class DesignEvaluator:
             rows = np.flatnonzero(all_finite(mode_values, 0))
             configurations = mode_values[:, rows].T
             revolutions = unwrapping.count(
-                mode, configurations, configurations[:, solver.driven], variables
+                mode,
+                configurations,
+                q=configurations[:, solver.driven],
+                requested=variables,
             )
             offsets[:, rows, mode] = TURN * revolutions[:, variables].T
         return offsets
@@ -619,7 +705,7 @@ class DesignEvaluator:
 
         A single input is tracked as it increases, through samples and points. Several
         inputs are tracked from sample to neighbouring sample, so that points must be
-        samples.
+        samples. Points are the given inputs of some figures of merit.
 
         Raises
         ------
@@ -645,7 +731,10 @@ class DesignEvaluator:
     # One design after the other.
 
     def _evaluate_one_by_one(self, values: Floats) -> DesignTable:
-        """Return the rows of designs (variables, n), in the units of the file."""
+        """Return the figures of designs (variables, n), in the units of the file.
+
+        A design whose analysis raises an error gets one row with the reason.
+        """
         parts = []
         for number, design in enumerate(values.T):
             try:
@@ -657,7 +746,15 @@ class DesignEvaluator:
         return DesignTable.join_by_design(parts, self.figures.names)
 
     def _evaluate_mechanism(self, mechanism: Mechanism) -> DesignTable:
-        """Return the rows of the mechanism of one design, with a kernel of its own."""
+        """Return the figures of the mechanism of one design, with a kernel of its own.
+
+        The links are placed in closed form if possible. Otherwise a search finds the
+        assembly modes, and the kernel computes quantities from their configurations.
+
+        Returns
+        -------
+        A row for each mode in which the design closes, or one row if it never closes.
+        """
         if not self._is_over_constrained and self.samples.crossings == "end":
             assembly = plan_assembly(mechanism.with_inputs(*self.inputs))
             if assembly.has_closed_form:
@@ -674,7 +771,10 @@ class DesignEvaluator:
         modes = position_analysis.assembly_modes
 
         def make_expressions(configuration: Floats | None) -> DesignExpressions:
-            """Return expressions with equations that are independent there."""
+            """Return expressions with equations that are independent at a configuration.
+
+            None stands for any configuration; there is none if the design never closes.
+            """
             return DesignExpressions(
                 mechanism,
                 self.inputs,
@@ -687,6 +787,7 @@ class DesignEvaluator:
             )
 
         kernel: DesignKernel | RedundantKernel
+        # `by_rank`: constraints are redundant, and independent ones are chosen.
         if position_analysis.by_rank:
             # Equations that are independent in one mode may not be so in another one.
             configurations = most_regular_configurations(motion)
@@ -706,9 +807,10 @@ class DesignEvaluator:
             expressions = make_expressions(first_configuration)
             kernel = DesignKernel(expressions, self.figures.columns, compiled=False)
         claim = position_analysis.claim.guarantee.value
+        # The kernel of one design takes no sizes, hence the 0; it has one column per mode.
         table = self.figures.evaluate_modes(
             kernel,
-            kernel.prepare(np.empty((0, len(modes)))),
+            prepared=kernel.prepare(np.empty((0, len(modes)))),
             position_arguments=design_motion.values,
             revolution_offsets=self.unwrap_configurations(
                 kernel, position_analysis.solver, design_motion.values
@@ -725,6 +827,9 @@ class DesignEvaluator:
 def most_regular_configurations(motion: Motion) -> list[Floats]:
     """Return the configuration of each assembly mode that is farthest from a singular one.
 
+    In a singular configuration the closure equations do not determine the rates of the
+    other pairs from those of the inputs.
+
     Parameters
     ----------
     motion
@@ -735,6 +840,7 @@ def most_regular_configurations(motion: Motion) -> list[Floats]:
     (variables,) rad for each mode that closes at a sample: the configuration at which the
     least singular value of the closure equations, with the inputs locked, is largest.
     """
+    # Rows of the motion, each of which is one sample of one mode.
     closed = np.flatnonzero(~motion.failed)
     if not len(closed):
         return []

@@ -88,6 +88,7 @@ class DesignKernel:
         compiled: bool = True,
         with_loop_residual: bool = False,
     ) -> None:
+        """Make the functions `prepare` and `evaluate` from the expressions."""
         outputs = [expressions.quantity(name) for name in columns]
         if gradients:
             outputs += [
@@ -102,6 +103,7 @@ class DesignKernel:
         self.is_closed_form = expressions.has_closed_form
         self._is_compiled = compiled and available()
 
+        # Only revolutions and tables on which the outputs depend become arguments.
         used_nodes = set(iterate_nodes(outputs))
         revolution_offsets = {
             pair: offset
@@ -122,6 +124,7 @@ class DesignKernel:
         ]
         self._time_row = len(expressions.sample_symbols) - 1
 
+        # Arguments that differ from row to row of the same design.
         moving = [
             *expressions.sample_symbols,
             *expressions.configuration_symbols,
@@ -129,7 +132,8 @@ class DesignKernel:
             *revolution_offsets.values(),
         ]
         passive_angles = [expressions.angle(pair) for pair in revolution_offsets]
-        # `prepared` are the parts of the expressions that depend on the sizes alone.
+        # `prepared` are the parts of the expressions that depend on the sizes alone. The
+        # squares tell whether the dyads close: they are negative if not.
         self._output_expressions, prepared = separate_constant_parts(
             [*expressions.triple_squares, *outputs, *passive_angles],
             [*table_torques.values(), *moving],
@@ -177,7 +181,7 @@ class DesignKernel:
         profile_columns: Floats | None = None,
         revolution_offsets: Floats | None = None,
     ) -> Floats:
-        """Return the outputs of `evaluate` at samples of designs with these sizes.
+        """Return the outputs of `evaluate` at samples of designs, from their sizes.
 
         Parameters
         ----------
@@ -231,7 +235,9 @@ class RedundantKernel:
     def __init__(
         self, expressions: Sequence[DesignExpressions], columns: Sequence[str]
     ) -> None:
-        # Everything that follows from rates is divided by the scale of the rates.
+        """Make one kernel for each choice of independent equations."""
+        # Everything that follows from rates is divided by the scale of the rates, so that
+        # this node of the expressions tells which columns follow from rates.
         scale = expressions[0].coordinate_rates.scale
         self._follows_from_rates = np.array(
             [
@@ -240,6 +246,7 @@ class RedundantKernel:
             ],
             bool,
         )
+        # Expressions with the same choice of equations are needed once.
         expressions_by_choice: dict[str, DesignExpressions] = {}
         for candidate in expressions:
             groups = candidate.structure.groups
@@ -268,6 +275,7 @@ class RedundantKernel:
         for kernel, prepared in zip(self._kernels, self._prepared, strict=True):
             repeated = np.broadcast_to(prepared, (len(prepared), count))
             outputs = kernel.evaluate(np.concatenate([rows, repeated]))
+            # The last output is the relative residual of all loops.
             residual = outputs[-1]
             is_better = (residual < smallest_residual) & (residual <= MAX_LOOP_RESIDUAL)
             columns[:, is_better] = outputs[:-1, is_better]
@@ -296,6 +304,7 @@ def arc_function(expressions: DesignExpressions) -> tuple[tuple[int, ...], Array
     pairs = expressions.structure.pairs
     axes_by_link: dict[int, list[Exprs]] = {k: [] for k in range(len(mechanism.links))}
     for pair, ends in enumerate(mechanism.ends):
+        # `ends` are the two links of a pair. Pairs with `sides` are contacts of profiles.
         if pair not in pairs.sides:
             for link, axis in zip(ends, pairs.axes(pair), strict=True):
                 axes_by_link[link].append(constants(axis))

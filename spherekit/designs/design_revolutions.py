@@ -54,6 +54,8 @@ def _follow_all_designs(
 ) -> tuple[Floats, Floats]:
     """Evaluate the angles of all designs at successive inputs, and their growth between.
 
+    The growth is the change of an angle without jumps by whole revolutions.
+
     Parameters
     ----------
     angles_at
@@ -75,6 +77,8 @@ def _follow_all_designs(
     designs = np.tile(np.arange(design_count), len(q))
     rows = np.repeat(q, design_count, axis=0)
     angles = angles_at(designs, rows)
+    # Leaving out the last n rows gives the starts of all steps, leaving out the first n the
+    # ends.
     growth = _follow_growth(
         angles_at,
         designs[design_count:],
@@ -99,7 +103,10 @@ def _follow_growth(
     end_angles: Floats,
     halvings: int = MAX_INPUT_HALVINGS,
 ) -> Floats:
-    """Return the growth of the angles of designs between two inputs.
+    """Return by how much angles of designs grow between two inputs, over full revolutions.
+
+    Where an angle of a design changes by more than `MAX_ANGLE_STEP_RAD`, the interval is
+    halved and both halves are followed.
 
     Parameters
     ----------
@@ -116,7 +123,8 @@ def _follow_growth(
 
     Returns
     -------
-    (pairs, m) growth (rad), NaN where the angles cannot be followed.
+    (pairs, m) growth (rad), NaN where the angles cannot be followed: where a design does
+    not close at an input, or an angle changes too much even on the shortest interval.
     """
     growth = wrap(end_angles - start_angles)
     far = np.flatnonzero(max_abs(growth, axis=0) > MAX_ANGLE_STEP_RAD)
@@ -155,6 +163,11 @@ def unwrap_along_one_input(
 ) -> Floats:
     """Return the revolution offsets of angles along a single input.
 
+    The offset of an angle is the multiple of 2 pi that is added to it, so that the sum is
+    continuous along the input, from the anchor on. Whole revolutions of the input (laps)
+    are taken off first: the angles are followed over one lap, and what they gain in it is
+    added for each lap.
+
     Parameters
     ----------
     angles_at
@@ -171,8 +184,9 @@ def unwrap_along_one_input(
 
     Returns
     -------
-    (pairs, k, n) offsets (rad).
+    (pairs, k, n) offsets (rad), zero where a design does not close.
     """
+    # Without repetition the lap is 0 for all inputs.
     laps = np.floor((q - anchor) / TURN) * repeats
     reduced_q = q - laps * TURN
     ends = [anchor, *reduced_q]
@@ -180,9 +194,11 @@ def unwrap_along_one_input(
         ends.append(anchor + TURN)
     spacing_count = int(np.ptp(ends) / INPUT_SPACING_RAD)
     dense = np.linspace(min(ends), max(ends), 2 + spacing_count)
+    # All inputs at which angles are evaluated, rising.
     stations = np.unique([*ends, *dense])
     angles, growth = _follow_all_designs(angles_at, design_count, stations[:, None])
     anchor_index = np.searchsorted(stations, anchor)
+    # Angles are followed from the anchor to larger inputs, and then to smaller ones.
     unwrapped = np.empty_like(angles)
     upwards = slice(anchor_index, None)
     unwrapped[:, upwards] = _accumulate_growth(
@@ -220,6 +236,9 @@ def _accumulate_growth(
 ) -> Floats:
     """Return angles that continue from the first station, or from the start of a mode.
 
+    An assembly mode of a design may close over a part of the stations only. Where it closes
+    again, its angles are counted from the input at which it starts to close.
+
     Parameters
     ----------
     angles_at
@@ -233,7 +252,7 @@ def _accumulate_growth(
 
     Returns
     -------
-    (pairs, k, n) angles (rad) over full revolutions.
+    (pairs, k, n) angles (rad) over full revolutions, NaN where a design does not close.
     """
     unwrapped = angles - TURN * count_revolutions(angles)
     for k in range(1, len(stations)):
@@ -259,7 +278,10 @@ def _unwrap_from_mode_end(
     closed_input: float,
     closed_angles: Floats,
 ) -> Floats:
-    """Return angles that are in (-pi, pi] where the mode starts between two inputs.
+    """Return the angles of modes that start between two inputs.
+
+    The start, the first input at which a mode closes, is found by bisection. Angles are in
+    (-pi, pi] there and are followed from there to the second input.
 
     Parameters
     ----------
@@ -304,10 +326,12 @@ def unwrap_along_several_inputs(
 ) -> Floats:
     """Return the revolution offsets of angles along several inputs.
 
-    Each sample is reached from the sample before on a straight path of the inputs, the
-    first one from the anchor. Points are reached from the nearest sample. If a mode is
-    interrupted on this path, the straight path from the anchor is tried. If that fails,
-    too, angles are in (-pi, pi].
+    The offset of an angle is the multiple of 2 pi that is added to it, so that the sum is
+    continuous from sample to sample. Each sample is reached from the sample before on a
+    straight path of the inputs, the first one from the anchor. Points are reached from the
+    nearest sample. If a design cannot be followed on this path, as it does not close all
+    along, the straight path from the anchor is tried. If it cannot be followed there
+    either, its offset is such that the sum is in (-pi, pi].
 
     Parameters
     ----------
@@ -324,9 +348,12 @@ def unwrap_along_several_inputs(
 
     Returns
     -------
-    (pairs, k + m, n) offsets (rad) at the samples and then at the points.
+    (pairs, k + m, n) offsets (rad) at the samples and then at the points, of the angles (by
+    pairs) that `angles_at` returns. They are zero where a design does not close.
     """
     targets = np.concatenate([q, points])
+    # The sample from which each target is reached. The first target is reached from the
+    # anchor; its -1 is not used.
     origins = [*range(-1, len(q) - 1)]
     origins += [int(np.argmin(max_abs(q - point, axis=1))) for point in points]
     anchor_angles = angles_at(np.arange(design_count), np.tile(anchor, (design_count, 1)))
@@ -340,10 +367,15 @@ def unwrap_along_several_inputs(
             path = np.linspace(
                 start, target, 2 + int(max_abs(target - start) / INPUT_SPACING_RAD)
             )
+            # `growth` is NaN on steps on which a design cannot be followed.
             angles, growth = _follow_all_designs(angles_at, design_count, path)
             total_growth = np.sum(growth, axis=1)
+            # The offset grows by the continuous growth minus the change of the angles
+            # themselves, which may jump by whole revolutions.
             followed = start_offsets + total_growth - (angles[:, -1] - angles[:, 0])
             target_offsets = np.where(np.isnan(target_offsets), followed, target_offsets)
+            # The path from the anchor is tried only if an angle that exists at the target
+            # has no offset yet.
             if not np.any(np.isnan(target_offsets) & np.isfinite(angles[:, -1])):
                 break
         reduced = -TURN * count_revolutions(angles[:, -1])

@@ -121,9 +121,11 @@ def track_solutions(
 ) -> tuple[Array, Bools]:
     """Track solutions of the closure equations along paths of sizes and inputs.
 
+    The path parameter goes from 0 to 1, and sizes and inputs go from start to end with it.
     Each step predicts the configuration by a parabola through the last three and corrects
     it by two steps of Newton's method. A step is halved if Newton's method contracts too
-    slowly, and doubled if it contracts quickly.
+    slowly, and doubled if it contracts quickly. All paths are tracked together; each has
+    its own step.
 
     Parameters
     ----------
@@ -161,12 +163,17 @@ def track_solutions(
         prepared = kernel.prepare(start_sizes + (end_sizes - start_sizes) * parameters)
 
         def equations(values: Array, selected: Indices) -> NewtonStep:
+            """Return a Newton step at variables of those of the m paths that are selected.
+
+            `selected` are their indices among the m paths.
+            """
             numbers = prepared[:, selected]
             if profiles is not None:
                 columns = profiles(values, paths[selected], parameters[selected])
                 numbers = np.concatenate([columns, numbers])
             return kernel.newton_step(values, numbers)
 
+        # A parabola that is zero at both ends and `detour` halfway.
         bulge = 4.0 * detour * parameters * (1.0 - parameters)
         path_inputs = start_inputs + (end_inputs - start_inputs) * parameters + bulge
         return path_inputs, equations
@@ -174,14 +181,17 @@ def track_solutions(
     current = start.copy()
     step = np.ones(path_count)
     # The path parameters of the last three points, and the slopes between these points.
+    # There is one point at first; -1 for an earlier one only avoids a division by zero.
     parameters = np.zeros((3, path_count))
     parameters[0] = -1.0
     slopes = np.zeros((2, *start.shape), start.dtype)
     start_sign = np.zeros(path_count)
+    # The paths that are still tracked. A path whose start is NaN never arrives.
     paths = np.flatnonzero(all_finite(start, 0))
     with np.errstate(all="ignore"):
         # The first slope is that of a Newton step at a small fraction of the path.
         near_start = start[:, paths]
+        # The variables of the inputs that are set along the path; none with `NO_INPUTS`.
         driven = kernel.driven[: len(inputs[0])]
         all_paths = np.arange(len(paths))
         near_start[driven], equations = equations_at(
@@ -213,6 +223,7 @@ def track_solutions(
                     contraction * predicted_change, PATH_ERROR_RAD
                 )
                 accepted &= np.sign(determinant) == start_sign[paths]
+            # Paths whose step is accepted advance to the new point.
             advanced = paths[accepted]
             next_values = (corrected + second_change)[:, accepted]
             slopes[0][:, advanced] = slopes[1][:, advanced]
@@ -254,6 +265,7 @@ def _extrapolate(parameters: Floats, values: Array, slopes: Array, target: Float
     -------
     (variables, m) predicted configurations (rad).
     """
+    # Newton's form of the parabola through three points, by divided differences.
     curvature = (slopes[1] - slopes[0]) / (parameters[2] - parameters[0])
     return values + (target - parameters[2]) * (
         slopes[1] + (target - parameters[1]) * curvature
@@ -266,14 +278,15 @@ def converge_solutions(equations: ClosureEquations, values: Array) -> tuple[Arra
     Parameters
     ----------
     equations
-        The closure equations.
+        Function of variables (variables, m) and of the indices (m,) of these solutions. It
+        returns a Newton step of the closure equations, with the inputs held.
     values
         (variables, n) approximate solutions (rad), real or complex.
 
     Returns
     -------
     solutions
-        (variables, n) solutions (rad).
+        (variables, n) solutions (rad), to be used only where they have converged.
     converged
         (n,) whether Newton's method converged and the loops are closed.
     """
@@ -359,8 +372,8 @@ class StartSolutions:
 def find_start_solutions(kernel: PathKernel, sizes: Floats) -> StartSolutions | None:
     """Find all complex solutions of the mechanism of a file.
 
-    Elimination gives the solutions at random real inputs. They are then tracked to inputs
-    off the real axis.
+    Elimination gives the solutions, real and complex, at random real inputs. They are then
+    tracked to complex inputs, where solutions are well apart.
 
     Parameters
     ----------
@@ -371,14 +384,15 @@ def find_start_solutions(kernel: PathKernel, sizes: Floats) -> StartSolutions | 
 
     Returns
     -------
-    The solutions, or None if a group has no elimination, there are more than
-    `MAX_SOLUTIONS`, or two solutions coincide.
+    The solutions, or None if there is no elimination for a group (a set of links that are
+    placed together), there are more than `MAX_SOLUTIONS`, none arrives, or two coincide.
     """
     structure = kernel.expressions.structure
     mechanism = structure.mechanism
     groups = structure.assembly.groups
     if not all(group.is_dyad or has_elimination(group) for group in groups):
         return None
+    # The solutions of the groups can be combined freely.
     solution_count = prod(find_elimination_orders(group)[0].root_count for group in groups)
     if solution_count > MAX_SOLUTIONS:
         return None
@@ -395,6 +409,7 @@ def find_start_solutions(kernel: PathKernel, sizes: Floats) -> StartSolutions | 
     start[kernel.driven] = real_inputs
     with np.errstate(all="ignore"):
         change = kernel.newton_step(start, kernel.prepare(size_column)).change
+    # `solver.driven` are the variables of the inputs and of pairs that follow them.
     followers = [v for v in solver.driven if v not in kernel.driven]
     start[followers] += change[followers]
     driven_values = start[list(solver.driven)]
@@ -411,4 +426,6 @@ def find_start_solutions(kernel: PathKernel, sizes: Floats) -> StartSolutions | 
     count = values.shape[1]
     if not count or not are_distinct(values[:, None])[0]:
         return None
-    return StartSolutions(values, sizes, complex_inputs[:, 0], count == solution_count)
+    return StartSolutions(
+        values, sizes, inputs=complex_inputs[:, 0], is_complete=count == solution_count
+    )

@@ -89,6 +89,11 @@ def track_assembly_modes(
 ) -> TrackedModes:
     """Track the assembly modes of many designs over all samples of the inputs.
 
+    An assembly mode is one way in which the links are put together: real configurations
+    that are connected along the samples. All complex solutions of the closure equations are
+    tracked from sample to sample, so that no real one is missed. Then the real solutions at
+    neighbouring samples are linked by real paths.
+
     Parameters
     ----------
     path_kernel
@@ -113,6 +118,7 @@ def track_assembly_modes(
     column_count = design_count * solutions_per_design
     tracker = _SolutionTracker(path_kernel, sizes, solutions_per_design)
 
+    # inputs[sample] is (inputs, 1), so that all columns share it.
     inputs = input_grid.q[:, :, None]
     # neighbours() alternates between the next and the previous sample along each axis.
     previous_samples = input_grid.neighbours()[1::2]
@@ -134,6 +140,7 @@ def track_assembly_modes(
                 end_inputs=inputs[sample],
             )
         else:
+            # At the first sample all designs start from the solutions of the start design.
             solutions = tracker.track_solutions(
                 np.tile(start_solutions.values, (1, design_count)),
                 start_sizes=np.broadcast_to(
@@ -177,7 +184,7 @@ def track_assembly_modes(
 
 
 def is_real(solutions: Array) -> Bools:
-    """Return whether each solution (variables, ...) is real; NaN is not."""
+    """Return (...,) whether each solution (variables, ...) is real; NaN is not."""
     return np.all(solutions.imag == 0.0, axis=0)
 
 
@@ -210,6 +217,10 @@ def _collect_modes(
 ) -> TrackedModes:
     """Collect the configurations of each mode, and sort and label the modes.
 
+    The columns of the arrays are the solutions of all designs, those of the same design
+    next to each other. Solutions with the same identifier at different samples are one
+    assembly mode.
+
     Parameters
     ----------
     path_kernel
@@ -222,7 +233,13 @@ def _collect_modes(
         (samples, columns) identifier of the mode of each real solution, or `NO_MODE`.
     is_lost
         (designs,) whether the design is lost.
+
+    Returns
+    -------
+    The modes of all designs, sorted by design, then by the first sample at which they close
+    and then by their configuration there.
     """
+    # The entries that belong to a mode; `mode` counts the modes from 0.
     sample, column = np.nonzero(mode_ids >= 0)
     _, first_entry, mode = np.unique(
         mode_ids[sample, column], return_index=True, return_inverse=True
@@ -274,6 +291,7 @@ class _SolutionTracker:
     def __init__(
         self, path_kernel: PathKernel, sizes: Floats, solutions_per_design: int
     ) -> None:
+        """Repeat the sizes (sizes, designs) for each solution; no design is lost yet."""
         self.path_kernel = path_kernel
         self.solutions_per_design = solutions_per_design
         self.sizes = np.repeat(sizes, solutions_per_design, axis=1)
@@ -284,7 +302,9 @@ class _SolutionTracker:
     ) -> Array:
         """Track all solutions to the sizes of their designs and to other inputs.
 
-        A design is lost if no path brings all its solutions to distinct ends.
+        Paths of several shapes through complex inputs are tried, one after the other. A
+        design is lost if on none of them all its solutions arrive at distinct ends. Each
+        column of the arrays is one solution of one design.
 
         Parameters
         ----------
@@ -303,6 +323,7 @@ class _SolutionTracker:
         solutions = np.full(start.shape, np.nan, dtype=complex)
         incomplete = ~self.is_lost
         for detour_ratio in DETOUR_RATIOS:
+            # All solutions of the designs that did not arrive completely so far.
             columns = np.flatnonzero(np.repeat(incomplete, self.solutions_per_design))
             if not len(columns):
                 break
@@ -345,6 +366,7 @@ class _SolutionTracker:
         prepared = self.path_kernel.prepare(self.sizes[:, near_columns])
 
         def newton_step(values: Array, rows: Indices) -> NewtonStep:
+            """Return a Newton step at variables (variables, m) of the near solutions."""
             return self.path_kernel.newton_step(values, prepared[:, rows])
 
         refined, converged = converge_solutions(newton_step, real_parts)
@@ -394,6 +416,7 @@ class _SolutionTracker:
         columns = columns[arrived]
         ends = ends[:, arrived]
 
+        # The end of each path is compared with the real solutions of its design.
         design = columns // self.solutions_per_design
         candidates = self._by_design(next_solutions)[:, design]
         distances = solution_distance(candidates.real, ends[:, :, None])

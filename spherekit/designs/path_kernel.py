@@ -49,7 +49,7 @@ def complex_function(
     Parameters
     ----------
     outputs
-        The expressions.
+        Expressions of `variables` and `numbers`.
     variables
         The variables whose values are complex.
     numbers
@@ -57,6 +57,11 @@ def complex_function(
     compiled
         Whether heyoka compiles the function. It knows real numbers only, so the real and
         the imaginary parts become expressions of their own.
+
+    Returns
+    -------
+    A function of complex (variables, n) and real (numbers, n) values. It returns complex
+    values (outputs, n).
 
     Raises
     ------
@@ -73,6 +78,7 @@ def complex_function(
     parts_by_variable = dict(zip(variables, zip(real, imaginary, strict=True), strict=True))
 
     def apply(node: ExpressionNode, arguments: list[ComplexParts]) -> ComplexParts:
+        """Return the real and the imaginary part of a node from those of its arguments."""
         if node.operation == "variable":
             return parts_by_variable.get(node, (node, 0.0))
         return _OPERATIONS[node.operation](*arguments)
@@ -85,6 +91,7 @@ def complex_function(
     )
 
     def evaluate(values: Array, real_numbers: Floats) -> Array:
+        """Return the outputs, whose parts the compiled function computes one by one."""
         rows = real_function(np.concatenate([values.real, values.imag, real_numbers]))
         results = np.empty((len(outputs), values.shape[1]), dtype=complex)
         results.real = rows[: len(outputs)]
@@ -192,18 +199,22 @@ class PathKernel:
     """
 
     def __init__(self, expressions: DesignExpressions, compiled: bool = True) -> None:
+        """Write the Newton step as expressions, and make functions of them."""
         structure = expressions.structure
         coordinate_rates = expressions.coordinate_rates
         self.expressions = expressions
         self.compiled = compiled and available()
         self.variables = len(expressions.configuration_symbols)
         self.driven = [*structure.inputs]
+        # The changes of all variables that close the loops to first order.
         change = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
         # Angles that gear ratios fix are set to what follows from the inputs.
         for variable, angle in enumerate(expressions.variables):
             if angle is not expressions.configuration_symbols[variable]:
                 change[variable] = angle - expressions.configuration_symbols[variable]
         moving = [*expressions.configuration_symbols, *expressions.profile_symbols]
+        # `prepared` are the parts of the expressions that depend on the sizes alone. The
+        # scale of the rates is the determinant of the equations.
         self._outputs, prepared = separate_constant_parts(
             [*change, coordinate_rates.scale, coordinate_rates.closure_residual_square],
             moving,
@@ -226,6 +237,10 @@ class PathKernel:
     def mode_signs(self, values: Floats, sizes: Floats) -> list[str]:
         """Return the sign of each group at closed configurations.
 
+        A group is a set of links that are placed together; a dyad is a group of two links
+        with three R pairs. The sign of a dyad is that of the triple product of its axes,
+        and tells in which of two ways the dyad is put together.
+
         Parameters
         ----------
         values
@@ -243,6 +258,7 @@ class PathKernel:
         signs = np.full((len(groups), values.shape[1]), "~")
         for k, group in enumerate(groups):
             if group.is_dyad:
+                # The axis of an R pair belongs to its only variable, which has index 0.
                 axes = [
                     coordinate_rates.vectors[coordinate_rates.pair_variables[pair][0]]
                     for pair in group.pairs
@@ -274,4 +290,8 @@ class PathKernel:
             outputs = self._evaluate_complex(values, numbers)
         else:
             outputs = self._evaluate_real(np.concatenate([values, numbers]))
-        return NewtonStep(outputs[: self.variables], outputs[-2], outputs[-1])
+        return NewtonStep(
+            change=outputs[: self.variables],
+            determinant=outputs[-2],
+            squared_residual=outputs[-1],
+        )

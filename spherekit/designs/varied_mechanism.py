@@ -127,17 +127,22 @@ class DesignPoint:
         pair_values: Floats,
         revolution_offsets: Floats | None = None,
     ) -> ColumnGradients:
-        """Return the columns of a kernel at samples, and their derivatives.
+        """Return the columns of a kernel at samples, and their derivatives by variables.
+
+        The kernel differentiates its columns by sizes and by columns of profiles. By the
+        chain rule, these derivatives are multiplied by those of the sizes and profiles by
+        the variables, and added.
 
         Parameters
         ----------
         kernel
-            A kernel with the gradients of its columns.
+            A kernel with the gradients of its columns (quantities).
         samples, position_arguments, revolution_offsets
-            Arguments of `DesignKernel.evaluate_samples`.
+            The n samples, the configurations at them and the whole revolutions of angles;
+            arguments of `DesignKernel.evaluate_samples`.
         pair_values
-            (n, variables of pairs) configurations (rad) at which profiles touch, NaN if
-            there is none.
+            (n, variables of pairs) configurations (rad) at which profiles touch, NaN where
+            there is none. Without profiles only their number counts.
         """
         profile_columns = None
         if self.profiles is not None:
@@ -145,9 +150,9 @@ class DesignPoint:
         outputs = kernel.evaluate_samples(
             samples,
             position_arguments,
-            self.sizes[:, None],
-            profile_columns,
-            revolution_offsets,
+            sizes=self.sizes[:, None],
+            profile_columns=profile_columns,
+            revolution_offsets=revolution_offsets,
         )
         closes = np.all(outputs[: kernel.reach_count] >= 0.0, axis=0)
         count = len(pair_values)
@@ -254,12 +259,17 @@ class VariedMechanism:
         return any(variable.path[0] == "outputs" for variable in self.variables)
 
     def make_expressions(self, closed_form: bool | None = None) -> DesignExpressions:
-        """Return the mechanism as expressions of the sizes of all designs.
+        """Return the quantities of the mechanism as expressions of the sizes of a design.
+
+        If contacts are replaced by links, the expressions are those of the equivalent
+        linkage of R pairs, and its angles that follow the variables are sizes. Otherwise
+        sizes are the variables that are sizes of R pairs or of directions of outputs.
 
         Parameters
         ----------
         closed_form
-            Whether positions are in closed form, by default if this is possible.
+            Whether positions are in closed form, by default if this is possible. Profiles
+            that are not circles never have a closed form.
 
         Raises
         ------
@@ -270,7 +280,8 @@ class VariedMechanism:
         """
         linkage = self.equivalent_linkage
         contact_count = self._contact_number_count
-        # Numbers of masses and loads come after those of contacts.
+        # `varied_numbers` counts the numbers of contacts first, then those of masses and
+        # loads. The expressions count masses and loads from 0.
         varied_actions = [
             k - contact_count for k in self.varied_numbers if k >= contact_count
         ]
@@ -280,18 +291,20 @@ class VariedMechanism:
                     f"{self.mechanism.name}: outputs point elsewhere in designs whose "
                     "contacts stay; vary one or the other"
                 )
+            # Numbers of contacts are angles; each becomes a symbol.
             name_of_number = {k: f"turned_{k}" for k in self.varied_contact_numbers}
             return DesignExpressions(
                 linkage.mechanism,
                 self.inputs,
-                tuple(name_of_number.values()),
-                lambda symbol_by_name: linkage.pairs(
+                sizes=tuple(name_of_number.values()),
+                make_pairs=lambda symbol_by_name: linkage.pairs(
                     {k: symbol_by_name[name] for k, name in name_of_number.items()}
                 ),
-                closed_form,
-                varied_actions,
+                closed_form=closed_form,
+                differing=varied_actions,
                 pointing=self._output_directions(),
             )
+        # The slot of a variable is the kind and location of the size that it is.
         slots = {v.name: v.slot for v in self.variables if v.slot is not None}
         # Directions of outputs change no pair.
         pair_sizes = [name for name, (kind, _) in slots.items() if kind != POINTED]
@@ -300,14 +313,14 @@ class VariedMechanism:
         return DesignExpressions(
             mechanism,
             self.inputs,
-            list(slots),
-            lambda symbol_by_name: pair_rotations(
+            sizes=list(slots),
+            make_pairs=lambda symbol_by_name: pair_rotations(
                 mechanism,
                 {slots[name]: symbol_by_name[name] for name in pair_sizes},
                 as_columns=has_columns,
             ),
-            False if has_columns else closed_form,
-            varied_actions,
+            closed_form=False if has_columns else closed_form,
+            differing=varied_actions,
             pointing=self._output_directions(),
         )
 
@@ -318,9 +331,11 @@ class VariedMechanism:
         expression (3,) in the axes of its link.
         """
         outputs = self.document.data.get("outputs", {})
+        # Outputs along the axis of a pair, whose direction may follow varied sizes.
         directions: dict[str, Any] = {
             name: output["axis"] for name, output in outputs.items() if "axis" in output
         }
+        # Longitude and latitude of the other outputs; angles that vary become symbols.
         angles_by_output: dict[str, list[Any]] = {}
         for variable in self.variables:
             kind, location = variable.slot or ("", None)
@@ -353,7 +368,8 @@ class VariedMechanism:
         sizes
             (sizes, n) sizes in rad and SI units, NaN for impossible designs.
         reasons
-            (n,) `OK`, or why the design is impossible. It is `OTHER_FORM` if its loads have
+            (n,) `OK`, or the text why the design is impossible. It is `OTHER_FORM` for a
+            design that may be possible, but not in this kernel: its loads or contacts have
             another form, or numbers differ that count as constant.
         """
         numbers = nans((len(self.varied_numbers), values.shape[1]))
@@ -370,7 +386,10 @@ class VariedMechanism:
     def evaluate_design(
         self, values: Floats, mechanism: Mechanism | None = None
     ) -> DesignPoint | None:
-        """Return the sizes of a design and their derivatives, or None if it is impossible.
+        """Return a design as kernels need it, or None if the design is impossible.
+
+        It has the sizes, their derivatives by the variables, and the profiles if they are
+        not circles.
 
         Parameters
         ----------
@@ -382,10 +401,12 @@ class VariedMechanism:
         sizes, reasons = self.kernel_sizes(values[:, None])
         if reasons[0] != OK:
             return None
+        # Derivatives of the numbers read from files: constant ones are known already.
         number_slopes = [
             self._differentiate_numbers(values, k) if constant is None else constant
             for k, constant in enumerate(self.constant_slopes)
         ]
+        # A variable that is a size changes this size alone, by the unit of the file.
         variable_slopes = np.diag(self.unit_scales)[self.size_variables]
         slopes = np.concatenate([variable_slopes, np.stack(number_slopes, axis=1)])
         profiles = None
@@ -423,7 +444,10 @@ class VariedMechanism:
 
     @cached_property
     def _trials(self) -> list[tuple[Floats, Floats]]:
-        """Designs in which all variables are changed, with all their numbers."""
+        """Designs (variables,) in which all variables are changed, with all their numbers.
+
+        Designs that are impossible are left out.
+        """
         trials = []
         for deviation in TRIAL_DEVIATIONS:
             design = self.nominal_values * (1.0 + deviation) + deviation
@@ -461,7 +485,10 @@ class VariedMechanism:
         return [k for k in self.varied_numbers if k < self._contact_number_count]
 
     def _read_numbers(self, values: Floats) -> Floats:
-        """Read all numbers of contacts, masses and loads of a design.
+        """Read all numbers of contacts, masses and loads of a design from its file.
+
+        The form of contacts and loads is what remains if their numbers are ignored: how
+        many there are and of which kind. A kernel applies to one form.
 
         Parameters
         ----------
@@ -474,6 +501,7 @@ class VariedMechanism:
             If the design is impossible. The message is `OTHER_FORM` if its contacts or
             loads have another form than those of the kernel.
         """
+        # Only masses and loads are read anew if nothing else follows the variables.
         if self._reads_whole_file:
             mechanism = make_design(self.document, self.variables, values)
         else:
@@ -528,6 +556,7 @@ class VariedMechanism:
         constant_slopes: list[Floats | None] = []
         for k, variable in enumerate(self.variables):
             if not self._reads_whole_file and variable.path[0] not in ACTIONS:
+                # Masses and loads do not follow sizes of links here.
                 constant_slopes.append(np.zeros(len(self.varied_numbers)))
                 continue
             nominal, *others = self.trial_slopes(k)
@@ -539,7 +568,10 @@ class VariedMechanism:
         return constant_slopes
 
     def trial_slopes(self, k: int) -> list[Floats]:
-        """Return the derivatives (varied numbers,) by variable k at the file and trials."""
+        """Return the derivatives by variable k, at the design of the file and the trials.
+
+        Each entry (varied numbers,) belongs to one of these designs.
+        """
         designs = [self.nominal_values, *(design for design, _ in self._trials)]
         return [self._differentiate_numbers(design, k) for design in designs]
 
