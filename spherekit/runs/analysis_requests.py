@@ -19,7 +19,9 @@ def collect_needs(mechanism: Mechanism, analyses: Analyses) -> Needs:
 def plan_requests(
     mechanism: Mechanism, needs: Needs, by_rank: bool = False
 ) -> tuple[Request, ...]:
-    """Return the planned request for each input that moves alone.
+    """Return the planned request for each input that moves while the others are locked.
+
+    A request lists the poles and links to evaluate, with the plan of how poles are found.
 
     Parameters
     ----------
@@ -30,19 +32,20 @@ def plan_requests(
     by_rank
         As for `spherekit.planning.pole_planner.plan`.
     """
+    # The rate of a pair follows from the angular velocities of its two links.
     pair_links = [mechanism.pair(name).links for name in needs.pair_rates]
     links = needs.link_rates.union(*pair_links)
     link_numbers = sorted(mechanism.link_number[link] for link in links)
     return tuple(
         request(
             mechanism,
-            mechanism.pairs[driven].name,
-            sorted(needs.directions),
-            sorted(needs.rates | needs.turns),
-            needs.derivatives,
-            sorted(needs.planes),
-            by_rank,
-            link_numbers,
+            input_pair=mechanism.pairs[driven].name,
+            poles=sorted(needs.directions),
+            rates=sorted(needs.rates | needs.turns),
+            derivatives=needs.derivatives,
+            planes=sorted(needs.planes),
+            by_rank=by_rank,
+            links=link_numbers,
         )
         for driven in driven_pairs(mechanism)
     )

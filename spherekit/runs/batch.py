@@ -197,6 +197,9 @@ class Batch:
     ) -> Callable[[str, int | None], Interleaved]:
         """Return a function that makes table columns with one row per pole and batch row.
 
+        The rows of a column are those of all poles at the first batch row, then those at
+        the second, and so on.
+
         A column can be computed when the table is read. This saves time in runs of many
         samples whose analysis only passes columns on.
 
@@ -220,6 +223,7 @@ class Batch:
             name = _POLE_FIELD_NAMES[quantity]
             parts: list[Array | LazyColumn] = []
             for i, j, moved in poles:
+                # A kernel computes the column later. Other values are known already.
                 pole_field = self._pole_field(moved)
                 if isinstance(pole_field, LazyField) and name not in pole_field.IN_MEMORY:
                     self._check_pole(i, j, quantity)
@@ -262,6 +266,7 @@ class Batch:
 
     def assembly_mode_rows(self) -> Mapping[int, slice]:
         """Return the rows of each assembly mode, by its number."""
+        # The rows of the n-th mode follow those of the modes before it, k for each mode.
         k = self._motion.samples
         return {
             item.number: slice(n * k, (n + 1) * k)

@@ -125,6 +125,7 @@ class BlockRows:
     def __init__(
         self, kernel: RowKernel, position_analysis: PositionAnalysis, q: Floats
     ) -> None:
+        """Allocate the arrays and cut the rows into slices. `fill` computes the rows."""
         self.kernel = kernel
         self._position_analysis = position_analysis
         self._q = q
@@ -137,21 +138,32 @@ class BlockRows:
         # Values that are not predicted stay NaN.
         new_array = np.empty if kernel.has_closed_form else nans
         self.values = new_array((len(position_analysis.mechanism.variable_owners), n))
-        # The function that decides about rows: from inputs in closed form, or from values.
+        # The function whose columns decide whether rows are certified. It computes them
+        # from inputs and signs of dyads, which have a closed form, or from `values`.
         self._deciding = (
             kernel.closed_form_quality if kernel.has_closed_form else kernel.row_quality
         )
+        # The columns of a slice have about SLICE_NUMBERS numbers. The slice is a multiple
+        # of the rows that a kernel evaluates at once.
         slice_size = (
             max(1, round(SLICE_NUMBERS / (self._deciding.width * SLICE_ROWS))) * SLICE_ROWS
         )
         self.slices = split_rows(mode_count, n // mode_count, slice_size)
 
     def fill(self, samples: Indices) -> "list[tuple[int, SliceReversals]]":
-        """Compute all rows, of samples given by their numbers.
+        """Compute all rows of the block. Rows without certificate are solved singly.
+
+        The arrays of this object (see its attributes) are filled.
+
+        Parameters
+        ----------
+        samples
+            (k,) numbers of the samples of the block in the run.
 
         Returns
         -------
-        For each slice with certified rows: the index of its mode, and possible reversals.
+        For each slice with certified rows: the index of its assembly mode, and the pairs of
+        rows between which a pole direction may reverse.
         """
         reversals_by_slice = thread_map(
             self._fill_slice, self.slices, self.kernel.is_compiled
@@ -161,21 +173,35 @@ class BlockRows:
             self._solve_rows(samples, uncertified)
         self.is_certified &= self.status == Status.OK
 
-        judging = self.kernel.row_quality
+        # Slices with rows that the kernel did not certify at first have no reversals yet
+        # (None). Their rows that are certified now are evaluated once more.
+        quality = self.kernel.row_quality
         result: list[tuple[int, SliceReversals]] = []
         for (mode, part), reversals in zip(self.slices, reversals_by_slice, strict=True):
             rows = part.start + np.flatnonzero(self.is_certified[part])
             if reversals is None and len(rows):
-                columns = judging(self.values[:, rows])
-                reversals = SliceReversals(self.kernel, judging, columns, rows)
+                columns = quality(self.values[:, rows])
+                reversals = SliceReversals(self.kernel, quality, columns, rows)
             if reversals:
                 result.append((mode, reversals))
         return result
 
     def _fill_slice(self, row_slice: RowSlice) -> "SliceReversals | None":
-        """Compute the rows of a slice.
+        """Compute the rows of a slice, and decide which of them are certified.
 
-        Returns its possible reversals if all of its rows are certified or out of reach.
+        A row is certified if its loops are closed up to rounding, and if its error bounds
+        are small enough (uncertainties of at most 1). A row is out of reach if the
+        mechanism cannot be assembled at its inputs.
+
+        Parameters
+        ----------
+        row_slice
+            The index of an assembly mode, and the numbers of the rows in the block.
+
+        Returns
+        -------
+        The pairs of rows between which a pole direction may reverse. None if the slice has
+        no certified row, or a row that is neither certified nor out of reach.
         """
         mode, rows = row_slice
         deciding = self._deciding
@@ -186,7 +212,7 @@ class BlockRows:
         signs = assembly_mode.signs_along(q)
         argument_count = len(q) + len(signs) if has_closed_form else len(self.values)
 
-        # One array for arguments and columns, for the cache.
+        # Arguments and columns of the function share one array, which suits the cache.
         room = np.empty((argument_count + deciding.width, len(row_numbers)))
         arguments = room[:argument_count]
         columns = room[argument_count:]
@@ -201,7 +227,8 @@ class BlockRows:
         rounding = self.kernel.closure_rounding_rad
         closure = columns[column_rows["closure"]]
         self.closure[:, rows] = closure
-        # Most slices are certified as a whole. This is faster than row by row.
+        # Most slices are certified as a whole, which is faster than row by row. If the sum
+        # of all uncertainties is at most 1, so is each of them.
         if (
             np.max(columns[column_rows["uncertainty_sum"]]) <= 1.0
             and np.max(closure[0]) <= rounding
@@ -219,6 +246,8 @@ class BlockRows:
                 is_out_of_reach[is_out_of_reach] = status == Status.OUT_OF_REACH
             else:
                 is_out_of_reach[:] = False
+            # Predicted rows that are not closed yet get a step of Newton's method, which
+            # changes their entries in `columns`, and so in `closure`.
             is_open = (closure[0] > rounding) & np.isfinite(closure[0])
             self._close_rows(columns, row_numbers, np.flatnonzero(is_open))
             self.closure[:, rows] = closure
@@ -238,7 +267,17 @@ class BlockRows:
     ) -> None:
         """Take a step of Newton's method at the open rows of a slice.
 
-        A step that is too large may lead to another mode and is not taken.
+        A step that is too large may lead to another mode and is not taken. The values of
+        the rows, and their columns, are changed in place.
+
+        Parameters
+        ----------
+        columns
+            (width, n) columns of `RowKernel.row_quality` for the rows of the slice.
+        row_numbers
+            (n,) numbers of these rows in the block.
+        open_rows
+            (k,) positions in the slice of rows that are not closed up to rounding.
         """
         if not len(open_rows):
             return
@@ -252,7 +291,16 @@ class BlockRows:
         columns[:, open_rows] = self.kernel.row_quality(after)
 
     def _solve_rows(self, samples: Indices, rows: Indices) -> None:
-        """Solve rows by the position analysis, and let the kernel judge the result."""
+        """Solve rows by the position analysis, and let the kernel certify the results.
+
+        Parameters
+        ----------
+        samples
+            (k,) numbers of the samples of the block in the run.
+        rows
+            (r,) numbers of the rows in the block. Row r belongs to the mode r // k and to
+            the sample at r % k.
+        """
         position_analysis = self._position_analysis
         residual = np.empty(len(rows))
         row_modes = rows // len(samples)
@@ -269,11 +317,11 @@ class BlockRows:
             self.singular_error[mode_rows] = evaluated.singular_error
             residual[is_of_mode] = evaluated.residual
         solved = rows[np.isfinite(residual)]
-        judging = self.kernel.row_quality
-        columns = judging(self.values[:, solved])
-        self.closure[:, solved] = columns[judging.slices["closure"]]
+        quality = self.kernel.row_quality
+        columns = quality(self.values[:, solved])
+        self.closure[:, solved] = columns[quality.slices["closure"]]
         self.is_certified[solved] = np.all(
-            columns[judging.slices["uncertainties"]] <= 1.0, axis=0
+            columns[quality.slices["uncertainties"]] <= 1.0, axis=0
         )
         # The residual of the solver is measured directly, and therefore kept.
         self.closure[0, rows] = residual
@@ -282,7 +330,11 @@ class BlockRows:
 class SliceReversals:
     """The rows of a slice between which pole directions may reverse, and its errors.
 
-    It is made while the columns of the slice are in the cache.
+    A pole axis is a line, so that its direction is known up to its sign. The sign is chosen
+    continuously from row to row. Rows between which no direction can reverse have equal
+    signs and are not compared later.
+
+    The object is made while the columns of the slice are in the cache.
 
     Attributes
     ----------
@@ -299,14 +351,33 @@ class SliceReversals:
     def __init__(
         self, kernel: RowKernel, deciding: ColumnFunction, columns: Floats, rows: Indices
     ) -> None:
+        """Find the pairs of rows, and keep of the columns what is needed later.
+
+        Parameters
+        ----------
+        kernel
+            Its `input_columns` know, for each input that moves alone, the links of each
+            pole.
+        deciding
+            The function that has computed the columns. Its `slices` say which of them have
+            a given name.
+        columns
+            (width, n) columns of the certified rows of the slice, one column of the array
+            for each row of the block.
+        rows
+            (n,) numbers of these rows in the block, rising.
+        """
         self.rows = rows[[0, -1]]
         self.end_velocities: list[Floats] = []
         self.gaps: list[Indices] = []
         for input_index, moving in enumerate(kernel.input_columns):
+            # Components of the angular velocities of links per unit rate of this input.
             spins = columns[deciding.slices["velocities", input_index]]
             gap_starts = _find_reversals(moving, spins)
+            # For each pole, the velocity of its second link relative to its first.
             self.end_velocities.append(moving.relative_velocities(spins[:, [0, -1]]))
             self.gaps.append(np.array([rows[gap_starts], rows[gap_starts + 1]]))
+        # The columns named ("errors", input index), in the order of the inputs.
         self.errors = [
             np.max(columns[column_rows], axis=1, initial=0.0)
             for key, column_rows in deciding.slices.items()
@@ -323,6 +394,9 @@ def _keeps_direction(first: Floats, second: Floats) -> Bools:
 def _find_reversals(moving: InputColumns, spins: Floats) -> Indices:
     """Return the rows after which a pole direction may reverse.
 
+    A pole direction is that of the angular velocity of one link relative to another. It
+    does not reverse between two rows if the scalar product of both velocities is positive.
+
     The relative angular velocities are in a box, from the least to the greatest value of
     each component. The corners of the box bound the products of any two of them. Most often
     the least product is positive, so that no direction reverses in the whole slice.
@@ -331,12 +405,17 @@ def _find_reversals(moving: InputColumns, spins: Floats) -> Indices:
     Parameters
     ----------
     moving
-        Selects the links of each pole.
+        The columns of the moving input, which know the links of each pole.
     spins
         (components, n) angular velocities of the links per unit rate of the input.
+
+    Returns
+    -------
+    (k,) indices of rows, each less than n - 1.
     """
     low = np.min(spins, axis=1)
     high = np.max(spins, axis=1)
+    # (poles, 3) bounds of each component of the relative velocities.
     least = moving.relative_velocities(low, high)
     greatest = moving.relative_velocities(high, low)
     across = least * greatest
@@ -369,7 +448,8 @@ def find_stops(
 ) -> dict[int, ModeRows]:
     """Return the rows at which directions are compared, by the index of the mode.
 
-    Between these rows no direction reverses, so that their signs hold for all rows.
+    Between these rows no direction reverses, so that their signs hold for all rows. A *gap*
+    is a pair of rows between which a direction may reverse. Both are such rows.
 
     Parameters
     ----------
@@ -383,6 +463,7 @@ def find_stops(
         (modes, samples) whether the row was solved without the kernel. Directions may
         reverse before and after it.
     """
+    # Gaps in the slices, then those between the last row of a slice and the next slice.
     gaps: dict[int, list[Indices]] = defaultdict(list)
     for mode, reversal in reversals:
         gaps[mode].append(reversal.gaps[input_index])
@@ -399,8 +480,11 @@ def find_stops(
         rows = np.flatnonzero(is_assembled_in_mode)
         if not len(rows):
             continue
+        # A row without certificate has a gap before it and one after it, unless it is the
+        # first or the last row.
         uncertified = np.flatnonzero(is_uncertified[mode, rows])
         gap_starts = np.setdiff1d([uncertified - 1, uncertified], [-1, len(rows) - 1])
+        # From numbers of samples to numbers of rows in the block.
         rows += mode * len(is_assembled_in_mode)
         all_gaps = np.concatenate(
             [*gaps[mode], [rows[gap_starts], rows[gap_starts + 1]]], axis=1
@@ -444,9 +528,10 @@ class PendingPoles:
 class BatchRunner:
     """Computes the motion and the poles of blocks of samples by a kernel.
 
-    If all groups are dyads, the kernel has their closed form. Otherwise configurations of
-    samples along a path are predicted by interpolation. Other configurations come from the
-    position analysis.
+    The kernel evaluates all numbers of many rows (samples of assembly modes) at once. If
+    all groups of links are dyads (two links and three R pairs), it computes configurations
+    in closed form. Otherwise configurations of samples along a path are predicted by
+    interpolation. Other configurations come from the position analysis.
 
     Attributes
     ----------
@@ -494,8 +579,10 @@ class BatchRunner:
     ) -> "BatchRunner | None":
         """Make a kernel for a run; see the attributes for the parameters.
 
-        Returns None if a kernel does not help: in a simulation, for few rows, without
-        poles, or if the kernel cannot certify rows of this mechanism.
+        Returns
+        -------
+        None if a kernel does not help: in a simulation, for few rows, without poles, or if
+        the kernel cannot certify rows of this mechanism.
         """
         position_analysis = sampling.position_analysis
         row_count = len(sampling) * len(position_analysis.assembly_modes)
@@ -561,33 +648,47 @@ class BatchRunner:
     ) -> tuple[LazyField, ...]:
         """Return the poles of a motion of `motion_at`, for each input that moves.
 
-        Their columns are computed when they are read. Each motion can be asked once.
+        Their columns are computed when they are read. The poles of a motion can be asked
+        for once.
+
+        Parameters
+        ----------
+        motion
+            A block of samples.
+        sign_continuations
+            For each input, the last directions of the previous block. Directions continue
+            them, and they are updated in place.
         """
         pending = self.unread.pop(id(motion))
         columns = KernelColumns(self.kernel, motion, self.requests, pending.uncertified)
         self._last_columns = columns
-        turnings: list[SignFunction] = []
+        sign_functions: list[SignFunction] = []
         for input_index, (moving, memory) in enumerate(
             zip(self.kernel.input_columns, sign_continuations, strict=False)
         ):
             if motion.is_path:
                 velocities_at = partial(columns.unsigned_poles, input_index)
                 stops = pending.stops[input_index]
-                turnings.append(
+                sign_functions.append(
                     continue_signs(
                         motion, moving.signed_poles, stops, velocities_at, memory
                     )
                 )
             else:
-                turnings.append(signs_by_start_sides(motion, pending.is_assembled, memory))
-        columns.set_signs(turnings, motion.samples)
+                sign_functions.append(
+                    signs_by_start_sides(motion, pending.is_assembled, memory)
+                )
+        columns.set_signs(sign_functions, motion.samples)
         return tuple(
             LazyField(columns, input_index, motion, pending.is_certified, errors)
             for input_index, errors in enumerate(pending.error_maxima)
         )
 
     def motion_at(self, samples: Indices) -> Motion:
-        """Compute the motion at samples (n,), given by their numbers in rising order."""
+        """Compute the motion at samples (n,), given by their numbers in rising order.
+
+        What is then known of its poles is kept in `unread`, for `fields`.
+        """
         timing = self.sampling.timing if self.needs_timing else None
         position_analysis = self.sampling.position_analysis
         assembly_modes = position_analysis.assembly_modes
@@ -596,13 +697,15 @@ class BatchRunner:
         q = np.tile(position_analysis.input_grid.q[samples].T, mode_count)
         rows = BlockRows(self.kernel, position_analysis, q)
         if self.predict is not None:
+            # Configurations are predicted for each run of successive samples, and written
+            # into this view of the values: (variables, modes, samples).
             values = rows.values.reshape(-1, mode_count, count)
-            # Predicted for each run of successive samples.
             edges = np.flatnonzero(np.diff(samples, prepend=-2, append=-2) != 1)
             for low, high in pairwise(edges):
                 self.predict(samples[low], samples[high - 1] + 1, values[:, :, low:high])
         reversals = rows.fill(samples)
 
+        # The configurations of the block. Failed rows are NaN.
         has_failed = ~has_configuration(rows.status)
         rows.values[:, has_failed] = np.nan
         rows.closure[:, has_failed] = np.nan
@@ -630,6 +733,7 @@ class BatchRunner:
         # The kernel has computed the error already. The property is not evaluated again.
         vars(motion)["configuration_error"] = rows.closure[1]
 
+        # What is known of the poles: where directions may reverse, and the largest errors.
         is_assembled = ~has_failed.reshape(mode_count, count)
         is_uncertified = is_uncertified.reshape(is_assembled.shape)
         input_indices = range(len(self.requests))
@@ -639,6 +743,7 @@ class BatchRunner:
                 find_stops(reversals, input_index, is_assembled, is_uncertified)
                 for input_index in input_indices
             ]
+        # `fmax` ignores NaN, so that maxima are NaN only if no row is certified.
         error_maxima = np.fmax.reduce(
             [
                 nans((len(input_indices), 3)),

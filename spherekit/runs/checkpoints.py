@@ -55,6 +55,7 @@ def resume_or_start(
     OutputError
         If unfinished work is not to be resumed, belongs to another run, or is damaged.
     """
+    # A new run.
     new_state = RunState(
         [SignContinuation() for _ in run_plan.requests], failures=dict(run_plan.refused)
     )
@@ -68,6 +69,8 @@ def resume_or_start(
             return new_state, MemoryTables()
         return new_state, _make_store(run_plan, run_folder, [])
 
+    # A run that was stopped. The keys of journals are those of earlier versions:
+    # "standing" is the state of the run, and "done" its number of finished samples.
     journal = run_folder.read_journal()
     try:
         differing = differences(journal["identity"], run_plan.identity)

@@ -27,8 +27,9 @@ CONTRACT = 1
 class Sweep:
     """A parameter of an analysis that trades speed for accuracy, for `spherekit trade`.
 
-    The analysis is run with each value of the parameter. One column of a table is compared
-    with that of the most accurate value.
+    The command recommends the quickest value for a wanted accuracy. The analysis is run
+    with each value of the parameter. One column of a table is compared with that of the
+    most accurate value.
 
     Attributes
     ----------

@@ -33,10 +33,11 @@ def find_class_fault(cls: Any) -> str:
 
 
 def _find_class_faults(cls: Any) -> Iterator[str]:
-    """Yield everything that is wrong with the class of an analysis."""
+    """Yield a phrase for everything that is wrong with the class of an analysis."""
     if not (isinstance(cls, type) and issubclass(cls, AbstractAnalysis)):
         yield f"{cls!r} is not a subclass of AbstractAnalysis"
         return
+    # The class attributes. Their annotations are ClassVar[type].
     for key, hint in get_type_hints(AbstractAnalysis).items():
         if not hasattr(cls, key):
             yield f"the class attribute `{key}` is missing"
@@ -81,7 +82,7 @@ def _find_table_faults(tables: Sequence[Table]) -> Iterator[str]:
                     f"{listing(sorted(UNIT_SYMBOLS), len(UNIT_SYMBOLS))} "
                     "(--deg converts angles)"
                 )
-        # Successive columns of vectors, three for each vector.
+        # Successive columns that turn with the axes as components of vectors, three each.
         for behaviour, group in groupby(column.turns for column in table.columns):
             if behaviour == "vector" and len(list(group)) % 3:
                 yield f"table {table.name}: the columns of a vector come in threes: x, y, z"

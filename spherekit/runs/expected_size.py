@@ -83,6 +83,7 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
     has_many_poles = poles > MAX_POLES
     finds_modes = assembly.has_closed_form and not has_many_poles
     measured_study = study if finds_modes else replace(study, search=False)
+    # The short runs have this number of samples, and twice as many.
     short_count = min(samples, MEASURED_SAMPLES) // 2
     # The tables of other analyses need not grow with the samples.
     rowwise_analyses = [analysis for analysis in analyses if analysis.rowwise]
@@ -117,7 +118,10 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
     predicted_modes = mode_count if finds_modes else min(mode_count, 1)
 
     def extrapolate(*keys: str) -> int:
-        """Return the predicted value of an entry of the cost."""
+        """Return the predicted value of an entry of the cost, given by its nested keys.
+
+        Entries grow linearly with the samples, and in proportion to the assembly modes.
+        """
         is_motion = keys[1:2] == (MOTION,)
         if has_many_poles and not is_motion:
             # The part that does not grow with the samples is small in such tables.

@@ -178,7 +178,7 @@ def parse_merit(text: str, radians: float) -> FigureOfMerit:
     if reduction == "at":
         if point_match := _POINT_PATTERN.fullmatch(expression):
             expression = point_match["expression"]
-            # The text begins with a comma, so the first part is empty.
+            # The inputs, such as ", 30, 45", begin with a comma: the first part is empty.
             arguments = re.split(r"\s*,\s*", point_match["inputs"])[1:]
         with suppress(ValueError):
             point = tuple(float(argument) * radians for argument in arguments)

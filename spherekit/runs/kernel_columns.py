@@ -117,6 +117,7 @@ class KernelColumns:
         requests: Sequence[Request],
         uncertified: Indices,
     ) -> None:
+        """Evaluate the rows that are not certified. Columns are computed by `read`."""
         self.kernel = kernel
         self.uncertified = uncertified
         self.requests = requests
@@ -134,6 +135,8 @@ class KernelColumns:
             rows = motion.rows(uncertified)
             for request, columns in zip(requests, kernel.input_columns, strict=True):
                 field = evaluate_unsigned(rows, replace(request, planes=frozenset()))
+                # As in the kernel, directions are first chosen so that no velocity
+                # coefficient is negative.
                 for pole in columns.signed_poles:
                     signs = np.where(field.velocity_coefficient[pole] < 0.0, -1.0, 1.0)
                     apply_signs(field, pole, signs)
@@ -141,6 +144,9 @@ class KernelColumns:
 
     def unsigned_poles(self, input_index: int, rows: Indices) -> UnsignedPoles:
         """Return the poles whose sense is to be chosen, in some rows.
+
+        They are all poles but the axes of pairs. The angular velocity of a pole is its unit
+        vector u times the velocity coefficient c. Its derivative is c' u + c u'.
 
         Parameters
         ----------
@@ -151,8 +157,8 @@ class KernelColumns:
         """
         input_columns = self.kernel.input_columns[input_index]
         part = input_columns.signed_part(self.kernel.all_columns(self._values[:, rows]))
-        # The part is (8, poles, k): direction, its derivative, velocity coefficient and
-        # acceleration coefficient.
+        # The part is (8, poles, k): direction (3), its derivative (3), velocity coefficient
+        # and acceleration coefficient.
         unit, unit_rate, (coefficient, coefficient_rate) = np.split(part, [3, 6])
         with np.errstate(invalid="ignore", over="ignore"):  # of uncertified rows
             velocity = coefficient * unit
@@ -162,6 +168,7 @@ class KernelColumns:
         if len(replaced):
             field = self.uncertified_fields[input_index]
             field_rows = np.searchsorted(self.uncertified, rows[replaced])
+            # `field.w` has the angular velocity of each link, `field.dw` its derivative.
             for k, (i, j) in enumerate(input_columns.signed_poles):
                 unit[:, k, replaced] = field.direction[i, j][field_rows].T
                 velocity[:, k, replaced] = (field.w[j] - field.w[i])[field_rows].T
@@ -189,8 +196,18 @@ class KernelColumns:
                 apply_signs(field, pole, signs_of_pole)
 
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
-        """Compute some columns slice by slice, and pass them to a reader."""
+        """Compute some columns slice by slice, and pass them to a reader.
+
+        Parameters
+        ----------
+        keys
+            The columns.
+        reader
+            Called for each slice, with the rows and the numbers of all columns there. Calls
+            can come from several threads.
+        """
         self.was_read = True
+        # The row of each column in the result of the kernel.
         kernel_rows = [
             self.kernel.input_columns[key.input_index].column_indices[key.quantity][
                 key.subject
@@ -207,6 +224,8 @@ class KernelColumns:
             for find_signs, input_columns in zip(
                 self._sign_functions, self.kernel.input_columns, strict=False
             ):
+                # A view of `computed`: directions (first three rows) and what changes its
+                # sign with them.
                 signed = input_columns.signed_part(computed)
                 signs = find_signs(signed[:3], rows, mode)
                 # Most directions keep their sense in all rows of a slice.
@@ -291,6 +310,7 @@ class LazyField:
         is_certified: Bools,
         errors: Sequence[float],
     ) -> None:
+        """Set the attributes that are known without evaluating the kernel."""
         self._source = source
         self._input_index = input_index
         self._motion = motion
@@ -300,6 +320,8 @@ class LazyField:
         uncertified = source.uncertified
         n = len(motion)
         self.error_maxima = dict(zip(REPORTED_ERRORS, errors, strict=True))
+        # Certified rows have the status of their configuration, and no relative error. The
+        # numbers of the other rows are then put in.
         status = motion.status
         is_quad_precision, is_decimal = np.zeros((2, n), dtype=bool)
         relative_error_bound = np.where(motion.failed, np.nan, 0.0)
@@ -325,6 +347,7 @@ class LazyField:
             is_decimal=is_decimal,
             relative_error_bound=relative_error_bound,
         )
+        # Links that locked inputs hold together have no pole, and no columns of the kernel.
         for pole in set(request.poles) - pole_status.keys():
             add_locked_pole(self._field, motion, pole)
 
@@ -334,6 +357,7 @@ class LazyField:
     @cached_property
     def as_arrays(self) -> PoleField:
         """The field with all columns as arrays, computed when it is first asked for."""
+        # Each component of each quantity is a row of an array, which `put` fills below.
         n = len(self._field.status)
         columns: list[tuple[LazyColumn, Floats]] = []
         for quantity, indices_by_subject in self._column_indices.items():

@@ -265,6 +265,7 @@ def _enclose_run_poles(
     with working_precision(PROOF_PRECISION_BITS):
         equations = ArcEquations(decimal_mechanism, construction)
         rows = np.flatnonzero(motion["status"] == Status.OK)
+        # (n, pairs) angles. The factors convert arc lengths of sliding contacts to angles.
         values = np.stack([factor * motion[name] for name, factor in columns], 1)
         for done, row in enumerate(rows):
             progress.tell(lambda: f"{done} of {len(rows)} configurations")  # noqa: B023
@@ -275,6 +276,7 @@ def _enclose_run_poles(
             ]
             variables = decimal_mechanism.known_angles(exact_inputs)
             if unknown_count:
+                # The equations have complex roots too. Only real ones are configurations.
                 approximation = [*map(complex, run_values[:unknown_count])]
                 root = find_root(equations, variables, approximation)
                 is_proven = bool(root and root.real)
@@ -359,7 +361,8 @@ def _compare_row(run_row: Facts, pole: EnclosedPole) -> Facts:
     # Both senses of a pole axis are right.
     axis = axis if axis @ run_axis > 0 else -axis
     axis_distance = np.linalg.norm(run_axis - axis)
-    # The radius of three components, and the rounding errors of the distance.
+    # The radius of three components, and four rounding errors of the distance. These are
+    # relative to the distance; the added 1e-3 is a margin.
     axis_uncertainty = np.sqrt(3.0) * axis_radius + 4.0 * 2.0**-53 * (axis_distance + 1e-3)
 
     coefficient = centre_float(pole.coefficient)

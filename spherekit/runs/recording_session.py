@@ -121,6 +121,7 @@ class RecordingSession:
             )
         recorded_row_length = None
         if self._row_length is not None:
+            # Divided and rounded up.
             recorded_row_length = -(-self._row_length // self._every)
         recorder.start(
             RecordingHead(
@@ -162,6 +163,8 @@ class RecordingSession:
         The finished simulation can end earlier than the one that was shown. Links at
         samples after its end are hidden.
         """
+        # If it ends earlier, its last sample is its end. The sample that was shown with the
+        # same number is hidden too.
         shown_after_end = np.arange(len(self._sampling))[
             len(sampling) - 1 : self._shown_count
         ]

@@ -59,6 +59,7 @@ def compute_checked_tables(
             f"{analysis.name}: compute returned {listing(returned_names) or 'no tables'}, "
             f"it has to return the declared tables by name: {listing(declared_names)}"
         )
+    # The columns of each table, and the number of rows of tables over the samples.
     data: dict[str, TableData] = {}
     for table in tables:
         where = f"{analysis.name}: table {table.name}"

@@ -161,7 +161,8 @@ class RunPlan:
     def continue_angles(self, motion: Motion, last_angles: LastAngles) -> ContinuedAngles:
         """Return the variables that analyses read without jumps of whole revolutions.
 
-        `last_angles` are those at the end of the previous block, and are updated in place.
+        They are arrays (n,) in rad, by pair. `last_angles` are those at the end of the
+        previous block, and are updated in place.
         """
         pairs = frozenset[str]().union(*(needs.continued_values for needs in self.needs))
         if not pairs:
@@ -178,15 +179,15 @@ class RunPlan:
         """Return the view of a block that an analysis may read."""
         sampling = self.sampling
         return Batch(
-            self.mechanism,
-            self.plans,
-            self.needs[self.analyses.index(analysis)],
-            motion,
-            pole_fields,
-            continued_angles,
-            sampling.is_over_time,
-            sampling.position_analysis,
-            sampling.extents,
+            mechanism=self.mechanism,
+            plans=self.plans,
+            needs=self.needs[self.analyses.index(analysis)],
+            _motion=motion,
+            _pole_fields=pole_fields,
+            _angles=continued_angles,
+            timed=sampling.is_over_time,
+            _tracer=sampling.position_analysis,
+            _run_extents=sampling.extents,
         )
 
     def compute_tables(
@@ -216,20 +217,22 @@ class RunPlan:
         table_store: TableStore | None,
         batch: Batch | None = None,
     ) -> None:
-        """Store the rows of a block, and count them in the state of the run.
+        """Store the rows of a table at a block, and count them in the state of the run.
 
         Parameters
         ----------
         analysis_name
-            Name of the analysis, or `MOTION`.
+            Name of the analysis, or `MOTION` for the configurations and events of the run.
         table, rows
-            A declared table and its columns.
+            A declared table, and its columns at the block.
         run_state
             Its counts are updated in place.
         table_store
-            Receives the rows with the names of assembly modes. None if no rows are kept.
+            Receives the rows, with a column for the names of assembly modes if the
+            mechanism names any. None if no rows are kept.
         batch
-            What the analysis has read, if failed rows are to be counted.
+            The samples of the block as the analysis has read them, with which its rows are
+            compared to count those that failed. None if these are not counted.
         """
         if table_store is not None:
             mode_names = {
@@ -241,8 +244,10 @@ class RunPlan:
             table_store.add(
                 analysis_name, stored_table, stored_table.named(rows, mode_names)
             )
-        # An analysis that reads no samples can have rows of other configurations, even if
-        # it names samples.
+        # The rows of an analysis belong to the samples of the batch, unless it reads no
+        # samples. It then computes configurations of its own, which are others even if its
+        # tables have columns for sample and assembly mode. At most one analysis has the
+        # name. `MOTION` is none, and its rows belong to the samples (`all` of nothing).
         has_rows_of_batch = all(
             analysis.reads_samples
             for analysis in self.analyses

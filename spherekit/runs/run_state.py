@@ -145,7 +145,20 @@ class RunState:
         motion: Motion,
         pole_fields: PoleFields,
     ) -> None:
-        """Count the statuses of the rows of a block, and note its largest errors."""
+        """Count the statuses of the rows of a block, and note its largest errors.
+
+        At the first row with a configuration, the mobility and the redundant constraints of
+        the mechanism are noted too.
+
+        Parameters
+        ----------
+        position_analysis
+            The solver, whose closure equations give the mobility.
+        motion
+            The configurations of the block.
+        pole_fields
+            The poles of the block, for each input that moves while the others are locked.
+        """
         # (modes, samples), since rows run mode after mode.
         status = run_status(motion, pole_fields).reshape(-1, motion.samples)
         for mode, mode_status in zip(motion.assembly_modes, status, strict=True):
@@ -158,6 +171,7 @@ class RunState:
 
         if self.mobility_by_rank is None and np.any(is_assembled):
             closure = position_analysis.solver.closure
+            # `argmax` finds the first true value.
             first_row = motion.values[[np.argmax(is_assembled)]]
             vectors = closure.at(first_row).vectors
             self.mobility_by_rank = int(rank_mobility(closure.tree, vectors)[0])
@@ -166,7 +180,11 @@ class RunState:
             self.redundant_constraints = {"count": count, "pairs": pair_names}
 
     def _count_poles(self, motion: Motion, pole_fields: PoleFields) -> None:
-        """Count the statuses of the poles of a block, and note their error bounds."""
+        """Count the statuses of the poles of a block, and note their error bounds.
+
+        Poles are counted at the rows with a configuration and with velocities. The number
+        of rows is counted by the way in which their velocities were computed.
+        """
         is_valid = motion.status == Status.OK
         for poles in pole_fields:
             # A field without rows that failed shares the statuses of the motion.
@@ -227,9 +245,9 @@ class RunState:
         Parameters
         ----------
         analysis_name, table, data
-            The rows, and where they belong.
+            Name of the analysis, its table, and the columns of the table at the block.
         batch
-            What the analysis has read. Without it failed rows are not counted.
+            The samples that the analysis has read. Without it failed rows are not counted.
         has_rows_of_batch
             Whether the rows belong to the samples of the batch. A row then counts as failed
             only if its configuration has not failed in the same way. Failures of poles are
@@ -238,6 +256,7 @@ class RunState:
         self.counts[ROWS, analysis_name, table.name] += row_count(data)
         if batch is None:
             return
+        # Statuses of poles are ignored if the analysis reads poles.
         needs = batch.needs
         ignored = [Status.OK]
         if needs.directions | needs.rates | needs.planes:
@@ -245,6 +264,7 @@ class RunState:
         for column in table.columns:
             if column.kind != "status":
                 continue
+            # A column with rows of several subjects, such as poles, has an array for each.
             values = data[column.name]
             parts = values.parts if isinstance(values, Interleaved) else (values,)
             arrays = (np.asarray(part) for part in parts)
@@ -252,7 +272,8 @@ class RunState:
                 has_sample_rows = (
                     has_rows_of_batch and table.in_assembly_modes and len(batch) > 0
                 )
-                # Each sample of the batch has the same number of rows.
+                # Each sample of the batch has the same number of rows. Rows with the status
+                # of their configuration have not failed by themselves.
                 if has_sample_rows and len(codes) % len(batch) == 0:
                     sample_codes = codes.reshape(len(batch), -1)
                     codes = sample_codes[sample_codes != batch.status[:, None]]

@@ -23,13 +23,13 @@ numbers have another size after thousands of poles. Smaller: they become equal b
 
 
 def evaluate_sample(motion: Motion, wanted: Request, most: int) -> PoleField:
-    """Return a field in which many poles have the numbers of others.
+    """Return the poles at a motion, of which many only have the numbers of others.
 
-    The axes of pairs are all evaluated, since their numbers are shorter. Of the other poles
-    `most` are evaluated, spread evenly over all. Poles with great circles are added if they
-    are no more than `most`. Each remaining pole gets the numbers of one of these in turn,
-    except for the last digits. Such numbers show how many bytes they take, and nothing
-    else.
+    The size of tables is measured with them, in little time. The axes of pairs are all
+    evaluated, since their numbers are shorter. Of the other poles `most` are evaluated,
+    spread evenly over all. Poles with great circles are added if they are no more than
+    `most`. Each remaining pole gets the numbers of one of these in turn, except for the
+    last digits. Such numbers show how many bytes they take, and nothing else.
 
     Parameters
     ----------

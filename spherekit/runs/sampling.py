@@ -224,6 +224,7 @@ class Sampling:
         spread_samples = np.arange(0, len(self), max(1, len(self) // 24))
         motion = self.motion_at(spread_samples)
         is_first_mode = motion.assembly_mode == motion.assembly_mode[0]
+        # (rows, pairs, 3): the third column of the frame of a pair is its axis.
         axes = motion.frames[~motion.failed & is_first_mode, :, :, 2]
         mean = np.sum(axes, axis=(0, 1))
         length = np.linalg.norm(mean)
@@ -382,7 +383,7 @@ def _simulate_study(
     assert study.start is not None and study.duration is not None
     check_engine_and_tolerance(mechanism, engine, study.tolerance)
     # The position analysis only finds the assembly modes at the start. A single input has
-    # the two ends of its range as samples, several inputs have the start.
+    # the two ends of its range as samples, several inputs have the start (1, inputs).
     start_inputs = None
     if len(mechanism.input_pairs) > 1:
         start_inputs = study.start.each(mechanism.input_pairs)[0][None]
@@ -485,12 +486,18 @@ def check_time(study: Study) -> None:
 
 
 def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, str]]:
-    """Yield faults of laws, duration and start: keys of the study, and a sentence."""
+    """Yield faults of laws, duration and start.
+
+    Yields
+    ------
+    The keys that lead to the faulty value in the file of the study, and a sentence.
+    """
     inputs = mechanism.input_pairs
     start = study.start
     duration = study.duration
     torque = study.driving_torque
 
+    # The time laws of the inputs.
     for pair in study.laws:
         law_key = ("inputs", pair, "law")
         if pair not in inputs:
@@ -504,6 +511,7 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
         if duration is None:
             yield law_key, "a time law needs a duration in s, --duration T or duration = T"
 
+    # The start of a simulation, and its driving torques.
     if start is not None:
         if duration is None:
             yield ("start",), "a start needs a duration in s, --duration T or duration = T"
@@ -550,7 +558,9 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
 
 
 def _default_timing(q: Floats, is_straight: bool) -> Timing:
-    """Return the timing of inputs without laws.
+    """Return the timing of inputs without laws: times, constant rates, no accelerations.
+
+    Time begins at 0. The other inputs move in proportion to the fastest one.
 
     Parameters
     ----------
@@ -561,6 +571,7 @@ def _default_timing(q: Floats, is_straight: bool) -> Timing:
         fastest input then moves at `DEFAULT_INPUT_SPEED`. Otherwise there is a single
         input, which moves at this speed from its least to its greatest value.
     """
+    # (2, inputs): the first and the last values, or the least and the greatest.
     ends = q[[0, -1]] if is_straight else input_extents(q)[0]
     displacement = ends[1] - ends[0]
     fastest = np.argmax(np.abs(displacement))
@@ -568,6 +579,7 @@ def _default_timing(q: Floats, is_straight: bool) -> Timing:
     if displacement[fastest]:
         relative_speed = displacement / np.abs(displacement[fastest])
     else:
+        # No input moves. Rates are then those of a motion at the default speed.
         relative_speed = np.ones_like(displacement)
     return Timing(
         t,

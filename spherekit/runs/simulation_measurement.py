@@ -225,6 +225,7 @@ def measure_candidates(
     start = time.monotonic()
     measured_by_name: dict[str, Measured] = {}
     progress = ProgressReporter("measuring settings")
+    # First the errors. `tell` takes a function, which it calls only to show a report.
     for number, candidate in enumerate(candidates, 1):
         progress.tell(f"{candidate.name}, {number} of {len(candidates)}".__str__)
         try:
@@ -248,7 +249,7 @@ def measure_candidates(
         )
 
     applicable = [item for item in candidates if not measured_by_name[item.name].reason]
-    # Times before any sample, and times of all samples, of each round.
+    # Then the times: before any sample, and of all samples, in each round.
     first_seconds: dict[str, list[float]] = {item.name: [] for item in applicable}
     sample_seconds: dict[str, list[float]] = {item.name: [] for item in applicable}
     for round_number in range(effort.rounds):
@@ -355,7 +356,10 @@ def measure_simulation_settings(
             measured = replace(measured, compile_seconds=tightest.compile_seconds)
         results.append(measured)
     return SettingMeasurement(
-        words, _largest_error(reference_deviations), reference_tables, results
+        reference=words,
+        floor=_largest_error(reference_deviations),
+        reference_tables=reference_tables,
+        settings=results,
     )
 
 
@@ -461,7 +465,8 @@ def _compute_exact_tables(
     assert sampling.t is not None
     exact = refined(simulation, study.start, end)
     (motion,) = sampling.blocks(len(sampling))
-    # Variables, then their first and second derivatives by time.
+    # Variables (n, variables), then their first and second derivatives by time, as balls:
+    # numbers of many digits with error bounds.
     states, *derivatives = exact.at(sampling.t)
     (driven,) = simulation.driven
     # The variables of the motion are in other revolutions than those of the simulation.

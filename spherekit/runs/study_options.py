@@ -72,7 +72,7 @@ def apply_study_options(
         if name not in own_names and name != "input_pair"
     }
     input_pairs = options.get("input_pair")
-    # A path of the study belongs to its own inputs and samples.
+    # A path of the study (values of its inputs at its samples) does not fit other ones.
     if "samples" in changes or input_pairs is not None:
         changes.setdefault("path", None)
     if input_pairs is not None:

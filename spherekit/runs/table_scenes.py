@@ -62,8 +62,10 @@ def _column_series(
 ) -> Iterator[Primitive]:
     """Yield a series for each column and subject of an assembly mode.
 
-    Subjects without exactly one row at each of the samples (k,) are left out, since a
-    series has a value at every sample.
+    A subject is what a row is about, such as a pole, named by the texts in the row. Nothing
+    is drawn if a table has more than `MAX_SUBJECTS` of them. Subjects without exactly one
+    row at each of the samples (k,) are left out, since a series has a value at every
+    sample.
     """
     mode_rows = np.flatnonzero(data[ASSEMBLY_MODE.name] == mode)
     texts = [data[c.name][mode_rows] for c in table.columns if c.kind == "text"]
@@ -81,11 +83,11 @@ def _column_series(
             continue
         for column in filter(_is_result, table.columns):
             yield Series(
-                f"tables/{table.name}/{column.name}/{subject}",
-                subject or column.name,
-                column.meaning,
-                data[column.name][subject_rows],
-                column.unit,
+                path=f"tables/{table.name}/{column.name}/{subject}",
+                label=subject or column.name,
+                group=column.meaning,
+                values=data[column.name][subject_rows],
+                unit=column.unit,
             )
 
 

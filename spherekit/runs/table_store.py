@@ -57,6 +57,8 @@ class StoredTables:
         """
         from spherekit.tables.table_files import write_columns
 
+        # The file has groups of at most CHUNK_ROWS rows, each of one assembly mode if rows
+        # are sorted by mode. Its notes name the mode of each group.
         by_mode = self._has_several_blocks and table.in_assembly_modes
         mode_rows = sort_by_mode(convert_columns(table, arrays(data)), by_mode)
         group_modes = []
@@ -68,10 +70,10 @@ class StoredTables:
         key = (analysis, table.name)
         write_columns(
             self._path(key, self._file_counts[key]),
-            mode_rows.columns,
-            {MODES: group_modes},
-            group_rows,
-            "none",
+            columns=mode_rows.columns,
+            notes={MODES: group_modes},
+            groups=group_rows,
+            compression="none",
         )
         self._file_counts[key] += 1
 

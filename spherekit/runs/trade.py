@@ -111,7 +111,8 @@ def choose_check_samples(sampling: Sampling, even_count: int, request: Request) 
         motion = sampling.motion_at(rows)
         field = evaluate(motion, request, route="conditioned")
         bounds = [np.zeros(len(motion)), *field.direction_error.values()]
-        # (modes, samples), with a column of -1 on both sides.
+        # The largest error bound of any direction (modes, samples), with a column of -1 on
+        # both sides, so that the first and the last sample can be peaks.
         bound_of_mode = np.fmax.reduce(bounds).reshape(-1, len(rows))
         padded = np.pad(bound_of_mode, ((0, 0), (1, 1)), constant_values=-1.0)
         bound = padded[:, 1:-1]
@@ -119,7 +120,7 @@ def choose_check_samples(sampling: Sampling, even_count: int, request: Request) 
         mode, peak = np.nonzero(is_peak)
         largest = np.argsort(bound[mode, peak])[::-1][:MAX_REFINED_PEAKS]
         peak = peak[largest]
-        # Gaps before and after each peak.
+        # Gaps before and after each peak, by the number of the sample before the gap.
         gaps = np.unique(np.clip([peak - 1, peak], 0, len(rows) - 2))
         middles = (rows[gaps] + rows[gaps + 1]) // 2
         new_rows = np.setdiff1d(middles, rows)
@@ -147,9 +148,9 @@ def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
         sampling,
         position_analysis=PositionAnalysis(
             position_analysis.mechanism,
-            None,
-            modes[0].number if len(modes) == 1 else None,
-            search,
+            input_pair=None,
+            assembly_mode=modes[0].number if len(modes) == 1 else None,
+            search=search,
             path=q,
             crossings=position_analysis.crossings,
         ),
@@ -289,15 +290,15 @@ def _trade_samples(run_plan: RunPlan, study: Study, effort: Effort) -> Trade:
             Candidate(str(setting), setting, partial(run_setting, setting))
             for setting in settings
         ],
-        lambda tables: measure_deviations(checked_plan, tables, reference.tables),
-        study.count / len(sampling),
-        effort,
+        compare=lambda tables: measure_deviations(checked_plan, tables, reference.tables),
+        sample_ratio=study.count / len(sampling),
+        effort=effort,
     )
     measurement = SettingMeasurement(
-        f"the closure equations in {REFERENCE_DIGITS} digits{reference.lacking}",
-        EPS,
-        reference.tables,
-        measured_settings,
+        reference=f"the closure equations in {REFERENCE_DIGITS} digits{reference.lacking}",
+        floor=EPS,
+        reference_tables=reference.tables,
+        settings=measured_settings,
     )
     return _make_trade(checked_plan, study, measurement)
 
@@ -363,9 +364,9 @@ def _trade_parameters(
     for sweep in sweeps:
         candidates = [
             Candidate(
-                f"{sweep.parameter}={value:g}",
-                None,
-                partial(_run_with_value, study, analysis, sweep, value),
+                name=f"{sweep.parameter}={value:g}",
+                setting=None,
+                run=partial(_run_with_value, study, analysis, sweep, value),
             )
             for value in sweep.values
         ]
@@ -373,7 +374,9 @@ def _trade_parameters(
         reference_names.append(reference_candidate.name)
         reference = reference_candidate.run(True).tables
         compare = partial(_compare_sweep_column, sweep, reference)
-        all_measured += measure_candidates(candidates, compare, 1.0, effort)
+        all_measured += measure_candidates(
+            candidates, compare, sample_ratio=1.0, effort=effort
+        )
         # The reference is compared with itself to learn the scale.
         (deviation,) = compare(reference)
         words = "absolute rad" if sweep.places else "over the largest"
@@ -398,6 +401,9 @@ def _run_with_value(
     study: Study, analysis: AbstractAnalysis, sweep: Sweep, value: Any, is_compared: bool
 ) -> TimedTables:
     """Run an analysis with one value of a parameter.
+
+    The whole time counts as spent before any sample, since it does not grow with the
+    samples of the run that is wanted.
 
     Parameters
     ----------

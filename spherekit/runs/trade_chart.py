@@ -43,12 +43,13 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
     (left, bottom), (right, top) = _find_frame(points)
     curves = [
         PlaneCurve(
-            _make_points(trade.pareto),
-            FRONT_TONE,
-            "no other is quicker and as accurate",
+            points=_make_points(trade.pareto),
+            tone=FRONT_TONE,
+            label="no other is quicker and as accurate",
         )
     ]
     marks = []
+    # Each setting is a mark with its number, which the legend explains.
     for number, (measured, point) in enumerate(zip(settings, points, strict=True), 1):
         tone = FRONT_TONE if measured in trade.pareto else SETTING_TONE
         marks.append(Mark(str(number), point, tone))
@@ -61,9 +62,10 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
         if chosen is not None:
             (point,) = _make_points([chosen])
             marks.append(Mark("taken", point, TOLERANCE_TONE))
+    # The mark that moves with the samples rests at the first setting.
     chart = Portrait(
-        "trade/chart",
-        "work and precision",
+        path="trade/chart",
+        label="work and precision",
         x=points[:1, 0],
         y=points[:1, 1],
         x_label="processor time with compiling",
@@ -77,10 +79,10 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
     )
     table = f"```\n{as_text(trade, tolerance)}\n```"
     return Scene(
-        "Trade",
-        (chart, Text("trade/table", "Trade", table)),
-        (Axis("setting", "", np.zeros(1)),),
-        "trade",
+        page="Trade",
+        primitives=(chart, Text(path="trade/table", label="Trade", markdown=table)),
+        over=(Axis(label="setting", unit="", values=np.zeros(1)),),
+        source="trade",
     )
 
 

@@ -43,6 +43,8 @@ def measure_run(run_plan: RunPlan) -> tuple[list[Deviation], int]:
     total = len(run_plan.sampling)
     samples = np.arange(total)
     if total > CHECKED_SAMPLES:
+        # One sample in each of as many equal parts of the run. Its place in the part is the
+        # fractional part of a multiple of the golden ratio.
         index = samples[:CHECKED_SAMPLES]
         fractions = (index + index * GOLDEN % 1.0) / CHECKED_SAMPLES
         samples = np.unique((fractions * total).astype(np.intp))

@@ -77,6 +77,7 @@ class _BlockRows(ArrayRows):
         of the run.
         """
         motion = self.motion
+        # The largest error bound of any pole direction in each row; NaN without poles.
         direction_bound = nans(len(motion))
         for pole_field in self.pole_fields:
             for errors in pole_field.direction_error.values():
@@ -85,7 +86,8 @@ class _BlockRows(ArrayRows):
             np.argmax(np.nan_to_num(score, nan=-1.0))
             for score in (motion.residual, direction_bound, motion.conditioning)
         ]
-        # The order depends only on mode and sample, so rows of different blocks compete
+        # Rows are taken in the order of the fractional part of a multiple of the golden
+        # ratio. It depends only on mode and sample, so rows of different blocks compete
         # fairly.
         row_number = motion.assembly_mode * sample_count + motion.sample
         spread_rows = np.argsort((row_number + 1) * GOLDEN % 1.0)
@@ -294,7 +296,16 @@ class Verifier:
         selected: _BlockRows,
         reference_rows: _BlockRows,
     ) -> list[_TablePair]:
-        """Compute the tables of an analysis from both the run and the reference."""
+        """Compute the tables of an analysis from both the run and the reference.
+
+        Parameters
+        ----------
+        analysis
+            The analysis.
+        selected, reference_rows
+            The verified rows as the run has computed them, and in many digits. If the
+            analysis reads all samples at once, they are put into all rows of the run.
+        """
         if analysis.at_once and self._whole is not None:
             reference_rows = self._put_into_whole(self._whole, reference_rows)
             selected = self._whole
@@ -335,6 +346,7 @@ class Verifier:
         order = np.arange(len(motion))
         replaced = np.flatnonzero((row >= 0) & self._has_reference[row])
         order[replaced] = len(motion) + row[replaced]
+        # The n rows of the run have the numbers 0 to n - 1, the reference rows follow.
         joined = _BlockRows.joined([replace(whole, motion=motion), reference_rows])
         rows = joined.rows(order)
         return replace(rows, motion=replace(rows.motion, samples=motion.samples))
