@@ -94,6 +94,7 @@ class DecimalRates:
         if not quad_assembly.is_supported or not numbers <= modes.keys():
             return None
         n, tree = len(motion), motion.linearisation.tree
+        # (n, links, 3, 3) rotations from link axes to ground axes, in quad precision.
         values: Array | None = None
         is_known = np.zeros(n, dtype=bool)
         for mode, rows in _rows_of_modes(motion, [modes[k] for k in sorted(numbers)]):
@@ -180,7 +181,10 @@ class DecimalRates:
     ) -> Floats:
         """Return the error bounds of the quantities of a pole.
 
-        The rounding of each quantity to float64 is included.
+        The pole of two links has the direction u: the axis of a pair, or the direction of
+        v, the angular velocity of the second link relative to the first. The velocity
+        coefficient is v . u, the acceleration coefficient dv . u. The rounding of each
+        quantity to float64 is included.
 
         Parameters
         ----------
@@ -208,6 +212,7 @@ class DecimalRates:
             # u = v / |v|, and du = (dv - (dv . u) u) / |v|
             direction = v_error / speed
             direction_change = (dv_error + 2.0 * direction * derivative_size) / speed
+        # An error of u multiplies the part of dv that is perpendicular to u.
         acceleration_bound = dv_error + direction * derivative_size
         if not is_pair_axis:
             direction = np.where(speed <= v_error, np.inf, direction)
@@ -217,6 +222,7 @@ class DecimalRates:
             "acceleration_coefficient": acceleration_bound,
             "direction_dq": direction_change,
         }
+        # Twice the rounding error of a number of the size of the vector.
         rounding = {
             name: 2.0 * EPS * np.sqrt(np.sum(numbers[name] ** 2, axis=0)) for name in bounds
         }
@@ -232,16 +238,18 @@ class DecimalRates:
 def _rows_of_modes(
     motion: Motion, modes: Sequence[AssemblyMode]
 ) -> Iterator[tuple[AssemblyMode, Indices]]:
-    """Yield each assembly mode with the rows of the motion that belong to it.
+    """Yield each assembly mode with the rows (k,) of the motion that belong to it.
 
-    A mode that changes to other modes at crossings has `pieces`. It is replaced by the
-    modes of its pieces, each with the rows at its inputs.
+    A mode (a way to assemble the links) that passes from one solution to another where they
+    meet has `pieces`: ranges of the input, each with a mode that holds within it. It is
+    replaced by the modes of its pieces, each with the rows at its inputs.
     """
     for mode in modes:
         rows = np.flatnonzero(motion.assembly_mode == mode.number)
         if not mode.pieces:
             yield mode, rows
             continue
+        # The piece of each row. Index 1 of a piece is its mode.
         piece_numbers = mode.pieces_at(motion.inputs[rows, 0])
         for number in np.unique(piece_numbers):
             yield mode.pieces[number][1], rows[piece_numbers == number]
@@ -322,12 +330,16 @@ def _solve_linear_systems(matrices: Array, right_sides: Array) -> Array:
     """Return solutions x (n, m) of matrices (n, m, m) x = right_sides (n, m).
 
     numpy.linalg has no quad precision. This is Gauss-Jordan elimination with partial
-    pivoting, for all n systems at once.
+    pivoting, for all n systems at once. The solution of an exactly singular system is not
+    finite.
     """
     n, m = right_sides.shape
     augmented = np.concatenate([matrices, right_sides[:, :, None]], axis=2)
     rows = np.arange(n)
     for k in range(m):
+        # In each system the row with the largest entry in column k is exchanged with row k.
+        # This row is divided by the entry, and a multiple of it is subtracted from all
+        # other rows, so that their entries in column k vanish.
         pivot = k + np.argmax(np.abs(augmented[:, k:, k]).astype(float), axis=1)
         pivot_rows = augmented[rows, pivot].copy()
         augmented[rows, pivot] = augmented[:, k]

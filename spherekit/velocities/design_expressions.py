@@ -206,19 +206,26 @@ class DesignExpressions:
     def differentiate_by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
         """Return the derivatives of expressions by each size, with the loops kept closed.
 
-        If profiles have columns, these follow after the sizes, without the last one of each
-        profile.
+        Profiles other than circles are described by columns: their tangent, point and
+        curvature at the contact, as symbols. The derivatives by these columns follow after
+        the sizes, without the last column of each profile (d2k/ds2, with the curvature k
+        and the arc length s).
 
         Parameters
         ----------
         items
             The expressions.
 
+        Returns
+        -------
+        For each size or column, the derivative of each expression.
+
         Raises
         ------
         EngineError
             If an expression depends on the last column of a profile.
         """
+        # In closed form the expressions contain no pair variables that change with a size.
         if self.has_closed_form:
             return [differentiate(items, {size: 1.0}) for size in self.size_symbols]
         sides = self.structure.pairs.sides_with_columns
@@ -236,7 +243,8 @@ class DesignExpressions:
         rates = self.coordinate_rates
         derivatives: list[list[Expr]] = []
         for size in (*self.size_symbols, *columns):
-            # The variables change such that the loops stay closed.
+            # The variables change such that the loops stay closed. The total derivative is
+            # d/d size + sum over the variables of (change of variable) d/d variable.
             changes = rates.solve_loops(rates.closure_residual_rates(size))
             total = differentiate(items, {size: 1.0})
             for change, partial in zip(changes, by_variable, strict=True):
@@ -247,7 +255,11 @@ class DesignExpressions:
     def _differentiate_by_variable(
         self, items: Sequence[Expr], variable: int
     ) -> list[Expr]:
-        """Return the derivatives by a pair variable, also along profiles it moves on."""
+        """Return the derivatives of expressions by a pair variable.
+
+        If the variable moves a contact along a profile, the columns of this profile (its
+        tangent, point and curvature at the contact) change with it.
+        """
         rates: dict[ExpressionNode, Expr] = {self.configuration_symbols[variable]: 1.0}
         for side in self.structure.pairs.sides_with_columns:
             if side.track.variable == variable:
@@ -291,13 +303,15 @@ class DesignExpressions:
     def refuse_ambiguous_name(self, name: str, *arguments: Sequence[Any]) -> Expr:
         """Raise `EngineError` because two quantities have the same name.
 
+        Names of links and pairs can contain underscores, which also join them.
+
         Parameters
         ----------
         name
             The name.
         arguments
-            For both quantities the arguments of their methods, names of links and pairs
-            among them.
+            Two sequences: for each of the quantities, the arguments of the method that
+            computes it. Those that are texts are names of links and pairs.
         """
         first, second = (
             listing([x for x in items if isinstance(x, str)]) for items in arguments
@@ -395,8 +409,9 @@ class DesignExpressions:
     def _output_jacobian(self, name: str) -> list[Exprs]:
         """Return the columns (3,) of the Jacobian of an output, one for each input.
 
-        They are relative angular velocities. With two inputs and an output that points,
-        they are the rates of its direction.
+        A column is the angular velocity of the output's link, relative to the link it is
+        seen from, per unit rate of one input while the others rest. With two inputs and an
+        output that points, it is the rate of the output's direction instead.
         """
         link, base = self._output_links(name)
         velocities = [w[link] - w[base] for w in self._link_velocities]
@@ -406,7 +421,10 @@ class DesignExpressions:
         return [cross(velocity, direction) for velocity in velocities]
 
     def condition_number(self, name: str) -> Expr:
-        """Return the condition number of the Jacobian of an output."""
+        """Return the condition number of the Jacobian of an output.
+
+        It is the ratio of the largest to the smallest singular value.
+        """
         columns = self._output_jacobian(name)
         if len(columns) > 3:
             # The singular values of three rows are those of three columns.
@@ -417,8 +435,10 @@ class DesignExpressions:
     def jacobian_determinant(self, name: str) -> Expr:
         """Return the determinant of the square Jacobian of an output.
 
-        With two inputs it is the area spanned by the rates of the direction, seen along the
-        direction.
+        With three inputs its columns are the angular velocities of the output per unit rate
+        of each input. With two inputs they are the rates of the direction in which the
+        output points. The determinant is then the area that they span, with the sign as
+        seen along the direction.
         """
         first, second, *others = self._output_jacobian(name)
         third = others[0] if others else self._output_direction(name)
@@ -434,9 +454,10 @@ class DesignExpressions:
         return moments.matrix[first][second] * factor * moments.unit
 
     def inertia_rate(self) -> Expr:
-        """Return dB/dq (kg m2/rad) of a single input.
+        """Return the derivative dB/dq (kg m2/rad) of the inertia B of a single input q.
 
-        At the rate 1 and without acceleration, half of it is the moment of inertia forces.
+        The inertia forces need the moment B ddq + (dB/dq) dq^2 / 2. At the rate dq = 1 and
+        without acceleration, it is half of dB/dq.
         """
         return 2.0 * self._moments.resistance(0, [1.0], [0.0])
 
@@ -450,9 +471,13 @@ class DesignExpressions:
         """
         rates = self.coordinate_rates
         total: Expr = 0.0
+        # For each input: the rates of all variables and the angular velocities of all
+        # links. Both have the same scale, which cancels in the ratio.
         for tau, w in zip(rates.tau, rates.w, strict=True):
             pair_velocities = rates.pair_velocities(tau)
             residual_square: Expr = 0.0
+            # A chord is the pair that closes a loop. The velocities of its links, reached
+            # along the two sides of the loop, must differ by the velocity of the pair.
             for chord in rates.tree.chords:
                 first, second = rates.tree.ends[chord]
                 residual = w[first] - w[second] + pair_velocities[chord]
@@ -477,8 +502,11 @@ class DesignExpressions:
     def coefficient(self, link_name: str, other_name: str, kind: str, moving: int) -> Expr:
         """Return a velocity or acceleration coefficient of two links.
 
-        If a pair joins the links, the velocity coefficient is the rate of its variable. Of
-        other links it is the size of the relative angular velocity.
+        The velocity coefficient is the relative angular velocity of the links per unit rate
+        of the moving input, as a component along the axis of their relative rotation. If a
+        pair joins the links, it is the rate of the pair's variable. Otherwise it is the
+        size of the relative angular velocity. The acceleration coefficient is its
+        derivative with respect to the moving input.
 
         Parameters
         ----------
@@ -497,6 +525,8 @@ class DesignExpressions:
         if kind == "velocity":
             if variable is None:
                 return function("sqrt", dot(relative_velocity, relative_velocity))
+            # The variable counts the rotation of the pair's second link relative to its
+            # first. The sign changes if the links are asked for in the opposite order.
             first, _ = self.mechanism.ends[self.mechanism.variable_owners[variable]]
             return self._variable_rates[moving][variable] * (
                 1.0 if first == other else -1.0
@@ -541,8 +571,8 @@ class DesignExpressions:
             "maximum", 1.0, dot(larger_link_velocity, larger_link_velocity)
         )
         square = dot(relative_velocity, relative_velocity)
-        moves = function("sqrt", sign_of(square - least_square))
-        return direction * moves
+        one_or_nan = function("sqrt", sign_of(square - least_square))
+        return direction * one_or_nan
 
     def _relative_direction(self, link_name: str, other_name: str, moving: int) -> Exprs:
         """Return the axis (3,) of the pair of two links, or the direction of their motion.
@@ -561,8 +591,8 @@ class DesignExpressions:
     def _rest_together(self, link_name: str, other_name: str, moving: int) -> bool:
         """Return whether two links rest relative to each other at all configurations.
 
-        Locked inputs then hold them together, and the difference of their angular
-        velocities is zero as an expression.
+        The inputs that do not move then hold them together, and the difference of their
+        angular velocities is zero as an expression. The parameters are those of `pole`.
         """
         w = self._link_velocities[moving]
         relative_velocity = (
@@ -596,7 +626,10 @@ class DesignExpressions:
     def linearised(self, kind: str, index: int, other: int) -> Expr:
         """Return a derivative of an input's acceleration about the motion of the sample.
 
-        All torques are held constant, and all loops stay closed.
+        All torques are held constant, and all loops stay closed. With the inertia matrix M,
+        the accelerations a and the torques T that the motion needs, the equations of motion
+        give da = M^-1 (dT_applied - dT), where dT is the change of T at constant
+        accelerations.
 
         Parameters
         ----------
@@ -620,10 +653,11 @@ class DesignExpressions:
         return -1.0 * dot(self._inverse_inertia[index], changes)
 
     def _symbol_rates(self, moving: int) -> dict[ExpressionNode, Expr]:
-        """Return the rates of the symbols of sample, configuration and profiles.
+        """Return the rates of all symbols that change as one input moves.
 
-        They are per unit rate of the moving input. Symbols that are not returned are
-        constant.
+        They are the angle of this input, the pair variables (unless expressions contain the
+        inputs in closed form), and the columns of profiles: their tangent, point and
+        curvature at the contact. Rates are per unit rate of the moving input.
         """
         rates: dict[ExpressionNode, Expr] = {self.sample_symbols[moving]: 1.0}
         if not self.has_closed_form:
@@ -631,6 +665,7 @@ class DesignExpressions:
                 self.configuration_symbols, self._variable_rates[moving], strict=True
             )
         for side in self.structure.pairs.sides_with_columns:
+            # The arc length at which the contact is on this profile is a pair variable.
             speed = rates[self.configuration_symbols[side.track.variable]]
             column_rates = (x * speed for x in side.column_derivatives)
             rates |= zip(side.column_symbols, column_rates, strict=True)
@@ -638,6 +673,8 @@ class DesignExpressions:
 
     def generalized_force(self, moving: int) -> Expr:
         """Return the power of all loads per unit rate of a moving input (N m).
+
+        It is the generalised force of the loads on this input.
 
         Raises
         ------
@@ -653,6 +690,8 @@ class DesignExpressions:
             mechanism,
             f'a kernel of designs does not solve for; runs do: --reduce "max({column})"',
         )
+        # Loads such as springs depend on angles with their whole revolutions. Of passive
+        # pairs these are symbols, angles of whole revolutions in rad.
         angles = self._angles()
         revolutions = {
             self._variable(pair): angle * (1.0 / TURN)
@@ -677,11 +716,12 @@ class DesignExpressions:
         return sum(forces, 0.0) / rates.scale
 
     def _angles(self) -> list[Expr]:
-        """Return the variables of R pairs (rad), and 0 for those of contacts.
+        """Return the angles of R pairs (rad) by variable, and 0 for variables of contacts.
 
         No load depends on variables of contacts.
         """
         angles: list[Expr] = [0.0] * len(self.mechanism.variable_owners)
+        # `Mechanism.angles` has the number of the variable of each R pair.
         for pair, variable in self.mechanism.angles.items():
             if pair in self.inputs:
                 angles[variable] = self.sample_symbols[self.inputs.index(pair)]
@@ -703,9 +743,10 @@ class DesignExpressions:
     def transmission_angle(self, pair: str) -> Expr:
         """Return the transmission angle (rad, in [0, pi/2]) of a dyad.
 
-        It is the angle between the planes of the two arcs that meet in the middle axis of
-        the dyad. `SampledSingularities.transmission_angles` computes the same quantity from
-        arrays with the same formula, and `spherekit.exchange.latex_positions` prints it.
+        A dyad is two links in series between two outer pairs. The transmission angle is the
+        acute angle between the planes of the two arcs that meet in its middle axis.
+        `SampledSingularities.transmission_angles` computes the same quantity from arrays
+        with the same formula, and `spherekit.exchange.latex_positions` prints it.
 
         Parameters
         ----------
@@ -714,6 +755,7 @@ class DesignExpressions:
         """
         number = self.mechanism.pair_number[pair]
         dyads = (group for group in self.structure.assembly.groups if group.is_dyad)
+        # A pair is the middle one of a single dyad.
         (group,) = (dyad for dyad in dyads if dyad.middle == number)
         first_outer, middle, second_outer = (
             self.coordinate_rates.vectors[self._variable_of_pair(group.pairs[position])]
@@ -723,6 +765,7 @@ class DesignExpressions:
         second_normal = cross(middle, second_outer)
         double_normal = cross(first_normal, second_normal)
         cosine = dot(first_normal, second_normal)
+        # tan(angle) = |sine| / |cosine| of the angle between the normals of both planes.
         # Both arguments are not negative, so the angle is at most 90 degrees.
         return function(
             "atan2",

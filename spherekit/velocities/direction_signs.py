@@ -66,6 +66,7 @@ class SignContinuation:
     """
 
     def __init__(self) -> None:
+        """Begin without any signs."""
         self.last: dict[tuple[int, ...], tuple[VelocityPath, float]] = {}
         self.start_sides: dict[int, Floats] = {}
 
@@ -164,7 +165,9 @@ def apply_signs(field: PoleField, pole: Pole, signs: Floats) -> None:
 def signs_by_sides(sides: Floats) -> SignFunction:
     """Return the function of the signs with which directions point to given sides.
 
-    A direction on the opposite side of its assembly mode has the sign -1.
+    The direction of a pole (the axis about which two links turn relative to each other) has
+    two senses. A direction that points away from the vector of its assembly mode gets the
+    sign -1.
 
     Parameters
     ----------
@@ -173,6 +176,7 @@ def signs_by_sides(sides: Floats) -> SignFunction:
     """
 
     def find_signs(directions: Floats, rows: Any, modes: Any) -> Floats:
+        """Return signs (poles, k) of directions (3, poles, k), by the index of the mode."""
         x, y, z = np.atleast_2d(sides[modes]).T
         is_opposite = x * directions[0] + y * directions[1] + z * directions[2] < 0.0
         return np.where(is_opposite, -1.0, 1.0)
@@ -184,6 +188,10 @@ def signs_by_start_sides(
     motion: Motion, has_configuration: Bools, sign_continuation: SignContinuation
 ) -> SignFunction:
     """Return the function of the signs with which directions point to the start sides.
+
+    The start side of an assembly mode is the vector to whose side the directions of all
+    poles point at its first row. It is used where rows are no path, so that a sign cannot
+    be continued from row to row.
 
     Parameters
     ----------
@@ -248,6 +256,7 @@ def continue_signs(
     signs = np.ones((len(poles), len(motion)), dtype=np.int8)
 
     def look_up_signs(directions: Floats, rows: Any, modes: Any) -> Array:
+        """Return the signs (poles, k) of rows (k,) as they are in `signs` by then."""
         return signs[:, rows]
 
     if not poles or not rows_by_mode:
@@ -324,8 +333,9 @@ def _continue_along_path(
 ) -> Floats:
     """Return the continuous signs (k,) of a direction along a path of samples.
 
-    The direction follows the relative angular velocity v of the links of its pole. The last
-    sample is stored, so that the next block of samples continues from there.
+    The direction follows the relative angular velocity v of the links of its pole: where v
+    reverses between two samples, so does the sign. The last sample is stored, so that the
+    next block of samples continues from there.
 
     Parameters
     ----------
@@ -345,6 +355,7 @@ def _continue_along_path(
         reversals = np.where(may_reverse, _find_reversals(path), 1.0)
     first_sign = start_sign
     if key in sign_continuation.last:
+        # Rows 2 to 4 of a path are v. It may also reverse between the two blocks.
         last_path, first_sign = sign_continuation.last[key]
         if last_path[2:5] @ path[2:5, 0] < 0.0:
             across_blocks = np.column_stack([last_path, path[:, 0]])
@@ -377,6 +388,7 @@ def _find_reversals(path: VelocityPath) -> Floats:
     v = path[2:5]
     dv = np.nan_to_num(path[5:])
     reversals = np.ones(len(coordinate) - 1)
+    # Only where two neighbouring vectors point to opposite sides, v is interpolated.
     gaps = np.flatnonzero(dot_columns(v[:, 1:], v[:, :-1]) < 0.0)
     if not len(gaps):
         return reversals

@@ -85,6 +85,9 @@ def place_by_inputs(
 ) -> DyadPlacement:
     """Return the orientations of all links for given inputs and signs.
 
+    A dyad is two links in series between two other links. It can be closed in two ways,
+    between which its sign chooses.
+
     Parameters
     ----------
     structure
@@ -140,6 +143,11 @@ def _close_dyad(
 ) -> Expr:
     """Turn the two free bodies of a dyad into their places.
 
+    The bodies of a dyad (links that are rigid relative to each other) are numbered: the two
+    outer pairs join the free bodies 1 and 2 to body 0, and the middle pair joins them to
+    each other. The middle axis is where the arcs of both free bodies, from their outer axes
+    in body 0, meet. There are two such directions, and the sign chooses one.
+
     Parameters
     ----------
     structure, group, sign
@@ -187,6 +195,7 @@ def _close_dyad(
         + cross(a, c) * normal_factor
     )
 
+    # The depth ranks links by the length of their expressions, which are now the longest.
     depth = 1 + max(orientation.depth for orientation in orientations)
     for body, outer_direction, body_axes in (
         (1, a, first_body_axes),
@@ -263,11 +272,13 @@ class ClosedForm:
     Attributes
     ----------
     arguments
-        Symbols of the inputs (rad), then of the signs of the dyads.
+        Symbols of the inputs (rad), then of the signs of the dyads. A dyad, two links in
+        series, can be closed in two ways, between which its sign (+1 or -1) chooses.
     variables
         Expressions (rad) of all variables. Passive ones are in (-pi, pi].
     triple_squares
-        For each dyad the square of the triple product of its axes.
+        For each dyad the square of the triple product of its axes, which is negative if the
+        dyad does not close.
     """
 
     arguments: list[ExpressionNode]
@@ -320,6 +331,11 @@ def write_arguments(q: Floats, signs: Integers, out: Floats) -> Floats:
 def find_out_of_reach(triple_squares: Floats) -> Bools:
     """Return (n,) the configurations in which a dyad certainly does not close.
 
+    A dyad does not close if its two arcs do not reach each other. The square of the triple
+    product of its axes is then negative. A small square means that the dyad is nearly
+    stretched or folded, so the axes that depend on it have large errors. Later dyads are
+    then not judged.
+
     Parameters
     ----------
     triple_squares
@@ -340,6 +356,9 @@ def pair_angle(
 ) -> Expr:
     """Return the variable (rad, in (-pi, pi]) of an R pair between placed links.
 
+    It is the angle from the zero direction of the pair in its first link to that in its
+    second link, about the axis.
+
     Parameters
     ----------
     structure, pair
@@ -350,9 +369,10 @@ def pair_angle(
     chain = structure.pairs.chains[pair]
     first_link, second_link = structure.mechanism.ends[pair]
     first = orientations[first_link]
-    # The zero direction of the pair in the first link, and the direction 90 deg ahead.
+    # The first constant of the chain is the frame of the pair in the first link, by
+    # columns: zero direction, the direction 90 deg ahead, axis. The second constant is the
+    # transposed frame in the second link.
     zero = first.direction(chain.constants[0][:, 0])
     quarter = first.direction(chain.constants[0][:, 1])
-    # The zero direction in the second link.
     pointer = orientations[second_link].direction(chain.constants[1][0])
     return function("atan2", dot(quarter, pointer), dot(zero, pointer))

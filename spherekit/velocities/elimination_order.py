@@ -54,8 +54,11 @@ def assign_elimination_orders(
 ) -> list[tuple[EliminationOrder, Indices]]:
     """Choose elimination orders, and assign each configuration to one of them.
 
-    The first order is chosen for all configurations whose equations are regular. Each
-    further order is chosen for those at which no order so far is well conditioned.
+    An elimination order says which variables are eliminated from the velocity equations of
+    which loop, one loop after another. It is well conditioned at a configuration if the
+    inverse that it leads to is not much larger than the smallest left inverse. The first
+    order is chosen for all configurations whose equations are regular. Each further order
+    is chosen for those at which no order so far is well conditioned.
 
     Parameters
     ----------
@@ -82,6 +85,7 @@ def assign_elimination_orders(
     remaining = np.flatnonzero(has_choice)
     left_over: list[Indices] = [np.flatnonzero(~has_choice)]
     while len(remaining) and len(assigned) < MOST_ORDERS:
+        # An even selection of the remaining configurations.
         chosen_rows = remaining[
             np.unique(
                 np.linspace(0, len(remaining) - 1, MAX_CONFIGURATIONS_PER_ORDER).astype(int)
@@ -124,7 +128,8 @@ def choose_elimination_order(
 ) -> EliminationOrder | None:
     """Choose one elimination order for several configurations.
 
-    This is Gaussian elimination of the Jacobians with a choice of the pivot in each step.
+    This is Gaussian elimination of the Jacobians with a choice of the pivot in each step. A
+    pivot is a loop with the variables (at most three) for which its equations are solved.
     The same pivots are used for all configurations. A pivot is judged by the configuration
     at which its axes are the least independent.
 
@@ -140,6 +145,7 @@ def choose_elimination_order(
     The order, or None if no order gives all passive variables.
     """
     k, rows, count = jacobians.shape
+    # (k, loops, 3, variables): the equations after the steps so far.
     remaining = jacobians.reshape(k, rows // 3, 3, count).copy()
     loops = list(range(rows // 3))
     columns = list(passive)
@@ -160,6 +166,7 @@ def choose_elimination_order(
             return None
         loop, chosen = best
         pivots.append(best)
+        # The equations of these loops change, so their candidates are judged again.
         for other, contains in zip(loops, contains_variable, strict=True):
             if np.any(contains[chosen]):
                 del candidates[other]
@@ -175,11 +182,12 @@ def choose_elimination_order(
 def _judge_candidates(
     rows: Floats, loop_variables: Sequence[int]
 ) -> list[tuple[float, list[int]]]:
-    """Return the sets of variables that the equations of one loop may give.
+    """Return the sets of variables for which the equations of one loop can be solved.
 
-    The independence of the axes of a set is the product of their singular values, divided
-    by the product of their lengths. It is 1 for axes at right angles, and 0 for dependent
-    axes. The least value of all configurations counts.
+    The column of a variable in the equations is its axis. The independence of the axes of a
+    set is the product of their singular values, divided by the product of their lengths. It
+    is 1 for axes at right angles, and 0 for dependent axes. The least value of all
+    configurations counts.
 
     Parameters
     ----------
@@ -195,6 +203,8 @@ def _judge_candidates(
     """
     if not loop_variables:
         return []
+    # The number of independent equations: of singular values that are not rounding errors
+    # at some configuration.
     sizes = np.linalg.svd(rows[:, :, loop_variables], compute_uv=False)
     rank = int(np.sum(np.max(sizes, axis=0) > REDUNDANT_SINGULAR_VALUE))
     if not rank:
@@ -203,6 +213,7 @@ def _judge_candidates(
     axes = np.moveaxis(rows[:, :, sets], 2, 0)  # (sets, k, 3, rank)
     lengths_product = np.prod(np.linalg.norm(axes, axis=2), axis=2)
     independence = np.prod(np.linalg.svd(axes, compute_uv=False), axis=2)
+    # The limit prevents a division by zero.
     independence = np.min(independence / np.maximum(lengths_product, 1e-300), axis=1)
     return list(zip(independence.tolist(), sets, strict=True))
 
@@ -213,10 +224,12 @@ def _choose_pivot(
     columns: Sequence[int],
     contains_variable: Bools,
 ) -> Pivot | None:
-    """Choose the next pivot of an elimination.
+    """Choose the next pivot of an elimination: a loop and the variables that it gives.
 
-    Among the pivots that are at least `MIN_INDEPENDENCE_RATIO` times as independent as the
-    best one, the pivot with the lowest cost is chosen.
+    A pivot is the more independent, the farther the axes of its variables are from being
+    linearly dependent. Its cost estimates the number of products of the step. Among the
+    pivots that are at least `MIN_INDEPENDENCE_RATIO` times as independent as the best one,
+    the pivot with the lowest cost is chosen.
 
     Parameters
     ----------
@@ -276,8 +289,9 @@ def inverse_sizes(matrices: Floats) -> Floats:
 def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floats:
     """Return the Frobenius norms of the left inverses that an elimination order gives.
 
-    This function does numerically what `spherekit.velocities.loop_inverse.loop_inverse`
-    does with expressions.
+    The order consists of pivots: a loop with the variables for which its equations are
+    solved. This function does numerically what
+    `spherekit.velocities.loop_inverse.loop_inverse` does with expressions.
 
     Parameters
     ----------

@@ -163,12 +163,26 @@ class GroupEquations:
     def _choose_equations(self, vectors: Floats) -> list[tuple[int, int]]:
         """Return independent equations, one for each unknown, as `chosen_equations`.
 
-        They are the pivots of a QR decomposition of all equations at one configuration.
+        An equation is the component of the equation of a loop along a direction: along the
+        vector of one of its variables, or perpendicular to its two private variables, which
+        occur in no other loop and are eliminated by this choice. The independent equations
+        are the pivots of a QR decomposition of all equations at one configuration.
 
         Parameters
         ----------
         vectors
-            (variables, 3) vectors of all variables at this configuration.
+            (variables, 3) vectors of all variables at this configuration: relative angular
+            velocities of the links of their pairs per unit rate.
+
+        Returns
+        -------
+        The index of the loop of each equation, with the variable along whose vector it is
+        taken, or `WITHOUT_PRIVATE`.
+
+        Raises
+        ------
+        EngineError
+            If fewer equations are independent than there are unknowns.
         """
         from scipy.linalg import qr
 
@@ -176,6 +190,7 @@ class GroupEquations:
         for loop_index, (loop, private) in enumerate(
             zip(self.loops, self.private_variables, strict=True)
         ):
+            # For each variable +1 or -1 if the loop passes its pair, otherwise 0.
             senses = np.zeros(len(vectors))
             for pair, sense in loop:
                 senses[list(self._variables_of(pair))] += sense
@@ -186,6 +201,7 @@ class GroupEquations:
                 normal = np.cross(loop_vectors[first], loop_vectors[second])
                 directions = {WITHOUT_PRIVATE: normal}
             for key, direction in directions.items():
+                # The coefficients of all variables in this equation.
                 row = loop_vectors @ direction
                 row_size = float(np.linalg.norm(row))
                 direction_size = float(np.linalg.norm(direction))
@@ -212,6 +228,10 @@ class GroupEquations:
     ) -> tuple[dict[int, Expr], Expr]:
         """Return the rates of the variables of the group times a determinant.
 
+        The equation of each loop is sum of a_v x_v + c = 0, with the vectors a_v and the
+        rates x_v of its unknown variables and a known vector c. Cramer's rule solves these
+        equations without a division: with the determinant D, it gives D x_v.
+
         Parameters
         ----------
         vectors
@@ -227,6 +247,7 @@ class GroupEquations:
         scale
             The determinant D.
         """
+        # Of each loop the vectors a_v, by variable, and the vector c.
         loop_vectors: list[dict[int, Exprs]] = []
         known_parts: list[Exprs] = []
         for loop in self.loops:
@@ -241,6 +262,7 @@ class GroupEquations:
             )
         equations = self._collect_equations(vectors, loop_vectors, known_parts)
 
+        # Row by row the coefficients of the unknowns in the scalar equations.
         matrix: list[list[Expr]] = [
             [
                 dot(equation.direction, equation.vectors[v])
@@ -259,6 +281,7 @@ class GroupEquations:
         for k, variable in enumerate(self.unknowns):
             column = [row[k] for row in matrix_cofactors]
             rates[variable] = -1.0 * dot(right_side, column)
+        # The variables that were eliminated from the equations of their loop.
         for private, by_variable, known_part in zip(
             self.private_variables, loop_vectors, known_parts, strict=True
         ):
@@ -276,6 +299,12 @@ class GroupEquations:
         known_parts: Sequence[Exprs],
     ) -> list[LoopEquation]:
         """Return the scalar equations for the unknowns.
+
+        An equation is the component of the vector equation of a loop along a direction. If
+        a loop has two private variables, which occur in no other loop, the direction is
+        perpendicular to both of their vectors, so that the equation is free of them. Such a
+        loop gives one equation, others give three, unless equations were chosen because
+        some repeat others.
 
         Parameters
         ----------
@@ -319,8 +348,10 @@ def _solve_private_rates(
 ) -> tuple[Expr, Expr]:
     """Return the rates x and y, times D, of the private variables of a loop.
 
-    They satisfy x a + y b + s = 0 with the vectors a and b of the private variables. s is
-    the sum of all other terms of the loop.
+    Private variables occur in no other loop. Their rates follow from the others, which are
+    solved already and are multiplied by the determinant D. They satisfy x a + y b + s = 0
+    with the vectors a and b of the private variables. s is the sum of all other terms of
+    the loop.
 
     Parameters
     ----------

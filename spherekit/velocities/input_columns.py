@@ -165,7 +165,11 @@ class InputColumns:
         return root(sum((dot(x, x) for x in residuals), 0.0))
 
     def _set_error_bounds(self) -> None:
-        """Set bounds of the errors of rates, w, their derivatives, and of axes."""
+        """Set bounds of the errors of rates, w, their derivatives, and of axes.
+
+        The bounds are expressions. r_i are the rates of the variables per unit rate of the
+        moving input, a_i their vectors (axes), and w the angular velocities of the links.
+        """
         rows = self._rows
         self._speeds = [absolute(rate) for rate in self._rates]
         acceleration_sizes = [absolute(change) for change in self._accelerations]
@@ -186,6 +190,7 @@ class InputColumns:
         term_sizes: list[Expr] = []
         for v, carried in enumerate(rows.carried):
             speed = self._speeds[v]
+            # A bound of |da_i|: a_i turns with its link, and slides on it at a contact.
             axis_derivative = carried.length * self._w_bounds[carried.link]
             axis_derivative = axis_derivative + speed * carried.slide_length
             axis_derivative_error = self._axis_derivative_error(
@@ -238,8 +243,10 @@ class InputColumns:
     ) -> Expr:
         """Return a bound of the error of the derivative of a carried vector.
 
-        The derivative is w x a + r s, with the angular velocity w of the link, the vector
-        a, its slide s and the rate r of the variable.
+        A carried vector belongs to a variable. It turns with a link and may slide on it.
+        Its derivative is w x a + r s, with the angular velocity w of the link, the vector
+        a, its slide s (derivative with respect to the variable, seen from the link) and the
+        rate r of the variable.
 
         Parameters
         ----------
@@ -259,19 +266,29 @@ class InputColumns:
     ) -> tuple[list[Expr], list[Expr]]:
         """Return error bounds of the solution of the velocity or acceleration equations.
 
+        The equation of each loop is a sum of terms, one for each variable: its vector times
+        its rate. The angular velocity of a link is the sum of these terms on the path from
+        the ground to the link. The same applies to the derivatives.
+
         Parameters
         ----------
         term_errors
-            Error of the term of each variable in the equations.
+            By variable, the error of its term.
         residual
-            Norm of the residual of the equations.
+            Norm of the residual of the equations of all loops.
 
         Returns
         -------
-        Error bounds of the vectors of all links, and of the values of all variables.
+        link_errors
+            Error bound of the vector of each link, the angular velocity or its derivative.
+        variable_errors
+            Error bound of the solution for each variable, the rate or its derivative.
         """
         rows = self._rows
+        # A variable contributes to each loop that contains it. By this error of all
+        # equations, links turn by `link_turns` and variables move by `variable_shifts`.
         equation_error = residual + dot(rows.loop_counts, term_errors)
+        # The terms on the path to a link have errors themselves.
         link_errors = [
             turn * equation_error + path_error
             for turn, path_error in zip(
@@ -283,12 +300,21 @@ class InputColumns:
     def _add_columns(self, columns: ColumnList) -> None:
         """Add all columns: first those of the signed poles, which are not shared.
 
-        The signed columns are in the order of `SIGNED_COMPONENTS`: the first component of
-        all poles, then the second, and so on. A change of sign must not reach other
-        columns, so none of them is shared.
+        A pole is the axis about which two links turn relative to each other. A signed pole
+        is not the axis of a pair, so the sign of its direction is chosen later. The signed
+        columns are in the order of `SIGNED_COMPONENTS`: the first component of all poles,
+        then the second, and so on. A change of sign must not reach other columns, so no
+        signed column is shared with an equal expression. `column_indices` is set, and says
+        where each quantity is.
+
+        Parameters
+        ----------
+        columns
+            The output columns of the kernel, which are extended in place.
         """
         plan = self._request.plan
         pairs = axis_pairs(plan)
+        # By name of the quantity, and by pole or link.
         shared_parts: dict[tuple[str, Any], Iterable[Expr]] = {}
         signed_parts: dict[Pole, list[Expr]] = {}
         for pole in self._request.poles:
@@ -298,6 +324,7 @@ class InputColumns:
             elif body_pole is not None:
                 signed_parts[pole], parts = self._relative_pole_parts(*pole)
             else:
+                # Both links belong to one body, so they do not move relative to each other.
                 continue
             shared_parts |= {(name, pole): items for name, items in parts.items()}
         for link in sorted(self._request.links):
@@ -305,6 +332,7 @@ class InputColumns:
 
         first = len(columns.expressions)
         pole_count = len(signed_parts)
+        # The first item of all poles, then the second of all poles, and so on.
         for item in chain.from_iterable(zip(*signed_parts.values(), strict=True)):
             columns.add_unshared(item)
         self.signed_poles = tuple(signed_parts)
@@ -319,6 +347,7 @@ class InputColumns:
         self.column_indices: dict[str, dict[Any, list[int]]] = {
             name: {} for name in FIELD_PARTS
         }
+        # The components of one pole are `pole_count` columns apart.
         for k, pole in enumerate(signed_parts):
             index = first + k
             for name, size in SIGNED_COMPONENTS.items():
@@ -331,17 +360,29 @@ class InputColumns:
     def relative_velocities(
         self, components: Floats, first_components: Floats | None = None
     ) -> Floats:
-        """Return v (poles, 3, ...) of the signed poles.
+        """Return the relative angular velocities v of the two links of poles.
+
+        A pole is the axis about which its second link turns relative to its first, so v is
+        the angular velocity w of the second link minus that of the first, per unit rate of
+        the moving input. Poles that are the axis of a pair are left out: their direction
+        does not follow from v.
 
         Parameters
         ----------
         components
-            (k, ...) values of the `velocity_components`.
+            (k, ...) values of the `velocity_components`: the distinct components of w of
+            all links.
         first_components
-            (k, ...) values for the first link of each pole, whose w is subtracted. By
-            default those in `components`. Lower and upper bounds of components give bounds
-            of v in this way.
+            (k, ...) values from which w of the first link of each pole is taken, by default
+            `components`. With lower bounds in `components` and upper bounds here, the
+            result is a lower bound of v; the other way round it is an upper bound.
+
+        Returns
+        -------
+        (poles, 3, ...) v of the `signed_poles`, in their order.
         """
+        # (poles,) numbers of the links. `_component_indices` (links, 3) has the place of
+        # the x, y and z component of w of each link in `components`.
         first, second = self._pole_ends
         if first_components is None:
             first_components = components
@@ -372,7 +413,24 @@ class InputColumns:
         return bool(self._request.plan.rounded_axes)
 
     def _pair_axis_parts(self, pole: Pole, pair: int) -> dict[str, Iterable[Expr]]:
-        """Return the fields of a pole that is the axis or the contact line of a pair."""
+        """Return the fields of a pole that is the axis or the contact line of a pair.
+
+        The links of the pole can be those of the pair, or links that turn about the same
+        axis. A rolling contact turns its links about its contact line, from the centre of
+        the sphere to the contact point.
+
+        Parameters
+        ----------
+        pole
+            Numbers of the two links.
+        pair
+            Number of the pair.
+
+        Returns
+        -------
+        Expressions by name of the `PoleField` field. Derivatives are with respect to the
+        moving input.
+        """
         rows = self._rows
         i, j = pole
         (variable,) = rows.pair_variables[pair]
@@ -403,6 +461,7 @@ class InputColumns:
             coefficient_error = self._rate_errors[variable]
             derivative_error = self._acceleration_errors[variable]
         else:
+            # The coefficients are components of v and dv along the axis.
             motion = self._relative_motion(i, j)
             coefficient = dot(motion.v, unit)
             derivative = dot(motion.dv, unit)
@@ -413,6 +472,7 @@ class InputColumns:
             "direction_dq": [*unit_derivative],
             "velocity_coefficient": [coefficient],
             "acceleration_coefficient": [derivative],
+            # 1: no digits cancel in the axis of a pair.
             "conditioning": [1.0],
             **_error_parts(
                 axis_error, coefficient_error, derivative_error, axis_derivative_error
@@ -436,8 +496,11 @@ class InputColumns:
     ) -> tuple[list[Expr], dict[str, Iterable[Expr]]]:
         """Return the quantities of the pole of links i and j, which no pair joins.
 
-        Its direction is that of v, the angular velocity of link j relative to link i. The
-        error bounds of the direction are added to the error sum of the row.
+        Its direction u is that of v, the angular velocity of link j relative to link i per
+        unit rate of the moving input. dv is the derivative of v with respect to this input.
+        The error bounds of u and of its derivative are added to the error sum of the row,
+        which decides whether the row is certified in float64. If the links rest relative to
+        each other at every configuration, u is NaN and the coefficients are 0.
 
         Returns
         -------
@@ -458,7 +521,8 @@ class InputColumns:
         derivative = dot(motion.dv, unit)
         unit_derivative = (motion.dv - derivative * unit) * inverse_length
         w_sizes = [root(dot(w, w)) for w in (self._w[i], self._w[j])]
-        # How far w_i and w_j are from cancelling, from 0 to 1.
+        # How far w_i and w_j are from cancelling, from 0 to 1. A size that is the number 0
+        # belongs to a link that always rests, where nothing cancels.
         conditioning = length / (w_sizes[0] + w_sizes[1]) if all(w_sizes) else 1.0
 
         direction_error = motion.v_error * inverse_length
@@ -467,8 +531,10 @@ class InputColumns:
         transverse = direction_error * motion.dv_bound
         derivative_error = motion.dv_error + transverse
         unit_derivative_error = (derivative_error + transverse) * inverse_length
-        # This part of the error of the derivative of u is compared with
-        # `MAX_DIRECTION_DQ_ERROR`.
+        # In proportion to its limit, this part of the error of the derivative of u counts
+        # like an error of u in proportion to `MAX_CERTIFIED_ERROR_RAD`. The limit is
+        # `MAX_DIRECTION_DQ_ERROR`. Twice `derivative_error` is more than both parts of
+        # `unit_derivative_error`.
         turn_uncertainty = (
             derivative_error
             * inverse_length

@@ -48,6 +48,10 @@ def evaluate(
 ) -> PoleField:
     """Return the requested poles and coefficients at every row of a motion.
 
+    A pole is the axis about which two links turn relative to each other. Its velocity
+    coefficient is their relative angular velocity per unit rate of the moving input. The
+    directions of poles have signs that are continuous along the motion.
+
     Parameters
     ----------
     motion
@@ -77,6 +81,7 @@ def evaluate(
         apply_continuous_signs(
             field, motion, request, sign_continuation or SignContinuation()
         )
+    # On this route, all rows count as computed in quad precision (see `PoleField`).
     if route == "equations":
         field.is_quad_precision[:] = True
     return field
@@ -91,6 +96,10 @@ def evaluate_unsigned(
     order: EliminationOrder | None = None,
 ) -> PoleField:
     """Return the requested poles, whose directions may reverse from row to row.
+
+    A pole is the axis about which two links turn relative to each other. The velocity
+    equations of the mechanism give all poles. The plan, which finds poles one after another
+    from great circles, replaces them where they are undetermined, and on its own routes.
 
     Parameters
     ----------
@@ -122,6 +131,7 @@ def evaluate_unsigned(
         field.w[link] = row_velocities.quantity("w", link).T
         field.dw[link] = row_velocities.quantity("dw", link).T
     for pole in request.poles:
+        # None: both links belong to one body.
         if request.plan.pole(*pole) is None:
             add_locked_pole(field, motion, pole)
         else:
@@ -129,6 +139,8 @@ def evaluate_unsigned(
     for pole in request.planes:
         field.planes[pole] = get_planned_poles().great_circles(pole)
 
+    # Rows at which this elimination order nearly divides by zero are computed again, each
+    # with an order that suits it.
     for row_order, rows in row_velocities.reordered:
         field.put(
             rows, evaluate_unsigned(motion.rows(rows), request, engine, route, row_order)
@@ -267,12 +279,18 @@ def _take_planned_direction(
 ) -> None:
     """Replace the direction of a pole by that of the plan, in place.
 
+    A pole is the axis about which two links turn relative to each other. The plan finds
+    poles one after another, as intersections of great circles. The coefficients, which are
+    components along the direction, and the error bounds change with the direction. Its
+    derivative is kept only where the velocity equations give a direction too, or if it is
+    the axis of a pair; otherwise it becomes NaN.
+
     Parameters
     ----------
     columns
-        The quantities of the pole.
+        The quantities of the pole at all n rows. They are changed in place.
     row_velocities
-        Velocities of the links.
+        Angular velocities of the links at these rows.
     pole
         The two links.
     planned_poles
@@ -286,6 +304,7 @@ def _take_planned_direction(
     body_pole = plan.pole(*pole)
     assert body_pole is not None
     planned_direction = planned_poles.directions[body_pole]
+    # The sign of the direction so far is retained, if there is one.
     is_opposite = ~is_open & (dot_columns(columns.direction, planned_direction) < 0.0)
     planned_direction = planned_direction * np.where(is_opposite, -1.0, 1.0)
     # The bounds of the plan assume axes that are known up to rounding. Here axes have the
@@ -317,12 +336,15 @@ def _take_planned_direction(
 def make_certified_field(
     input_columns: InputColumns, columns: Floats, motion: Motion, request: Request
 ) -> PoleField:
-    """Return the poles of rows that a kernel certifies.
+    """Return the poles of rows whose float64 results a kernel certifies.
+
+    The kernel has computed all quantities as columns. Here they are sorted into the fields
+    of a `PoleField`, by pole or link.
 
     Parameters
     ----------
     input_columns
-        Indices of the columns of the moving input.
+        Tells which columns hold the quantities while one input moves.
     columns
         (columns, n) all columns of the kernel, in which pole directions have their sign.
     motion, request
@@ -341,16 +363,20 @@ def make_certified_field(
     for name, indices_by_key in input_columns.column_indices.items():
         for key, indices in indices_by_key.items():
             values = columns[indices]
+            # Vectors become (n, 3), single numbers (n,).
             getattr(field, name)[key] = values.T if len(indices) > 1 else values[0]
+    # Poles without columns are those of links that belong to one body.
     for pole in set(request.poles) - directions.keys():
         add_locked_pole(field, motion, pole)
     return field
 
 
 def add_locked_pole(field: PoleField, motion: Motion, pole: Pole) -> None:
-    """Add two links that locked inputs hold together, which therefore have no pole.
+    """Add the pole of two links that cannot move relative to each other.
 
-    Their coefficients and the error bounds of these are 0. Directions are NaN.
+    The inputs hold them together, so there is no axis of relative rotation. Their
+    coefficients and the error bounds of these are 0. Directions, their error bounds and the
+    conditioning are NaN, and so is everything in rows that are not OK.
 
     Parameters
     ----------

@@ -63,14 +63,16 @@ KernelEngine = Literal["numpy", "compiled"]
 
 
 class ColumnFunction:
-    """A function of configurations whose output columns are grouped by name.
+    """A function of n configurations whose outputs are grouped by name.
+
+    The output is an array (width, n).
 
     Attributes
     ----------
     slices
-        The rows of the output that belong to each name.
+        By name, the range of the first axis of the output that belongs to it.
     width
-        Number of rows of the output.
+        Length of the first axis of the output.
     function
         The function of variables and profile columns, without the series of profiles.
     """
@@ -219,13 +221,13 @@ class RowKernel:
 
     @cached_property
     def _scalar_function(self) -> FloatFunction:
-        """Function of the numbers of one row, for single rows.
+        """Function that takes and returns plain numbers, for single rows.
 
-        With a closed form its inputs are the inputs and the signs of dyads. Otherwise they
-        are all variables. Its outputs are the variables (without a closed form after a step
-        of Newton's method), the number in Kantorovich's theorem, the sum of the
-        uncertainties, the closure residual, the sum (3,) of the vectors of all variables,
-        and all columns.
+        In closed form, all variables follow from the inputs of the mechanism and one sign
+        for each dyad, which are then the arguments. Otherwise the arguments are all
+        variables. The outputs are the variables (without a closed form after a step of
+        Newton's method), the number in Kantorovich's theorem, the sum of the uncertainties,
+        the closure residual, the sum (3,) of the vectors of all variables, and all columns.
         """
         rows = self._rows
         columns = [
@@ -236,10 +238,12 @@ class RowKernel:
             *self._columns,
         ]
         if self._closed_form is None:
+            # Inputs keep their values in a step of Newton's method.
             passive = dict(zip(self.passive_variables, rows.newton_step, strict=True))
             after_step = [passive.get(v, x) for v, x in enumerate(self._variables)]
             return float_function([*after_step, *columns], self._variables)
         closed_form = self._closed_form
+        # In the columns, the symbol of each variable is replaced by its closed form.
         by_variable = dict(zip(self._variables, closed_form.variables, strict=True))
         return float_function(
             [*closed_form.variables, *substitute(columns, by_variable)],
@@ -248,6 +252,9 @@ class RowKernel:
 
     def evaluate_row(self, values: Sequence[float]) -> EvaluatedRow | None:
         """Return a single row, or None if it cannot be certified.
+
+        A row is certified if its loops are closed up to rounding and the sum of its
+        uncertainties (error bounds relative to the largest allowed ones) is at most 1.
 
         Parameters
         ----------
@@ -258,20 +265,24 @@ class RowKernel:
         """
         count = len(self._variables)
         for _ in range(MAX_NEWTON_STEPS):
+            # All variables (after a Newton step), the three numbers below, the sum of the
+            # vectors of all variables (3), and all columns.
             try:
                 numbers = self._scalar_function(values)
             except (ArithmeticError, ValueError):
                 return None
             kantorovich_number, uncertainty_sum, residual = numbers[count : count + 3]
+            # Written with "not", so that NaN is refused too.
             if not kantorovich_number <= MAX_KANTOROVICH_NUMBER:
                 return None
             if residual <= self.closure_rounding_rad:
                 if not uncertainty_sum <= 1.0:
                     return None
-                # Columns belong to the values before the last step.
+                # The columns were computed at `values`, before the Newton step.
                 variables = numbers[:count] if self.has_closed_form else values
                 axis_sum = numbers[count + 3 : count + 6]
                 return EvaluatedRow(variables, residual, axis_sum, numbers[count + 6 :])
+            # A closed form that leaves the loops open cannot be improved.
             if self.has_closed_form:
                 return None
             values = numbers[:count]
@@ -289,7 +300,8 @@ class RowKernel:
 
         - ``"uncertainty_sum"``: the row is certified at once if it is at most 1.
         - ``"closure"``: closure residual and error of the configuration (rad).
-        - ``"uncertainties"``: one by one.
+        - ``"uncertainties"``: the terms of this sum, which are error bounds or condition
+          numbers relative to the largest allowed ones.
         - ``("velocities", k)``: `InputColumns.velocity_components` of input k, which show
           where directions may reverse.
         - ``("errors", k)``: the largest of all poles for each of `REPORTED_ERRORS`.
@@ -322,8 +334,10 @@ class RowKernel:
     def closed_form_quality(self) -> ColumnFunction:
         """All variables and the quality measures, as a function of inputs and signs.
 
-        The output also has the squares of the triple products of dyads, which are negative
-        if arcs do not reach each other.
+        The quality measures decide whether a row is certified. A dyad (two links in series)
+        can be closed in two ways, between which its sign chooses. The output also has the
+        square of the triple product of the axes of each dyad, which is negative if its arcs
+        do not reach each other.
         """
         assert self._closed_form is not None
         closed_form = self._closed_form
@@ -353,9 +367,9 @@ class RowKernel:
     def row_bounds(self) -> ColumnFunction:
         """Condition of the loops, their inverse, and residuals for the first input.
 
-        Rows that are not certified, and rows in quad precision, are judged by these. The
-        inverse (passive variables, loops, 3) is flattened. `RowExpressions` and
-        `InputColumns` explain the other quantities.
+        The quantities judge rows that are not certified in float64, and rows in quad
+        precision. The inverse (passive variables, loops, 3) is flattened. `RowExpressions`
+        and `InputColumns` explain the other quantities.
         """
         rows = self._rows
         first_input = self.input_columns[0]
@@ -382,14 +396,17 @@ def row_kernel(
 ) -> RowKernel | None:
     """Return the kernel that computes the requested quantities of a mechanism's rows.
 
+    A kernel holds the expressions of the poles and velocities of a row (a configuration).
+    Kernels are kept in a cache, so equal requests for a mechanism get the same kernel.
+
     Parameters
     ----------
     motion
-        Closed configurations of the mechanism, in any modes.
+        Closed configurations of the mechanism, in any assembly modes.
     requests
-        One for each input that moves.
+        The wanted quantities, for each input that moves while the others are locked.
     engine
-        What evaluates the expressions.
+        What evaluates the expressions: "numpy", or "compiled" (heyoka).
     order
         The order in which variables are eliminated. By default the order that is regular at
         most rows of the motion.
@@ -407,7 +424,8 @@ def row_kernel(
         (request.plan.input, request.poles, sorted(request.links)) for request in requests
     ]
     key = repr(("rows", quantities, pivots, engine))
-    # A pivot can be zero as an expression although its value at the samples is not.
+    # A pivot can be zero as an expression although its value at the samples is not. The
+    # elimination then divides by zero, and there is no kernel.
     with suppress(ZeroDivisionError):
         return FUNCTION_CACHE.get(
             motion.mechanism, key, lambda: RowKernel(motion, requests, pivots, engine)
@@ -416,10 +434,13 @@ def row_kernel(
 
 
 def choose_order(motion: Motion) -> EliminationOrder | None:
-    """Return the elimination order that is regular at most rows of a motion, if any is.
+    """Return the elimination order that is regular at most rows of a motion.
 
-    No single order needs to be regular in all assembly modes. If equations of some loops
-    repeat those of others, which of them do can depend on the mode.
+    The order says which variables are eliminated from the equations of which loop, one loop
+    after another. It is regular at a row if no step divides by nearly zero. No single order
+    needs to be regular in all assembly modes: if equations of some loops repeat those of
+    others, the loops concerned can depend on the mode. The result is empty if all variables
+    are inputs, and None if no row has a configuration or no order gives all variables.
     """
     if not motion.passive_variables:
         return []
@@ -429,7 +450,7 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
         candidates = np.flatnonzero(~motion.failed)
     if not len(candidates):
         return None
-    # Evenly from all candidates.
+    # At most `REFERENCES` of the candidates, evenly spread over them.
     spread = np.unique(np.linspace(0, len(candidates) - 1, REFERENCES).astype(int))
     references = candidates[spread]
     orders_with_rows = assign_elimination_orders(

@@ -106,10 +106,11 @@ class QuantityTable(dict[str, RowQuantity]):
         *arguments: Any,
         component: int | None = None,
     ) -> None:
-        """Add a quantity. The parameters are the attributes of `RowQuantity`.
+        """Add a quantity with its unit and the method that computes it.
 
-        Names of links and pairs can contain underscores, so two quantities can have the
-        same name. Such a name is refused when it is used.
+        The parameters are the attributes of `RowQuantity`. Names of links and pairs can
+        contain underscores, so two quantities can have the same name. Such a name is
+        refused when it is used.
         """
         if name in self:
             arguments = (name, arguments, self[name].arguments)
@@ -128,7 +129,9 @@ class QuantityTable(dict[str, RowQuantity]):
 def make_quantity_table(
     mechanism: Mechanism, inputs: Sequence[str], assembly: Assembly
 ) -> QuantityTable:
-    """Return all quantities of a mechanism's rows.
+    """Return all quantities of a mechanism's rows, by name, with the method of each.
+
+    A row is one configuration with the rates and accelerations of its inputs.
 
     Parameters
     ----------
@@ -137,16 +140,18 @@ def make_quantity_table(
     inputs
         Names of its input pairs.
     assembly
-        Its groups.
+        Its groups: bodies that are closed to one body together, in solving order.
     """
     table = QuantityTable()
+    # The sample: angles, rates and accelerations of all inputs, then the time.
     sample_units = [unit for unit in ("rad", "rad/s", "rad/s2") for _ in inputs]
     for index, (name, unit) in enumerate(
         zip(sample_names(inputs), [*sample_units, "s"], strict=True)
     ):
         table.add(name, unit, "sample_variable", index)
     has_one_input = len(inputs) == 1
-    # The ending of names for each input that moves, and its index.
+    # For each input, which can move while the others rest: the ending of the names of
+    # quantities that depend on it, and its index.
     moving_inputs = [
         ("" if has_one_input else f"_by_{pair}", index) for index, pair in enumerate(inputs)
     ]
@@ -167,17 +172,22 @@ def _add_kinematic_quantities(
     moving_inputs: Sequence[tuple[str, int]],
     assembly: Assembly,
 ) -> None:
-    """Add the quantities of pairs and links to a table, with names, units and methods.
+    """Add the quantities of pairs and links to a table.
+
+    Each call adds a name with its unit, the name of the method of `DesignExpressions` that
+    computes the quantity, and the arguments of this method. The components of vectors are
+    added one by one.
 
     Parameters
     ----------
     table
         The table, which is changed in place.
     mechanism, assembly
-        The mechanism, and its groups.
+        The mechanism, and its groups: bodies that are closed to one body together.
     moving_inputs
-        For each input that can move alone, the ending of the names of quantities that
-        depend on it, such as ``_by_21``, and its index.
+        For each input that can move while the others rest, the ending of the names of
+        quantities that depend on it, and its index. The ending is such as ``_by_21``, and
+        empty if there is one input only.
     """
     links = mechanism.links
     revolute_pairs = [pair.name for pair in mechanism.pairs if pair.kind.has_axis]
@@ -187,6 +197,7 @@ def _add_kinematic_quantities(
         table.add(f"rate_{pair}{ending}", "", "rate", pair, moving)
     for pair in _middle_pair_names(mechanism, assembly):
         table.add(f"transmission_angle_{pair}", "rad", "transmission_angle", pair)
+    # Rates are per unit rate of the moving input, so they have no unit.
     for kind, unit in (("velocity", ""), ("acceleration", "1/rad")):
         for (link, other), (ending, moving) in product(
             permutations(links, 2), moving_inputs
@@ -212,7 +223,13 @@ def _add_kinematic_quantities(
 def _add_output_quantities(
     table: QuantityTable, mechanism: Mechanism, input_count: int
 ) -> None:
-    """Add the quantities of outputs to a table, for `input_count` inputs."""
+    """Add the quantities of outputs to a table, which is changed in place.
+
+    The Jacobian of an output has a column (3,) for each input: the relative angular
+    velocity of the output link, or with two inputs the rate of the direction in which the
+    output points. Its condition number says nothing if there is a single column. Its
+    determinant exists for three inputs, and for two if the output points.
+    """
     for output in mechanism.outputs:
         points = output.direction is not None
         if points:
@@ -232,6 +249,9 @@ def _add_dynamic_quantities(
 ) -> None:
     """Add the quantities that depend on masses to a table.
 
+    Each call adds a name with its unit, the name of the method of `DesignExpressions` that
+    computes the quantity, and the arguments of this method (indices of inputs).
+
     Parameters
     ----------
     table
@@ -239,13 +259,15 @@ def _add_dynamic_quantities(
     inputs
         Names of the input pairs.
     moving_inputs
-        For each input that can move alone, the ending of the names of quantities that
-        depend on it, such as ``_by_21``, and its index.
+        For each input that can move while the others rest, the ending of the names of
+        quantities that depend on it, and its index. The ending is such as ``_by_21``, and
+        empty if there is one input only.
     """
     has_one_input = len(inputs) == 1
-    for (index, pair), (ending, moving) in product(enumerate(inputs), moving_inputs):
+    # The inertia matrix, with one entry for each two inputs.
+    for (index, pair), (ending, other) in product(enumerate(inputs), moving_inputs):
         name = "B" if has_one_input else f"B_{pair}{ending}"
-        table.add(name, "kg m2", "inertia", index, moving)
+        table.add(name, "kg m2", "inertia", index, other)
     if has_one_input:
         table.add("dB_dq", "kg m2/rad", "inertia_rate")
     for ending, moving in moving_inputs:
@@ -254,6 +276,9 @@ def _add_dynamic_quantities(
         pair_ending = "" if has_one_input else f"_{pair}"
         name = f"free_acceleration{pair_ending}"
         table.add(name, "rad/s2", "free_acceleration", index)
+        # Derivatives of the acceleration of this input, while all torques are held, with
+        # respect to the angle (A_q), the rate (A_dq) and the torque (B_torque) of each
+        # input.
         for (kind, unit), (ending, other) in product(
             LINEARISATION_UNITS.items(), moving_inputs
         ):

@@ -221,8 +221,11 @@ class RowVelocities:
     def use_planned_velocities(self, planned_poles: PlannedPoles) -> None:
         """Replace w by the angular velocities that follow from the plan of the poles.
 
-        The derivatives dw remain those of the velocity equations. The difference of both
-        results is added to the error of the velocity coefficients.
+        w are the angular velocities of links per unit rate of the moving input. Their
+        derivatives dw remain those of the velocity equations. The difference of w by the
+        plan and by the equations is added to the error of the velocity coefficients. The
+        rows no longer count as certified or as computed in quad precision. Rows in which
+        the plan determines no directions become ILL_CONDITIONED.
         """
         w, direction_error = planned_poles.link_rates(self.request.bodies)
         self.is_certified[:] = False
@@ -235,6 +238,7 @@ class RowVelocities:
             link: w[body] for link, body in enumerate(self.request.plan.body) if body in w
         }
         for pole, errors in self.pole_errors.items():
+            # Index 1 is the error of the velocity coefficient (`POLE_ERRORS`).
             errors[1] += norm_columns(self.relative_velocity(pole) - previous_v[pole])
 
     def _bound(self, name: str) -> Floats:
@@ -244,19 +248,21 @@ class RowVelocities:
     def _find_certified_rows(self) -> Bools:
         """Return (n,) the rows whose error bounds are small enough in float64.
 
-        In such a row the direction of each pole is known, or it is certain that its links
-        do not move relative to each other. The direction of a pole is that of the relative
-        angular velocity v of its links, so its error is that of v divided by |v|.
+        In such a row the direction of each pole is accurate, or it is certain that its
+        links do not move relative to each other. The direction of a pole is that of the
+        relative angular velocity v of its links, so its error is that of v divided by |v|.
+        dv is the derivative of v with respect to the input.
         """
         is_certified = self._bound("condition_number") <= 1.0 / MIN_RECIPROCAL_CONDITION
+        # Above 1, the two profiles of a contact have nearly the same curvature.
         is_certified &= self._bound("curvature_uncertainty") <= 1.0
         is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
         for pole in self._signed_poles:
             direction_error, v_error, dv_error, _ = self.pole_errors[pole]
             v_size = norm_columns(self.relative_velocity(pole))
             dv_size = norm_columns(self.relative_velocity_derivative(pole))
-            # The second term compares the error of the derivative of the direction with the
-            # largest one that is returned.
+            # The derivative of the direction has an error of at most 2 dv_error / |v|. It
+            # is compared with the largest error with which this derivative is returned.
             uncertainty = (
                 direction_error
                 + 2.0 * MAX_CERTIFIED_ERROR_RAD / MAX_DIRECTION_DQ_ERROR * dv_error / v_size
@@ -270,6 +276,10 @@ class RowVelocities:
         self, condition_numbers: Floats
     ) -> list[tuple[EliminationOrder, Indices]]:
         """Return elimination orders for rows at which that of the kernel is not regular.
+
+        An elimination order says which variables are eliminated from which loop of the
+        velocity equations, one after another. It is not regular at a row if the equations
+        are, but a pivot of the elimination is nearly zero.
 
         Parameters
         ----------
@@ -305,13 +315,24 @@ class RowVelocities:
     def _compute_in_quad(self, kernel: RowKernel, rows: Indices) -> None:
         """Compute rows (k,) again in quad precision, and bound their errors.
 
-        The loops of these rows are closed to 33 digits. The remaining error is caused by
-        the rounding of the sizes of the mechanism (`GeometryRounding`). `kernel` evaluates
-        the expressions.
+        The new values replace the columns of these rows, their relative error bounds and
+        the error bounds of their poles, in place. The loops of these rows are closed to 33
+        digits. The remaining error is caused by the rounding of the sizes of the mechanism
+        (`GeometryRounding`). The relative error bound is infinite in rows whose angular
+        velocities are not determined accurately enough.
+
+        Parameters
+        ----------
+        kernel
+            The expressions of all columns, which NumPy evaluates in quad precision.
+        rows
+            (k,) indices of the rows.
         """
         quad_rows = recompute_in_quad(kernel, self.motion.values[rows].T)
+        # Both arrays have the rows of the motion along their last axis.
         self._columns[:, rows] = quad_rows.columns
         self._bounds[:, rows] = quad_rows.bounds
+        # Sums of the sizes of all terms of the velocity and the acceleration equations.
         rate_size = self._bound("rate_size")[rows]
         acceleration_size = self._bound("acceleration_size")[rows]
         rounding = self._make_geometry_rounding(quad_rows, rows)
@@ -321,16 +342,23 @@ class RowVelocities:
             self._bound("rate_residual")[rows] / np.maximum(rate_size, 1.0),
             self._bound("acceleration_residual")[rows] / np.maximum(acceleration_size, 1.0),
         )
-        has_rates = rounding.relative_error_bound <= MAX_RELATIVE_ERROR
-        has_rates &= relative_residual < MAX_RELATIVE_RESIDUAL
-        has_rates &= self._bound("condition_number")[rows] * SINGULAR_RATIO <= 1.0
+        # The rates are accurate if their bound is small, if they satisfy all equations, and
+        # if the equations are not singular.
+        is_accurate = rounding.relative_error_bound <= MAX_RELATIVE_ERROR
+        is_accurate &= relative_residual < MAX_RELATIVE_RESIDUAL
+        is_accurate &= self._bound("condition_number")[rows] * SINGULAR_RATIO <= 1.0
         self.relative_error_bound[rows] = np.where(
-            has_rates, rounding.relative_error_bound, np.inf
+            is_accurate, rounding.relative_error_bound, np.inf
         )
 
+        # The bounds of `rounding` are linear in the opening of the loops. The terms of
+        # second order are in proportion to the number in Kantorovich's theorem. The theorem
+        # says nothing about larger numbers than the limit, so these, and NaN, count as it.
         second_order = SECOND_ORDER_FACTOR * np.fmin(
             self._bound("kantorovich_number")[rows], MAX_KANTOROVICH_NUMBER
         )
+        # The errors of a pole also need its spreads: by how much its quantities change as
+        # the loops open. A pole without a sign to choose is the axis of a pair.
         for pole, errors in self.pole_errors.items():
             errors[:, rows] = rounding.pole_errors(
                 pole,
@@ -349,17 +377,27 @@ class RowVelocities:
     ) -> GeometryRounding:
         """Return the error bounds of rows (k,) that were computed in quad precision.
 
-        `quad_rows` has the results of these rows.
+        The geometry is rounded: the axes of links are tilted by about `EPS` rad. Therefore
+        the loops remain open by a small angle, the gap.
+
+        Parameters
+        ----------
+        quad_rows
+            The results of these rows.
+        rows
+            (k,) indices of the rows in the motion.
         """
         tree = self.motion.linearisation.tree
         # Rows that Newton's method did not close stay open as they were.
         closed_gap = EPS * (2.0 + tree.longest_loop)
         gap = np.where(quad_rows.is_closed, closed_gap, self.motion.residual_bound[rows])
-        # Each loop can open in three directions.
+        # Each loop, closed by one of the chords, can open about three axes.
         direction_count = 3 * len(tree.chords)
+        # (passive variables, directions, k): movement of variables per unit opening.
         inverse = quad_rows.bounds[self._bound_slices["inverse"]].reshape(
             len(self.motion.passive_variables), direction_count, len(rows)
         )
+        # Only contacts have profiles, whose sizes are rounded too.
         has_contacts = self.motion.mechanism.has_contacts
         no_profiles = np.zeros_like(gap)
         w_indices = self._column_indices["w"]
@@ -381,9 +419,17 @@ class RowVelocities:
         )
 
     def _spread(self, quad_rows: QuadPrecisionRows, name: str, key: Any) -> Floats:
-        """Return (k,) by how much a quantity changes as the loops open, per rad.
+        """Return (k,) by how much a quantity of a row changes as the loops open, per rad.
 
-        The sizes of the changes of all components in all directions are summed.
+        The sizes of the changes of all components in all directions are summed. A loop can
+        open in three directions, about three axes.
+
+        Parameters
+        ----------
+        quad_rows
+            The results of k rows.
+        name, key
+            Name of the quantity, and its pole or the number of its link.
         """
         changes = quad_rows.opening_changes[self._column_indices[name][key]]
         return np.sum(changes, axis=0)
@@ -407,16 +453,28 @@ class RowVelocities:
         tree = linearisation.tree
         vectors = linearisation.vectors[rows]
         rotations = np.zeros((inverse.shape[1], tree.count, 3, len(rows)))
+        # For each direction: how all links turn if the passive variables move by `movement`
+        # (passive variables, k) and the inputs rest.
         for rotation, movement in zip(rotations, inverse.swapaxes(0, 1), strict=True):
             rates = np.zeros((len(rows), vectors.shape[1]))
             rates[:, list(self.motion.passive_variables)] = movement.T
+            # From (k, links, 3) to (links, 3, k).
             rotation[:] = np.moveaxis(tree.body_rates(vectors, rates), 0, -1)
         return rotations
 
     def _compute_from_decimals(self, kernel: RowKernel, rows: Indices) -> None:
         """Compute rows (k,) that are too near to a singularity for rounded sizes.
 
-        `kernel` tells which columns are constant.
+        The decimal sizes of the file are used instead. The columns, error bounds and flags
+        of the rows for which this succeeds are changed in place. Other rows stay as they
+        are, and so do all rows if the mechanism is not supported.
+
+        Parameters
+        ----------
+        kernel
+            Tells which columns are the same number in all rows.
+        rows
+            (k,) indices of the rows.
         """
         plan = self.request.plan
         decimal_rates = DecimalRates.of(self.motion.rows(rows), plan.input)
@@ -425,11 +483,13 @@ class RowVelocities:
         has_rates = decimal_rates.is_known & (
             decimal_rates.relative_error_bound <= MAX_RELATIVE_ERROR
         )
+        # From here on only the rows with rates.
         rows = rows[has_rates]
         self.is_decimal[rows] = True
         self.relative_error_bound[rows] = decimal_rates.relative_error_bound[has_rates]
 
         def put_columns(name: str, key: Any, values: Floats) -> None:
+            """Write the components (components, k) of a quantity of a pole or link."""
             indices = self._column_indices[name][key]
             for index, column in zip(indices, values, strict=True):
                 # Several quantities can share a constant column.
@@ -441,6 +501,8 @@ class RowVelocities:
             put_columns("dw", link, decimal_rates.dw[:, link].T.astype(float))
         pairs = axis_pairs(plan)
         for pole, errors in self.pole_errors.items():
+            # The pole of the bodies to which the two links belong. If it is the axis of a
+            # pair, `pairs` has the number of this pair.
             body_pole = plan.pole(*pole)
             assert body_pole is not None
             quantities, bounds = decimal_rates.pole(pole, pairs.get(body_pole))
@@ -451,16 +513,19 @@ class RowVelocities:
     def _add_errors_of_common_axes(self) -> None:
         """Add the angle between axes that coincide up to rounding to errors of poles.
 
-        Links that turn about a common axis of several pairs have this axis as their pole.
-        If these axes differ by rounding, each pair turns about a slightly different axis.
-        This changes the relative angular velocity v of the links by at most the sine of the
-        angle between the axes, times the sum of the rates. The same applies to the
-        derivative dv of v with respect to the input.
+        Links that turn about a common axis of several pairs have this axis as their pole
+        (the axis of their relative rotation). If the axes of these pairs differ by
+        rounding, each pair turns about a slightly different axis. This changes the relative
+        angular velocity v of the links by at most the sine of the angle between the axes,
+        times the sum of the rates. The same applies to the derivative dv of v with respect
+        to the input.
         """
         plan = self.request.plan
         pairs = axis_pairs(plan)
         for links, errors in self.pole_errors.items():
             pole = plan.pole(*links)
+            # In round 0 of the plan, a pair joins the links itself. `rounded_axes` are the
+            # pairs with a common axis whose axes are equal but for rounding.
             is_common_axis = (
                 pole and plan.rounds[pole] > 0 and pairs.get(pole) in plan.rounded_axes
             )
@@ -468,6 +533,8 @@ class RowVelocities:
                 continue
             v_size = norm_columns(self.relative_velocity(links))
             dv_size = norm_columns(self.relative_velocity_derivative(links))
+            # `SAME_AXIS_SINE` is the largest sine of axes that count as equal. The two
+            # sizes are sums of all terms of the velocity and the acceleration equations.
             v_error = SAME_AXIS_SINE * self._bound("rate_size")
             direction_error = v_error / v_size
             dv_error = (
@@ -476,4 +543,5 @@ class RowVelocities:
             )
             direction_dq_error = (dv_error + direction_error * dv_size) / v_size
             self.axis_separations[links] = direction_error
+            # In the order of `POLE_ERRORS`.
             errors += direction_error, v_error, dv_error, direction_dq_error
