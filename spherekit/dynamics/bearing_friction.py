@@ -98,9 +98,10 @@ def diagnose_indeterminate_forces(
 ) -> IndeterminateForces:
     """Return what would determine all forces through O in one configuration.
 
-    Reactions that balance each other without loads form a linear space. Each pair that lets
-    its links slide removes one dimension of it, if the axial force of the pair takes part
-    in the remaining space. The pair with the largest part is chosen first.
+    O is the centre of the sphere. Reactions that balance each other without loads form a
+    linear space, and no equation determines their sizes. Each pair that lets its links
+    slide along its axis removes one dimension of this space, if the axial force of the pair
+    takes part in the remaining space. The pair with the largest part is chosen first.
 
     Parameters
     ----------
@@ -133,6 +134,7 @@ def diagnose_indeterminate_forces(
     )
     # (columns, k): an orthonormal basis of the reactions that balance each other
     balanced = right[rank:].T
+    # Each column is a pair and the component (0 to 5) of its moment and force.
     components = [component for _, component in equations.columns]
     axial_columns = [
         k for k, component in enumerate(components) if component == AXIAL_FORCE
@@ -144,6 +146,7 @@ def diagnose_indeterminate_forces(
     basis_change, triangle, order = qr(balanced[axial_columns].T, pivoting=True)
     chosen = np.count_nonzero(np.abs(np.diag(triangle)) >= np.sqrt(DETERMINED_PART))
     floating = sorted(equations.columns[axial_columns[k]][0] for k in order[:chosen])
+    # What is left of the space once all chosen pairs slide.
     remaining = balanced @ basis_change[:, chosen:]
     is_force = [
         k for k, component in enumerate(components) if component >= MOMENT_COMPONENTS
@@ -184,6 +187,12 @@ def solve_bearing_friction(
     inverse_inertia: Floats | None = None,
 ) -> CarriedLoads:
     """Return what pairs with friction carry, given the motion without their friction.
+
+    The friction torques f of all such pairs depend on the loads that they carry, and change
+    these loads. At place j of pair k (a bearing, or a contact) the load is the vector
+    a_kj + sum_l b_kjl f_l. The vectors a and b are computed here, and `_solve_friction`
+    solves f_k = r_k sum_j |a_kj + sum_l b_kjl f_l| with the friction coefficients and laws
+    of rates r_k.
 
     Parameters
     ----------
@@ -230,7 +239,7 @@ def solve_bearing_friction(
             places[:, k, : at_pair.shape[1]] = at_pair
         return places
 
-    # a_kj of the module docstring
+    # The loads a_kj without friction.
     without_friction = compute_carried(balance.equilibrium.reaction_wrenches)
 
     # A friction torque of 1 N m at a pair has the generalised force of a torque there, the
@@ -243,9 +252,10 @@ def solve_bearing_friction(
         input_torque_changes = 0.0 * velocities
     input_pairs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
 
-    # b_kjl of the module docstring, l on the last axis
+    # The changes b_kjl of the loads by 1 N m of friction at pair l, l on the last axis.
     per_friction = np.empty((*without_friction.shape, len(friction_pairs)))
     for k, pair in enumerate(friction_pairs):
+        # Only this torque and the changes that it causes act, without loads.
         torques = np.zeros((len(without_friction), len(mechanism.pairs)))
         torques[:, input_pairs] = input_torque_changes[:, k]
         torques[:, pair] += 1.0
@@ -253,7 +263,7 @@ def solve_bearing_friction(
         supplied = balance.equations.subtract_torques(needed, torques)
         per_friction[..., k] = compute_carried(supplied)
 
-    # r_k of the module docstring
+    # The factors r_k: friction per unit of the load that is carried.
     laws = [component.magnitude for component in components]
     factors = loads.friction_coefficients * loads.evaluate_laws(
         laws, motion, timing.dq, timing.t
@@ -304,7 +314,12 @@ def _check_determined(
 def _solve_friction(
     without_friction: Floats, per_friction: Floats, factors: Floats
 ) -> CarriedLoads:
-    """Return what pairs carry, with the equation of the module docstring solved.
+    """Return what pairs carry, from the equation of their friction torques f.
+
+    At place j of pair k the load is a_kj + sum_l b_kjl f_l, and the friction is
+    f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|. In each round of the iteration the right side
+    at the last f (a step to the fixed point) and a Newton step are tried. Each row takes
+    the one with the smaller residual.
 
     Parameters
     ----------
@@ -314,7 +329,14 @@ def _solve_friction(
         (n, k, 2, 3, k) changes b of these by the friction of each pair, per N m.
     factors
         (n, k) factors r of the friction.
+
+    Returns
+    -------
+    The carried loads, the sums over the places. Friction is unknown in rows that have not
+    converged, or whose feedback is not below 1, so that there may be several solutions.
     """
+    # The right side changes by at most B times a change of f, B_kl = |r_k| sum_j |b_kjl|.
+    # If the largest eigenvalue of B, the feedback, is below 1, the iteration contracts.
     sensitivities = np.sum(np.linalg.norm(per_friction, axis=3), axis=2)
     feedback = max_abs(
         np.linalg.eigvals(np.abs(factors)[..., None] * sensitivities), axis=1

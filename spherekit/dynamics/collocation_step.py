@@ -190,6 +190,7 @@ class CollocationStep:
             The largest determinant so far, with the sign of that at the end of the previous
             step. Determinants smaller than `CROSSING_RATIO` times this size count as zero.
         """
+        # Nodes at which the determinant vanishes or has changed its sign.
         is_small = determinants * np.sign(largest) < CROSSING_RATIO * abs(largest)
         if not np.any(is_small):
             return None

@@ -195,15 +195,16 @@ def _integrate(
     previous_run: TaylorRun | None = None
     closure_residual = 0.0
     max_tolerance = MAX_COARSE_STEP_TOLERANCE
+    # One run for each choice of coordinates.
     while True:
         coordinate_pairs = coordinates_at(problem, values)
         started = time.perf_counter()
         compiled_equation, was_compiled = compile_equation(
             mechanism,
-            min(tolerance, max_tolerance),
-            problem.compact,
-            coordinate_pairs,
-            values if coordinate_pairs else None,
+            tolerance=min(tolerance, max_tolerance),
+            compact=problem.compact,
+            coordinates=coordinate_pairs,
+            values=values if coordinate_pairs else None,
         )
         if not was_compiled:
             compile_seconds += time.perf_counter() - started
@@ -219,6 +220,7 @@ def _integrate(
             momenta = sense * momentum_unit * problem.speed
             frames: FrameFunction = CurveFrames(compiled_equation, sense)
         else:
+            # The momenta of the compiled equation are scaled rates of the coordinates.
             momentum_unit = float(np.sqrt(total_moment_of_inertia(mechanism)))
             momenta = momentum_unit * variable_rates[coordinate_variables]
             frames = CoordinateFrames(equation, frame)
@@ -234,23 +236,26 @@ def _integrate(
                 previous_run=previous_run,
                 closure_residual=closure_residual,
             ),
-            equation.project_once,
-            CROSSING_RATIO if can_see_crossings else NEAR_CROSSING_RATIO,
+            project=equation.project_once,
+            crossing_ratio=CROSSING_RATIO if can_see_crossings else NEAR_CROSSING_RATIO,
         )
         targets = [
             t for t in problem.targets if previous_run is None or t > previous_run.end_time
         ]
         run = integration.run(targets)
+        # A later run without a step ends the simulation where the run before ended.
         if not run.segments and runs:
             break
         _check_first_step(problem, run)
         runs.append(run)
         frames_of_runs.append(frames)
+        # The run that follows has a finer tolerance near a crossing, or other coordinates.
         if run.end == "singularity" and not can_see_crossings:
             max_tolerance = MAX_STEP_TOLERANCE
         elif run.end != "coordinates":
             break
 
+        # The configuration and the rates at the end of this run are the start of the next.
         last_state = run.last_state
         turns = run.segments[-1].turns
         values, closure_residual = equation.project_once(

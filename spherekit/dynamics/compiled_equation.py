@@ -164,10 +164,12 @@ def compile_equation(
         If the coordinates are not independent.
     """
     _check_expressible(mechanism)
+    # What is set for each run is left out, so that other runs find the equation again.
     common_mechanism = _remove_run_data(mechanism, coordinates)
     step_tolerance = _limit_tolerance(tolerance, coordinates)
     key = _cache_key(mechanism, step_tolerance, compact)
     input_variables = [mechanism.angles[pair] for pair in mechanism.input_pairs]
+    # Becomes False if the cache has no such equation and calls `compile_now`.
     was_compiled = True
 
     def compile_now() -> CompiledEquation:
@@ -179,7 +181,13 @@ def compile_equation(
             expressions = derive_multi_dof_equation(
                 common_mechanism, values, input_variables
             )
-        arguments = EquationArguments(mechanism, tolerance, compact, coordinates, values)
+        arguments = EquationArguments(
+            mechanism=mechanism,
+            tolerance=tolerance,
+            compact=compact,
+            coordinates=coordinates,
+            values=values,
+        )
         return _compile_expressions(
             expressions, common_mechanism, step_tolerance, arguments
         )
@@ -209,6 +217,7 @@ def estimate_compile_seconds(
         If heyoka is not installed, or a profile cannot be compiled.
     """
     _check_expressible(mechanism)
+    # These two calls raise the errors that compiling would raise.
     pair_rotations(mechanism)
     if not available():
         heyoka()
@@ -219,6 +228,8 @@ def estimate_compile_seconds(
     variables = len(mechanism.variable_names)
     loads_on_links = sum("pair" not in load.field_kinds for load in mechanism.loads)
     loads_at_pairs = len(mechanism.loads) - loads_on_links
+    # Fitted numbers of seconds. Without compact mode the time grows with the square of the
+    # number of variables.
     if compact:
         base = 0.5 if coordinates else 0.0
         kinematics = max(0.22 * variables - 0.55, 0.3)
@@ -291,8 +302,10 @@ def _compile_expressions(
     """
     compact = arguments.compact
     layout = expressions.layout
+    # The differential equations: each symbol of the state with its rate.
     equations = [*zip(layout.state, expressions.state_rates, strict=True)]
-    # A dictionary keeps each argument once, in order.
+    # Arguments at whose zeros or extrema loads may change faster than a series shows. A
+    # dictionary keeps each argument once, in order.
     probed_arguments = dict.fromkeys(
         argument
         for load in mechanism.loads
@@ -311,6 +324,8 @@ def _compile_expressions(
     ]
     inputs = [*layout.state, TIME, *parameters]
 
+    # At a zero of a switch condition a load changes abruptly. The parameter with the sign
+    # of the condition changes there, unless it would change back at once.
     switch_function = None
     if conditions:
         condition_rates = differentiate(conditions, dict(equations) | {TIME: 1.0})
@@ -327,6 +342,7 @@ def _compile_expressions(
             events.append(switch_event)
 
     probe_function = None
+    # With this function, steps are compared with the equation between their ends.
     if probed_arguments:
         momentum_rates = expressions.state_rates[layout.momentum_slice]
         probe_function = compile_function(

@@ -126,9 +126,12 @@ def motion_by_combinations(
     coordinate_rows = np.broadcast_to(frame, (len(values), *frame.shape[-2:]))
     equations = np.concatenate([linearisation.jacobian, coordinate_rows], axis=1)
     inverse = left_inverse(equations)
+    # The last columns of the inverse are the rates of the variables by each coordinate, the
+    # others the changes of the variables per closure error.
     solution = inverse[:, :, -count:]
     # The product with an inverse loses digits. One step of iterative refinement restores
     # them.
+    # Each coordinate in turn has the rate 1, while the loops stay closed.
     right_side = np.eye(equations.shape[1])[:, -count:]
     residual = right_side - equations @ solution
     solution = solution + inverse @ residual
@@ -162,10 +165,11 @@ def motion_by_variables(
 def _complete_motion(
     linearisation: Linearisation, rates: Floats, closing_inverse: Floats, order: Order
 ) -> CoordinateMotion:
-    """Return a motion from the first derivatives of the variables.
+    """Return a motion with all derivatives, from the first derivatives of the variables.
 
-    With the closure Jacobian J, J r_i = 0 for the rates r_i by coordinate i. The derivative
-    by coordinate k is J dr_i = -J_k r_i, which is solved for dr_i.
+    With the closure Jacobian J, J r_i = 0 for the rates r_i by coordinate i. Its derivative
+    by coordinate k is J dr_i = -J_k r_i with J_k = dJ/dq_k. It is solved for dr_i, the
+    second derivatives by i and k.
 
     Parameters
     ----------
@@ -185,12 +189,15 @@ def _complete_motion(
     status = np.zeros(n, dtype=np.int8)
     status[has_penetration(linearisation.joints, linearisation.states)] = Status.CURVATURE
     status[~np.all(linearisation.states.inside, axis=1)] = Status.OFF_PROFILE
+    # Second derivatives stay NaN if only the first order is requested.
     second = nans((n, m, m, variables))
     dw = nans((n, m, m, tree.count, 3))
     for k in range(m if order == 2 else 0):
+        # Derivatives by coordinate k of the pair axes, then J_k r_i for all i.
         vector_derivatives = linearisation.vector_rates(w[:, k])
         bias = rates @ transpose(tree.jacobian(vector_derivatives))
         second[:, :, k] = -bias @ transpose(closing_inverse)
+        # Angular velocities are sums of rates times axes: the product rule has two terms.
         dw[:, :, k] = tree.body_rates(vectors[:, None], second[:, :, k])
         dw[:, :, k] += tree.body_rates(vector_derivatives[:, None], rates)
     return CoordinateMotion(
@@ -208,7 +215,9 @@ def _complete_motion(
 def determinacy(rates: Floats) -> Floats:
     """Return how well pair variables determine the motion as coordinates.
 
-    With one degree of freedom it is the rate of the variable along the configuration curve.
+    The measure is the reciprocal of the largest rate of all variables per unit rate of the
+    coordinates (a matrix norm). With one degree of freedom it is the rate of the variable
+    along the configuration curve.
 
     Parameters
     ----------
@@ -217,7 +226,8 @@ def determinacy(rates: Floats) -> Floats:
 
     Returns
     -------
-    (n,) 1 if no other variable moves, 0 if other variables move while the coordinates rest.
+    (n,) 1 if no other variable moves, 0 if other variables move while the coordinates rest,
+    so that rates are not finite.
     """
     is_finite = all_finite(rates, (1, 2))
     measure = np.zeros(len(rates))
@@ -228,9 +238,9 @@ def determinacy(rates: Floats) -> Floats:
 def reciprocal_condition(closure: Closure, values: Floats, freedoms: int = 1) -> float:
     """Return the reciprocal condition number of the closure equations.
 
-    It is the ratio of the smallest singular value that is not zero for so many degrees of
-    freedom, and the largest one. It vanishes where curves of configurations cross.
-    Redundant equations have no effect.
+    With V variables and m degrees of freedom, V - m closure equations are independent. The
+    result is the ratio of singular value number V - m, in falling order, to the largest. It
+    vanishes where curves of configurations cross. Redundant equations have no effect.
 
     Parameters
     ----------

@@ -105,8 +105,9 @@ class InertiaRoots:
     def multiply_derivative(self, dM: Floats, u: Floats) -> Floats:
         """Return (dR/dt) u (n, m).
 
-        R dR/dt + dR/dt R = dM/dt is solved for dR/dt along the eigenvectors of R, where R
-        is diagonal.
+        The derivative of M = R R, R dR/dt + dR/dt R = dM/dt, is solved for dR/dt along the
+        eigenvectors of R, where R is diagonal with the eigenvalues r: dR_ij/dt is
+        dM_ij/dt / (r_i + r_j).
 
         Parameters
         ----------
@@ -116,6 +117,7 @@ class InertiaRoots:
             (n, m) rates of the coordinates.
         """
         to_eigenvectors = transpose(self.vectors)
+        # dM/dt along the eigenvectors, then dR/dt along them.
         rate = to_eigenvectors @ (dM @ u[:, None, :, None])[..., 0] @ self.vectors
         rate /= self.sizes[:, :, None] + self.sizes[:, None]
         return (self.vectors @ rate @ to_eigenvectors @ u[..., None])[..., 0]
@@ -167,9 +169,13 @@ class StateDynamics:
 
     @property
     def momentum_rates(self) -> Floats:
-        """(n, m) rates dp/dt of the momenta."""
+        """(n, m) rates dp/dt of the momenta p = R u.
+
+        They are R^-1 (Q - C u) + (dR/dt) u with the root R of the inertia matrix, the sum Q
+        of the generalised forces and the rates u of the coordinates.
+        """
         load_part = self.roots.solve(np.sum(self.forces, axis=2))
-        # With one degree of freedom S is zero.
+        # With one degree of freedom the other terms cancel.
         if self.masses is None or load_part.shape[1] == 1:
             return load_part
         root_part = self.roots.multiply_derivative(self.masses.dM, self.speed)
@@ -193,6 +199,7 @@ class EquationOfMotion:
     """
 
     def __init__(self, mechanism: Mechanism, closure: Closure, freedoms: int = 1) -> None:
+        """Lay out the state: pair variables, `freedoms` momenta, and works of loads."""
         self.mechanism = mechanism
         self.closure = closure
         self.freedoms = freedoms
@@ -221,6 +228,9 @@ class EquationOfMotion:
     def renew_frame(self, state: Floats, frame: Floats) -> tuple[Floats, Floats]:
         """Return the same state in a frame that is orthonormal there, and that frame.
 
+        The rows of a frame are the coefficients of the pair variables in the coordinates
+        that the momenta belong to. In an orthonormal one they are possible velocities.
+
         Parameters
         ----------
         state
@@ -228,6 +238,7 @@ class EquationOfMotion:
         frame
             (m, variables) a frame that was orthonormal in a configuration nearby.
         """
+        # The rates of the variables by time, and by each old coordinate.
         dynamics = self.evaluate(np.zeros(1), state[None], frame)
         variable_rates = rates_by_time(dynamics.motion, dynamics.speed)[0]
         velocity_basis = dynamics.motion.rates[0]
@@ -298,10 +309,11 @@ class EquationOfMotion:
         frame
             See `compute_motion`.
         whole_turns
-            (n, variables) angles (rad) by which the variables that loads see exceed those
-            of the states.
+            (n, variables) angles (rad) of the whole turns that the states leave out, but on
+            which loads may depend.
         needs_second_order
-            Whether `StateDynamics.masses` are needed.
+            Whether `StateDynamics.masses` are needed. Derivatives of second order take more
+            time; several degrees of freedom and friction of bearings always need them.
         """
         has_friction = bool(self.loads.friction_components)
         has_second_order = needs_second_order or self.freedoms > 1 or has_friction
@@ -311,6 +323,7 @@ class EquationOfMotion:
         masses = inertia(self.mechanism, motion) if has_second_order else None
         M = masses.M if masses else inertia_matrix(self.mechanism, motion)
         roots = InertiaRoots.from_inertia(M)
+        # Momenta are p = R u with the root R of M.
         speed = roots.solve(momenta)
         coriolis_forces = coriolis(masses.dM, speed) if masses else np.zeros_like(momenta)
         motion = replace(motion, values=motion.values + whole_turns)
@@ -321,15 +334,20 @@ class EquationOfMotion:
         return dynamics
 
     def _add_bearing_friction(self, t: Floats, dynamics: StateDynamics) -> StateDynamics:
-        """Return the dynamics with friction that follows from the reactions of bearings."""
+        """Return the dynamics with friction that follows from the reactions of bearings.
+
+        `t` (n,) are the times, s. The friction changes the accelerations, and these change
+        the reactions. Rows in which it is not known get the status NOT_CONVERGED.
+        """
         motion = dynamics.motion
         timing = Timing(t, dynamics.speed, dynamics.accelerations)
+        # Driving torques are loads of the mechanism, so there are no others.
         no_torques = np.zeros_like(dynamics.speed)
         friction = solve_bearing_friction(
             DrivenState(self.mechanism, motion, timing, no_torques),
-            self.loads,
-            all_finite(timing.ddq, 1),
-            dynamics.roots.inverse_inertia,
+            loads=self.loads,
+            is_finite=all_finite(timing.ddq, 1),
+            inverse_inertia=dynamics.roots.inverse_inertia,
         )
         status = np.where(friction.is_unknown, Status.NOT_CONVERGED, motion.status)
         return replace(

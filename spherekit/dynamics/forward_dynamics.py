@@ -143,11 +143,11 @@ def simulate(
         mechanism,
         start,
         until,
-        torque,
-        input_pair,
-        assembly_mode,
-        switches,
-        passes_crossings,
+        torque=torque,
+        input_pair=input_pair,
+        assembly_mode=assembly_mode,
+        switches=switches,
+        passes=passes_crossings,
     )
     if any(pair.one_sided for pair in mechanism.pairs):
         # The pushes of contacts are known only after the simulation.
@@ -192,18 +192,21 @@ def _simulate_and_compare(
         As in `simulate`.
     """
     simulation = _simulate_problem(problem, tolerance, engine)
+    # Both simulations are made by the engine that was chosen for the first.
     engine = simulation.engine.name
     step_tolerance = tolerance
     if engine == "compiled":
         step_tolerance = min(tolerance, MAX_STEP_TOLERANCE)
     smallest = CHECK_MIN_TOLERANCE_RATIO * MIN_TOLERANCE_BY_ENGINE[engine]
     while True:
+        # The difference from a simulation with a much smaller tolerance is the error.
         smaller_tolerance = max(CHECK_TOLERANCE_RATIO * step_tolerance, smallest)
         reference = _simulate_problem(problem, smaller_tolerance, engine)
         error = _largest_difference(simulation, reference)
         simulation = replace(simulation, error=error, tolerance=tolerance)
         if simulation.missed is None or smaller_tolerance <= smallest:
             return simulation
+        # The more accurate simulation takes its place, and is compared in its turn.
         reason = (
             f"{simulation.engine.reason}; off by {error:.1e} rad with steps for "
             f"{step_tolerance:g} rad, so in shorter ones"
@@ -266,6 +269,7 @@ def _simulate_by_choice(
     # Why NumPy is taken, or why it is not. Empty if the forecast decides.
     reason = ""
     forecast: Forecast | None = None
+    # `EngineError` is raised here if only NumPy is possible. Its text is the reason then.
     try:
         if engine == "numpy":
             raise EngineError(REQUESTED_REASON)
@@ -275,12 +279,14 @@ def _simulate_by_choice(
         compile_seconds = estimate_compile_seconds(
             mechanism, tolerance, problem.compact, pairs
         )
+        # Reasons to compile at once.
         if compile_seconds == 0.0:
             reason = "it was compiled before"
         if tolerance < MIN_TOLERANCE_BY_ENGINE["numpy"]:
             reason = "NumPy does not reach the tolerance"
         if not has_smooth_loads(mechanism):
             reason = "NumPy does not find the kinks of the loads"
+        # Otherwise NumPy goes on step by step, as long as it is expected to finish first.
         while not reason and collocation.advance():
             numpy_seconds = collocation.left
             if numpy_seconds is None:
@@ -302,6 +308,7 @@ def _simulate_by_choice(
             reason = NO_SERIES_MESSAGE
     except (EngineError, PlanError) as refusal:
         reason = refusal.fault
+    # NumPy finishes the simulation, and reports the forecast if that decided for it.
     if not reason:
         forecast = forecast or {
             "numpy": collocation.seconds,

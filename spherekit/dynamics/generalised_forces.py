@@ -89,6 +89,7 @@ class Loads:
         self.needs_step_probes = bool(self.steep_arguments) or any(
             isinstance(component.magnitude, TorqueCallback) for component in self.components
         )
+        # Index of the first component of each load.
         self._first_components = np.unique(self.owners, return_index=True)[1]
 
     def velocities(self, motion: CoordinateMotion) -> Floats:
@@ -101,6 +102,8 @@ class Loads:
         """
         velocities = np.zeros((*motion.rates.shape[:2], len(self.components)))
         for index, component in enumerate(self.components):
+            # A component at a pair works on the rate of the pair, one on links on their
+            # angular velocities.
             if component.pair:
                 velocities[..., index] = self._pair_rate(motion.rates, component.pair)
             for wrench in self.unit_wrenches(component, motion.rotations):
@@ -139,6 +142,7 @@ class Loads:
         `rates` (..., variables) are those of all variables. The variables of a contact are
         arcs along its two profiles, and it slides at the difference of their rates.
         """
+        # An R pair has only one variable, so `second` is empty.
         first, *second = self.mechanism.variables_of(self.mechanism.pair_number[pair])
         return rates[..., first] - np.sum(rates[..., second], axis=-1)
 
@@ -189,6 +193,8 @@ class Loads:
         t
             (n,) times, s.
         """
+        # Laws name the time, the angles and rates of R pairs, and the sliding rates of
+        # contacts with friction.
         values_by_name = {"t": t}
         variable_of_pair = self.mechanism.angles
         rates = rates_by_time(motion, speed)
@@ -228,10 +234,12 @@ class Loads:
         t
             (n,) times, s.
         carried
-            As in `evaluate_magnitudes`.
+            (n, k) what each of the `friction_components` carries, N on bearings and N m of
+            contacts. Without it their friction is zero.
         """
         magnitudes = self.evaluate_magnitudes(motion, speed, t, carried)
         component_forces = magnitudes[:, None] * self.velocities(motion)
+        # The components of one load are neighbours, and are added.
         return np.add.reduceat(component_forces, self._first_components, axis=2)
 
 

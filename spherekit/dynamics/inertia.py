@@ -101,11 +101,13 @@ def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
     This is zero for i = j = k. With one coordinate, dB = 2 sum of w . I dw is eq. (19)
     there, without its derivatives of rotations.
     """
+    # All vectors are in link axes, in which the inertia tensors are constant.
     tensors, w = _link_components(mechanism, motion, motion.w)
     _, dw = _link_components(mechanism, motion, motion.dw)
     momenta = _angular_momenta(tensors, w)
-    # Letters: n row, k link, i j l coordinates, a component. One half of the derivative
-    # is I w_i . (dw_j/dq_l + w_j x w_l). The other half has i and j exchanged.
+    # Letters: n row, k link, i j l coordinates, a component. One half of the derivative of
+    # M_ij by coordinate l is I w_i . (dw_j/dq_l + w_j x w_l). The other half has i and j
+    # exchanged.
     half = np.einsum("nika,njlka->nkijl", momenta, dw)
     half += np.einsum("nika,njlka->nkijl", momenta, cross(w[:, :, None], w[:, None]))
     return Inertia(_velocity_products(momenta, w), half + np.swapaxes(half, 2, 3))
@@ -173,8 +175,9 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
     mechanism
         The mechanism with its masses.
     motion
-        The first row is the start of a simulation.
+        The motion by m coordinates. Its first row is the start of a simulation.
     """
+    # With several coordinates, a direction in which the inertia matrix vanishes.
     principal_inertias, directions = np.linalg.eigh(inertia_matrix(mechanism, motion)[0])
     smallest = principal_inertias[0]
     largest = principal_inertias[-1]
@@ -186,10 +189,12 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
             "that no link with mass moves, so loads would accelerate them endlessly; give "
             "mass to links that move then, or lock a pair"
         )
+    # A motion in which links with mass hardly move, compared with the fastest link.
     moving_masses = (mass for mass in mechanism.masses if mass.link != mechanism.ground)
     total_inertia = sum(np.linalg.norm(mass.tensor, 2) for mass in moving_masses)
     largest_speed_square = np.max(np.sum(motion.w[0] ** 2, axis=-1))
-    # The inertia if all links with mass moved at the smallest speed that counts.
+    # The inertia if all links with mass moved at the smallest speed that counts. The
+    # negated comparison below is also true for NaN.
     least_inertia = MIN_RELATIVE_SPEED**2 * total_inertia * largest_speed_square
     if not least_inertia < smallest:
         raise SolveError(

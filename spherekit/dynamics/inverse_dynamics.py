@@ -76,8 +76,8 @@ def judged(
 ) -> SmallIntegers:
     """Return the status of torques, and replace what is not known by NaN.
 
-    Inertia depends on rates only. It is kept in rows in which a load is no number, or in
-    which bearings lock, and so are the other loads.
+    Inertia does not depend on loads. It is kept in rows in which a load is no number, or in
+    which bearings lock. If a single load is no number, the other loads are kept too.
 
     Parameters
     ----------
@@ -101,10 +101,12 @@ def judged(
     status[has_rates & locked] = Status.NOT_CONVERGED
     with np.errstate(over="ignore", invalid="ignore"):
         powers = np.einsum("ni,nil->nl", rates, forces)
-    # (n, loads)
+    # (n, loads): whether power and forces of a load are numbers.
     is_finite = np.isfinite(powers) & all_finite(forces, 1)
     is_overflow = ~(all_finite(torques, 1) & np.all(is_finite, axis=1))
     status[(status == Status.OK) & is_overflow] = Status.OVERFLOW
+    # What is not known becomes NaN: inertia without rates, single loads that are no
+    # numbers, and torques unless the row is OK.
     for parts in (masses.M_parts, masses.dM_parts):
         parts[~has_rates] = np.nan
         parts[~np.isfinite(parts)] = np.nan
@@ -200,7 +202,7 @@ class InverseSolution(InputMotion):
         """(n, inputs) driving torques, 0 if they are rounding errors of their terms."""
         speeds = np.abs(self.input_rates)
         with np.errstate(over="ignore"):
-            # Bounds of the terms M ddq and C dq, with |M| in place of dM/dq.
+            # Estimated sizes of the terms M ddq and C dq, with |M| in place of dM/dq.
             changes = np.max(speeds, axis=1)[:, None] * speeds
             changes += np.abs(self.input_accelerations)
             terms = np.einsum("nkij,nj->ni", np.abs(self.M_parts), changes)
@@ -371,6 +373,8 @@ def _motion_of_rotation(mechanism: Mechanism, scaling: TimeScaling, t: Floats) -
     t
         (n,) times, s.
     """
+    # The configurations follow from the angle of the output; the analysis need not search
+    # for them.
     samples = scaling.at(t)
     position_analysis = PositionAnalysis(
         mechanism.with_inputs(*samples.names), follow=False
@@ -400,6 +404,8 @@ def needed_torques(motion: Motion) -> InverseSolution:
     input_variables = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     closure = Closure.of_mechanism(mechanism, motion.joints)
     coordinates = motion_by_variables(closure, motion.values, input_variables)
+    # Rows are singular where the inputs do not determine the motion. The negated comparison
+    # is also true for NaN.
     is_singular = ~(determinacy(coordinates.rates) >= MIN_INPUT_DETERMINACY)
     has_configuration = ~motion.failed
     # Where assembly modes nearly cross, the derivatives depend on rounding errors of the
@@ -413,11 +419,13 @@ def needed_torques(motion: Motion) -> InverseSolution:
     status = motion.status.copy()
     status[(status == Status.OK) & is_singular] = Status.AT_SINGULARITY
 
+    # First without friction of bearings.
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     solution = balancing(mechanism, rows, timing, coordinates, status)
     loads = Loads(mechanism)
     if loads.friction_components:
-        # The friction of bearings depends on reactions, which depend on the torques.
+        # This friction depends on reactions, which depend on the torques. The torques are
+        # computed again with the forces that the bearings carry.
         has_torques = all_finite(solution.torques, 1)
         driven = DrivenState(mechanism, coordinates, timing, solution.torques)
         with np.errstate(over="ignore", invalid="ignore"):

@@ -52,6 +52,9 @@ class ContactPushes:
 def end_at_lift_off(simulation: Simulation) -> Simulation:
     """Return a simulation up to the time at which a one-sided contact would have to pull.
 
+    Without one-sided contacts, or if they press all the time, it is returned unchanged.
+    Pushes are computed at some times of each step, so short pulls between can be missed.
+
     Raises
     ------
     SolveError
@@ -61,6 +64,7 @@ def end_at_lift_off(simulation: Simulation) -> Simulation:
     one_sided = [k for k, pair in enumerate(mechanism.pairs) if pair.one_sided]
     if not one_sided:
         return simulation
+    # Some times of each step, and the end.
     path = simulation.path
     fractions = np.arange(PROBES_PER_STEP) / PROBES_PER_STEP
     t = (path.starts[:, None] + fractions * path.lengths[:, None]).ravel()
@@ -79,13 +83,15 @@ def end_at_lift_off(simulation: Simulation) -> Simulation:
     ]
     pushes = np.concatenate([block.pushes for block in blocks])
     reactions = np.concatenate([block.largest_reaction for block in blocks])
-    # The largest reaction up to each time.
+    # Pulls are compared with the largest reaction up to their time, but at least with that
+    # of the first steps.
     scale = np.fmax.accumulate(reactions)
     scale = np.maximum(scale, scale[: FIRST_STEPS * PROBES_PER_STEP][-1])
     is_pulling = np.any(pushes < -MAX_RELATIVE_PULL * scale[:, None], axis=1)
     pulling_rows = np.flatnonzero(is_pulling)
     if not len(pulling_rows):
         return simulation
+    # The first time at which a contact pulls, and the contact that pulls most.
     row = pulling_rows[0]
     contact = np.argmin(pushes[row])
     name = mechanism.pairs[one_sided[contact]].name
@@ -96,6 +102,7 @@ def end_at_lift_off(simulation: Simulation) -> Simulation:
         )
     from scipy.optimize import brentq
 
+    # The push vanishes between this time and the one before.
     lift_off_time = float(t[row - 1])
     if pushes[row - 1, contact] > 0.0:
         lift_off_time = brentq(

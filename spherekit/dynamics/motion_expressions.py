@@ -60,6 +60,7 @@ class EquationLayout:
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
+        """Lay out state and parameters for a mechanism with its inputs and loads."""
         self.variable_count = len(mechanism.variable_names)
         self.freedoms = len(mechanism.inputs)
         self.variables = symbols(mechanism.variable_names)
@@ -73,6 +74,7 @@ class EquationLayout:
         self.table_names = [
             load.name for load in mechanism.loads if isinstance(load, TorqueTable)
         ]
+        # Positions of the parameters, in the order that the class explains.
         self.unit_parameter = self.variable_count
         self.min_independence_parameter = self.unit_parameter + 2
         self.limit_parameters = self.min_independence_parameter + 1

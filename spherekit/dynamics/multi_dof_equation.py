@@ -68,6 +68,8 @@ def derive_multi_dof_equation(
     input_variables
         Numbers of the variables of the inputs that the user chose, for the event "type_2".
     """
+    # The momenta of the state are the rates of the coordinates, times the square root of
+    # the mass scale, in their unit.
     layout = EquationLayout(mechanism)
     structure = KinematicStructure.from_mechanism(
         mechanism, mechanism.input_pairs, closed=values
@@ -88,6 +90,7 @@ def derive_multi_dof_equation(
     for pair, speed in zip(structure.assembly.inputs, speeds, strict=True):
         variable_rates[mechanism.variables_of(pair)[0]] = speed
 
+    # Generalised forces of loads, less the velocity-dependent ones, for each coordinate.
     load_state = layout.make_load_state(coordinate_rates, variable_rates)
     forces_of_load = [generalised_forces(load, load_state) for load in mechanism.loads]
     moments = InputMoments(coordinate_rates, link_inertia_tensors(mechanism), mass_scale)
@@ -126,7 +129,9 @@ def _derive_independence(
 ) -> Expr:
     """Return the measure of independence, 1 at a closed configuration (variables,).
 
-    It is det(tau_i . tau_k) / D^(2 m - 2), with the scale D and m degrees of freedom.
+    It is zero where closure equations depend on each other. The homogeneous rates tau_i are
+    those of all variables by coordinate i, times a common scale D. With m degrees of
+    freedom, the measure is det(tau_i . tau_k) / D^(2 m - 2), times a constant.
     """
     tau = coordinate_rates.tau
     independence = determinant([[dot(a, b) for b in tau] for a in tau])

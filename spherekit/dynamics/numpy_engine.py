@@ -243,6 +243,8 @@ class Collocation:
         largest_inertia = float(
             np.linalg.norm(inertia_matrix(equation.mechanism, motion)[0], 2)
         )
+        # Sizes of the state by which errors are divided. With the largest principal inertia
+        # B (kg m2), a momentum at unit speed is sqrt(B), and a kinetic energy about B.
         self.scales = np.ones(len(self.start_state))
         self.scales[equation.momenta] = np.sqrt(largest_inertia)
         self.scales[equation.works] = largest_inertia
@@ -251,6 +253,7 @@ class Collocation:
         self.max_closure_residual = 0.0
         self.noisy_steps = 0
         self.end: SimulationEnd | None = None
+        # A generator, from which `advance` takes one step after the other.
         self._integration = self._integrate()
         self._progress = ProgressReporter("simulating")
         # Time of the simulation and computing time after each step, s.
@@ -273,7 +276,10 @@ class Collocation:
 
     @property
     def left(self) -> float | None:
-        """Computing time (s) of the rest, by the last steps. None before these."""
+        """Computing time (s) that the rest is expected to need, by the last steps.
+
+        None until there are more than `FORECAST_STEPS` steps.
+        """
         if len(self._progress_times) <= FORECAST_STEPS + 1:
             return None
         earlier_time, earlier_seconds = self._progress_times[-FORECAST_STEPS - 1]
@@ -332,7 +338,11 @@ class Collocation:
         )
 
     def _integrate(self) -> Generator[float, None, SimulationEnd]:
-        """Yield the time after each step, and return the end."""
+        """Take one step after the other; yield the time (s) after each; return the end.
+
+        A step is accepted if its error is at most 1 as a multiple of the tolerance.
+        Otherwise a shorter one is tried from the same state.
+        """
         problem = self.problem
         equation = self.equation
         t = 0.0
@@ -349,20 +359,24 @@ class Collocation:
                 error = attempt.error
                 rates = attempt.dynamics.motion.rates
                 if error <= 1.0:
+                    # Determinants whose sign changes where curves of configurations cross.
                     orientations = step.closure_determinants(equation.closure, rates)
                     if not self._stays_on_set(step, orientations):
                         error = np.inf
                 if error > 1.0:
+                    # The step is rejected. The next one has at most half its length.
                     length = min(_length_factor(error, attempt.iterations), 0.5) * tried
                     if length < MIN_STEP_FRACTION * problem.until:
                         return self._diagnose_failure(step, error, attempt.dynamics)
                     continue
                 if self._needs_careful_step(orientations):
+                    # The same step is repeated with a smaller tolerance.
                     continue
                 if len(self.steps) >= MAX_COLLOCATION_STEPS:
                     message = too_many_steps_message(MAX_COLLOCATION_STEPS)
                     return SimulationEnd("too_fast", t, message)
                 is_noisy = self._is_noisy(step)
+                # A step that was fitted to the target does not change the length.
                 if tried == length or tried < rest:
                     # A shorter step would have as much noise, so noise counts as no error.
                     effective_error = EPS if is_noisy else error
@@ -377,6 +391,9 @@ class Collocation:
                 t = target if tried == rest else step.stop
                 previous = step
                 state = self._close(step.end_state)
+                # Coordinates of the next step: the arc length of the curve along its
+                # tangent, or with several degrees of freedom those of an orthonormal frame,
+                # which is renewed before its coordinates become nearly dependent.
                 if equation.freedoms == 1:
                     self.frame = rates[-1]
                 elif np.linalg.norm(rates[-1], 2) > MAX_FRAME_RATE:
@@ -390,10 +407,15 @@ class Collocation:
         return SimulationEnd("time", problem.until, TIME_MESSAGE)
 
     def _choose_first_length(self) -> float:
-        """Return the length (s) of the first step, from speed and acceleration."""
+        """Return the length (s) of the first step, from speed and acceleration.
+
+        The motion moves along about `FIRST_STEP_ARC` in it, in at most 1 s.
+        """
         until = self.problem.until
         dynamics = self._evaluate_dynamics(np.zeros(1), self.start_state[None])
         speed = float(np.linalg.norm(dynamics.speed))
+        # Momenta are p = R u with the root R of the inertia matrix, so R^-1 dp/dt has the
+        # size of the acceleration du/dt.
         acceleration = float(np.linalg.norm(dynamics.roots.solve(dynamics.momentum_rates)))
         inverse_length = max(
             speed / FIRST_STEP_ARC, (acceleration / FIRST_STEP_ARC) ** 0.5, 1.0
@@ -403,9 +425,10 @@ class Collocation:
     def _evaluate_dynamics(self, t: Floats, states: Floats) -> StateDynamics:
         """Return motion and forces at times (n,) and states (n, states).
 
-        The frame is that of the end of the last step. If crossings are passed, the
-        configurations are closed first: near a crossing, the rates of configurations that
-        are open have no limit, and those of closed ones continue smoothly.
+        The frame, which says by which coordinates the motion is described, is that of the
+        end of the last step. If crossings of curves are passed, the configurations are
+        closed first: near a crossing, the rates of configurations that are open have no
+        limit, and those of closed ones continue smoothly.
         """
         equation = self.equation
         variables = self.equation.variable_count
@@ -428,7 +451,11 @@ class Collocation:
         state: Floats,
         previous: CollocationStep | None,
     ) -> "StepAttempt":
-        """Solve the equations of a step.
+        """Solve the equations of a step with N nodes by iteration, and estimate its error.
+
+        The states at the nodes are the state at the start plus the integral of the
+        polynomial through the rates at the nodes, and the rates follow from the states.
+        Both are computed in turn until the states no longer change (Picard iteration).
 
         Parameters
         ----------
@@ -443,10 +470,13 @@ class Collocation:
         equation = self.equation
         t = start + 0.5 * length * (GAUSS_NODES + 1.0)
         scale = np.maximum(self.scales, np.abs(state))
-        # Loads that change abruptly make the momentum stiff. Newton's method is implemented
-        # for a single momentum.
+        # Loads that change abruptly make the momentum stiff: Picard iteration diverges
+        # unless steps are tiny. Newton's method, which is implemented for a single
+        # momentum, corrects it instead.
         is_stiff = equation.freedoms == 1 and equation.loads.needs_step_probes
+        # Position of the momentum in the state.
         momentum = equation.variable_count
+        # First guess: constant rates, or the series of the step before, continued.
         if previous is None:
             dynamics = self._evaluate_dynamics(np.array([start]), state[None])
             rates = np.repeat(equation.state_rates(dynamics), NODE_COUNT, axis=0)
@@ -491,20 +521,24 @@ class Collocation:
             series=SERIES_MATRIX @ rates,
             frames=dynamics.motion.rates if equation.freedoms == 1 else self.frame[None],
         )
+        # The error follows from the last Legendre coefficients of the rates. It stays
+        # infinite if the iteration failed.
         if has_converged and np.all(dynamics.motion.status == Status.OK):
             last_sizes = max_abs(step.series[-LAST_COEFFICIENTS:], axis=0)
             truncation_errors = last_sizes * length / ERROR_DIVISOR
             error = float(np.max(truncation_errors / scale)) / tolerance
         if error <= 1.0 and not self._passes_probes(step, scale, tolerance):
             error = np.inf
-        return StepAttempt(step, error, iterations, dynamics)
+        return StepAttempt(step=step, error=error, iterations=iterations, dynamics=dynamics)
 
     def _newton_inverse(
         self, t: Floats, states: Floats, rates: Floats, length: float, scale: Floats
     ) -> Floats:
         """Return the matrix (N, N) of Newton's method for the momenta at N nodes.
 
-        It turns residuals of the collocation equations into corrections of the momenta.
+        It turns residuals of the collocation equations into corrections of the momenta. It
+        is the inverse of 1 - h/2 A diag(d), with the length h of the step, A the
+        `INTEGRATION_MATRIX`, and the derivatives d of dp/dt by the momentum p at the nodes.
 
         Parameters
         ----------
@@ -524,7 +558,7 @@ class Collocation:
         shifted_rates = self.equation.state_rates(
             self._evaluate_dynamics(t, shifted_states)
         )
-        # The derivative of the momentum's rate by the momentum at each node.
+        # The derivatives d, by differences. They are 0 where a rate is not finite.
         slope = (shifted_rates - rates)[:, momentum] / shift
         slope[~np.isfinite(slope)] = 0.0
         return np.linalg.inv(np.eye(NODE_COUNT) - 0.5 * length * INTEGRATION_MATRIX * slope)
@@ -551,6 +585,8 @@ class Collocation:
         largest_momentum = max(
             scale[equation.variable_count], float(max_abs(step.state[momenta]))
         )
+        # The error of the momentum rates that is allowed: an error e of them counts as
+        # e * length / ERROR_DIVISOR in the state, as the last coefficients of a step do.
         allowed_error = (
             MAX_PROBE_ERROR_RATIO
             * tolerance
@@ -585,9 +621,10 @@ class Collocation:
         return bool(find_first_errors(probe, 1)[0] > 1.0)
 
     def _is_noisy(self, step: CollocationStep) -> bool:
-        """Return whether the last coefficients of a step are noise.
+        """Return whether the last Legendre coefficients of a step are noise.
 
-        They are if they are not much smaller than earlier ones.
+        They are noise if they are not much smaller than the largest of the last two thirds
+        of all coefficients: those of smooth rates fall with their order.
         """
         sizes = max_abs(step.series[NODE_COUNT // 3 :] / self.scales, axis=1)
         largest_last = np.max(sizes[-LAST_COEFFICIENTS:])
@@ -605,16 +642,18 @@ class Collocation:
         step
             The step.
         orientations
-            (N,) orientations at its nodes.
+            (N,) determinants at its nodes, whose sign changes at a crossing.
         """
         if not self.problem.passes:
             return True
         equation = self.equation
         largest, sign = self._largest_orientation(orientations)
         is_near = np.abs(orientations) < CROSSING_RATIO * largest
+        # Without a crossing, no node may be near one.
         if not np.any(orientations * sign < 0.0):
             return not np.any(is_near)
         t = step.find_crossing(orientations, float(np.copysign(largest, sign)))
+        # With one, the last nodes have to be beyond it.
         if np.any(is_near[-2:]) or t is None:
             return False
         values = step.evaluate_state(np.array([t]))[0, : equation.variable_count]
@@ -628,12 +667,14 @@ class Collocation:
     def _needs_careful_step(self, orientations: Floats) -> bool:
         """Return whether a step has to be repeated with a smaller tolerance.
 
-        This is the case if a crossing may be near, and the tolerance is too large to
-        recognise it. `orientations` (N,) are those at the nodes of the step.
+        This is the case if a crossing of curves may be near, and the tolerance is too large
+        to recognise it. `orientations` (N,) are the determinants at the nodes of the step,
+        whose sign changes at a crossing. Also updates `is_careful`.
         """
         if self.problem.passes:
             return False
         largest, sign = self._largest_orientation(orientations)
+        # A configuration off its curve by d misses a crossing by about sqrt(d).
         is_near = orientations * np.sign(sign) < np.sqrt(self.tolerance) * largest
         was_careful = self.is_careful
         self.is_careful = bool(np.any(is_near))
@@ -661,7 +702,7 @@ class Collocation:
         rates
             (N, m, variables) rates of the variables by the coordinates at its nodes.
         orientations
-            (N,) orientations at its nodes.
+            (N,) determinants at its nodes, whose sign changes where curves cross.
         """
         self.steps.append(step)
         occurrences = self._find_occurrences(step, rates, orientations)
@@ -680,8 +721,9 @@ class Collocation:
     ) -> Iterator[tuple[float, EventKind | Literal["singularity"], str]]:
         """Yield time, kind and pair of what occurs within a step.
 
-        Occurrences that end the simulation come first. The parameters are those of
-        `_accept`.
+        Occurrences that end the simulation come first. Also updates `orientation`, the
+        determinant whose sign changes where curves of configurations cross. The parameters
+        are those of `_accept`.
         """
         mechanism = self.equation.mechanism
         driven = list(self.problem.driven)

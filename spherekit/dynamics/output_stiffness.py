@@ -60,11 +60,14 @@ def output_stiffness(
     -----
     A moment m on the link is balanced by the torques w_i . m of the inputs. They turn the
     inputs by w_i . m / k_i, and therefore the link by C m with the compliance
-    C = sum of w_i w_i^T / k_i. Changes of the loads are left out.
+    C = sum of w_i w_i^T / k_i. Here w_i is the angular velocity of the link per unit rate
+    of input i, and k_i the stiffness of this input. The principal stiffnesses are the
+    reciprocals of the eigenvalues of C. Changes of the loads are left out.
     """
     link_number = solution.mechanism.link_number
     all_w = solution.motion.w
     w = all_w[:, :, link_number[link]] - all_w[:, :, link_number[relative_to]]
+    # Velocities that are only rounding errors count as zero.
     fastest = np.max(np.linalg.norm(all_w, axis=3), axis=2)
     w[np.linalg.norm(w, axis=2) < MIN_RELATIVE_COMPLIANCE * fastest] = 0.0
     is_ok = solution.rate_status == Status.OK
@@ -75,6 +78,7 @@ def output_stiffness(
     axes = nans((len(w), 3, 3))
     principal_compliances[is_ok], columns = np.linalg.eigh(compliance[is_ok])
     axes[is_ok] = np.swapaxes(columns, 1, 2)
+    # Axes that do not yield get no direction, and below an infinite stiffness.
     is_rigid = principal_compliances < (
         MIN_RELATIVE_COMPLIANCE * principal_compliances[:, -1:]
     )

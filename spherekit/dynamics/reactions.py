@@ -144,10 +144,11 @@ class Reactions(JointReactions):
         return np.where(self.contacts, self.moments[..., 1], np.nan)
 
     def in_first(self, vectors: Floats) -> Floats:
-        """Return the x and y components of vectors in the first links of R pairs.
+        """Return x and y components of vectors at R pairs, in axes fixed in the first link.
 
-        The axes coincide with the pair axes if the variable of the pair is zero, but they
-        are fixed in the first link.
+        The given components are along the axes of each pair, which are fixed in its second
+        link. These axes coincide with those in the first link if the pair's angle is zero,
+        and are turned about z by this angle otherwise.
 
         Parameters
         ----------
@@ -156,9 +157,10 @@ class Reactions(JointReactions):
 
         Returns
         -------
-        (n, pairs, 2) components; NaN for contacts.
+        (n, pairs, 2) components x and y; NaN for contacts, which have no angle.
         """
         mechanism = self.torques.mechanism
+        # `mechanism.angles` has the column of each R pair's angle among the pair variables.
         angles = nans(vectors.shape[:2])
         pair_numbers = [mechanism.pair_number[pair] for pair in mechanism.angles]
         angles[:, pair_numbers] = self.torques.values[:, [*mechanism.angles.values()]]
@@ -175,7 +177,12 @@ def reactions(motion: Motion) -> Reactions:
     Parameters
     ----------
     motion
-        As for `needed_torques`.
+        Motion of all inputs with its timing, as for `needed_torques`.
+
+    Returns
+    -------
+    Moments and forces, NaN in rows without torques. The status of a contact that would have
+    to pull is LIFT_OFF.
 
     Notes
     -----
@@ -189,8 +196,10 @@ def reactions(motion: Motion) -> Reactions:
     driven = DrivenState(
         mechanism, torques.motion, timing, torques.torques, torques.carried
     )
+    # The equations are solved in rows with torques only.
     is_ok = torques.status == Status.OK
     joint_reactions = compute_reactions(driven.rows(is_ok), forces=True)
+    # The information that is missing, if some components are not determined.
     indeterminate_forces = IndeterminateForces()
     open_counts = np.count_nonzero(joint_reactions.opened, axis=(1, 2))
     if np.any(open_counts) and not np.any(joint_reactions.slides):

@@ -395,6 +395,7 @@ class StoredModel:
         and from the values of `StoredHeading.motion_symbols`.
         """
         heading = self.heading
+        # Symbols in the torques that stand for stored functions, those of inertia first.
         first_symbols = symbols([*heading.inertia, *heading.christoffel[0]])
         stored_symbols = [
             node
@@ -520,6 +521,7 @@ class StoredModel:
             # This raises the error of the first point that is not valid.
             heading.reduce_to_range(float(x[~is_valid][0]))
         values = series.evaluate(x - laps * period)
+        # The pair variables, the first functions of group 0, grow in each lap.
         if group == 0:
             values[:, : len(heading.rise)] += laps[:, None] * np.array(heading.rise)
         return values
@@ -547,7 +549,8 @@ class StoredModel:
         sizes = np.array([function.largest for function in heading.groups[group]])
         combined = PiecewiseChebyshev(series.edges, series.coefficients @ factors)
         evaluate_in_range = make_local_polynomials(combined, sizes @ np.abs(factors))
-        # Growth of each sum in a lap, without those that do not grow.
+        # `rise` is the growth of the pair variables, the first functions of group 0, over a
+        # lap of the curve. Sums of them grow too; those that do not are left out.
         rise = heading.rise if group == 0 else ()
         growths = (np.array(rise) @ factors[: len(rise)]).tolist()
         growing = [(k, growth) for k, growth in enumerate(growths) if growth]
@@ -688,6 +691,7 @@ def _construct_series(
     functions = heading.groups[k]
     coefficients = arrays[f"coefficients_{k}"]
     fault = None
+    # Axes of the coefficients: cell, order by each coordinate, function.
     dimension_count = len(heading.by) + 2
     if coefficients.ndim != dimension_count or coefficients.shape[-1] != len(functions):
         fault = (

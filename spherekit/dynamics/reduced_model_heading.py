@@ -233,7 +233,11 @@ class StoredHeading:
 
     @cached_property
     def forces(self) -> list[list[Expr]]:
-        """The generalised forces of each load by each coordinate, as expressions."""
+        """The generalised forces of each load by each coordinate, as expressions.
+
+        The force of a load by a coordinate is a sum over its components: the magnitude
+        times the velocity on which the component works, per unit rate of the coordinate.
+        """
         names = load_names(self.angles)
         m = len(self.by)
         rates = self.motion_symbols[:m]
@@ -251,7 +255,7 @@ class StoredHeading:
             magnitudes: list[Expr] = []
             for text in load.components:
                 law = parse(text, names)
-                # The value, and the value less whole revolutions.
+                # The full value of each name, in place of a value less whole turns too.
                 values = {name: (named_value(name),) * 2 for name in law.names}
                 magnitudes.append(convert_to_graph(law, values))
             if not magnitudes:
@@ -268,7 +272,11 @@ class StoredHeading:
 
     @cached_property
     def torques(self) -> list[Expr]:
-        """The driving torque M x'' + C x' - Q for each coordinate, as expressions."""
+        """The driving torque M x'' + C x' - Q for each coordinate, as expressions.
+
+        M is the inertia matrix, C x' the products of rates with Christoffel symbols, and Q
+        the generalised force of all loads.
+        """
         m = len(self.by)
         rates = self.motion_symbols[:m]
         accelerations = self.motion_symbols[m : 2 * m]

@@ -164,6 +164,7 @@ class Sampler:
     def __init__(
         self, position_analysis: PositionAnalysis, poles: tuple[Pole, ...]
     ) -> None:
+        """Prepare the loops and the loads; `poles` are the pairs of links to be stored."""
         self.position_analysis = position_analysis
         self.mechanism = position_analysis.mechanism
         self.poles = poles
@@ -325,6 +326,7 @@ class CurveSampler(Sampler):
     def __init__(
         self, position_analysis: PositionAnalysis, poles: tuple[Pole, ...]
     ) -> None:
+        """Follow the configuration curve, and choose its coordinate and period."""
         super().__init__(position_analysis, poles)
         self.curve, values = _follow_curve(position_analysis)
         curve = self.curve
@@ -336,6 +338,8 @@ class CurveSampler(Sampler):
             position_analysis.inputs[0],
             position_analysis.by_rank,
         )
+        # The coordinate is the input variable q if the input turns fully on a closed curve
+        # and never almost stops, otherwise the arc length s.
         input_rates = curve.nodes.tangents[:, driven]
         revolutions = int(curve.winding[driven])
         self.is_by_input = bool(
@@ -350,6 +354,7 @@ class CurveSampler(Sampler):
             self.lap = abs(revolutions) * TURN
             # The curve may start whole turns away from the configuration found first.
             offset = curve.at(curve.find(values[None])).values[0] - values
+            # Known configurations from which Newton's method starts.
             arc_lengths = np.linspace(0.0, curve.length, CURVE_NODES)
             node_values = curve.at(arc_lengths).values - offset
             self.nodes = motion_by_variables(self.closure, node_values, self.driven)
@@ -437,6 +442,7 @@ class CurveSampler(Sampler):
             The motion at these coordinates.
         """
         directions = self._compute_axes(motion)
+        # An axis that points against the nearest stored direction is reversed.
         nearest = np.rint(x / self.lap * SENSE_SAMPLES).astype(int)
         if self.periodic:
             nearest %= SENSE_SAMPLES * self.laps
@@ -454,6 +460,7 @@ class CurveSampler(Sampler):
         SolveError
             If the two links of a pole do not move relative to each other somewhere.
         """
+        # Each axis by the plan of the poles, with an error bound.
         planned = PlannedPoles(self.plan, self._convert_motion(motion))
         axes: dict[Pole, Floats] = {}
         w = motion.w[:, 0]
@@ -529,6 +536,7 @@ class BoxSampler(Sampler):
     def __init__(
         self, position_analysis: PositionAnalysis, poles: tuple[Pole, ...]
     ) -> None:
+        """Compute the assembly mode on a grid; its regular configurations become nodes."""
         super().__init__(position_analysis, poles)
         inputs = self.mechanism.inputs
         self.driven = [self.mechanism.angles[pair] for pair in position_analysis.inputs]

@@ -119,6 +119,11 @@ def simulate_reduced(
         raise SolveError(f"{name}: has no inertia, so loads would accelerate it endlessly")
 
     def state_rates(time: float, state: Floats) -> tuple[float, float, float]:
+        """Return the rates of coordinate x, momentum p = sqrt(B) dx/dt and work W.
+
+        They are p / sqrt(B), Q / sqrt(B) and Q dx/dt with the inertia B and the generalised
+        force Q of all loads.
+        """
         coordinate, momentum, _ = state.tolist()
         # The integrator also tries states beyond the ends of an open curve.
         if not heading.periodic:
@@ -132,6 +137,7 @@ def simulate_reduced(
         force = 0.5 * inertia_derivative * speed * speed - torque
         return speed, force * inverse_root, force * speed
 
+    # The integrator stops at kinks of loads, and starts anew.
     step_tolerance = max(STEP_TOLERANCE_RATIO * tolerance, MIN_STEP_TOLERANCE)
     start = float(t[0])
     end = float(t[-1])
@@ -180,6 +186,7 @@ def _tabulate_motion(
         if len(outside_rows):
             message = f"the curve ends before t = {t[outside_rows[0]]:.6g} s"
             states[outside_rows[0] :] = np.nan
+    # Pair variables and their rates are computed up to the end of the curve.
     coordinates, momenta, work = states.T
     finite = np.isfinite(coordinates)
     speeds = momenta[finite] / np.sqrt(model.inertia(coordinates[finite]))

@@ -211,6 +211,7 @@ class CoordinateFrames:
         )
         masses = inertia(equation.mechanism, motion)
         roots = InertiaRoots.from_inertia(masses.M)
+        # Momenta are p = R u with the root R of M and the rates u of the coordinates.
         states[:, momenta] = roots.multiply(speeds)
         # The product rule for the momenta, the root of M times the rates of coordinates.
         rates[:, momenta] = roots.multiply_derivative(masses.dM, speeds) + roots.multiply(

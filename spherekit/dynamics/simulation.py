@@ -241,11 +241,12 @@ class Simulation:
     def missed(self) -> str | None:
         """A message if the tolerance is missed, otherwise None.
 
-        The balance of power can always show this, and the error only if the simulation was
-        compared with another one.
+        The balance of power can always show that it is missed. The error can show it only
+        if the simulation was compared with another one.
         """
         if self.tolerance is None:
             return None
+        # The negated comparisons are also true for NaN.
         if self.error is not None and not self.error <= self.tolerance:
             if np.isfinite(self.error):
                 evidence = f"its error is {self.error:.1e} rad"
@@ -283,6 +284,7 @@ class Simulation:
             If a time is outside of this range.
         """
         equation = self.equation
+        # Columns of the inputs among the pair variables.
         driven = list(self.driven)
         times = np.atleast_1d(np.asarray(t, dtype=float))
         path_states, dynamics = self._evaluate(times, second=True)
@@ -291,7 +293,8 @@ class Simulation:
         masses = dynamics.masses
         speed = dynamics.speed
         assert masses is not None
-        # The accelerations of the variables are second u u + rates du/dt.
+        # The accelerations of the variables are `second` u u + `rates` du/dt, with their
+        # derivatives by the coordinates and the rates u of these.
         centripetal = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
         value_rates = rates_by_time(motion, speed)
         value_accelerations = rates_by_time(motion, dynamics.accelerations) + centripetal
@@ -329,7 +332,10 @@ class Simulation:
 
     @cached_property
     def checks(self) -> Checks:
-        """Balances of energy and power, closure residual, and the error if it is known."""
+        """Balances of energy and power, closure residual, and the error if it is known.
+
+        They are evaluated within the steps `StatePath.checked_steps`, and at the end.
+        """
         path = self.path
         equation = self.equation
         starts = path.starts[path.checked_steps]
@@ -343,7 +349,9 @@ class Simulation:
         kinetic = 0.5 * np.sum(momenta**2, axis=1)
         work = np.sum(states[:, equation.works], axis=1)
         rate_errors = path_states.rates[:, equation.momenta] - dynamics.momentum_rates
+        # At the end a load may jump, or the rates may have no value.
         rate_errors[t >= self.end.t] = 0.0
+        # The momentum at unit speed has the size of the roots of the inertia.
         momentum_sizes = np.append(np.linalg.norm(momenta, axis=1), dynamics.roots.sizes)
         step_lengths = np.append(np.tile(lengths, len(BALANCE_FRACTIONS)), 0.0)
         momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths

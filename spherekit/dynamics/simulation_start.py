@@ -164,6 +164,7 @@ def prepare(
             f"{name}: a simulation starts at t = 0 and cannot end at {until:g} s; give a "
             "finite time greater than 0"
         )
+    # The inputs, the pairs whose rates are given, and the loads.
     need_inertia(mechanism)
     mechanism = driven_at(mechanism, input_pair)
     inputs = mechanism.input_pairs
@@ -175,14 +176,16 @@ def prepare(
     if not all(np.isfinite(times)):
         raise SolveError(f"{name}: switches has a time that is not finite")
 
+    # The configuration at the start: variables less whole turns, and these turns.
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
-    equation = EquationOfMotion(mechanism, closure, len(inputs))
+    equation = EquationOfMotion(mechanism, closure, freedoms=len(inputs))
     if isinstance(start, PoseStart):
         values, turns = _close_start(closure, mechanism, start.values)
     else:
         q, _ = start.each(inputs)
         values, turns = _find_configuration(mechanism, q, assembly_mode)
 
+    # The velocities that are possible there.
     linearisation = closure.at(values[None])
     freedoms = int(rank_mobility(closure.tree, linearisation.vectors)[0])
     if freedoms != len(inputs):
@@ -193,6 +196,7 @@ def prepare(
         )
     # The last right singular vectors of the closure equations are possible velocities.
     frame = np.linalg.svd(linearisation.jacobian[0])[2][-freedoms:]
+    # With one degree of freedom, the pair whose rate is given turns in its positive sense.
     if freedoms == 1 and frame[0, moved_variables[0]] < 0.0:
         frame = -frame
     need_moving_inertia(mechanism, equation.compute_motion(values[None], frame))
@@ -213,7 +217,7 @@ def prepare(
 def _read_rates(
     name: str, start: Start | PoseStart, inputs: Sequence[str]
 ) -> tuple[list[str], Floats]:
-    """Return the pairs whose rates a start states, and these rates (m,), rad/s.
+    """Return the pairs whose rates are given at the start, and these rates (m,), rad/s.
 
     Parameters
     ----------
@@ -258,6 +262,7 @@ def _solve_speed(
     """
     if not np.any(rates):
         return np.zeros(len(rates))
+    # The rates of the moved variables per unit rate along each vector of the frame.
     variable_rates = frame[:, list(moved)].T
     if np.linalg.svd(variable_rates, compute_uv=False)[-1] < MIN_START_RATE:
         names = mechanism.names_of(mechanism.variable_owners[v] for v in moved)
@@ -305,6 +310,7 @@ def make_input_torques(mechanism: Mechanism, torque: Torques | None) -> list[Pai
                 f'{mechanism.name}: a load is named "{name}", as that of the driving '
                 "torque is; give it another name"
             )
+        # A number becomes an expression. Functions and expressions remain as they are.
         law = repr(float(law)) if isinstance(law, int | float) else law
         loads.append(PairTorque(name, pair, law))
     return loads
@@ -415,6 +421,7 @@ def _find_configuration(
     number = motion.assembly_modes[row].number
     solver = position_analysis.solver
     values = motion.values[row].copy()
+    # Whole turns of the other angles, which follow from those of the inputs, and of these.
     driven = list(solver.driven)
     turns = position_analysis.angle_unwrapping.count(
         number, values[None], q[None], solver.angles

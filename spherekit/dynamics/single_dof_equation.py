@@ -27,7 +27,13 @@ from spherekit.velocities.load_expressions import generalised_forces
 
 
 def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
-    """Return the equation of motion of a mechanism with its first input as the input."""
+    """Return the equation of motion of a mechanism with its first input as the input.
+
+    The state has the pair variables v, the momentum p and the work W of each load. The
+    homogeneous rates tau are those of all variables in a motion of some size. With the
+    inertia B and the generalised force Q for these rates, and u = p / sqrt(B), the equation
+    is dv/dt = tau u, dp/dt = Q / sqrt(B), dW/dt = Q u.
+    """
     layout = EquationLayout(mechanism)
     structure = KinematicStructure.from_mechanism(mechanism, mechanism.inputs[0].pair)
     (momentum,) = layout.momenta

@@ -51,6 +51,9 @@ class ProbePlaces:
 def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     """Return the first probed place of each step at which its error is too large.
 
+    Places are fractions of a step. They are evenly spaced, and also at zeros and extrema of
+    steep arguments, where loads may change abruptly, and between these.
+
     Parameters
     ----------
     probe

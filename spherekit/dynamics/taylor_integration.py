@@ -278,6 +278,7 @@ class TaylorIntegration:
         self.layout = equation.layout
         self.project = project
         self.crossing_ratio = crossing_ratio
+        # What the parameters of the compiled equation need.
         self.tables = [x for x in mechanism.loads if isinstance(x, TorqueTable)]
         self.limit_values: list[float] = []
         for limit in mechanism.joint_limits:
@@ -287,6 +288,8 @@ class TaylorIntegration:
             np.arange(self.variable_count), [*mechanism.angles.values()]
         )
 
+        # What the state leaves out: whole turns of the variables, and the work (J) that
+        # loads have done before.
         self.time = 0.0
         self.turns = start.turns
         self.work = np.zeros(len(mechanism.loads))
@@ -304,6 +307,7 @@ class TaylorIntegration:
             previous_measure = previous.equation.measure_independence(start.values[None])
             self.max_independence *= previous.max_independence / float(previous_measure[0])
             self.work = previous.last_state[previous.equation.layout.work_slice]
+        # The state of the integrator: variables, momenta in their unit, works.
         self.momentum_unit = max(start.momentum_unit, float(np.linalg.norm(start.momenta)))
         self.switch_signs = np.zeros(len(self.layout.switch_conditions))
         self.start_state = np.concatenate(
@@ -316,7 +320,8 @@ class TaylorIntegration:
     def run(self, targets: Sequence[float]) -> TaylorRun:
         """Integrate up to the last target, and return the run.
 
-        Runs of one equation in several threads wait for each other.
+        The run ends earlier at an event, such as a singularity, or if a step fails. Runs of
+        one equation in several threads wait for each other.
 
         Parameters
         ----------
@@ -366,6 +371,11 @@ class TaylorIntegration:
     ) -> tuple[int, RunEnd | None]:
         """Integrate one segment; return the number of tried steps and why the run ends.
 
+        A segment consists of at most `STEPS_PER_SEGMENT` steps, and is stored. The reason
+        is None if the run continues. If loads may change abruptly, the steps are compared
+        with the equation of motion (probed). A step that missed a change is repeated with a
+        smaller length.
+
         Parameters
         ----------
         integrator
@@ -389,6 +399,7 @@ class TaylorIntegration:
             event_count = len(integrator.seen_events)
             remaining = target - start
             is_shortened = self.max_step < remaining
+            # The signs of the switch conditions that apply in this step.
             switch_signs = self.switch_signs
             if has_probes:
                 switch_signs = self._all_parameters(integrator)[
@@ -404,6 +415,7 @@ class TaylorIntegration:
                         start, length, integrator.coefficients, event_count, switch_signs
                     )
                 )
+            # Why the run ends, if it does. "limit" is the largest length that was allowed.
             if outcome == "limit" and not is_shortened:
                 end = "time"
             elif outcome == "event":
@@ -414,6 +426,7 @@ class TaylorIntegration:
             is_segment_over = end is not None or len(steps) == STEPS_PER_SEGMENT
             if not has_probes or not (is_shortened or is_segment_over):
                 continue
+            # The steps from the first one that missed a change of a load are discarded.
             agreeing, self.max_step = self._probe_steps(integrator, steps[probed_steps:])
             probed_steps += agreeing
             if probed_steps < len(steps):
@@ -464,10 +477,10 @@ class TaylorIntegration:
     ) -> tuple[int, float]:
         """Return the number of steps that agree with the loads, and the longest next step.
 
-        The length of the next step is in s.
-
-        The first step that does not agree is repeated so that it ends before the time at
-        which it missed a change of a load. If all agree, the length is not limited.
+        A step agrees if its Taylor series satisfy the equation of motion within it too. The
+        length of the next step is in s. The first step that does not agree is repeated so
+        that it ends before the time at which it missed a change of a load. If all agree,
+        the length is not limited.
 
         Parameters
         ----------
@@ -540,6 +553,7 @@ class TaylorIntegration:
         target
             Time (s) of the next knot of a load, up to which the parameters are set.
         """
+        # These are views, so that the state of the integrator changes with them.
         state = integrator.state
         values = state[: self.variable_count]
         turns = np.round(values / TURN) * self.is_angle
@@ -572,6 +586,7 @@ class TaylorIntegration:
             # A table is linear up to the next knot. It is read within the interval, since
             # a periodic table may jump at the ends.
             early, late = table.at(self.time + duration * np.array([0.25, 0.75]))
+            # The value at the start and the slope, from the values at 1/4 and 3/4.
             table_values += [1.5 * early - 0.5 * late, 2.0 * (late - early) / duration]
         scales = [self.momentum_unit, 1.0 / self.momentum_unit, self.min_independence]
         return np.array(

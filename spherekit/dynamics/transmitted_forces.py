@@ -207,6 +207,7 @@ class NewtonEuler:
         column_pairs = [pair for pair, _ in self.columns]
         self._column_to_pair = np.eye(len(mechanism.pairs))[column_pairs]
 
+        # Equations of forces are multiplied by the length, so that all are in N m.
         scaled_wrenches = self.unit_wrenches * np.repeat([1.0, self.length], 3)
         ground_wrenches = _rotate_to_ground(frames[:, column_pairs], scaled_wrenches)
         # (n, links, 6, columns)
@@ -225,6 +226,10 @@ class NewtonEuler:
 
     def _invert(self, coupled: bool) -> None:
         """Compute the pseudoinverse, the open reactions and the sliding links.
+
+        A reaction is open if the equations do not determine it, because it belongs to
+        reactions that balance each other. A link slides if no pair holds it at O, the
+        centre.
 
         Equations of moments and equations of forces are solved as two systems unless
         contacts at known distances have `coupled` them. Each then has its own rank.
@@ -245,6 +250,8 @@ class NewtonEuler:
             (~is_moment_equation, ~is_moment_column),
         ):
             system = self.matrix[:, equations][:, :, columns]
+            # system = left diag(singular_values) right. Directions with a singular value
+            # that counts as zero are left out of the pseudoinverse.
             left, singular_values, right = np.linalg.svd(system, full_matrices=False)
             left = transpose(left)
             is_regular = (
@@ -265,6 +272,10 @@ class NewtonEuler:
     def _compute_unit_wrenches(self, tooth_sides: Floats) -> Floats:
         """Return the wrench (n, columns, 6) of each reaction of size 1, in pair axes.
 
+        A wrench is a moment about O (components 0 to 2) and a force (3 to 5). The signs of
+        the moments about y of teeth with a pressure angle are `tooth_sides` (n, pairs). The
+        moment about x of such teeth is the size of that about y times the angle's tangent.
+
         The force at the point of a contact at distance r along z has components
         (m_y, -m_x) / r along x and y if its moments about x and y are m_x and m_y.
         """
@@ -272,6 +283,7 @@ class NewtonEuler:
         for column, (pair_number, component) in enumerate(self.columns):
             pair = self.mechanism.pairs[pair_number]
             wrench = wrenches[:, column]
+            # Forces are in units of 1 / length, so that they are comparable with moments.
             if component >= MOMENT_COMPONENTS:
                 wrench[:, component] = 1.0 / self.length
                 continue
@@ -301,6 +313,7 @@ class NewtonEuler:
 
         `reaction_wrenches` (n, links, 6) are those that the reactions have to supply.
         """
+        # Forces are multiplied by the length, as in the matrix.
         scaled_wrenches = reaction_wrenches * np.repeat([1.0, self.length], 3)
         right_side = scaled_wrenches[:, self._has_equation][..., None]
         reactions = self._inverse @ right_side
@@ -358,7 +371,11 @@ def links_without_centre(mechanism: Mechanism) -> list[str]:
 
 
 def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
-    """Return the pair and component (3, 4 or 5) of each force that no moment determines."""
+    """Return the pair and component (3, 4 or 5) of each force that no moment determines.
+
+    These are the forces of R pairs through the centre O, without that along the axis if the
+    links can slide there, and forces of contacts whose distance from O is not known.
+    """
     floating_pairs = set()
     sliding_contacts = set()
     for load in mechanism.loads:
@@ -411,6 +428,7 @@ def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReac
     balance = solve_equilibrium(driven, forces)
     equations = balance.equations
     equilibrium = balance.equilibrium
+    # The reactions, and the parts on which loads and drives act.
     wrenches = equations.sum_wrenches(equilibrium.reactions)
     wrenches += equilibrium.torques[..., None] * equations.working_wrenches
     opened = equations.open_components | ~balance.is_settled[:, None, None]
@@ -505,6 +523,8 @@ def velocity_wrenches(
     rates
         (n, m) rates of these coordinates.
     """
+    # At constant rates q' the angular acceleration is the sum of dw_i/dq_k q'_i q'_k. The
+    # momenta L turn with their link: the wrench is L(acceleration) + w x L(w).
     # n rows, i and k coordinates, l links, a components
     w = np.einsum("ni,nila->nla", rates, motion.w)
     angular_accelerations = np.einsum("ni,nk,nikla->nla", rates, rates, motion.dw)
