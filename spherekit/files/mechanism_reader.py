@@ -275,23 +275,40 @@ class _MechanismReader:
         return kind(name, **{**kind.defaults_in_files, **fields})  # type: ignore[no-any-return]
 
     def mass(self, link: str, item: Table, axes_in_links: Callable[[], LinkAxes]) -> Mass:
-        """Return the mass of a link, its inertia tensor about the centre of the sphere.
+        """Return the mass, inertia tensor and centre of mass of a link.
+
+        The tensor is about the centre of the sphere. Tensor and centre of mass are in the
+        axes of the link.
 
         Parameters
         ----------
         link
             Name of the link.
         item
-            Its table: a uniform arc between two R pairs, or a tensor in axes of the link or
-            in a frame of two R pairs, about the centre of the sphere or the centre of mass.
+            The table of the link. It has the keys "arc" (two R pairs at the ends of a
+            uniform arc) and "radius"; or "tensor" (about the centre of the sphere) or
+            "tensor_at_centre" (about the centre of mass), in the axes of the link or, with
+            the key "frame", in a frame of the axes of two R pairs.
         axes_in_links
             Returns the axes of pairs in their links.
+
+        Raises
+        ------
+        FileError
+            If the radius is not positive, or the R pairs do not define an arc or a frame.
+            The message names the key.
+        ModelError
+            If no body can have the tensor.
         """
-        mass = item.get("mass")
+        # The centre of mass; None if the file does not give it.
         centre = item.get("centre")
+        mass = item.get("mass")
 
         def from_two_axes(key: str, function: Callable[..., Answer], *args: Any) -> Answer:
-            """Call a function with the axes of the two R pairs that a key names."""
+            """Call a function with the axes of the two R pairs that a key names.
+
+            The axes come first, then `args`. Errors name the key.
+            """
             path = ("mass", link, key)
             axes = [
                 np.array(
@@ -309,6 +326,7 @@ class _MechanismReader:
                     ("mass", link, "radius"),
                     f"found {item['radius']:g} m, needs more than 0",
                 )
+            # A uniform arc gives its tensor about the centre of the sphere.
             tensor, centre = from_two_axes("arc", uniform_arc, mass, item["radius"])
         else:
             key = "tensor" if "tensor" in item else "tensor_at_centre"
@@ -317,6 +335,7 @@ class _MechanismReader:
             if key == "tensor_at_centre":
                 tensor = shift_to_sphere_centre(tensor, item["mass"], np.array(centre))
             if "frame" in item:
+                # Rotate tensor and centre from the frame to the axes of the link.
                 frame = from_two_axes("frame", axes_frame)
                 tensor = frame @ tensor @ frame.T
                 centre = None if centre is None else frame @ centre

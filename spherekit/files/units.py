@@ -71,16 +71,18 @@ Two keys for one field are two ways to state it; the first is written.
 def construct_element(
     cls: Callable[..., Element], table: Table, other_fields: Table | None = None
 ) -> Element:
-    """Return an element of a mechanism that a table of converted values states.
+    """Return an element of a mechanism, such as a pair, from its table in a file.
 
     Parameters
     ----------
     cls
-        A class in `KEYS`.
+        The class of the element, one of `KEYS`, which maps the keys in files to the names
+        of the fields of the class.
     table
-        Converted values by key. Keys that are no field of the class are left out.
+        Values of the element by key in files, with angles in rad and directions as unit
+        vectors. Keys without a field of the class are left out.
     other_fields
-        Values of fields that the table does not state.
+        Values of further fields, by field name. They must not be in the table.
     """
     field_of_key = KEYS[cls]  # type: ignore[index]
     stated_fields = {
@@ -90,9 +92,13 @@ def construct_element(
 
 
 def table_of(element: Any) -> dict[str, Any]:
-    """Return the table that states an element, without fields that have their default."""
+    """Return the table that describes an element in a file, values by key.
+
+    Fields with their default value are left out.
+    """
     defaults = {item.name: item.default for item in fields(element)}
     table: dict[str, Any] = {}
+    # A field with two keys is written with the first one.
     written_fields = set()
     for key, name in KEYS[type(element)].items():
         value = getattr(element, name)

@@ -73,16 +73,20 @@ two.
 
 @dataclass(frozen=True)
 class TurnSolutions:
-    """The roots of the residual at several directions, ordered by direction and turn.
+    """The turns at which a pointing mechanism closes, ordered by direction and turn.
+
+    The turn is the angle of the output link about the direction at which it points. The
+    mechanism closes where the residual f of its closing link is 0.
 
     Attributes
     ----------
     row
-        (k,) number of the direction.
+        (k,) number of the direction to which the root belongs.
     turn
         (k,) turn (rad) in (-pi, pi].
     sense
-        (k,) sign of the slope of the residual, 1.0 or -1.0.
+        (k,) sign of the derivative of f by the turn, 1.0 or -1.0. It tells the solutions at
+        one direction apart.
     """
 
     row: Indices
@@ -92,16 +96,19 @@ class TurnSolutions:
 
 @dataclass(frozen=True)
 class TurnBrackets:
-    """Intervals of the turn in which the residual changes its sign.
+    """Intervals of the turn in which the residual f of the closing link changes its sign.
+
+    The turn is the angle of the output link about the direction at which it points. Each of
+    the k intervals contains a root of f.
 
     Attributes
     ----------
     row
-        (k,) number of the direction.
+        (k,) number of the direction to which the interval belongs.
     low, high
         (k,) ends of the interval (rad).
     low_residual, high_residual
-        (k,) residual at both ends.
+        (k,) values of f at both ends.
     """
 
     row: Indices
@@ -145,14 +152,17 @@ class DyadsWithClosingLink:
     def place_dyads(self, directions: Floats, turn: Floats, signs: Signs) -> WorkingMode:
         """Return the dyads while the output has given directions and turns.
 
+        The closing link need not close; `residual` measures by how much it does not.
+
         Parameters
         ----------
         directions
             (3, n) unit vectors in the axes of the base.
         turn
-            (n,) turns about them (rad).
+            (n,) turns of the output link about these directions (rad).
         signs
-            The sign of each dyad, without that of the closing link.
+            The sign of each dyad, 1 or -1, which chooses one of the two positions of its
+            middle axis. The sign of the closing link is left out.
         """
         x_axis, y_axis = _axes_around(directions)
         c = np.cos(turn)
@@ -161,32 +171,46 @@ class DyadsWithClosingLink:
         # Axis a of the frame has the components frame[a, j] in the output link (j) and
         # axes[a][i, n] in the base (i). The orientation is the sum of their products.
         rotation = np.einsum("aj,ain->jin", self.frame, axes)
-        return WorkingMode(self.chain, signs, {}, rotation)
+        return WorkingMode(self.chain, signs, posed_axes={}, posed_rotation=rotation)
 
     def measure_turns(self, directions: Floats, rotations: Floats) -> Floats:
-        """Return the turns (n,) in rad that are nearest to those of orientations.
+        """Return the turns about directions that come nearest to given orientations.
 
         Parameters
         ----------
         directions
-            (3, n) unit vectors.
+            (3, n) unit vectors in the axes of the base.
         rotations
-            (n, 3, 3) orientations of the output link, which may point elsewhere.
+            (n, 3, 3) orientations of the output link in the axes of the base. They need not
+            point in the directions.
+
+        Returns
+        -------
+        (n,) turns (rad).
         """
+        # (3, n) images of the two axes of the output link from which the turn is measured.
         x_image, y_image = (rotations @ self.frame[:2].T).T
         x_axis, y_axis = _axes_around(directions)
+        # At the turn t these axes should be x cos t + y sin t and y cos t - x sin t. The
+        # sum of the scalar products with the images, A cos t + B sin t, is largest at
+        # t = atan2(B, A).
         sine = dot_columns(y_axis, x_image) - dot_columns(x_axis, y_image)
         return np.arctan2(sine, dot_columns(x_axis, x_image) + dot_columns(y_axis, y_image))
 
     def link_orientations(self, mode: WorkingMode, count: int) -> Floats:
-        """Return the orientations (n, count, 3, 3) of the first links.
+        """Return the orientations of the links of the mechanism, with the closing link.
 
         Parameters
         ----------
         mode
-            The dyads, as `place_dyads` returns them.
+            The dyads at n poses, as `place_dyads` returns them.
         count
-            Number of links without the virtual ones, which come last.
+            Number of links without the virtual ones that hold the output. The virtual links
+            have the last numbers.
+
+        Returns
+        -------
+        (n, count, 3, 3) rotations from the axes of each link to those of the base.
         """
         assert mode.posed_rotation is not None
         n = mode.posed_rotation.shape[-1]
@@ -194,9 +218,11 @@ class DyadsWithClosingLink:
         for link in range(count):
             if link == self.link:
                 continue
+            # The columns of a rotation are the images of the three axes of the link.
             for column, unit_vector in enumerate(np.eye(3)):
                 rotations[:, link, :, column] = mode.vector(link, unit_vector).T
-        # The closing link is placed by the axes of its two pairs.
+        # The closing link is placed by the axes of its two pairs, as its neighbours carry
+        # them (outer) and in its own axes (inner).
         first_outer, second_outer = (
             np.broadcast_to(axis, (3, n)).T for axis in self._end_axes(mode)
         )
@@ -214,12 +240,19 @@ class DyadsWithClosingLink:
         return first, second
 
     def residual(self, mode: WorkingMode) -> Floats:
-        """Return the residual f (n,); NaN where a dyad does not reach."""
+        """Return the residual f = p . q - cos(arc) (n,) of the closing link.
+
+        The axes p and q of its pairs are those that its neighbours carry. f is 0 where the
+        link closes, and NaN where a dyad does not reach.
+        """
         p, q = self._end_axes(mode)
         return dot_columns(p, q) - self.arc_cosine
 
     def residual_rate(self, mode: WorkingMode) -> RateFraction:
-        """Return the rate of f per unit angular velocity of the output."""
+        """Return the rate of the residual f per unit angular velocity of the output.
+
+        f = p . q - cos(arc), with the axes p and q of the pairs of the closing link.
+        """
         p, q = self._end_axes(mode)
         # f' = (p x q) . (w_p - w_q) with the angular velocities of both neighbours. The
         # normal p x q is at right angles to the axes of both pairs.
@@ -231,12 +264,18 @@ class DyadsWithClosingLink:
         return first_rate - second_rate
 
     def slope(self, mode: WorkingMode, directions: Floats) -> Floats:
-        """Return the derivative (n,) of f by the turn about directions (3, n)."""
+        """Return the derivative (n,) of the residual f by the turn about directions (3, n).
+
+        It is the rate of f if the output turns about its direction with the speed 1.
+        """
         rate = self.residual_rate(mode)
         return dot_columns(rate.numerator, directions) / rate.denominator
 
     def solve_turn(self, directions: Floats, turn: Floats, signs: Signs) -> Floats:
-        """Return turns (n,) that close the closing link, by Newton's method.
+        """Return turns that close the closing link, by Newton's method.
+
+        The unknown is the angle of the output link about its direction, the equation is
+        that the residual f of the closing link is 0.
 
         Parameters
         ----------
@@ -245,40 +284,51 @@ class DyadsWithClosingLink:
         turn
             (n,) turns (rad) from which the method starts.
         signs
-            The sign of each dyad.
+            The sign of each dyad, 1 or -1.
 
         Returns
         -------
-        (n,) the turns at which the method ended, converged or not.
+        (n,) the turns (rad) at which the method ended, converged or not. The caller has to
+        check the residual.
         """
 
         def newton_step(turns: Floats, rows: Indices) -> Floats:
-            """Return the steps (k, 1) of some rows from turns (k, 1)."""
+            """Return the steps (k, 1) from turns (k, 1) at the directions `rows` (k,)."""
             row_directions = directions[:, rows]
             mode = self.place_dyads(row_directions, turns[:, 0], signs)
             step = -self.residual(mode) / self.slope(mode, row_directions)
+            # Out of reach, or where the slope is 0, there is no step. A step of 0 ends the
+            # iteration of this row.
             return np.where(np.isfinite(step), step, 0.0)[:, None]
 
         values, _ = newton(
             newton_step,
-            turn[:, None],
-            MAX_TURN_STEPS,
-            TURN_STEP_TOLERANCE_RAD,
-            MAX_TURN_STEP_RAD,
+            values=turn[:, None],
+            max_steps=MAX_TURN_STEPS,
+            last_step=TURN_STEP_TOLERANCE_RAD,
+            longest_step=MAX_TURN_STEP_RAD,
         )
         return values[:, 0]
 
     def find_turns(self, directions: Floats, signs: Signs) -> TurnSolutions:
-        """Return the roots of f at directions (3, n), for the signs of the dyads.
+        """Return the turns of the output at which the closing link closes (f = 0).
 
-        Roots are bracketed between equally spaced samples of the turn, the turns at which a
-        dyad gets out of reach, and the extrema of f. Close pairs of roots can be missed.
+        The turn is the angle of the output link about its direction. Roots are bracketed
+        between equally spaced samples of the turn, the turns at which a dyad gets out of
+        reach, and the extrema of the residual f. Close pairs of roots can be missed.
+
+        Parameters
+        ----------
+        directions
+            (3, n) directions of the output.
+        signs
+            The sign of each dyad, 1 or -1.
         """
         brackets = self._bracket_roots(directions, signs)
         row = brackets.row
 
         def residual(turn: Floats, brackets_of_turns: Indices) -> Floats:
-            """Return f (k,) at turns (k,) in some of the brackets."""
+            """Return f (k,) at turns (k,), with the number (k,) of the bracket of each."""
             return self.residual(
                 self.place_dyads(directions[:, row[brackets_of_turns]], turn, signs)
             )
@@ -290,9 +340,11 @@ class DyadsWithClosingLink:
             brackets.low_residual,
             brackets.high_residual,
         )
+        # f can also change its sign by a jump, which is no root.
         is_root = np.abs(residual(turns, np.arange(len(row)))) < CLOSING_RESIDUAL
         row = row[is_root]
         turns = wrap(turns[is_root])
+        # Sorted by direction, then by turn. A root that was bracketed twice is kept once.
         order = np.lexsort((turns, row))
         row = row[order]
         turns = turns[order]
@@ -306,19 +358,22 @@ class DyadsWithClosingLink:
         return TurnSolutions(row, turns, sense=np.where(slope < 0.0, -1.0, 1.0))
 
     def _bracket_roots(self, directions: Floats, signs: Signs) -> TurnBrackets:
-        """Return intervals of the turn in which f changes its sign.
+        """Return intervals of the turn in which the residual f changes its sign.
 
-        Between two samples a root can be hidden in two ways: a dyad gets out of reach, or f
-        has an extremum on the side of 0 that is not sampled. The turn where this happens is
-        searched and inserted as a further sample.
+        The turn, the angle of the output link about its direction, is sampled in equal
+        steps; a cell lies between two samples. Roots can be hidden in a cell in two ways: a
+        dyad gets out of reach in it, or f has an extremum in it beyond 0 while both samples
+        have the same sign. The turn where this happens is searched and inserted as a
+        further sample.
 
         Parameters
         ----------
         directions
             (3, n) directions of the output.
         signs
-            The sign of each dyad.
+            The sign of each dyad, 1 or -1.
         """
+        # 1. Sample f and its slope.
         n = directions.shape[1]
         spacing = 2.0 * np.pi / TURN_SAMPLES
         # All samples of a direction follow each other.
@@ -328,7 +383,8 @@ class DyadsWithClosingLink:
         residual = self.residual(mode)
         slope = self.slope(mode, directions[:, row])
 
-        # |f| falls at the start of the cell and rises at its end, without a sign change.
+        # 2. Find the cells in which roots can be hidden. At an extremum towards 0, |f|
+        # falls at the start of the cell and rises at its end, without a sign change.
         size_slope = residual * slope
         has_extremum = (
             ~np.diff(residual <= 0.0) & (size_slope[:-1] < 0.0) & (size_slope[1:] > 0.0)
@@ -336,15 +392,17 @@ class DyadsWithClosingLink:
         is_reached = np.isfinite(residual)
         is_same_direction = np.diff(row) == 0
         (cell,) = np.nonzero((has_extremum | np.diff(is_reached)) & is_same_direction)
-        # The search starts at the end of the cell that is in reach.
+        # 3. Search the extremum or the limit of the reach. The search starts at the end of
+        # the cell that is in reach: the second one, cell + 1, if the first one is not.
         start_turn = turn[cell + ~is_reached[cell]]
         cell_directions = directions[:, row[cell]]
         start_slope = np.where(has_extremum, slope[:-1], np.nan)[cell]
 
         def is_beyond(turns: Floats, which: Indices) -> Floats:
-            """Return -1.0 before the searched turn and 1.0 beyond it.
+            """Return -1.0 before the searched turn and 1.0 beyond it (k,).
 
-            Beyond it a dyad is out of reach, or f has another slope than at the start.
+            Beyond it a dyad is out of reach, or the slope of f has another sign than at the
+            start. `turns` (k,) belong to the cells with the positions `which` (k,).
             """
             mode = self.place_dyads(cell_directions[:, which], turns, signs)
             slopes = self.slope(mode, cell_directions[:, which])
@@ -354,9 +412,15 @@ class DyadsWithClosingLink:
 
         ones = np.ones(len(cell))
         distance = np.where(is_reached[cell], spacing, -spacing)
+        # The second result is the end of the last bracket that is not beyond.
         _, inserted_turn = find_bracketed_zeros(
-            is_beyond, start_turn, start_turn + distance, -ones, ones
+            is_beyond,
+            low=start_turn,
+            high=start_turn + distance,
+            values_at_low=-ones,
+            values_at_high=ones,
         )
+        # 4. Insert these turns as samples, and take the cells in which f changes its sign.
         inserted_mode = self.place_dyads(cell_directions, inserted_turn, signs)
         row = np.insert(row, cell + 1, row[cell])
         turn = np.insert(turn, cell + 1, inserted_turn)
@@ -378,8 +442,10 @@ def find_closing_link(
 ) -> DyadsWithClosingLink | None:
     """Return the dyads and the closing link of a pointing output, None if it has none.
 
-    If several links can be the closing link, the one is returned that leaves dyads which
-    depend least on each other.
+    A closing link has two pairs. Without it, and with the output held in a direction and at
+    a turn about it, the mechanism consists of dyads that can be placed one after another.
+    The arc of the closing link then determines the turn. Every link is tried. If several
+    fit, the one is returned that leaves dyads which depend least on each other.
 
     Parameters
     ----------
@@ -394,6 +460,7 @@ def find_closing_link(
     has_contacts = len(joints) < len(mechanism.pairs)
     if not virtual_chain.points or direction is None or has_contacts:
         return None
+    # All virtual pairs are locked: direction and turn of the output are held.
     held_pairs = virtual_chain.pairs
     bodies = merge_locked_links(mechanism, held_pairs)
     axis = np.array(direction)
@@ -401,6 +468,7 @@ def find_closing_link(
     candidates = []
     for link in range(len(mechanism.links)):
         pairs = tuple(pair for pair, ends in enumerate(mechanism.ends) if link in ends)
+        # The angles of the inputs are results, so a driven pair must belong to a dyad.
         excluded_pairs = {*held_pairs, *virtual_chain.driven}
         if (
             len(pairs) != 2
@@ -415,7 +483,7 @@ def find_closing_link(
         ]
         try:
             groups = split_into_groups(mechanism, bodies, remaining_pairs)
-        except CountError:
+        except CountError:  # a part without the link is rigid or free
             continue
         assembly = Assembly(held_pairs, bodies, groups)
         if DyadChain.can_place(assembly, virtual_chain.base):
@@ -439,7 +507,7 @@ def find_closing_link(
 
 
 def _count_dependences(candidate: DyadsWithClosingLink) -> int:
-    """Return how many dyads of a candidate are connected to links of other dyads."""
+    """Return how many outer pairs of a candidate's dyads join links of other dyads."""
     chain = candidate.chain
     count = 0
     for dyad in chain.dyads:

@@ -43,8 +43,9 @@ class DyadPlacement:
     near_support, far_support
         Numbers of the links that the outer pairs connect the dyad to.
     parity
-        1 or -1. Times the sign of the dyad in a mode, it is the sign of b . (a x c), with
-        the axes a, b, c of the near, middle and far pair.
+        1 or -1. Times the sign of the dyad in an assembly mode (1 or -1 for the two
+        positions of the middle axis b), it is the sign of b . (a x c), with the axes a and
+        c of the near and the far pair.
     arcs
         Angles (rad) between the axes of the near link and between those of the far link.
     """
@@ -61,12 +62,19 @@ class DyadPlacement:
 
     @property
     def shortest(self) -> float:
-        """The smallest angle (rad) between the outer axes at which the dyad closes."""
+        """The smallest angle (rad) between the outer axes at which the dyad closes.
+
+        There it is folded.
+        """
         return abs(self.arcs[0] - self.arcs[1])
 
     @property
     def longest(self) -> float:
-        """The largest angle (rad) between the outer axes at which the dyad closes."""
+        """The largest angle (rad) between the outer axes at which the dyad closes.
+
+        There it is stretched. If the arcs exceed pi together, the outer axes come nearer
+        to each other again on the other side of the sphere.
+        """
         return min(sum(self.arcs), 2.0 * np.pi - sum(self.arcs))
 
     @cached_property
@@ -77,7 +85,10 @@ class DyadPlacement:
 
 @dataclass(frozen=True)
 class AxisSource:
-    """The pair and link from which an axis is known first.
+    """The pair and link from which the axis of a pair is known first.
+
+    Axes of several pairs can coincide. Of those, one belongs to a link that is placed
+    before the others.
 
     Attributes
     ----------
@@ -173,7 +184,12 @@ class DyadChain:
         )
 
     def _make_dyad(self, group: Group) -> DyadPlacement:
-        """Return a group as a dyad, the first outer pair of the group as the near pair."""
+        """Return a dyad with its pairs, links and arcs, from a group of the assembly.
+
+        `group.bodies` holds the support and the two links of the dyad as sets of links, and
+        `group.dyad_positions` the positions of the near, middle and far pair among the
+        pairs of the group. The near pair is the first outer pair.
+        """
         near_pair, middle_pair, far_pair = (
             group.pairs[position] for position in group.dyad_positions
         )
@@ -203,10 +219,16 @@ class DyadChain:
         return dyad.far_pair, dyad.far_support
 
     def _find_axis_source(self, pair: int, link: int) -> AxisSource:
-        """Return the pair and link from which the axis of a pair of a link is known first.
+        """Return the pair and link from which the axis of a pair is known first.
 
-        If the axis coincides with that of the outer pair that supports the link, it is
-        known before the link is placed.
+        If the axis coincides with that of the outer pair that joins the link to its
+        support, it is known before the link is placed, from the support or from a link on
+        which that stands in the same way.
+
+        Parameters
+        ----------
+        pair, link
+            Numbers of the pair and of one of its links.
         """
         if link not in self.dyad_of_link:
             return AxisSource(pair, link, 1.0)
@@ -231,7 +253,11 @@ class DyadChain:
         return float(arc(self.axis_in(pair, link), self.axis_in(other_pair, link)))
 
     def _compute_vector_weights(self, link: int, *vector: float) -> Floats:
-        """Return how a vector of a dyad's link is composed of the axes of the link.
+        """Return the components of a vector of a dyad's link along the axes of its pairs.
+
+        The vector is the sum of p, q and p x q, each times its weight, with the axis p of
+        the outer pair and the axis q of the middle pair. With the weights the vector is
+        carried along as soon as p and q are known, without a rotation matrix.
 
         Parameters
         ----------
@@ -242,8 +268,7 @@ class DyadChain:
 
         Returns
         -------
-        (3,) weights of p, q and p x q, with the axis p of the outer pair and the axis q of
-        the middle pair.
+        (3,) weights of p, q and p x q.
         """
         outer_pair, _ = self.support_of(link)
         middle_pair = self.dyads[self.dyad_of_link[link]].middle_pair
@@ -262,14 +287,16 @@ def input_rates(numerators: Floats, denominators: Floats) -> tuple[Floats, Float
     """Return rates of the inputs per angular velocity of the output, and type I measures.
 
     The rate of an input is the scalar product of its numerator and the angular velocity of
-    the output, divided by its denominator. Both are finite at singular configurations.
+    the output, divided by its denominator. Both are finite at singular configurations. The
+    measure of type I is the size of the denominator over the length of the numerator. It is
+    0 where the input can move while the output rests.
 
     Parameters
     ----------
     numerators
-        (n, inputs, 3) vectors.
+        (n, inputs, 3) vectors, for n configurations.
     denominators
-        (n, inputs) or (n, 1).
+        (n, inputs), or (n, 1) if all inputs have the same.
 
     Returns
     -------
@@ -277,8 +304,8 @@ def input_rates(numerators: Floats, denominators: Floats) -> tuple[Floats, Float
         (n, inputs, 3) rates per unit angular velocity; infinite where an input is at a
         singularity of type I.
     type_1
-        (n, inputs) measures of type I, see
-        `spherekit.outputs.inverse_kinematics.Inverse`.
+        (n, inputs) speed at which the output turns about the numerator per unit rate of
+        the input.
     """
     with np.errstate(all="ignore"):
         rates = numerators / denominators[..., None]
@@ -291,7 +318,9 @@ def invert_output_rates(
 ) -> tuple[Floats, Floats]:
     """Return rates of inputs from the angular velocities of the output that they cause.
 
-    The matrix of angular velocities is inverted. Singular configurations are allowed.
+    The matrix of angular velocities is inverted: its inverse consists of the reciprocal
+    vectors, divided by the volume that the angular velocities span. Singular configurations
+    are allowed, since numerators and volume stay finite.
 
     Parameters
     ----------
@@ -316,9 +345,10 @@ def invert_output_rates(
 def reciprocal_vectors(vectors: Floats, direction: Floats | None) -> tuple[Floats, Floats]:
     """Return the reciprocal vectors of two or three vectors, times their volume.
 
-    The product of a vector and its reciprocal vector is 1, and those of different vectors
-    are at right angles. Multiplied by the volume they are finite also if the vectors are
-    coplanar.
+    The reciprocal vectors of a, b, c are b x c, c x a and a x b, divided by the volume
+    a . (b x c). Each has the scalar product 1 with its vector and 0 with the two others, so
+    they are the columns of the inverse of the matrix with the rows a, b, c. Here they are
+    returned without the division. They are then finite also if the vectors are coplanar.
 
     Parameters
     ----------
@@ -338,6 +368,7 @@ def reciprocal_vectors(vectors: Floats, direction: Floats | None) -> tuple[Float
     b = vectors[..., 1, :]
     c = vectors[..., 2, :] if direction is None else direction
     reciprocals = [cross(b, c), cross(c, a)]
+    # If c is the direction, it is none of `vectors`, and its reciprocal is not asked for.
     if direction is None:
         reciprocals.append(cross(a, b))
     return np.stack(reciprocals, axis=-2), np.vecdot(a, reciprocals[0])

@@ -44,7 +44,9 @@ class DyadKinematics(ClosedKinematics):
     solved_by = "dyads"
 
     def __init__(self, kinematics: InverseKinematics) -> None:
+        """Keep the inverse kinematics, and name the leg of each dyad by its three pairs."""
         assert kinematics.dyads is not None
+        # Virtual links hold the output; the dyads include their pairs.
         virtual_chain = kinematics.wrist
         super().__init__(kinematics.own, virtual_chain.output, virtual_chain.points)
         self.kinematics = kinematics
@@ -58,10 +60,11 @@ class DyadKinematics(ClosedKinematics):
         self.legs = tuple(legs)
 
     def _find_real_pair(self, pair: int) -> int:
-        """Return the pair of the mechanism that has the axis of a virtual pair.
+        """Return the number of the mechanism's pair that has the axis of a virtual pair.
 
-        The last virtual pair can have the axis of a pair of the output link. Other numbers
-        are returned unchanged.
+        Virtual links and pairs hold the output in its pose. The last virtual pair can have
+        the axis of a pair of the output link; then the number of that one is returned. All
+        other numbers are returned unchanged.
         """
         virtual_chain = self.kinematics.wrist
         if pair != virtual_chain.pairs[-1]:
@@ -79,7 +82,10 @@ class DyadKinematics(ClosedKinematics):
 
     @property
     def spans(self) -> tuple[LegSpan, ...]:
-        """The reach of every dyad, between its outer axes."""
+        """The reach of every dyad: the least and the largest angle of its outer axes.
+
+        The pairs are numbered as in the mechanism without virtual links.
+        """
         return tuple(
             LegSpan(
                 first_pair=self._find_real_pair(dyad.near_pair),
@@ -92,7 +98,15 @@ class DyadKinematics(ClosedKinematics):
         )
 
     def at(self, poses: Floats, signs: Signs) -> ModeAtPoses:
-        """Return one mode at poses."""
+        """Return one assembly mode at poses.
+
+        Parameters
+        ----------
+        poses
+            (n, 3) directions or (n, 3, 3) orientations of the output.
+        signs
+            The sign of each dyad, 1 or -1, for the two positions of its middle axis.
+        """
         return self.kinematics.posed(poses, signs)
 
 
@@ -149,9 +163,11 @@ class GearedKinematics(ClosedKinematics):
         train: GearTrain,
         carriers: Mapping[int, CarrierAngle],
     ) -> None:
+        """Keep the parts, and invert the matrix of the ratios of the carriers."""
         super().__init__(mechanism, output, carried.points)
         self.carried = carried
         self.train = train
+        # The angles of the carriers are ratios . inputs + offset.
         self.carriers = tuple(carriers)
         self.offsets = np.array([carrier.offset for carrier in carriers.values()])
         ratios = np.array([carrier.ratios for carrier in carriers.values()])
@@ -174,8 +190,16 @@ class GearedKinematics(ClosedKinematics):
         return self.carried.spans
 
     def at(self, poses: Floats, signs: Signs) -> ModeAtPoses:
-        """Return one mode at poses."""
-        return _GearedMode(self, self.carried.at(poses, signs))
+        """Return one assembly mode at poses.
+
+        Parameters
+        ----------
+        poses
+            (n, 3) directions or (n, 3, 3) orientations of the output.
+        signs
+            The sign of each dyad of the mechanism without wheels, 1 or -1.
+        """
+        return _GearedMode(self, carried_mode=self.carried.at(poses, signs))
 
 
 class _GearedMode:
@@ -203,9 +227,11 @@ class _GearedMode:
 
     @cached_property
     def inputs(self) -> Floats:
-        """(n, inputs) rad. The angles of the carriers are known up to whole revolutions.
+        """(n, inputs) rad, those with the smallest sum of absolute values.
 
-        The inputs with the smallest sum of absolute values are returned.
+        The carriers are pairs of the mechanism without wheels whose angles determine the
+        inputs. These angles are known up to whole revolutions, and by the ratios of the
+        wheels each choice of the revolutions gives other inputs.
         """
         kinematics = self.kinematics
         carrier_angles = [
@@ -214,8 +240,10 @@ class _GearedMode:
         ]
         wrapped_angles = wrap(np.stack(carrier_angles, axis=1) - kinematics.offsets)
         carrier_count = wrapped_angles.shape[1]
-        # All combinations of -1, 0 and 1 revolutions of the carriers.
+        # All combinations of -1, 0 and 1 revolutions of the carriers. The combination
+        # without revolutions comes first and wins if sums are equal.
         revolutions = TURN * np.array(list(product((0.0, -1.0, 1.0), repeat=carrier_count)))
+        # (n, combinations, inputs)
         candidates = (wrapped_angles[:, None] + revolutions) @ kinematics.input_ratios.T
         sums = np.sum(np.abs(candidates), axis=2)
         best = np.argmin(np.round(sums, EQUAL_SUM_DECIMALS), axis=1)
@@ -223,7 +251,12 @@ class _GearedMode:
 
     @cached_property
     def _values(self) -> Floats:
-        """(n, pairs) variables of all pairs, those of R pairs in (-pi, pi]."""
+        """(n, pairs) variables of all pairs, those of R pairs in (-pi, pi].
+
+        They come from the inputs, from the ratios of the wheels for pairs that follow the
+        inputs, and from the mechanism without wheels for its pairs. Later assignments
+        replace earlier ones.
+        """
         kinematics = self.kinematics
         train = kinematics.train
         mechanism = kinematics.mechanism
@@ -238,20 +271,28 @@ class _GearedMode:
 
     @cached_property
     def rates(self) -> Floats:
-        """(n, inputs, 3) rates of the inputs per unit angular velocity of the output."""
+        """(n, inputs, 3) rates of the inputs per unit angular velocity of the output.
+
+        They are those of the carriers, times the derivatives of the inputs by the angles of
+        the carriers.
+        """
         return self.kinematics.input_ratios @ self.carried_mode.rates
 
     @property
     def type_1(self) -> Floats:
-        """(n, inputs) measures of type I."""
+        """(n, inputs) measures of type I, 0 where an input can move with a resting output.
+
+        The measure is the inverse of the largest rate of the input per unit angular
+        velocity of the output.
+        """
         return 1.0 / np.linalg.norm(self.rates, axis=2)
 
     @property
     def type_1_square(self) -> Floats:
         """(n, inputs) squares of `type_1`, continued out of reach with negative values.
 
-        The continuation is the smallest one of the carriers that move with the input,
-        divided by the squared ratio.
+        Out of reach `type_1` is NaN. There the smallest value is taken of the carriers that
+        move with the input, each divided by the squared ratio of the input to the carrier.
         """
         square = self.type_1**2
         squared_ratios = self.kinematics.input_ratios**2
@@ -261,15 +302,17 @@ class _GearedMode:
 
     @property
     def type_2(self) -> Floats:
-        """(n,) measure of type II."""
+        """(n,) measure of type II, 0 where the output can move with locked inputs."""
         return self.kinematics.type_2(self._values)
 
 
 def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics | None:
     """Return the closed form of an output that wheels drive, None if it has none.
 
-    Without the wheels, the mechanism has to consist of dyads on the held output, driven at
-    pairs whose angles follow from the inputs by the ratios of the wheels.
+    Without the wheels, the mechanism has to consist of dyads while the output is held. Its
+    inputs are then carriers: pairs whose angles follow from the inputs of the whole
+    mechanism by the ratios of the wheels. Pairs with joint limits must not be among those
+    that are left out.
     """
     driven = list(driven_pairs(mechanism))
     train = find_gear_train(mechanism, driven)
@@ -298,6 +341,8 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
 def _find_carrying_pairs(mechanism: Mechanism, output: Output, pairs: set[int]) -> set[int]:
     """Return the pairs that remain when links with a single pair are removed repeatedly.
 
+    Without the contacts of the wheels, a wheel hangs on a single pair and carries nothing.
+
     Parameters
     ----------
     mechanism
@@ -325,6 +370,10 @@ def _choose_carriers(
 ) -> dict[int, CarrierAngle] | None:
     """Return as many pairs as there are inputs whose angles determine the inputs.
 
+    Candidates are the driven pairs themselves and those that follow from them by the
+    wheels. In the order of their numbers, each is chosen whose ratios are linearly
+    independent of those chosen before.
+
     Parameters
     ----------
     train
@@ -336,8 +385,10 @@ def _choose_carriers(
 
     Returns
     -------
-    The angles of the carriers by their numbers, None if there are too few.
+    The angles of the chosen pairs (carriers) as linear functions of the inputs, by the
+    number of the pair. None if there are too few.
     """
+    # The angle of driven pair k is input k itself: ratios are a row of the unit matrix.
     angles = {
         pair: CarrierAngle(np.eye(len(driven))[k], 0.0) for k, pair in enumerate(driven)
     }

@@ -137,17 +137,21 @@ class _MidPlaneCurveSearch:
         ]
 
     def find_borders(self) -> Iterator[CurveSeen]:
-        """Yield the circles on which a driven leg is at the limit of its reach.
+        """Yield the curves of type I: an input can move while the output rests.
 
-        Only parts that all other legs reach are yielded.
+        This is so where a driven leg is at the limit of its reach, on circles of the unit
+        normal of the mid-plane around the base axis of the leg. Only the parts of the
+        circles that all other legs reach are yielded, for each combination of the signs of
+        these legs (assembly mode).
         """
         plane = self.form.plane
         for leg in plane.driven:
             reason = f"leg of {self.form.name_of(leg)} at the limit of its reach"
             axis = plane.axes[leg]
 
+            # The default value binds the leg of this pass of the loop.
             def measure_margin(normals: Floats, leg: int = leg) -> Floats:
-                """Return the square of the height of the leg's elbow (n,)."""
+                """Return the squared height (n,) of the leg's elbow, 0 on the circle."""
                 return self._measure_reach(leg, normals)
 
             # Both signs of this leg are the same configuration at its limit.
@@ -158,17 +162,27 @@ class _MidPlaneCurveSearch:
                 )
 
     def find_determinant_zeros(self, budget: TimeLimit) -> Iterator[CurveSeen]:
-        """Yield the curves on which the determinant with locked inputs changes its sign.
+        """Yield the curves of type II: the output can move while the inputs are locked.
 
-        The search ends between two modes if the time is over.
+        With locked inputs the velocity equations of the loops have as many unknowns as
+        equations. The rates of the other pairs are not determined where the determinant of
+        their matrix is 0. Its changes of sign are searched over all mid-planes, in one
+        assembly mode after another: a mode has a sign, 1 or -1, for each leg, which tells
+        on which side its elbow is.
+
+        Parameters
+        ----------
+        budget
+            Limit of the time. If it is over, the remaining modes are not searched.
         """
         for mode in product((1, -1), repeat=len(self.form.legs)):
             if not budget.goes_on(f"mode {mode}"):
                 return
             signs = np.array(mode)
 
+            # The default value binds the signs of this pass of the loop.
             def compute_determinant(normals: Floats, signs: Integers = signs) -> Floats:
-                """Return the determinant (n,) in this mode."""
+                """Return the determinants (n,) at mid-planes with unit normals (n, 3)."""
                 return self._compute_determinants(signs, normals)
 
             yield from self._find_zero_curves(compute_determinant, signs)
@@ -190,15 +204,17 @@ class _MidPlaneCurveSearch:
         function
             Function of normals (n, 3) with values (n,), NaN where it has none.
         signs
-            (legs,) signs of the mode.
+            (legs,) signs of the assembly mode, 1 or -1 for each leg.
         reason
             Why the curves are singular. If it is empty, it is found out for each curve.
         centres
             Unit vectors (3,) that become vertices of the mesh. Curves around them are found
             however small they are.
         """
+        # (edges, 2) numbers of the ends of each edge, (triangles, 3) numbers of its edges.
         vertices, triangles = hemisphere(LOCUS_MESH_SIDE_RAD)
         vertices = vertices.copy()
+        # The vertex nearest to each centre is moved there.
         for centre in centres:
             vertices[np.argmax(vertices @ centre)] = centre
         edges, triangle_edges = list_edges(triangles)
@@ -215,10 +231,10 @@ class _MidPlaneCurveSearch:
         start_values, end_values = values[has_zero].T
         zero_parts, _ = find_bracketed_zeros(
             lambda part, rows: function(interpolate(part, rows)),
-            np.zeros(zero_count),
-            np.ones(zero_count),
-            start_values,
-            end_values,
+            low=np.zeros(zero_count),
+            high=np.ones(zero_count),
+            values_at_low=start_values,
+            values_at_high=end_values,
         )
         zeros = interpolate(zero_parts, np.arange(zero_count))
 
@@ -227,8 +243,10 @@ class _MidPlaneCurveSearch:
         zero_of_edge = np.where(has_zero, np.cumsum(has_zero) - 1, -1)
         triangle_zeros = np.sort(zero_of_edge[triangle_edges], axis=1)
         links = triangle_zeros[np.sum(triangle_zeros >= 0, axis=1) == 2, 1:]
+        # A chain is the numbers of the zeros of one curve, in order.
         for chain in order_chains(zero_count, links):
-            # The first zero of a closed chain belongs to two links.
+            # In a closed chain the first zero belongs to two links; a chain of two zeros
+            # that are linked twice encloses nothing and counts as open.
             link_count = np.count_nonzero(links == chain[0])
             is_closed = bool(link_count == 2 < len(chain))
             normals = zeros[np.append(chain, chain[:1]) if is_closed else chain]
@@ -237,6 +255,8 @@ class _MidPlaneCurveSearch:
 
     def _measure_reach(self, leg: int, normals: Floats) -> Floats:
         """Return the squared height of a leg's elbow, which is 0 at the limit of its reach.
+
+        The height is n . (base axis x elbow), with the normal n of the mid-plane.
 
         Parameters
         ----------
@@ -254,14 +274,18 @@ class _MidPlaneCurveSearch:
         return np.where(others_reach, height_square[:, leg], np.nan)
 
     def _find_reason(self, normals: Floats, signs: Integers) -> str:
-        """Return why the output can move with the inputs at rest on a curve.
+        """Return as text why the output can move with the inputs at rest on a curve.
+
+        Either the elbows of both driven legs lie on one line along most of the curve, so
+        that they span no mid-plane, or the velocity equations of the loops depend on each
+        other.
 
         Parameters
         ----------
         normals
             (n, 3) unit normals of the mid-planes of the curve.
         signs
-            (legs,) signs of the mode.
+            (legs,) signs of the mode, 1 or -1 for each leg.
         """
         first, second = self.form.plane.driven
         elbows, _ = self.form.plane.elbows(normals, signs)
@@ -274,10 +298,14 @@ class _MidPlaneCurveSearch:
     def _compute_determinants(self, signs: Integers, normals: Floats) -> Floats:
         """Return the determinants of the velocity equations with locked inputs.
 
+        The matrix is the Jacobian of the loop closure without the columns of the driven
+        variables, which is square. Where its determinant is 0, the output can move with the
+        inputs at rest (type II), or the loops lose their rank.
+
         Parameters
         ----------
         signs
-            (legs,) signs of the mode.
+            (legs,) signs of the mode, 1 or -1 for each leg.
         normals
             (n, 3) unit normals of mid-planes.
 
@@ -295,22 +323,26 @@ class _MidPlaneCurveSearch:
     def _make_curve(
         self, normals: Floats, signs: Integers, is_closed: bool, reason: str
     ) -> CurveSeen:
-        """Return a curve of mid-planes with the configurations that close and are singular.
+        """Return a singular curve with those of its points that close and are singular.
 
-        The residual of a point is the larger one of the closure residual and of the least
-        singular value of the velocity equations together with those of what rests.
+        At a singular point of type I an input moves while the output rests, at one of type
+        II the output moves while the inputs rest. Then the velocity equations of the loops,
+        together with the equations that something rests, have a solution other than 0:
+        their least singular value is 0. The residual of a point is the larger one of this
+        value and the closure residual. Points above `CLOSURE_TOLERANCE` are left out.
 
         Parameters
         ----------
         normals
             (n, 3) unit normals of the mid-planes of the curve.
         signs
-            (legs,) signs of the mode.
+            (legs,) signs of the mode, 1 or -1 for each leg.
         is_closed
             Whether the last mid-plane is the first one again.
         reason
-            Why the curve is singular.
+            Why the curve is singular, as text.
         """
+        # Pair variables (n, pairs) of the configurations with these mid-planes.
         values, _ = self.form.values(self.form.place(normals, signs))
         linearisation = self.locus.tangent_space(values).linearisation
         constraint = self.locus.constraint.equations(linearisation)
@@ -322,10 +354,11 @@ class _MidPlaneCurveSearch:
         points = self.report.describe(values, right[:, -1], residual)
         has_type = self.report.has_type(points.type)
         selected = np.flatnonzero((residual < CLOSURE_TOLERANCE) & has_type)
+        # Arc length (rad) that the normal has travelled along the curve at each point.
         arc_length = np.append(0.0, np.cumsum(arc(normals[1:], normals[:-1])))
         return CurveSeen(
             points=points.rows(selected),
-            both=points.rows(slice(0)),
+            both=points.rows(slice(0)),  # no points of both types are searched
             s=arc_length[selected],
             closed=is_closed and len(selected) == len(normals),
             why=reason,
