@@ -178,8 +178,10 @@ class FollowedRotation(RotationPath):
     def crossings(self) -> tuple[float, ...]:
         """Angles (rad) at which the inputs do not determine the output (type II).
 
-        They are the leaps, and the minima of the transmission measure with the value 0.
+        They are the leaps (singular configurations that the tracking stepped over), and the
+        minima of the transmission measure with the value 0.
         """
+        # Local minima on a grid of angles. Each is then searched between its neighbours.
         grid = np.linspace(0.0, self.reached, CROSSING_GRID_SIZE)
         measure = np.nan_to_num(self._measure_transmission(grid), nan=np.inf)
         padded = np.pad(measure, 1, constant_values=np.inf)
@@ -188,6 +190,7 @@ class FollowedRotation(RotationPath):
         (lowest,) = np.nonzero((measure <= before) & (measure < after))
         low, high = grid[np.clip([lowest - 1, lowest + 1], 0, CROSSING_GRID_SIZE - 1)]
         minima = minimize_in_brackets(self._measure_transmission, low, high)
+        # The negated comparison also accepts NaN.
         singular = minima[~(self._measure_transmission(minima) > SINGULAR_RATIO)]
         # Minima next to a leap are the leap itself.
         distances = np.abs(singular[:, None] - np.array(self.leaps))
@@ -197,7 +200,10 @@ class FollowedRotation(RotationPath):
         return tuple(np.sort(np.clip(crossings, 0.0, self.reached) + 0.0).tolist())
 
     def _measure_transmission(self, theta: Floats) -> Floats:
-        """Return the transmission measure (n,) at angles (n,) rad up to `reached`."""
+        """Return the transmission measure (n,) at angles (n,) rad up to `reached`.
+
+        It is 0 where the output can move although the inputs are locked (type II).
+        """
         guess, _ = self.nodes.interpolate(theta)
         deviation, _ = self.find_nearest(theta, guess)
         return self.transmission.measure_configurations(
@@ -205,12 +211,29 @@ class FollowedRotation(RotationPath):
         )
 
     def at(self, theta: ArrayLike) -> RotationSamples:
-        """Return the samples at angles theta (n,) rad from 0 to the whole angle."""
-        theta = check_range(theta, self.angle, "theta", "rad")
+        """Return samples of the rotation.
+
+        The configurations are interpolated between the nodes of the tracked path and
+        corrected by Newton's method. A sample becomes MODE_LOST if the correction is too
+        large for the distance of the nodes, since it may then be in another assembly mode.
+
+        Parameters
+        ----------
+        theta
+            (n,) angles from 0 to the whole angle (rad).
+
+        Raises
+        ------
+        SolveError
+            If an angle is outside.
+        """
+        theta = check_range(theta, self.angle, name="theta", unit="rad")
         status = np.where(theta <= self.reached, Status.OK, self.end).astype(np.int8)
         predicted, cell_size = self.nodes.interpolate(np.minimum(theta, self.reached))
         deviation, _ = self.find_nearest(theta, predicted)
 
+        # How well the equations determine the links, 0 where they do not. If the output
+        # link follows the target exactly, the orientation is one of the equations.
         conditioning = np.nan_to_num(1.0 / condition_numbers(deviation.system))
         if not self.exact:
             conditioning = np.minimum(
@@ -223,6 +246,7 @@ class FollowedRotation(RotationPath):
             values = np.where(is_undetermined[:, None], predicted, deviation.values)
             deviation = self.output_link.compare(values, self.target_orientations(theta))
 
+        # Tests that the sample is the right one, and regular.
         correction = max_abs(deviation.values - predicted, axis=1)
         allowed_correction = MODE_CHANGE_RATIO * STEP_VERIFICATION.middle * cell_size
         allowed_correction = allowed_correction + MODE_CHANGE_RAD
@@ -244,6 +268,7 @@ class FollowedRotation(RotationPath):
 
         first, second = self._compute_rates(theta, deviation)
         with np.errstate(all="ignore"):
+            # The angular velocity of the output link at theta' = 1 has this direction.
             momentary_axis = unit_rows(np.matvec(deviation.output_jacobian, first))
         has_no_values = (theta > self.reached) | ~has_configuration(status)
 
@@ -271,8 +296,9 @@ class FollowedRotation(RotationPath):
     ) -> tuple[Floats, Floats]:
         """Return the first and second derivatives of the variables by theta.
 
-        The rounding errors of the derivatives grow without bound near a leap. There they
-        are read from a polynomial through the derivatives at Chebyshev points around it.
+        At a leap the tracking stepped over a singular configuration. The rounding errors of
+        the derivatives grow without bound near it. There they are read from a polynomial
+        through the derivatives at Chebyshev points around the leap.
 
         Parameters
         ----------
@@ -302,8 +328,10 @@ class FollowedRotation(RotationPath):
             guess, _ = self.nodes.interpolate(points)
             deviation_at_points, _ = self.find_nearest(points, guess)
             rates_at_points = deviation_at_points.rates(self.axis)
+            # The interval from low to high becomes -1 to 1.
             x = (2.0 * theta[is_near] - low - high) / (high - low)
             degree = LEAP_CHEBYSHEV_POINTS - 1
+            # `result` is changed in place.
             for samples, result in (
                 (rates_at_points.first, rates.first),
                 (rates_at_points.second, rates.second),
@@ -333,6 +361,7 @@ def axis_and_angle(first: Floats, second: Floats) -> tuple[Floats, float]:
     SolveError
         If the axis or its sense is not determined.
     """
+    # The quaternion is (axis sin(angle / 2), cos(angle / 2)), or its negative.
     xyzw = quaternion((second @ first.T)[None])[0]
     sine = float(np.linalg.norm(xyzw[:3]))
     angle = 2.0 * math.atan2(sine, abs(xyzw[3]))
@@ -402,6 +431,10 @@ def follow_rotation(
 ) -> FollowedRotation:
     """Return the rotation of an output link about a fixed axis.
 
+    The rotation is tracked as far as the mechanism follows it. If the output link cannot
+    turn exactly about the axis, the configurations nearest to the turning target are
+    returned.
+
     Parameters
     ----------
     mechanism
@@ -435,12 +468,14 @@ def follow_rotation(
     output_link = OutputLink.from_output(mechanism, declared_output)
     start_values = _check_values(output_link, values, mechanism.name)
     deviation = _close_start(output_link, start_values, mechanism.name)
+    # `start` is the orientation at theta = 0. The given one belongs to theta = -lead.
     path = RotationPath(
         output_link=output_link,
         axis=unit_axis,
         start=rotation_about_axis(unit_axis, [lead])[0] @ deviation.orientations[0],
         exact=bool(deviation.rates(unit_axis).follows[0]),
     )
+    # The link that the output is relative to becomes the ground of the measure.
     transmission = Transmission.from_mechanism(
         replace(mechanism, ground=declared_output.relative_to), declared_output
     )
@@ -469,6 +504,9 @@ def follow_to(
     output: str | None = None,
 ) -> FollowedRotation:
     """Return the rotation of an output link to an orientation, about a fixed axis.
+
+    The axis is that of the rotation from the orientation at the start to that at the end,
+    by an angle below half a turn.
 
     Parameters
     ----------
@@ -520,6 +558,9 @@ def _close_start(
 ) -> TargetDeviation:
     """Return the configuration from which a rotation starts, closed to rounding.
 
+    It is the only row of the result. The loops are closed by Newton's method, with the
+    orientation of the output link as near to the given one as possible.
+
     Parameters
     ----------
     output_link
@@ -542,6 +583,7 @@ def _close_start(
             f"{mechanism_name}: {input_count} inputs turn the output link in more ways "
             "than there are; lock some of them"
         )
+    # Each chord closes a loop, which gives at most three independent equations.
     least_mobility = variable_count - 3 * len(output_link.closure.tree.chords)
     if least_mobility > input_count:
         raise SolveError(
@@ -568,6 +610,7 @@ def _close_start(
     singular_values = np.linalg.svd(deviation.linearisation.jacobian[0], compute_uv=False)
     largest = np.max(singular_values, initial=0.0)
     # The Jacobian has the rank variables - inputs if the inputs are all degrees of freedom.
+    # The remaining singular values, in falling order, are then 0.
     excess = singular_values[variable_count - input_count :]
     has_higher_rank = np.any(excess > UNDETERMINED_CONDITION * largest)
     if has_higher_rank or not deviation.loop_conditioning[0] > UNDETERMINED_CONDITION:

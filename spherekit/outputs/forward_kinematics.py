@@ -36,6 +36,8 @@ from spherekit.status import Status
 class PoseSolutions:
     """Every configuration found at some poses or inputs, a row for each.
 
+    A dyad is a group of two links that can be placed in two ways, told apart by its sign.
+
     Attributes
     ----------
     row
@@ -50,7 +52,8 @@ class PoseSolutions:
     directions
         (k, 3) directions at which the output points there; None if it declares none.
     signs
-        The signs of the dyads of each configuration in solving order, 0 for other groups.
+        k tuples, one for each configuration: the sign (1 or -1) of each dyad in solving
+        order, 0 for groups that are no dyads.
     complete
         (rows,) whether no configuration can be missing at a pose or at inputs.
     """
@@ -97,6 +100,9 @@ def find_configurations(
 ) -> PoseSolutions:
     """Return every configuration of a mechanism at some inputs, row by row.
 
+    It also serves for inverse kinematics: if virtual links hold the output, the inputs of
+    the held mechanism are the coordinates of the pose.
+
     Parameters
     ----------
     solver
@@ -127,6 +133,7 @@ def find_configurations(
             if released is None:
                 configuration: Floats | None = closed_values
             else:
+                # Wheels may have to turn on by whole revolutions; None if that fails.
                 configuration = find_assembled_configuration(
                     solver, released, closed_values
                 )
@@ -154,10 +161,13 @@ def find_configurations(
 class Forward:
     """Poses of an output at n inputs in m assembly modes of dyads.
 
+    A dyad is a group of two links that can be placed in two ways. An assembly mode is a
+    choice of the sign, 1 or -1, of every dyad.
+
     Attributes
     ----------
     modes
-        The sign of each dyad, in m modes.
+        The signs of the dyads in each of the m modes.
     rotations
         (m, n, 3, 3) from axes of the output link to those of the link it is seen from.
     directions
@@ -219,12 +229,20 @@ class ForwardKinematics:
     def at(
         self, inputs: ArrayLike, modes: Sequence[tuple[int, ...]] | None = None
     ) -> Forward:
-        """Return the poses at inputs (n, inputs) rad; modes are signs of the dyads.
+        """Return the poses at some inputs, in several assembly modes at once.
+
+        Parameters
+        ----------
+        inputs
+            (n, inputs) values of the inputs (rad).
+        modes
+            The modes wanted, each with the sign, 1 or -1, of every dyad (a group of two
+            links that can be placed in two ways); all modes by default.
 
         Raises
         ------
         SolveError
-            If groups are irreducible (ask for `solutions`), or the inputs are not finite
+            If a group is no dyad (ask for `solutions` then), or the inputs are not finite
             or not as many as the mechanism has.
         """
         if not self.solver.assembly.has_closed_form:
@@ -252,8 +270,13 @@ class ForwardKinematics:
         return tuple(product((1, -1), repeat=len(self.solver.assembly.groups)))
 
     def _evaluate(self, q: Floats, modes: Sequence[tuple[int, ...]]) -> DyadConfigurations:
-        """Return the configurations at inputs (n, inputs) in some modes of dyads."""
-        results = [self.solver.evaluate(AssemblyMode(0, signs), q) for signs in modes]
+        """Return the configurations at inputs (n, inputs) rad in some modes of dyads.
+
+        Each mode is the signs of the dyads.
+        """
+        results = [
+            self.solver.evaluate(AssemblyMode(number=0, signs=signs), q) for signs in modes
+        ]
         return DyadConfigurations(
             values=np.stack([result.values for result in results]),
             rotations=np.stack([result.rotations for result in results]),
@@ -263,6 +286,9 @@ class ForwardKinematics:
     @checked(SolveError)
     def solutions(self, inputs: ArrayLike) -> PoseSolutions:
         """Return every configuration found at inputs (n, inputs) rad, row by row.
+
+        Mechanisms of dyads are computed in closed form, and no configuration is missed.
+        Others are solved for one row of inputs after another.
 
         Raises
         ------
@@ -292,18 +318,24 @@ class ForwardKinematics:
 
 
 def output_rates(motion: Motion, output: Output) -> Floats:
-    """Return the output's angular velocity (n, 3, inputs) per unit rate of each input.
+    """Return the output's angular velocity per unit rate of each input.
 
-    It is that of the output link relative to the link it is seen from, in axes of the
-    latter: the Jacobian of an orientation. It follows from the velocity equations of all
-    loops. NaN in rows that failed and where the inputs do not determine the motion.
+    One input moves while the others are locked. The rates of the passive variables follow
+    from the velocity equations of all loops: J_passive rates = -J_input, with the columns
+    of the closure Jacobian J.
 
     Parameters
     ----------
     motion
-        Configurations of the mechanism.
+        n configurations of the mechanism.
     output
         The output.
+
+    Returns
+    -------
+    (n, 3, inputs) angular velocity (rad/s) of the output link relative to the link that the
+    output is relative to, in the axes of the latter. NaN in rows that failed and where the
+    inputs do not determine the motion.
     """
     mechanism = motion.mechanism
     link = mechanism.link_number[output.link]

@@ -71,10 +71,13 @@ file are refused.
 class Inverse:
     """The inputs of n poses in m working modes, and how near they are to singularities.
 
+    A dyad is two links that can be placed in two ways between their neighbours. A working
+    mode is a choice of one of both, a sign 1 or -1, for each dyad.
+
     Attributes
     ----------
     modes
-        The signs of each mode's dyads, see `Inverse.labels`.
+        The signs of the dyads in each mode.
     inputs
         (m, n, inputs) rad in (-pi, pi], in the order of the mechanism's inputs; NaN
         where the status is neither OK nor AT_SINGULARITY.
@@ -131,8 +134,10 @@ class Inverse:
     def jacobian(self) -> Floats:
         """(m, n, 3, inputs) angular velocity of the output per unit rate of each input.
 
-        In axes of the link that the output is seen from. For a pointing output it is the
-        part at right angles to its direction. NaN or infinite at a type II singularity.
+        One input moves while the others are locked. The axes are those of the link that the
+        output is seen from. For a pointing output it is the part of the angular velocity at
+        right angles to its direction. NaN or infinite at a type II singularity, where the
+        output can move with locked inputs.
 
         Raises
         ------
@@ -146,6 +151,7 @@ class Inverse:
         rates = self.normals / self.type_1[..., None]
         direction = None
         if rates.shape[2] == 2:
+            # Two inputs: the rates are at right angles to the direction of the output.
             direction = np.cross(rates[..., 0, :], rates[..., 1, :])
         columns, volume = reciprocal_vectors(rates, direction)
         return np.swapaxes(columns, -1, -2) / volume[..., None, None]
@@ -184,6 +190,11 @@ class InverseKinematics:
 
     @checked(SolveError)
     def __init__(self, mechanism: AnyMechanism, name: str | None = None) -> None:
+        """Hold the output by virtual links and plan how the links are placed.
+
+        If not all groups of links are dyads, a closing link is searched, without which they
+        are: its arc then determines the turn of a pointing output about its direction.
+        """
         self.own = mechanism = mechanism_of(mechanism)
         self.wrist: VirtualOutputChain = with_wrist(mechanism, name)
         self.mechanism = self.wrist.mechanism
@@ -224,9 +235,10 @@ class InverseKinematics:
 
     @property
     def legs(self) -> Names:
-        """The groups in solving order, each by its kind and the names of its pairs.
+        """The groups of links in solving order, as text: the kind and names of the pairs.
 
-        A bar whose arc gives the turn of the output about its direction comes last.
+        A bar, the closing link whose arc determines the turn of a pointing output about its
+        direction, comes last.
         """
         parts = [(group.kind, group.pairs) for group in self._assembly.groups]
         if self._closing_link is not None:
@@ -238,10 +250,12 @@ class InverseKinematics:
 
     @property
     def modes(self) -> tuple[Signs, ...]:
-        """The signs of all working modes, 0 for groups without a closed form.
+        """The signs of all working modes, in the order of `legs`.
 
-        The sign of a bar is the sense in which its axes come nearer as the output turns
-        about its direction: a direction may have several such solutions.
+        A dyad has the sign 1 or -1 for its two positions; a group without a closed form has
+        the sign 0. A bar, the closing link whose arc determines the turn of the output
+        about its direction, has the sign of the derivative of the cosine between its axes
+        by this turn. A direction may have several solutions with the same sign.
         """
         choices = [(1, -1) if group.is_dyad else (0,) for group in self._assembly.groups]
         if self._closing_link is not None:
@@ -263,12 +277,16 @@ class InverseKinematics:
         poses
             (n, 3, 3) orientations of the output link, or (n, 3) directions that it points
             at, both in axes of the link that the output is seen from.
-        modes, normals
-            Signs of the modes wanted, all by default; whether to keep the normals, which
-            the Jacobian needs.
+        modes
+            The working modes wanted, each with the signs of its dyads as in the property
+            `modes`; all by default.
+        normals
+            Whether to keep the axes about which the output turns with each input. The
+            Jacobian needs them.
         near
-            (n, 3, 3) orientations of the output link, next to whose turns solutions are
-            looked for by Newton's method. Needed where a bar gives the turn.
+            (n, 3, 3) orientations of the output link. The turn of the output about its
+            direction is searched by Newton's method from their turns. Needed only if the
+            arc of a closing link (bar) determines the turn.
 
         Raises
         ------
@@ -368,10 +386,19 @@ class InverseKinematics:
     def _place_modes(
         self, poses: Floats, starts: Floats, modes: Sequence[Signs]
     ) -> Iterator[WorkingMode]:
-        """Yield the dyads in each mode at some poses.
+        """Yield the dyads in each working mode at some poses.
 
-        Results that the modes share are computed once. The parameters are those of
-        `_evaluate`.
+        Results that the modes share are computed once.
+
+        Parameters
+        ----------
+        poses
+            (n, 3, 3) orientations or (n, 3) directions of the output.
+        starts
+            (n, 3, 3) orientations near which the turns of a pointing output are searched;
+            not used without a closing link.
+        modes
+            The signs of the dyads in each mode.
         """
         # Components first: (3, n) directions, or (3, 3, n) orientations whose index 0 is
         # the axis of the output link.
@@ -380,6 +407,7 @@ class InverseKinematics:
         posed_axes: dict[int, Floats] = {}
         posed_rotation = None
         if self.wrist.points:
+            # The last virtual pair has its axis along the direction of the output.
             posed_axes[self.wrist.pairs[2]] = block
         else:
             posed_rotation = block
@@ -417,7 +445,14 @@ class InverseKinematics:
 
     @checked(SolveError)
     def posed(self, poses: ArrayLike, signs: Signs) -> WorkingMode:
-        """Return a mode at poses as for `at`, whose angles are computed when read.
+        """Return one working mode at poses. Its results are computed when they are read.
+
+        Parameters
+        ----------
+        poses
+            (n, 3, 3) orientations or (n, 3) directions of the output.
+        signs
+            The sign of each dyad, 1 or -1.
 
         Raises
         ------
@@ -435,8 +470,14 @@ class InverseKinematics:
     def solutions(self, poses: ArrayLike) -> PoseSolutions:
         """Return every configuration found at poses, of any mechanism, row by row.
 
-        Poses are those of `at`. Dyads are solved in closed form, other groups by
-        elimination or search, which cost milliseconds to seconds a row.
+        Dyads are solved in closed form, other groups by elimination or search, which take
+        milliseconds to seconds a row.
+
+        Parameters
+        ----------
+        poses
+            (n, 3, 3) orientations of the output link, or (n, 3) directions that it points
+            at, both in axes of the link that the output is seen from.
 
         Raises
         ------
@@ -447,6 +488,7 @@ class InverseKinematics:
         if self._closing_link is not None:
             with np.errstate(all="ignore"):
                 return self._solve_all_turns(self._closing_link, pose_array)
+        # The coordinates of the pose are the inputs of the mechanism with virtual links.
         if self.wrist.points:
             coordinates = azimuth_tilt(pose_array)
         else:
@@ -457,10 +499,20 @@ class InverseKinematics:
     def _solve_all_turns(
         self, closing_link: DyadsWithClosingLink, directions: Floats
     ) -> PoseSolutions:
-        """Return the configurations of all modes at directions (n, 3), in order of rows."""
+        """Return the configurations of all modes at directions, in the order of these.
+
+        Parameters
+        ----------
+        closing_link
+            The dyads and the closing link. The output link turns about its direction until
+            the arc of the closing link fits.
+        directions
+            (n, 3) directions of the output.
+        """
         ends = self.own.ends
         link_count = len(self.own.links)
         joints = revolutes(self.solver.joints)[: len(ends)]
+        # The empty arrays give the right shapes if there is no solution.
         rows = [np.empty(0, dtype=np.intp)]
         link_rotations = [np.empty((0, link_count, 3, 3))]
         output_rotations = [np.empty((0, 3, 3))]

@@ -31,15 +31,17 @@ can be missed. Smaller: more time.
 class ElbowFeet:
     """The two possible elbows of each leg, by the point half-way between them.
 
-    The elbows are ``foot + sqrt(height_square) * direction`` and
-    ``foot - sqrt(height_square) * direction``.
+    The elbow is the middle axis of a leg of two links. All elbows lie in the mid-plane, the
+    plane with the unit normal n in which base and end effector mirror each other. The
+    elbows of a leg are ``foot + sqrt(height_square) * direction`` and
+    ``foot - sqrt(height_square) * direction``, for the signs 1 and -1 of the leg.
 
     Attributes
     ----------
     foot
         (n, legs, 3) point of the mid-plane between both elbows.
     direction
-        (n, legs, 3) vector in the mid-plane towards the elbow of mode 1.
+        (n, legs, 3) vector in the mid-plane towards the elbow of the sign 1.
     height_square
         (n, legs) square of n . (base axis x elbow). It is negative where the leg does not
         reach the mid-plane.
@@ -87,14 +89,15 @@ class MidPlane:
         return np.minimum(self.arcs, np.pi - self.arcs)
 
     def elbows(self, normals: Floats, modes: ArrayLike) -> tuple[Floats, Floats]:
-        """Return the elbows of all legs.
+        """Return the elbows of all legs, the axes in which their two links meet.
 
         Parameters
         ----------
         normals
-            (n, 3) unit normals of the mid-planes.
+            (n, 3) unit normals of the mid-planes, in which all elbows lie.
         modes
-            A sign for each leg, or (n, legs).
+            (legs,) or (n, legs) signs, 1 or -1, which choose one of the two elbows that
+            each leg can have.
 
         Returns
         -------
@@ -111,6 +114,10 @@ class MidPlane:
     def elbow_feet(self, normals: Floats) -> ElbowFeet:
         """Return the points half-way between both elbows of each leg.
 
+        An elbow, the axis between the two links of a leg, lies in the mid-plane and at the
+        angle `arcs` from the base axis of the leg. Two points do so, at equal distances
+        from the foot.
+
         Parameters
         ----------
         normals
@@ -119,7 +126,8 @@ class MidPlane:
         Notes
         -----
         With the arc a of a leg and the angle h from its base axis to the mid-plane, the
-        square of the height is sin(a + h) sin(a - h).
+        square of the height is sin(a + h) sin(a - h). The foot is cos(a) / cos(h)^2 times
+        the projection of the base axis onto the mid-plane, whose length is cos(h).
         """
         # h is positive on the side of the normal.
         sine_h = normals @ self.axes.T
@@ -141,18 +149,31 @@ class MidPlane:
     def readings(self, elbows: Floats) -> Floats:
         """Return the variables (n, legs) rad of the pairs at the base.
 
+        Each follows from the azimuth of the elbow about the base axis of its leg.
+
         Parameters
         ----------
         elbows
             (n, legs, 3) elbows of all legs.
         """
+        # Components (n, legs) of the elbows in the frames of the pairs.
         x, y, _ = np.moveaxis(np.vecmat(elbows, self.dials), -1, 0)
         return self.senses * wrap(np.arctan2(y, x) - self.phases)
 
     def normals(self, inputs: Floats) -> Floats:
-        """Return the normals (n, 3), n_z >= 0, for driven readings (n, 2) rad.
+        """Return the normals of the mid-planes at given values of both inputs.
 
-        NaN where both driven elbows lie on one line: they span no plane.
+        The mid-plane is spanned by the elbows of the driven legs, which follow from the
+        inputs.
+
+        Parameters
+        ----------
+        inputs
+            (n, 2) variables of the driven pairs at the base (rad).
+
+        Returns
+        -------
+        (n, 3) unit normals with n_z >= 0; NaN where both elbows lie on one line.
         """
         first_elbow, second_elbow = np.swapaxes(self._driven_elbows(inputs), 0, 1)
         product = cross(first_elbow, second_elbow)
@@ -161,7 +182,10 @@ class MidPlane:
             return upward(np.where(sine > REACH_SLACK, product / sine, np.nan))
 
     def _driven_elbows(self, inputs: Floats) -> Floats:
-        """Return the elbows (n, 2, 3) of the driven legs at readings (n, 2) rad."""
+        """Return the elbows (n, 2, 3) of the driven legs at input values (n, 2) rad.
+
+        An elbow is at the angle `arcs` from its base axis, at the azimuth of the input.
+        """
         azimuth = self.senses[self.driven] * inputs + self.phases[self.driven]
         x_axis, y_axis, z_axis = np.moveaxis(self.dials[self.driven], -1, 0)
         radial = np.cos(azimuth)[..., None] * x_axis + np.sin(azimuth)[..., None] * y_axis
@@ -169,18 +193,33 @@ class MidPlane:
         return np.cos(arcs) * z_axis + np.sin(arcs) * radial
 
     def modes(self, inputs: Floats) -> Floats:
-        """Return the modes (n, 2) of the driven legs at driven readings (n, 2) rad."""
+        """Return the signs (n, 2) of the driven legs at input values (n, 2) rad.
+
+        The sign is that of n . (base axis x elbow), with the normal n of the mid-plane.
+        """
         products = cross(self.axes[self.driven], self._driven_elbows(inputs))
         return np.sign(np.vecdot(self.normals(inputs)[:, None], products))
 
     def solutions(self, normals: Floats) -> dict[tuple[int, int], Floats]:
-        """Return the driven readings (n, 2) rad in each mode of the driven legs.
+        """Return the inputs of mid-planes in each of the four modes of the driven legs.
 
-        For the paper's mechanism these are the four configurations of its Fig. 5: a driven
-        link points away from the middle of the base in mode -1 of the first leg and 1 of
-        the second, Fig. 5(a), and towards it in the other ones.
+        A mode is the signs of the two driven legs, each for one of the two elbows that the
+        leg can have. For the mechanism of Chen et al. 2021 these are the four
+        configurations of Fig. 5: a driven link points away from the middle of the base in
+        mode -1 of the first leg and 1 of the second, Fig. 5(a), and towards it in the other
+        ones.
+
+        Parameters
+        ----------
+        normals
+            (n, 3) unit normals of the mid-planes.
+
+        Returns
+        -------
+        The variables (n, 2) rad of both driven pairs, by the signs of their legs.
         """
         readings_by_mode = {}
+        # The signs of the other legs have no influence.
         modes = np.ones(len(self.arcs))
         for driven_modes in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
             modes[self.driven] = driven_modes
@@ -202,6 +241,8 @@ class MidPlane:
         -------
         (3,) unit normal with n_z >= 0; NaN if no mid-plane is within reach.
         """
+        # A leg reaches the mid-plane if the angle h between its base axis and the plane is
+        # within its reach; sin(h) is the scalar product of normal and axis.
         sine_limits = np.sin(self.reach - margin)
         region = find_region(
             lambda normals: sine_limits**2 - (normals @ self.axes.T) ** 2,
