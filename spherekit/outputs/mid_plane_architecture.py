@@ -159,6 +159,9 @@ class MidPlaneArchitecture:
     def normals_to(self, directions: Floats) -> tuple[Floats, Floats]:
         """Return the mid-planes in which the output points at directions.
 
+        The mid-plane mirrors the base to the end effector, and the direction `home` to the
+        direction of the output. Its normal is along their difference.
+
         Parameters
         ----------
         directions
@@ -184,26 +187,36 @@ class MidPlaneArchitecture:
     def angles_to(self, directions: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the angles of the mid-planes in which the output points at directions.
 
-        The directions (n, 3) are in the axes of the base. The results are phi, gamma and
-        omega (n,) as those of `mirror_angles`.
+        Parameters
+        ----------
+        directions
+            (n, 3) unit vectors in the axes of the base.
+
+        Returns
+        -------
+        phi, gamma, omega
+            (n,) angles (rad) as those of `mirror_angles`.
         """
         normals, _ = self.normals_to(directions @ self.frame)
         return mirror_angles(normals)
 
     def angle_rates(self, directions: Floats, turns: Floats) -> Floats:
-        """Return the derivatives of phi and gamma by k variables.
+        """Return the derivatives of the angles phi and gamma of the mid-plane.
+
+        They follow from the normal (x, y, z) of the mid-plane: phi = -2 arcsin(x) and
+        gamma = 2 arcsin(y), with z >= 0.
 
         Parameters
         ----------
         directions
             (n, 3) directions of the output in the axes of the base.
         turns
-            (n, 3, k) angular velocity of the output per unit rate of each variable, in the
-            axes of the base.
+            (n, 3, k) angular velocity of the output per unit rate of each of k variables,
+            in the axes of the base.
 
         Returns
         -------
-        (n, k, 2) derivatives of phi and of gamma.
+        (n, k, 2) derivatives of phi and of gamma by these variables.
         """
         normals, distance = self.normals_to(directions @ self.frame)
         direction_rates = cross(np.swapaxes(turns, 1, 2), directions[:, None]) @ self.frame
@@ -213,8 +226,8 @@ class MidPlaneArchitecture:
         with np.errstate(all="ignore"):
             normal_rates = direction_rates - length_rates * normals[:, None]
             normal_rates = normal_rates / distance[:, None, None]
-            # Derivatives of phi = -2 arcsin(x) and gamma = 2 arcsin(y), of the normal with
-            # z >= 0.
+            # The square roots of 1 - x^2 and 1 - y^2 are computed without cancellation.
+            # A normal with z < 0 is replaced by its negative.
             scale = np.stack([-1.0 / np.hypot(y, z), 1.0 / np.hypot(x, z)], axis=1)
             scale *= 2.0 * np.where(z < 0.0, -1.0, 1.0)[:, None]
             return scale[:, None] * normal_rates[..., :2]
@@ -239,16 +252,22 @@ class MidPlaneArchitecture:
     def place(
         self, normals: Floats, modes: ArrayLike, links: Sequence[int] | None = None
     ) -> Floats:
-        """Return orientations (n, links, 3, 3) of all links relative to the base.
+        """Return the orientations of all links relative to the base.
 
         Parameters
         ----------
         normals
-            (n, 3) in mirror axes.
+            (n, 3) unit normals of the mid-planes in mirror axes.
         modes
-            A sign for each leg, or (n, legs).
+            (legs,) or (n, legs) signs, 1 or -1, which choose one of the two elbows that
+            each leg can have.
         links
-            Numbers of the links wanted, all by default; the others are left NaN.
+            Numbers of the links wanted, all by default. Others are left NaN, except the
+            base and the end effector.
+
+        Returns
+        -------
+        (n, links, 3, 3) rotations from the axes of each link to those of the base.
         """
         elbows, _ = self.plane.elbows(normals, modes)
         link_count = len(self.mechanism.links)
@@ -268,6 +287,7 @@ class MidPlaneArchitecture:
                 self.axis(first_pair, normals, elbows),
                 self.axis(last_pair, normals, elbows),
             )
+            # The same two axes in the base (outer) and in the link (inner).
             outer_frame = self.frame @ frame_toward(first_axis, last_axis)
             inner_frame = frame_toward(
                 axis_in(self.mechanism, self.joints, first_pair, link),
@@ -278,6 +298,9 @@ class MidPlaneArchitecture:
 
     def axis(self, pair: int, normals: Floats, elbows: Floats) -> Floats:
         """Return the axis (n or 1, 3) of a pair in mirror axes.
+
+        It is the axis of a leg at the base, its mirror image at the end effector (tip), an
+        elbow, or the normal of the mid-plane.
 
         Parameters
         ----------
@@ -308,7 +331,7 @@ class MidPlaneArchitecture:
         return Transmission.from_mechanism(self.mechanism, self.output)
 
     def transmission(self, normals: Floats, elbows: Floats) -> Floats:
-        """Return the measure (n,) of type II.
+        """Return the measure (n,) of type II, 0 where the output moves with locked inputs.
 
         Parameters
         ----------
@@ -341,7 +364,10 @@ class MidPlaneArchitecture:
         return measure_pair_angles(self.mechanism.ends, joints, placed)
 
     def proof(self) -> tuple[float, int]:
-        """Compare the closed form with the graph at poses over the reach, in all modes.
+        """Compare the closed form with all pairs of the mechanism, in all modes.
+
+        At poses spread over the reach, all links are placed by the closed form. If the
+        mechanism has the architecture, the axes of each pair then coincide in both links.
 
         Returns
         -------
@@ -385,7 +411,8 @@ class MidPlaneArchitecture:
         start, stop
             Normals (3,) of the mid-planes, in mirror axes.
         modes
-            A sign for each leg, for the start's normal with n_z >= 0; it stays on the way.
+            (legs,) signs, 1 or -1, which choose the elbow of each leg for the normal with
+            n_z >= 0 at the start. They do not change during the rotation.
 
         Raises
         ------
@@ -433,9 +460,10 @@ class MidPlaneArchitecture:
             """Return the rotation with a path that begins `lead` (rad) before the start."""
             # The normal turns by half the angle.
             turn = rotation_about_axis(self.frame.T @ axis, [-0.5 * lead])
+            # `turn @ start` is one row, so the values are one row too.
             (values,), _ = self.values(self.place(turn @ start, modes))
             return follow_rotation(
-                self.mechanism, values, axis, angle, self.output.name, lead
+                self.mechanism, values, axis, angle, output=self.output.name, lead=lead
             )
 
         try:
@@ -444,7 +472,7 @@ class MidPlaneArchitecture:
             try:
                 return follow_from(SINGULAR_START_LEAD_RAD)
             except SolveError:
-                raise error from None
+                raise error from None  # the error at the start itself tells more
 
 
 def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int) -> Floats:
@@ -463,7 +491,11 @@ def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int)
 
 
 def _spread_normals(plane: MidPlane) -> Floats:
-    """Return normals (n, 3) of mid-planes spread evenly over the reach of all legs."""
+    """Return normals (n, 3) of mid-planes spread evenly over the reach of all legs.
+
+    A leg reaches a mid-plane if the angle between its base axis and the plane, whose sine
+    is normal . axis, is within its reach.
+    """
     normals = spiral_directions(PROOF_DIRECTION_COUNT, min_z=0.0)
     limits = np.sin(PROOF_REACH_RATIO * plane.reach)
     reachable = normals[np.all(np.abs(normals @ plane.axes.T) < limits, axis=1)]

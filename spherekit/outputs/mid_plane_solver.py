@@ -42,6 +42,7 @@ class MidPlaneKinematics(ClosedKinematics):
     def __init__(
         self, mechanism: Mechanism, output: Output, form: MidPlaneArchitecture
     ) -> None:
+        """Keep the architecture, and name each leg by its three pairs."""
         assert output.direction is not None
         super().__init__(mechanism, output, points=True)
         self.form = form
@@ -70,13 +71,22 @@ class MidPlaneKinematics(ClosedKinematics):
         )
 
     def at(self, poses: Floats, signs: Signs) -> ModeAtPoses:
-        """Return one mode at directions (n, 3)."""
-        return _MidPlaneMode(self, poses @ self.form.frame, signs)
+        """Return one assembly mode at poses.
+
+        Parameters
+        ----------
+        poses
+            (n, 3) directions of the output in the axes of the base.
+        signs
+            The sign of each leg, 1 or -1, for its two possible elbows.
+        """
+        return _MidPlaneMode(self, directions=poses @ self.form.frame, signs=signs)
 
     def forward(self, inputs: Floats) -> PoseSolutions:
         """Return the poses at inputs (n, 2) rad, with the other legs in each mode.
 
-        There is none where the elbows of both driven legs lie on one line.
+        The inputs determine the elbows of both driven legs, and with them the mid-plane and
+        the signs of these legs. There is no pose where both elbows lie on one line.
         """
         form = self.form
         plane = form.plane
@@ -85,6 +95,7 @@ class MidPlaneKinematics(ClosedKinematics):
         sense = -np.sign(upward_normals @ form.home)[:, None]
         normals = sense * upward_normals
         driven_signs = sense * plane.modes(inputs)
+        # Rows of inputs, and modes whose signs of the driven legs are those of the row.
         modes = np.array(self.modes)
         is_mode = driven_signs[:, None] == modes[:, plane.driven]
         row, mode = np.nonzero(np.all(is_mode, axis=2))
@@ -120,6 +131,7 @@ class _MidPlaneMode:
     def __init__(
         self, kinematics: MidPlaneKinematics, directions: Floats, signs: Signs
     ) -> None:
+        """Compute the normals of the mid-planes; all else is computed when it is read."""
         self.form = kinematics.form
         self.signs = signs
         self.directions = directions
@@ -161,10 +173,13 @@ class _MidPlaneMode:
 
     @cached_property
     def _rates_and_type_1(self) -> tuple[Floats, Floats]:
-        """Rates (n, inputs, 3) and measures (n, inputs), as `input_rates` returns them.
+        """Rates of the inputs per unit angular velocity of the output, and type I measures.
 
-        The denominator is 0 if a leg is at the limit of its reach, or if the output points
-        in its home direction.
+        A rate (n, inputs, 3) is numerator / denominator, with the numerator
+        elbow x direction and the denominator n . (base axis x elbow) |direction - home|,
+        for the normal n of the mid-plane. The denominator is 0 if a leg is at the limit of
+        its reach, or if the output points in its home direction. The measures (n, inputs)
+        are 0 there too.
         """
         elbows, elbow_height = self._elbows
         normals = cross(elbows[:, self.driven], self.directions[:, None])
@@ -176,6 +191,8 @@ class _MidPlaneMode:
     @property
     def type_1_square(self) -> Floats:
         """(n, inputs) squares of `type_1`, continued out of reach with negative values."""
+        # Out of reach the foot half-way between both elbows takes the place of the elbow,
+        # and the square of the height is negative.
         square = self.type_1**2
         feet = self.form.plane.elbow_feet(self.normals)
         across = cross(self.directions[:, None], feet.foot[:, self.driven])
@@ -185,7 +202,7 @@ class _MidPlaneMode:
 
     @property
     def type_2(self) -> Floats:
-        """(n,) measure of type II."""
+        """(n,) measure of type II, 0 where the output can move with locked inputs."""
         elbows, _ = self._elbows
         return self.form.transmission(self.normals, elbows)
 

@@ -63,6 +63,10 @@ def mid_plane_form(
 ) -> MidPlaneArchitecture:
     """Return the mid-plane symmetric architecture of a mechanism.
 
+    In this architecture the end effector is the mirror image of the base. Legs of two links
+    with equal arcs join them, and the middle axes of the legs, the elbows, lie in the plane
+    of the mirror. Links that are hinged to the elbows, the carriers, hold them there.
+
     Parameters
     ----------
     mechanism
@@ -200,7 +204,10 @@ def _find_elbow_carriers(
 ) -> _ElbowStructure:
     """Return what the axes of all pairs are, and the links that hold the elbows.
 
-    These links turn about one common axis if all pairs close, which the proof shows.
+    An axis can be that of a leg at the base, at the end effector (tip) or at its elbow, or
+    the normal of the mid-plane. A carrier is a link that is neither of a leg nor the base
+    or end effector, hinged to a leg along its elbow axis. All carriers turn about one
+    common axis, the normal of the mid-plane, if all pairs close. The proof shows this.
 
     Parameters
     ----------
@@ -217,12 +224,14 @@ def _find_elbow_carriers(
         link: number for number, links in enumerate(legs.values()) for link in links
     }
     elbows = [elbow for _, elbow, _ in legs]
+    # 1. The pairs of the legs.
     pair_axes: dict[int, PairAxis] = {}
     for number, (base_pair, elbow, tip) in enumerate(legs):
         pair_axes[base_pair] = PairAxis("base", number, 1.0)
         pair_axes[elbow] = PairAxis("elbow", number, 1.0)
         pair_axes[tip] = PairAxis("tip", number, 1.0)
 
+    # 2. The pairs between legs and carriers, and those between carriers.
     links_without_carriers = {0, effector, *leg_of_link}
     hinged_links: set[int] = set()
     carrier_pairs: list[int] = []
@@ -243,13 +252,15 @@ def _find_elbow_carriers(
         elif links_without_carriers.isdisjoint({first_link, second_link}):
             carrier_pairs.append(pair)
 
-    # The common axis in each carrier, with the same sense in all of them.
+    # 3. The common axis in each carrier, with the same sense in all of them. It is carried
+    # from one carrier to the next through the pairs between them.
     normals: dict[int, Floats] = {}
     if carrier_pairs:
         first_carrier = ends[carrier_pairs[0]][:1]
         for pair, link, next_link in find_spanning_tree(ends, first_carrier, carrier_pairs):
             normal = normals.setdefault(link, axis(pair, link))
             normals[next_link] = np.sign(axis(pair, link) @ normal) * axis(pair, next_link)
+    # Pairs that have no entry yet are those along the normal.
     for pair in range(len(ends)):
         link = ends[pair][0]
         sense = float(np.sign(axis(pair, link) @ normals.get(link, np.ones(3))))
@@ -296,6 +307,7 @@ def _make_architecture(
         )
     driven_legs = [leg_of_base_pair[name] for name in inputs]
 
+    # Mirror axes: z along the product of both driven axes, x half-way between them.
     axis = partial(axis_in, mechanism, joints)
     effector = mechanism.link_number[output.link]
     base_axes = np.stack([axis(base_pair, 0) for base_pair, _, _ in legs])
@@ -323,6 +335,7 @@ def _make_architecture(
             "the axes on the end effector are not the mirror image of those on the base",
         )
 
+    # The frames of the pairs at the base, from which their variables are counted.
     base_pairs = [base_pair for base_pair, _, _ in legs]
     base_is_first = np.array([mechanism.ends[pair][0] == 0 for pair in base_pairs])
     base_joints = [revolute(joints[pair]) for pair in base_pairs]

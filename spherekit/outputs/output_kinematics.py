@@ -105,7 +105,9 @@ class InverseRows(ArrayRows):
     def with_status(self) -> Self:
         """Return the rows with the status that follows from their other values.
 
-        Rows beyond a limit become OUT_OF_REACH and lose their values.
+        A row with a negative margin becomes OUT_OF_REACH and its values become NaN. Of the
+        others, those with a measure of type I or II near 0, or without inputs, become
+        AT_SINGULARITY, and the rest OK. Infinite margins become NaN.
         """
         is_outside = self.margin < 0.0
         least_measure = np.fmin(np.min(self.type_1, axis=1), self.type_2)
@@ -217,8 +219,13 @@ class OutputKinematics:
     def turns(self, values: Floats) -> Floats:
         """Return the output's angular velocity (n, 3, inputs) per unit rate of each input.
 
-        At configurations (n, variables), in axes of the link that the output is seen from;
-        NaN where the inputs do not determine the motion.
+        One input moves while the others are locked. The result is in the axes of the link
+        that the output is seen from; NaN where the inputs do not determine the motion.
+
+        Parameters
+        ----------
+        values
+            (n, variables) pair variables of n closed configurations (rad).
         """
         return output_rates(make_motion(self._forward.solver, values), self.output)
 
@@ -275,7 +282,11 @@ class ClosedKinematics(OutputKinematics, ABC):
     def inverse(
         self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
     ) -> InverseRows:
-        """Return a row for each pose and mode."""
+        """Return a row for each pose and working mode, also where the pose is out of reach.
+
+        The parameters are those of `OutputKinematics.inverse`: poses (n, 3) or (n, 3, 3),
+        labels of the modes, and numbers of the pairs whose variables are returned.
+        """
         limits = tuple(bound.name for bound in self.bounds)
         signs_by_label = dict(zip(self.labels, self.modes, strict=True))
         count = len(poses)
@@ -289,6 +300,7 @@ class ClosedKinematics(OutputKinematics, ABC):
                     pose=np.arange(count),
                     mode=np.full(count, mode),
                     inputs=rows.inputs,
+                    # `with_status` replaces it below.
                     status=np.zeros(count, dtype=np.int8),
                     margin=margin,
                     limiting=limiting,

@@ -86,7 +86,10 @@ class VirtualOutputChain:
 def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputChain:
     """Return a mechanism with a virtual wrist at its output.
 
-    Three inputs move an orientation, two the direction that the output declares.
+    The wrist is two virtual links and three R pairs between the two links that the output
+    joins. It holds the output: the angles of its pairs are the coordinates of the pose, and
+    become the inputs. A mechanism with three inputs moves an orientation, one with two the
+    direction that the output declares.
 
     Parameters
     ----------
@@ -116,6 +119,7 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
             "link as relative_to"
         )
     points = len(driven) == 2
+    # The last axis of the wrist is the direction in which the output points.
     if points and output.direction is None:
         raise PlanError(
             f"{where}: a mechanism with two inputs moves a direction; say which one of "
@@ -182,7 +186,10 @@ def _choose_unused_names(
 def _add_to_pose(
     geometry: PoseGeometry, pair_names: list[str], direction: Vector
 ) -> PoseGeometry:
-    """Return a reference pose with the virtual pairs, in which the output is not turned.
+    """Return a reference pose with the three virtual pairs added.
+
+    Their axes are z, the tilt axis at right angles to z and to the direction, and the
+    direction. Their variables are azimuth and tilt of the direction, and the turn 0.
 
     Parameters
     ----------
@@ -209,7 +216,10 @@ def _add_to_sizes(
     virtual_pairs: Sequence[Pair],
     direction: Vector,
 ) -> SizeGeometry:
-    """Return the sizes of all links with the virtual pairs. The axes of links stay.
+    """Return the sizes of all links with the three virtual pairs added.
+
+    A pair has a frame in each of its two links. The frames of the other pairs stay the same
+    relative to the axes of their links, from which the new sizes are computed.
 
     Parameters
     ----------

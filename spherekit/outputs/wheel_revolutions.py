@@ -39,6 +39,10 @@ def find_assembled_configuration(
 ) -> Floats | None:
     """Return a configuration of the assembly that the file describes, None if none exists.
 
+    If the output is held, the mechanism also closes with wheels that mesh in other teeth
+    than the file says. The rolled lengths are then changed by whole revolutions of wheels,
+    the loops are closed again, and the inputs are searched that roll these lengths.
+
     Parameters
     ----------
     held_solver
@@ -68,6 +72,8 @@ def find_assembled_configuration(
             start_values, [*held_solver.driven, *rolled], max_steps=MAX_MESH_STEPS
         )
     is_closed = linearisation.closure_residual < CLOSURE_TOLERANCE
+    # Of the configurations whose lengths some inputs roll, the one with the smallest sum of
+    # absolute inputs is kept. Sums that differ by rounding only keep the first one.
     best_configuration = None
     least_sum = np.inf
     for configuration in linearisation.values[is_closed]:
@@ -84,9 +90,10 @@ def find_assembled_configuration(
 def _list_possible_lengths(
     held_solver: PositionSolver, gear_phases: GearPhases, lengths: Floats
 ) -> Floats:
-    """Return rolled lengths that differ from some by whole revolutions of wheels.
+    """Return rolled lengths that differ from given ones by whole revolutions of wheels.
 
-    Only lengths that some inputs can roll are returned.
+    Rolled lengths are the variables of the contacts between wheels. They are linear
+    functions of the inputs, and only lengths that some inputs can roll are returned.
 
     Parameters
     ----------
@@ -95,7 +102,7 @@ def _list_possible_lengths(
     gear_phases
         The ratios by which the lengths follow from the inputs.
     lengths
-        (m,) rolled lengths.
+        (m,) rolled lengths, one for each contact.
 
     Returns
     -------
@@ -105,7 +112,8 @@ def _list_possible_lengths(
     joints = [held_solver.closure.joints[tree.owners[v]] for v in gear_phases.variables]
     choices = map(list_equivalent_lengths, joints, map(float, lengths))
     combinations = np.array(list(islice(product(*choices), MAX_LENGTH_COMBINATIONS)))
-    # The inputs change the lengths in the range of the ratios only.
+    # The inputs change the lengths in the range of the ratios only, so the projection onto
+    # this range must not alter a possible change.
     ratios = gear_phases.ratios
     projection = ratios @ np.linalg.pinv(ratios)
     change = combinations - gear_phases.lengths
@@ -133,6 +141,8 @@ def _find_input_revolutions(
     -------
     (inputs,) rad, with the smallest sum of absolute values; None if none rolls the lengths.
     """
+    # Inputs that roll no wheel are left as they are. For the others, all revolutions within
+    # half a period of the wheels in both directions are tried.
     rolls = max_abs(gear_phases.ratios, axis=0) > GEAR_RATIO_TOLERANCE
     half_period = np.ceil(0.5 * np.asarray(gear_phases.periods) / TURN)
     limits = np.where(rolls, np.minimum(MAX_INPUT_REVOLUTIONS, half_period), 0)

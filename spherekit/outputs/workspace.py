@@ -100,16 +100,16 @@ class OrientationWorkspace:
 def make_margins(
     kinematics: ClosedKinematics, bounds: Sequence[AngleLimit], signs: Signs
 ) -> Margins:
-    """Return a function that computes the margins of a mode.
+    """Return a function that computes by how much poses keep the limits, in one mode.
 
     Parameters
     ----------
     kinematics
-        The output.
+        The output with the closed form of its poses.
     bounds
-        The limits.
+        The limits of angles that a pose has to keep.
     signs
-        The signs of the mode.
+        The signs, 1 or -1, of the legs in the working mode.
 
     Returns
     -------
@@ -118,6 +118,7 @@ def make_margins(
     """
 
     def margins(poses: Floats) -> Floats:
+        """Return the margins (n, bounds), negative beyond a limit."""
         with np.errstate(all="ignore"):
             mode = kinematics.at(_convert_poses(kinematics, poses), signs)
             return np.stack([bound.column(mode) for bound in bounds], axis=1)
@@ -128,22 +129,22 @@ def make_margins(
 def judge(
     kinematics: ClosedKinematics, bounds: Sequence[AngleLimit], signs: Signs, places: Floats
 ) -> Judged:
-    """Return margins and measures at poses in one mode.
+    """Return margins, inputs and measures of singularities at poses in one mode.
 
     Parameters
     ----------
     kinematics
-        The output.
+        The output with the closed form of its poses.
     bounds
-        The limits.
+        The limits of angles that a pose has to keep.
     signs
-        The signs of the mode.
+        The signs, 1 or -1, of the legs in the working mode.
     places
         (n, 3) directions or (n, 4) quaternions xyzw.
 
     Returns
     -------
-    The margins and measures. The measures are NaN at poses without inputs.
+    The results. The measures are NaN at poses that the mode does not reach.
     """
     with np.errstate(all="ignore"):
         mode = kinematics.at(_convert_poses(kinematics, places), signs)
@@ -171,12 +172,14 @@ def direction_workspaces(
     modes: Sequence[Signs],
     tolerance: float = 1e-4,
 ) -> tuple[DirectionWorkspace, ...]:
-    """Return the directions that each mode reaches.
+    """Return the directions that each working mode reaches.
 
     Parameters
     ----------
-    kinematics, bounds, modes
-        The output, what holds, and the signs of the modes wanted.
+    kinematics, bounds
+        The output, and the limits of angles that a pose has to keep.
+    modes
+        The working modes wanted, each with the signs, 1 or -1, of its legs.
     tolerance
         Error of the area to aim at, relative to the area.
 
@@ -233,14 +236,17 @@ def _share_between_modes(
 ) -> Iterator[tuple[Signs, Workspace, Signs | None]]:
     """Yield the workspace of each mode, computed once for modes with equal margins.
 
+    Margins say by how much poses keep the limits. Modes whose margins are equal at all
+    sampled poses have the same workspace.
+
     Parameters
     ----------
     kinematics, bounds
         The output and its limits.
     modes
-        The signs of the modes.
+        The working modes, each with the signs, 1 or -1, of its legs.
     find_workspace
-        Function that returns the workspace for the margins of a mode.
+        Function that returns the workspace, with samples, for the margins of a mode.
 
     Yields
     ------
@@ -254,6 +260,7 @@ def _share_between_modes(
     computed: list[tuple[Signs, _SampledWorkspace[Workspace]]] = []
     for signs in modes:
         margins = make_margins(kinematics, bounds, signs)
+        # The else branch belongs to the loop: it runs if no earlier mode is the same.
         for earlier_signs, earlier in computed:
             if np.array_equal(margins(earlier.poses), earlier.margins, equal_nan=True):
                 yield signs, earlier.workspace, earlier_signs
@@ -270,14 +277,16 @@ def orientation_workspaces(
     modes: Sequence[Signs],
     tolerance: float = 1e-2,
 ) -> tuple[OrientationWorkspace, ...]:
-    """Return the orientations that each mode reaches; the tolerance is relative.
+    """Return the orientations that each working mode reaches.
 
-    Modes whose margins are the same at all samples share the result.
+    Modes whose margins to the limits are the same at all samples share the result.
 
     Parameters
     ----------
-    kinematics, bounds, modes
-        The output, its limits, and the signs of the modes.
+    kinematics, bounds
+        The output, and the limits of angles that a pose has to keep.
+    modes
+        The working modes wanted, each with the signs, 1 or -1, of its legs.
     tolerance
         Error of the volume to aim at, relative to the volume.
     """
@@ -344,8 +353,10 @@ def nearest_reachable(
 
     Returns
     -------
-    The pose and the angle, see `nearest_in_mode`. None if no pose is known to be inside.
+    The pose (3,) or (4,), and the angle (rad) to it. None if no pose inside is met.
     """
+    # Poses inside from which the search starts: one of the orientations, or one of every
+    # connected part of the directions and the nearest point of the region.
     if isinstance(workspace, OrientationWorkspace):
         inside_poses = workspace.orientations.place[None]
     else:
