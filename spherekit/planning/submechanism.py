@@ -75,36 +75,47 @@ def _are_one_body(
     groups: Iterable[Group],
     links: frozenset[int],
 ) -> bool:
-    """Return whether locked inputs and groups alone join some links to one body.
+    """Return whether some locked inputs and some groups alone make links one rigid body.
+
+    The caller leaves out an input or a group of a mechanism, to see whether the links
+    depend on it.
 
     Parameters
     ----------
     mechanism
-        The mechanism.
+        The whole mechanism.
     inputs
         Numbers of the driven pairs that are locked.
     groups
-        Groups in solving order. The result is False if one of them cannot be placed,
-        because a body on which it depends is not rigid without the groups left out.
+        Groups in solving order. A group is a set of bodies that become one rigid body when
+        all its pairs are closed. `group.bodies` are sets of links, each of which must be
+        rigid before the group is closed.
     links
-        Numbers of the links.
+        Numbers of the links that have to end in one body.
+
+    Returns
+    -------
+    False also if a group cannot be closed because the links of one of its bodies are not
+    rigid with these inputs and groups alone.
     """
-    body_of_link = list(merge_locked_links(mechanism, inputs))
+    # For each link the label of its rigid body, at first of those that inputs join.
+    label_of_link = list(merge_locked_links(mechanism, inputs))
     for group in groups:
         end_links = {link for pair in group.pairs for link in mechanism.ends[pair]}
-        # The links of each body of the group that its pairs use must be rigid already.
-        used_bodies = [
-            {body_of_link[link] for link in end_links.intersection(group_body)}
+        # For each body of the group, the labels of those of its links that pairs of the
+        # group join. Two labels mean that these links are not rigid yet.
+        labels_of_bodies = [
+            {label_of_link[link] for link in end_links.intersection(group_body)}
             for group_body in group.bodies
         ]
-        if any(len(bodies) > 1 for bodies in used_bodies):
+        if any(len(labels) > 1 for labels in labels_of_bodies):
             return False
-        merged_bodies = set().union(*used_bodies)
-        new_body = min(merged_bodies)
-        body_of_link = [
-            new_body if body in merged_bodies else body for body in body_of_link
+        merged_labels = set().union(*labels_of_bodies)
+        new_label = min(merged_labels)
+        label_of_link = [
+            new_label if label in merged_labels else label for label in label_of_link
         ]
-    return len({body_of_link[link] for link in links}) <= 1
+    return len({label_of_link[link] for link in links}) <= 1
 
 
 def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:

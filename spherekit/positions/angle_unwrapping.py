@@ -104,6 +104,10 @@ class UnwrappedStretch:
     def count_revolutions(self, values: Floats) -> Floats:
         """Return the revolutions to be added to the angles of configurations.
 
+        The configurations are compared with those of the followed curve at the same inputs.
+        The curve covers one period of the input, or less. Each lap, which is a further
+        period, adds the revolutions in `winding` to the angles.
+
         Parameters
         ----------
         values
@@ -111,11 +115,12 @@ class UnwrappedStretch:
 
         Returns
         -------
-        (n, angles) revolutions; NaN for configurations that are not on this stretch.
+        (n, angles) revolutions, counted from the anchor, at which all angles are in
+        (-pi, pi]. NaN for configurations that are not on this stretch.
         """
         low, high = self.curve.inputs[[0, -1]]
-        # A sample just below the lower end belongs to this lap, not to the end of the one
-        # before.
+        # The input is reduced into the period that begins at the lower end of the curve. A
+        # sample just below this end belongs to this lap, not to the end of the one before.
         from_low = values[:, self.input_variable] - low + DEAD_CENTRE_SLACK_RAD
         reduced_input = low - DEAD_CENTRE_SLACK_RAD + np.mod(from_low, self.period)
         followed, _ = self.curve.interpolate(np.clip(reduced_input, low, high))
@@ -152,10 +157,15 @@ class AngleUnwrapping:
     ) -> Floats:
         """Return the revolutions to be added to the variables of configurations.
 
+        With these revolutions, angles are continuous functions of the inputs within an
+        assembly mode. They are in (-pi, pi] at the anchor, which is the inputs of the
+        reference pose, or zero.
+
         Parameters
         ----------
         mode
-            Number under which followed stretches of the mode are kept.
+            Number of the assembly mode. Stretches of the input along which the mode was
+            followed are kept under it.
         values
             (n, variables) configurations of the mode (rad). With several inputs each is
             followed from the one before.
@@ -174,6 +184,7 @@ class AngleUnwrapping:
         (n, variables) whole revolutions.
         """
         revolutions = np.zeros_like(values)
+        # Angles that gear ratios fix are known over full revolutions without following.
         settled = set(self._driven)
         anchor_angles = self.solver.gear_train_angles(self.solver.anchor[None])
         for pair, angle in self.solver.gear_train_angles(q).items():
@@ -182,6 +193,7 @@ class AngleUnwrapping:
             growth = angle - TURN * start_revolutions - values[:, variable]
             revolutions[:, variable] = np.round(growth / TURN)
             settled.add(variable)
+        # The other passive angles are followed, all together, if any of them is needed.
         sought = [v for v in self._angles if v not in settled]
         if not set(sought) & set(requested) or not len(values):
             return revolutions
@@ -198,10 +210,16 @@ class AngleUnwrapping:
     ) -> Floats:
         """Return revolutions that are continuous through the crossings that a mode passes.
 
+        At a crossing, two curves of configurations intersect. The mode consists of pieces:
+        from each crossing on, it is another assembly mode of the mechanism, which lies on
+        the same smooth curve. Angles are counted on each piece alone, and then shifted so
+        that they continue those of the piece before.
+
         Parameters
         ----------
         mode
-            A mode with `pieces`.
+            A mode with `pieces`, which are pairs of the crossing (input in rad) at which a
+            piece begins and the assembly mode from there on.
         values
             (n, variables) configurations of the mode (rad).
         q
@@ -220,6 +238,7 @@ class AngleUnwrapping:
         for number, (crossing, piece) in enumerate(mode.pieces):
             # Each piece keeps its own stretches: near a crossing the curves of other
             # pieces are as near as its own. Modes have the numbers from 0 on.
+            # Pieces have the negative numbers; key + 1 is that of the piece before.
             key = -1 - mode.number * len(mode.pieces) - number
             is_on_piece = piece_numbers == number
             # At a crossing itself it is open which of the curves is followed.
@@ -230,6 +249,8 @@ class AngleUnwrapping:
             revolutions[rows] = self.count(key, values[rows], q[rows], requested)
             revolutions[rows] += shift
             if number:
+                # The angles just below and just above the crossing must agree. Samples at
+                # the crossing are compared with the angles just below.
                 previous_piece = mode.pieces[number - 1][1]
                 below = self._unwrap_at(
                     key + 1, previous_piece, crossing - CROSSING_DISTANCE_RAD, requested
@@ -276,10 +297,23 @@ class AngleUnwrapping:
         return unwrapped[0]
 
     def _count_by_stretches(self, mode: int, values: Floats) -> Floats:
-        """Return the revolutions (n, angles) of configurations (n, variables), one input.
+        """Return the revolutions of configurations of a mechanism with one input.
 
-        The stretches that are known already are tried first. Then a new one is followed
-        from the first configuration that is on none of them.
+        A stretch is a part of the range of the input over which the mode was followed. The
+        stretches that are known already are tried first. Then a new one is followed from
+        the first configuration that is on none of them, until all are done.
+
+        Parameters
+        ----------
+        mode
+            Number of the mode, under which its stretches are kept.
+        values
+            (n, variables) configurations (rad), the input over full revolutions.
+
+        Returns
+        -------
+        (n, angles) revolutions to be added to the passive angles. NaN for a configuration
+        that is not even on the stretch that starts from it.
         """
         (driven,) = self._driven
         (period,) = self.solver.periods
@@ -314,6 +348,11 @@ class AngleUnwrapping:
             (m,) inputs (rad) to be reached if they do not repeat.
         period
             Growth of the input (rad) after which the configurations repeat, or infinite.
+
+        Returns
+        -------
+        The followed curve, with the revolutions that its angles gain in a period, and those
+        at the anchor: the input at which angles have to be in (-pi, pi].
         """
         (driven,) = self._driven
         (anchor,) = self.solver.anchor
@@ -328,6 +367,7 @@ class AngleUnwrapping:
             ends = [anchor, *inputs.tolist()]
         curve = follow_each(self._closure, driven, values[None], min(ends), max(ends))[0]
         low, high = curve.inputs[[0, -1]]
+        # Revolutions of the angles in one period; none if the curve ends before.
         growth = (curve.values[-1] - curve.values[0])[angles]
         winding = np.round(growth / TURN)
         if not high - low > period - DEAD_CENTRE_SLACK_RAD:
@@ -335,7 +375,8 @@ class AngleUnwrapping:
         elif not max_abs(growth - TURN * winding) < SAME_MODE_TOLERANCE_RAD:
             # After one period the curve is in another mode: it does not repeat.
             return self._follow_stretch(start, inputs, np.inf)
-        # If the curve does not reach the anchor, its end nearest to the anchor is used.
+        # If the curve does not reach the anchor, its end nearest to the anchor is used. The
+        # anchor one period on is the same configuration.
         reference = np.clip(anchor, low, high)
         is_below_reached = low > anchor + DEAD_CENTRE_SLACK_RAD
         if is_below_reached and high > anchor + period - DEAD_CENTRE_SLACK_RAD:
@@ -363,13 +404,15 @@ class AngleUnwrapping:
         values
             (n, variables) configurations (rad), inputs over full revolutions.
         last
-            (variables,) configuration before the first, with its revolutions.
+            (variables,) configuration before the first, with its revolutions; None if there
+            is none. The anchor is the inputs at which angles are in (-pi, pi].
 
         Returns
         -------
-        (n, angles) revolutions.
+        (n, angles) revolutions to be added to the passive angles.
         """
         angles = self._angles
+        # A step leads from each configuration of the chain to the next one.
         chain = values if last is None else np.concatenate([[last], values])
         steps = self._follow_to(chain[1:], chain[:-1])
         starts_anew = np.concatenate([[last is None], ~steps.is_connected])
@@ -404,6 +447,7 @@ class AngleUnwrapping:
         rows = np.flatnonzero(starts_anew)[parts[gained]]
         np.add.at(revolutions, rows, gain.revolutions[gained] * laps)
 
+        # From there on, connected configurations continue those before them.
         for row in np.flatnonzero(~starts_anew[1:]):
             revolutions[row + 1] = revolutions[row] - steps.revolutions[row]
         return revolutions[len(chain) - len(values) :]
@@ -441,13 +485,16 @@ def continue_angles(
     Parameters
     ----------
     motion
-        The block. Rows without a configuration stay NaN.
+        The block: all samples of the first assembly mode, then all of the next mode, and so
+        on. Rows without a configuration stay NaN.
     names
         Names of pairs with one variable.
     unwrapping
         Counts the revolutions for the mechanism of the motion.
     last
-        Where the block before ended. It is set to where this block ends.
+        For each mode, by its number, the last configuration of the block before, over full
+        revolutions. It is changed in place to that of this block. With one input it is
+        neither used nor changed.
 
     Returns
     -------
@@ -459,6 +506,7 @@ def continue_angles(
     inputs = motion.assembly.inputs
     names = list(names)
     revolutions = np.zeros_like(motion.values)
+    # `mechanism.angles` maps the name of each R pair to the number of its variable.
     requested = [mechanism.angles[name] for name in names if name in mechanism.angles]
     if requested and motion.sense is None:
         for index, mode in enumerate(motion.assembly_modes):
@@ -495,6 +543,7 @@ def continue_angles(
 def unwrap_motion(motion: Motion, unwrapping: AngleUnwrapping) -> Motion:
     """Return a motion whose angles run over full revolutions, as loads need them."""
     values = motion.values.copy()
+    # Maps the name of each R pair to the column of its angle.
     angles = motion.mechanism.angles
     for pair, angle in continue_angles(motion, angles, unwrapping, {}).items():
         values[:, angles[pair]] = angle

@@ -84,10 +84,14 @@ class GroupGeometry:
     def form_equations(self, order: EliminationOrder) -> Array:
         """Return the arc equations of all removed links.
 
+        Removed links are links with two pairs, without which the other bodies of the group
+        form a tree. Each gives one equation in the angles of the tree: its two axes are at
+        a fixed arc. The equation is linear in 1, cosine and sine of each angle.
+
         Parameters
         ----------
         order
-            The unknown angles and the removed links, t of each.
+            The unknown angles (`tree_pairs`) and the removed links, t of each.
 
         Returns
         -------
@@ -106,6 +110,12 @@ class GroupGeometry:
     def solve_equations(self, order: EliminationOrder) -> tuple[Complexes, Complexes]:
         """Compute all complex solutions of the arc equations, and their determinants.
 
+        Parameters
+        ----------
+        order
+            The t unknown angles (`tree_pairs`) and the removed links, whose arcs give the t
+            equations.
+
         Returns
         -------
         tree_angles
@@ -122,10 +132,13 @@ class GroupGeometry:
     def place_bodies(self, order: EliminationOrder, tree_angles: Array) -> Array:
         """Return the orientations of all bodies at solutions of the arc equations.
 
+        The bodies of the tree are placed pair by pair from the base body. The removed
+        links, which have two pairs each, are then put between their two neighbours.
+
         Parameters
         ----------
         order
-            The elimination order to which the angles belong.
+            The tree and the removed links to which the angles belong.
         tree_angles
             (samples, solutions, t) real or complex angles of `order.tree_pairs` (rad).
 
@@ -137,6 +150,7 @@ class GroupGeometry:
         ends = self.group.ends
         shape = (*tree_angles.shape[:2], len(self.group.bodies), 3, 3)
         orientations = np.empty(shape, tree_angles.dtype)
+        # At first relative to the base body of the tree.
         orientations[:, :, order.base_body] = np.eye(3)
         for pair, body, next_body in find_spanning_tree(
             ends, [order.base_body], order.tree_pairs
@@ -165,6 +179,7 @@ class GroupGeometry:
             )
             is_complex = np.iscomplexobj(orientations)
             orientations[:, :, binary_link.body] = rotation if is_complex else rotation.real
+        # Relative to the first body of the group.
         return transpose(orientations[:, :, :1]) @ orientations
 
     def measure_pair_angles(self, orientations: Floats) -> Floats:
@@ -193,7 +208,7 @@ class GroupGeometry:
             (k, bodies, 3, 3) real rotations from the axes of each body to those of the
             first body.
         samples
-            (k,) index of the sample to which each of them belongs.
+            (k,) index of the sample to which each configuration belongs.
 
         Returns
         -------
@@ -210,7 +225,9 @@ class GroupGeometry:
     def _link_axes(
         self, binary_link: BinaryLink
     ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Return the unit axes of the two pairs of a binary link.
+        """Return the unit axes of the two pairs of a binary link, a body with two R pairs.
+
+        The axis of a pair is the z axis of its frame.
 
         Returns
         -------
@@ -233,6 +250,10 @@ class GroupGeometry:
     ) -> Array:
         """Return the equation a . (R_AB b) - cos(arc) = 0 of one binary link.
 
+        The binary link joins body A to body B and keeps the axis a, fixed in A, and the
+        axis b, fixed in B, at a fixed arc. R_AB is the orientation of B in A, a product of
+        rotations about the pairs on the path in the tree of the other bodies.
+
         Parameters
         ----------
         tree_pairs
@@ -244,7 +265,8 @@ class GroupGeometry:
 
         Returns
         -------
-        (samples, 3, ..., 3) coefficients with one axis per pair of the tree.
+        (samples, 3, ..., 3) coefficients with one axis per pair of the tree. Index 0, 1 and
+        2 of such an axis is the factor of 1, the cosine and the sine of the angle.
         """
         axes_in_link, (axis_a, axis_b) = self._link_axes(binary_link)
 
@@ -273,6 +295,7 @@ class GroupGeometry:
         index_in_equation = [slice(None) if pair in path else 0 for pair in tree_pairs]
         equation[:, *index_in_equation] = np.transpose(coefficients, [0, *path_axes])
 
-        # The first coefficient of each sample is the constant term.
+        # The first coefficient of each sample is the constant term. The scalar product of
+        # both axes in the link is cos(arc).
         equation.reshape(len(equation), -1)[:, 0] -= dot(*axes_in_link)
         return equation

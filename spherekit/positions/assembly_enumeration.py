@@ -94,7 +94,13 @@ class ConfigurationsAtInput(NamedTuple):
 
 
 def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtInput:
-    """Return all configurations that are found at inputs q (inputs,) in rad."""
+    """Return all configurations that are found at inputs q (inputs,) in rad.
+
+    Usually each mode of a group is combined with all modes of the groups after it. If
+    wheels or profiles touch whose positions gear ratios do not fix completely, but the
+    lengths that all wheels have rolled are known at the inputs, the whole mechanism is
+    searched with these lengths kept.
+    """
     groups = solver.assembly.groups
     gear_phases = solver.gear_phases
     has_general_contacts = any(
@@ -170,11 +176,13 @@ def enumerate_modes(
     max_modes
         Largest number of modes that are returned.
     methods
-        The least complete method of each group is stored in this list.
+        The least complete method of each group is stored in this list, in place. It is the
+        method that may have missed most modes.
 
     Returns
     -------
-    The signs of the groups in each mode, and the placed bodies at all n inputs.
+    For each mode the signs of the groups, which are +1 or -1 for dyads (which of the two
+    closed forms) and 0 for others, and the placed bodies at all n inputs.
     """
     group_count = len(solver.assembly.groups)
 
@@ -192,6 +200,7 @@ def enumerate_modes(
         for sign, next_state in states_by_mode:
             yield from place_next_groups(next_state, (*signs, sign))
 
+    # Samples at which a dyad does not close give NaN, without warnings.
     with np.errstate(invalid="ignore", divide="ignore"):
         return list(islice(place_next_groups(solver.start(q), ()), max_modes))
 
@@ -222,6 +231,7 @@ def _place_group_modes(
     """
     group = solver.assembly.groups[position]
     states_by_mode: list[tuple[int, AssemblyState]] = []
+    # Closed forms: a dyad has one mode for each sign, a train of wheels has one mode.
     if group.is_dyad or position in solver.wheel_trains:
         for sign in (1, -1) if group.is_dyad else (0,):
             next_state = state.copy()
@@ -233,6 +243,7 @@ def _place_group_modes(
             if not np.all(next_state.is_open):
                 states_by_mode.append((sign, next_state))
         return states_by_mode, CLOSED_FORM
+    # Any other group: elimination, or a search that tries the reference pose first.
     variables = group_variables(state, group)
     start_values = None
     if solver.reference is not None:
@@ -295,8 +306,9 @@ def group_signs(
 ) -> SmallIntegers:
     """Return the signs that distinguish the modes of each group.
 
-    They are the signs of the determinants of the `group_matrices`: for a dyad, of the
-    triple product of its axes.
+    The sign of a dyad is that of the triple product of its three axes. The sign of another
+    group is that of the determinant of its velocity equations. A sign can change only where
+    two modes of the group meet.
 
     Parameters
     ----------
@@ -318,6 +330,7 @@ def group_signs(
         matrices = group_matrices(solver, linearisation, position)
         _, rows, columns = matrices.shape
         signs[:, position] = np.nan_to_num(determinant_sign(matrices))
+        # Near a singular matrix, rounding decides the sign.
         if least:
             is_regular = condition_numbers(matrices) < 1.0 / least
             signs[:, position] *= (rows == columns) & is_regular
@@ -353,9 +366,9 @@ def random_starts(
     Yields
     ------
     starts
-        Number of starts of the round.
+        Number of starts of the round, also of those that led to no configuration.
     values
-        (k, variables) closed configurations (rad).
+        (k, variables) closed configurations (rad), passive angles in (-pi, pi].
     rows
         (k,) sample of each configuration, 0 if there are no samples.
     """
@@ -366,7 +379,7 @@ def random_starts(
     first, last = starting_range(closure)
     first[driven] = low
     last[driven] = high
-    # Rolled lengths follow from the inputs. So both are kept if there are wheels.
+    # Lengths that wheels roll follow from the inputs, so both are kept if there are wheels.
     rolled = [] if gear_phases is None else list(gear_phases.variables)
     keeps_inputs = gear_phases is not None or samples is not None
     fixed = driven + rolled if keeps_inputs else []
@@ -383,6 +396,7 @@ def random_starts(
         with np.errstate(all="ignore"):  # Starts that fail can become infinite.
             if gear_phases is not None:
                 starts[:, rolled] = gear_phases.rolled_lengths(starts[:, driven])
+            # First roughly, within the ranges of the inputs; then exactly, inputs kept.
             values, is_near_closed = descend_to_closure(
                 closure, starts, fixed, lower_limits, upper_limits
             )

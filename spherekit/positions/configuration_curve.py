@@ -129,12 +129,21 @@ class Chords:
     def project(self, values: Floats, periods: Floats) -> ChordProjections:
         """Return the chords near which configurations are, with projections on these.
 
+        A chord is the straight line between two successive nodes of the curve. It is near
+        if the distance of the configuration from its line is small compared with its
+        length, and the projection lies between its ends.
+
         Parameters
         ----------
         values
             (n, variables) configurations (rad).
         periods
             (variables,) growth of each variable (rad) that changes nothing.
+
+        Returns
+        -------
+        The m pairs of a configuration and a chord near it. Configurations that are near no
+        chord do not occur.
         """
         half_chords = 0.5 * np.diff(self.nodes.values, axis=0)
         middles = self.nodes.values[:-1] + half_chords
@@ -208,6 +217,10 @@ class ArcCurve(Chords):
     def _evaluate_on_chords(self, which: Indices, distances: Floats) -> CurvePoints:
         """Return the points of the curve with given projections on chords.
 
+        A chord is the straight line between two successive nodes. The point is predicted by
+        interpolation between them, and corrected by Newton's method in the plane normal to
+        the chord.
+
         Parameters
         ----------
         which
@@ -232,7 +245,7 @@ class ArcCurve(Chords):
 
     @cached_property
     def table(self) -> ArcLength:
-        """The arc length as a function of the parameter u."""
+        """The arc length as a function of u, the sum of the chords between the nodes."""
         jacobian = self.closure.at(self.nodes.values).jacobian
         equations = bordered(jacobian, self.nodes.tangents)
         condition = bordered_reciprocal_condition(equations, left_inverse(equations))
@@ -241,6 +254,9 @@ class ArcCurve(Chords):
 
     def _speed(self, u: Floats) -> Floats:
         """Return ds/du at parameters u of any shape.
+
+        s is the arc length of the curve, and u the length of its chords up to a point. The
+        result is the reciprocal of the cosine between the tangent and the chord.
 
         Raises
         ------
@@ -314,6 +330,7 @@ class ArcCurve(Chords):
         Beyond the ends of an open curve the points are NaN.
         """
         s = np.atleast_1d(np.asarray(s, dtype=float))
+        # Whole laps, which are 0 on an open curve, and the arc length within the last lap.
         laps = self.closed * np.floor(s / self.length)
         rest = s - laps * self.length
         # Both ends of the curve belong to it, also with rounding errors.
@@ -328,19 +345,22 @@ class ArcCurve(Chords):
         Parameters
         ----------
         function
-            The function, with its derivative by the arc length.
+            Takes n points of the curve; returns a function and its derivative by the arc
+            length, both (n,).
         variable
             Number of the variable of which it is a function, if it is one. If this variable
             is constant along the curve, no zeros are returned.
 
         Returns
         -------
-        Arc lengths of the zeros: in [0, length) on a closed curve, in [0, length] on an
-        open one. `spherekit.numerics.zeros` describes when two zeros are one double zero.
+        Arc lengths (rad) of the zeros: in [0, length) on a closed curve, in [0, length] on
+        an open one. `spherekit.numerics.zeros` describes when two zeros are one double
+        zero.
         """
         if variable is not None and self.rests(variable):
             return Zeros(np.zeros(0), np.zeros(0, dtype=bool))
         roots = find_zeros(lambda s: function(self.at(s)), self.s)
+        # A zero at the point where a closed curve begins and ends is one zero.
         return roots.merge_seam(self.length) if self.closed else roots
 
     def dead_points(self, variable: int) -> Zeros:
@@ -367,8 +387,8 @@ class ArcCurve(Chords):
 
         Returns
         -------
-        Arc lengths; double zeros are those at which the variable turns back. The result is
-        empty if the variable is constant along the whole curve.
+        Arc lengths (rad) with a mark for double zeros, at which the variable turns back.
+        The result is empty if the variable is constant along the whole curve.
         """
         period = self.periods[variable] if period is None else period
 
@@ -402,6 +422,7 @@ class ArcCurve(Chords):
         """Return the projections of configurations (n, variables) that are on the curve."""
         near = self.project(values, self.periods)
         points = self._evaluate_on_chords(near.chords, near.distances)
+        # The point of the curve with the same projection, compared with the configuration.
         miss = points.values - self.nodes.values[near.chords] - near.differences
         is_hit = max_abs(miss, axis=1) < SAME_POINT_RAD
         return ChordProjections(

@@ -131,10 +131,13 @@ class ConfigurationGraph:
         (m,) node of each configuration, new or already present. Each new node is a piece of
         its own.
         """
+        # -1 stands for a configuration that is no node yet.
         nodes = self.find(sample, values)
         (missing,) = np.nonzero(nodes < 0)
         if not len(missing):
             return nodes
+        # The sign of the determinant with locked inputs distinguishes configurations that
+        # are near to each other on both sides of a singular one.
         linearisation = self.solver.closure.at(values[missing])
         square = np.delete(linearisation.jacobian, self._driven, axis=2)
         signs = determinant_sign(square)
@@ -147,6 +150,7 @@ class ConfigurationGraph:
         first = len(self.sample)
         nodes[new] = np.arange(first, first + len(new))
         nodes[missing] = nodes[missing[representative]]
+        # All arrays with one entry for each node grow.
         self._determinant_sign = np.append(self._determinant_sign, signs[is_new])
         self._is_regular = np.append(self._is_regular, is_regular[is_new])
         self.sample = np.append(self.sample, sample[new])
@@ -214,14 +218,15 @@ class ConfigurationGraph:
 
         Returns
         -------
-        (m,) node of the same sample whose angles differ by less than
-        `SAME_CONFIGURATION_RAD`, or -1 if there is none.
+        (m,) the nearest node of the same sample, if all its angles differ by less than
+        `SAME_CONFIGURATION_RAD`; otherwise -1.
         """
         nodes = np.full(len(sample), -1, dtype=np.intp)
         if not self._nodes_of_sample.shape[1]:
             return nodes
         for first in range(0, len(sample), PATHS_AT_ONCE):
             chunk = slice(first, first + PATHS_AT_ONCE)
+            # All nodes of the sample of each configuration, padded by -1.
             candidates = self._nodes_of_sample[sample[chunk]]
             differences = wrap(self.values[candidates] - values[chunk, None])[
                 ..., self._angles
@@ -294,11 +299,15 @@ class ConfigurationGraph:
     def join(self) -> None:
         """Join nodes at neighbouring samples, as far as the division into modes needs it.
 
+        A piece is a set of joined nodes with at most one node per sample. Pieces are
+        united, and become the assembly modes in the end.
+
         Along the last axis, all paths that can join two pieces are followed. They make
         pieces that run along this axis. Along the other axes, paths are followed only as
         long as they can join two pieces, because one path is enough for two pieces that run
         side by side. Paths to samples that are not complete can also add nodes.
         """
+        # The last direction leads to the previous sample along the last axis.
         last_direction = len(self._neighbours) - 1
         self._join_along_paths(
             np.flatnonzero(self._may_join_pieces(last_direction)), last_direction
@@ -329,11 +338,14 @@ class ConfigurationGraph:
     def _may_join_pieces(self, direction: int) -> Bools:
         """Return (k,) whether an untried path from each node may join two pieces.
 
-        The node must be regular, and its piece must have no node at the target, which is
-        the neighbouring sample in the direction. At a target that is complete, there must
+        A piece is a set of joined nodes with at most one node per sample. The node must be
+        regular, and its piece must have no node at the target, which is the neighbouring
+        sample in the direction. At a target that is complete, there must
         also be a regular node with the same sign of the determinant to which no path leads
         yet. A verified path cannot change this sign.
         """
+        # -1 stands for no sample here, for no node in `ends`, and for no path in
+        # `_partner`. `direction ^ 1` is the opposite direction.
         target = self._neighbours[direction][self.sample]
         is_candidate = (target >= 0) & self._is_regular & ~self._is_tried[direction]
         for first in range(0, len(target), PATHS_AT_ONCE):
@@ -351,10 +363,14 @@ class ConfigurationGraph:
     def _select_starts(self, direction: int, paths_per_piece: int) -> Indices:
         """Return the nodes from which paths in a direction are followed next.
 
+        Only nodes are selected from which a path may join two pieces (sets of joined nodes
+        that become assembly modes).
+
         Parameters
         ----------
         direction
-            Row of `InputGrid.neighbours`.
+            Row of `InputGrid.neighbours`: 2 a leads to the next sample along axis a, and
+            2 a + 1 to the previous one.
         paths_per_piece
             Largest number of nodes to select for each piece and block of targets.
 
@@ -364,6 +380,7 @@ class ConfigurationGraph:
         along all axes up to and including that of the direction.
         """
         (nodes,) = np.nonzero(self._may_join_pieces(direction))
+        # The block is the index of the target without those along later axes.
         axis = direction // 2
         stride = int(np.prod(self.input_grid.shape[axis + 1 :], dtype=np.intp))
         block = self._neighbours[direction][self.sample[nodes]] // stride
@@ -378,7 +395,9 @@ class ConfigurationGraph:
     def _join_along_paths(self, nodes: Indices, direction: int) -> None:
         """Follow paths in a direction from nodes (m,), and join the ends of each path.
 
-        Ends that are not nodes yet are added. Edges, partners and pieces are updated.
+        Ends that are not nodes yet are added. The attributes `_edges` (joined nodes),
+        `_partner` (end of the path from a node in a direction) and `_piece` (set of nodes
+        that become one assembly mode) are updated.
         """
         self._is_tried[direction, nodes] = True
         node_count = len(self.sample)
@@ -446,7 +465,11 @@ class ConfigurationGraph:
         return followed.status == Status.OK, values
 
     def _unite_pieces(self, first_node: int, second_node: int) -> None:
-        """Unite the pieces of two nodes, unless these pieces share a sample."""
+        """Unite the pieces of two nodes, unless these pieces share a sample.
+
+        A piece is a set of nodes that may become one assembly mode, with at most one node
+        per sample.
+        """
         large = int(self._piece[first_node])
         small = int(self._piece[second_node])
         if large == small:
@@ -473,6 +496,8 @@ class ConfigurationGraph:
         list of (n,) arrays, one for each mode: its node at each sample, or -1. The mode
         with the most nodes comes first. Modes with equally many are sorted by `first_node`.
         """
+        # Components: all nodes that are joined by edges, directly or through others. A mode
+        # consists of pieces of one component that share no sample.
         count = len(self.sample)
         starts = np.concatenate(
             [np.empty(0, np.intp), *(start for start, _ in self._edges)]
@@ -521,6 +546,8 @@ def _put_into_first_mode(
 ) -> None:
     """Put the nodes of a piece into the first mode that has no node at their samples.
 
+    A mode has at most one node (configuration) at each sample.
+
     Parameters
     ----------
     modes
@@ -540,7 +567,9 @@ def _put_into_first_mode(
 
 
 def share_numbers(modes: Sequence[Indices]) -> list[Indices]:
-    """Unite modes that occur on separate parts of a path of samples.
+    """Unite assembly modes that occur on separate parts of a path of samples.
+
+    United modes share one number, so that there are fewer of them.
 
     Parameters
     ----------

@@ -126,8 +126,9 @@ def monotone_pieces(
     low, high
         Range of the input (rad).
     period
-        Growth of the input (rad) after which the same configurations return; infinite or
-        NaN as in `ArcCurve.returns_after`.
+        Growth of the input (rad) after which the same configurations return. It is infinite
+        if rolled lengths of wheels prevent a return, and NaN if they do not follow from the
+        input; then the curve shows the period (`ArcCurve.returns_after`).
 
     Returns
     -------
@@ -136,6 +137,7 @@ def monotone_pieces(
     the input passes it.
     """
     period = curve.returns_after(driven, period)
+    # Arc lengths at which the input turns back, or is at an end of its range.
     zeros = (
         curve.dead_points(driven),
         curve.at_input(driven, low, period),
@@ -149,6 +151,7 @@ def monotone_pieces(
     else:
         cuts = np.concatenate([[0.0], cuts, [curve.length]])
     cuts = cuts[np.append(True, np.diff(cuts) > SAME_CUT_RAD)]
+    # A part is inside the range if the input at its middle is, shifted by whole periods.
     part_middles = curve.at(0.5 * (cuts[:-1] + cuts[1:])).values
     shifted_inputs, parts = turns_in_range(part_middles[:, driven], low, high, period)
     is_inside = in_range(shifted_inputs, low, high)
@@ -230,15 +233,22 @@ def configuration_curves(
     solver
         The mechanism, which has one input.
     assembly_modes
-        Its assembly modes over the range.
+        Its assembly modes over the range. The curves through them come first.
     low, high
         Ends of the range of the input (rad).
+
+    Returns
+    -------
+    The curves with their pieces, on each of which the input only rises or only falls, and
+    how complete they are. Numbers of modes that were counted independently of the curves
+    check the result. A failed check reduces the claim of completeness.
     """
     (period,) = solver.periods
     longest = LONGEST_CURVE_RAD
     if period <= 2.0 * LONGEST_CURVE_RAD:
         longest = max(LONGEST_CURVE_RAD, LAP_PERIODS * period)
     search = _CurveSearch(solver, low, high, longest)
+    # Starts from the given modes and from the reference pose.
     inputs = np.linspace(low, high, START_INPUTS)
     for assembly_mode in assembly_modes:
         samples = solver.evaluate(assembly_mode, inputs[:, None])
@@ -247,6 +257,8 @@ def configuration_curves(
     if reference is not None and low <= reference[solver.input_variable] <= high:
         # No mode passes through the reference pose if the input is stationary on its curve.
         search.add_curves(reference[None])
+    # The pair whose values divide the curves with the least work may be another one than
+    # the input. Its whole revolution is searched then.
     drive = choose_driving_pair(solver)
     drive_range = (low, high) if drive is solver else (-np.pi, np.pi)
     turning_points = find_input_turning_points(drive, *drive_range)
@@ -258,6 +270,7 @@ def configuration_curves(
     # them. Curves that are added here are examined in turn, because the list grows.
     for end in _crossing_ends(search.curves):
         search.add_curves(find_outgoing_points(solver.closure, end))
+    # Divide the curves where the input turns back, and count modes as a check.
     pieces_by_curve = [
         monotone_pieces(curve, solver.input_variable, low, high, period)
         for curve in search.curves
@@ -304,6 +317,11 @@ def _assign_modes(
         The configuration curve.
     pieces
         The parts of the curve on which the input only rises or only falls.
+
+    Returns
+    -------
+    The pieces in the same order. A piece has the number None if no mode has the
+    configuration at its middle.
     """
     assigned = list(pieces)
     middles = np.array([piece.middle for piece in pieces])
@@ -342,6 +360,7 @@ class _CurveSearch:
     def __init__(
         self, solver: PositionSolver, low: float, high: float, longest: float
     ) -> None:
+        """Start with no curves over the range of the input from `low` to `high` (rad)."""
         self.solver = solver
         self.low = low
         self.high = high
@@ -354,7 +373,9 @@ class _CurveSearch:
         """Follow the curves through configurations (n, variables) that are on no curve yet.
 
         Each time the middle one of the remaining configurations is the start, since the
-        first and last ones of a mode are near dead centres.
+        first and last ones of a mode are near dead centres. Curves are appended to
+        `self.curves`. Starts that cannot be followed become `self.problems`, unless they
+        are near the end of a curve at a crossing.
         """
         failures: list[tuple[Floats, str]] = []
         for curve in self.curves:
@@ -385,6 +406,9 @@ class _CurveSearch:
     ) -> Completeness:
         """Follow the curves of all modes between the inputs at which modes meet.
 
+        Between two such inputs the number of modes is constant, so that all modes at one
+        input there lie on all curves that pass.
+
         Parameters
         ----------
         drive
@@ -394,7 +418,8 @@ class _CurveSearch:
 
         Returns
         -------
-        How complete the curves are.
+        How complete the curves are: `SAMPLED` if all modes at an input cannot be computed.
+        Then the search ends there.
         """
         for q in turning_points.probes(PROBE_STEP_RAD):
             configurations = enumerate_assemblies(drive, np.array([q]))
@@ -427,6 +452,7 @@ class _CurveSearch:
         while statistics.needs_more_starts and len(self.curves) < MAX_CURVES:
             start_count, values, _ = next(rounds)
             self.add_curves(values)
+            # The number of the curve on which each configuration lies, -1 for none.
             hits = np.full(len(values), -1, dtype=np.intp)
             for number, curve in enumerate(self.curves):
                 hits[curve.passes(values)] = number
@@ -454,6 +480,8 @@ class _CurveSearch:
                 configurations = enumerate_assemblies(self.solver, np.array([q]))
                 if configurations.is_complete:
                     self.mode_counts.append((q, len(configurations.values)))
+        # A mode is counted at q if q lies inside a piece. Inputs near the end of a piece or
+        # near a crossing of curves are left out.
         ranges = np.array([(piece.lowest, piece.highest) for piece in pieces])
         lowest, highest = ranges.reshape(-1, 2).T
         crossing_inputs = np.array(

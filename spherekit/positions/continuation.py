@@ -122,6 +122,11 @@ class CurveContinuation(ABC, Generic[Node]):
             (k) nodes from which the steps start.
         distances
             (k,) lengths of the steps (rad), measured along the tangents at the nodes.
+
+        Returns
+        -------
+        The ends of the steps, which steps passed all tests, and how much the equations
+        change in each step.
         """
 
     @abstractmethod
@@ -179,7 +184,10 @@ class CurveContinuation(ABC, Generic[Node]):
         return np.flatnonzero(self.end_status == UNFINISHED)
 
     def limit_steps(self, rows: Indices, steps: Floats) -> Floats:
-        """Return steps (k,) of curves, no longer than is allowed at their last nodes."""
+        """Return steps (k,) in rad of curves, no longer than allowed at their last nodes.
+
+        `rows` (k,) are the indices of the curves.
+        """
         return np.minimum(steps, self.max_step)
 
     def follow(self, first_step: float) -> None:
@@ -187,6 +195,7 @@ class CurveContinuation(ABC, Generic[Node]):
         steps = np.full(len(self.end_status), first_step)
         while len(rows := self._end_and_find_unfinished()):
             steps[rows] = self.limit_steps(rows, steps[rows])
+            # Factors for the next steps; 0 marks a step that failed.
             growth = self._advance(rows, steps[rows])
             failed_rows = rows[growth == 0.0]
             for row in failed_rows[steps[failed_rows] <= self.smallest_step]:
@@ -210,13 +219,16 @@ class CurveContinuation(ABC, Generic[Node]):
         """
         nodes = self.last_nodes.rows(rows)
         tried = self.try_steps(rows, nodes, steps)
+        # A curve whose step passes its start is closed, and ends at the start.
         end_nodes, closes = self._find_closing_laps(rows, nodes, steps, tried)
         self.append_nodes(rows[closes], end_nodes.rows(closes))
         self.end_status[rows[closes]] = Status.OK
         self.is_closed[rows[closes]] = True
         is_taken = self.select_steps(rows, steps, tried.nodes, tried.is_verified & ~closes)
         self.append_nodes(rows[is_taken], tried.nodes.rows(is_taken))
-        # The tiny number prevents a division by zero on straight curves.
+        # The next step aims at a certain change of the equations, which grows with the
+        # length of the step. The tiny number prevents a division by zero on straight
+        # curves.
         aimed_change = AIMED_CHANGE_RATIO * self.step_tests.change
         growth = np.clip(aimed_change / (tried.changes + 1e-300), 0.5, 2.0)
         is_unfinished = self.end_status[rows] == UNFINISHED
@@ -235,6 +247,9 @@ class CurveContinuation(ABC, Generic[Node]):
         self, rows: Indices, nodes: Node, steps: Floats, tried: TriedSteps[Node]
     ) -> tuple[Node, Bools]:
         """Find the curves whose step passes their start, whole periods on.
+
+        Such a curve is closed: the step has to point in the direction of the start, to meet
+        it within the error of the prediction, and to reach it exactly.
 
         Parameters
         ----------
@@ -303,7 +318,8 @@ class CurveContinuation(ABC, Generic[Node]):
         distances
             (k,) lengths of the steps (rad).
         is_good
-            (2 k,) whether the middle and the end of each step passed the other tests.
+            (2 k,) whether the middle and the end of each step passed the other tests, the
+            end of each step after its middle.
         rounding
             (k,) rounding errors of the middles (rad).
         """
@@ -319,6 +335,7 @@ class CurveContinuation(ABC, Generic[Node]):
     def collect_nodes(self, row: int) -> Node:
         """Return all nodes of a curve in order, the first node included."""
         nodes = [self.start_nodes.rows(slice(row, row + 1))]
+        # An entry of the trail has the curves of one round of steps, and a node of each.
         for rows, new_nodes in self._trail:
             if row in rows:
                 nodes.append(new_nodes.rows(rows == row))

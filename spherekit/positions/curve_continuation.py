@@ -110,7 +110,7 @@ class _ArcNodes(CurvePoints):
         limits: CurveLimits,
         chosen: slice = slice(None),
     ) -> "_ArcNodes":
-        """Return some points as nodes.
+        """Return some points as nodes: with their equations, and margins to all limits.
 
         Parameters
         ----------
@@ -189,6 +189,7 @@ def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCur
     n curves. None for a configuration for which `follow_arc` raises an error.
     """
     limits = CurveLimits.of_mechanism(closure, {})
+    # Start nodes by number of the configuration. Those with an error are left out.
     start_nodes: dict[int, _ArcNodes] = {}
     for row, values in enumerate(starts):
         with suppress(SolveError):
@@ -226,6 +227,10 @@ def _follow_both_senses(
         The limits at which curves end.
     longest
         Length (rad) after which an open curve is ended in each sense.
+
+    Returns
+    -------
+    n curves, in the order of the start nodes.
     """
     if not starts:
         return []
@@ -252,6 +257,7 @@ def _follow_both_senses(
         limits=limits,
     )
     backward.follow(FIRST_ARC_STEP_RAD)
+    # Position in `backward` of each open curve. Closed curves are not there.
     backward_row = {row: k for k, row in enumerate(open_rows.tolist())}
     return [
         _join_senses(forward, backward, row, backward_row.get(row))
@@ -333,6 +339,7 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
             f"rad, but at most {MAX_START_RESIDUAL_RAD:g} is allowed; start from one that "
             "was solved for"
         )
+    # Newton's method closes the loops in the plane normal to the motion.
     row = values[None]
     border = _find_motion(closure, values)[None]
     row, _ = correct(closure, row, border, np.vecdot(border, row))
@@ -360,6 +367,9 @@ def _find_motion(closure: Closure, values: Floats) -> Floats:
     SolveError
         If the loops allow no motion.
     """
+    # Rates with J rates = 0 keep the loops closed, where J is the closure Jacobian. The
+    # last right singular vector is this motion if its singular value is zero. Variables in
+    # excess of the equations have no singular value, and count as zero.
     _, singular_values, right_vectors = np.linalg.svd(closure.at(values[None]).jacobian[0])
     missing = len(right_vectors) - len(singular_values)
     singular_values = np.append(singular_values, np.zeros(missing))
@@ -412,7 +422,23 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
     def try_steps(
         self, rows: Indices, nodes: _ArcNodes, distances: Floats
     ) -> TriedSteps[_ArcNodes]:
-        """Try a step on each of some curves; see `CurveContinuation`."""
+        """Try a step on each of some curves, and test it.
+
+        The middle and the end of a step are predicted by the tangent and the second
+        derivative, and corrected by Newton's method in planes normal to the tangent. The
+        step is verified if the corrections, the change of the equations (the bordered
+        Jacobian), and the turn of the tangent are small, and if both ends predict the
+        middle.
+
+        Parameters
+        ----------
+        rows
+            (k,) indices of the curves.
+        nodes
+            (k) nodes from which the steps start.
+        distances
+            (k,) lengths of the steps (rad), measured along the tangents at the nodes.
+        """
         # Two points for each step: its middle and its end, one after the other.
         closure = self.closure.take(np.repeat(rows, 2))
         parts = distances[:, None] * STEP_PARTS
@@ -433,7 +459,10 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         relative_change = np.linalg.norm(inverse @ change, axis=(1, 2))
         cosine = np.vecdot(points.tangents, borders)
         is_good &= self.step_tests.accepts_change(relative_change, cosine)
-        new_nodes = _ArcNodes.of(linearisation, points, self.limits, slice(1, None, 2))
+        # The ends of the steps, every second point, become nodes.
+        new_nodes = _ArcNodes.of(
+            linearisation, points, self.limits, chosen=slice(1, None, 2)
+        )
         rounding = POINT_ROUNDING_FACTOR * EPS / nodes.reciprocal_condition
         is_verified = self.verify_steps(
             nodes, new_nodes, values[::2], distances, is_good, rounding
@@ -455,7 +484,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         row
             (1,) index of the curve.
         number
-            Number of the limit.
+            Number of the limit, whose margin is positive on the near side and zero at it.
         """
         node = self.last_nodes.rows(row)
         closure = self.closure.take(row)
@@ -473,6 +502,8 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
                     linearisation, gradients[:, number], -margins[:, number]
                 )
 
+            # The last node of the curve becomes the point at which the limit is reached, if
+            # an ordinary verified step leads to the same point.
             landing, _ = newton(compute_steps, node.values, LANDING_STEPS, LANDING_STEP_RAD)
             distance = np.sum(node.tangents * (landing - node.values), axis=1)
             tried = self.try_steps(row, node, distance)
@@ -483,7 +514,11 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         self.end_status[row] = self.limits.statuses[number]
 
     def end_stuck_curve(self, row: int) -> None:
-        """End a curve at its last node, with the status of what lies beyond."""
+        """End a curve at its last node, with the status of what lies beyond.
+
+        That is a limit if the node is near one, else a crossing with another curve if the
+        equations are nearly singular; otherwise the curve is lost.
+        """
         reciprocal_condition = self.last_nodes.reciprocal_condition[row]
         is_near_crossing = reciprocal_condition < NEAR_CROSSING_RECIPROCAL_CONDITION
         self.end_status[row] = (

@@ -131,12 +131,15 @@ class CurveLimits:
         """
         margins = np.empty((len(values), len(self.statuses)))
         gradients = np.zeros((*margins.shape, values.shape[1]))
+        # First the bounds of variables, then the contacts, whose profiles must not have
+        # equal curvatures.
         for number, (variable, bound, sense, _) in enumerate(self.bounds):
             margins[:, number] = sense * (values[:, variable] - bound)
             gradients[:, number, variable] = sense
         for number, (pair, variables) in enumerate(self.contacts, len(self.bounds)):
             relative_curvature = curvatures[:, pair, 0] - curvatures[:, pair, 1]
             margins[:, number] = relative_curvature - EQUAL_CURVATURE
+            # A rolling contact has one variable for both profiles, which gets both rates.
             signed_rates = (curvature_rates[:, pair] * [1.0, -1.0]).T
             for variable, rate in zip(variables, signed_rates, strict=True):
                 gradients[:, number, variable] += rate

@@ -118,6 +118,7 @@ class PositionSolver:
     """
 
     def __init__(self, mechanism: Mechanism, assembly: Assembly) -> None:
+        """Prepare a mechanism, of which `assembly` has the driven pairs and the groups."""
         self.mechanism = mechanism
         self.assembly = assembly
         self.joints, self.reference = make_joints_in_pose(mechanism)
@@ -125,7 +126,9 @@ class PositionSolver:
         self.driven = tuple(
             number for pair in assembly.inputs for number in mechanism.variables_of(pair)
         )
+        # Inputs from which angles are counted over full revolutions.
         self.anchor = np.zeros(len(self.driven))
+        # Configurations that are known but for rounding; callers add crossings of curves.
         self.exact_configurations: list[Floats] = []
         if self.reference is not None:
             self.anchor = self.reference[list(self.driven)]
@@ -194,13 +197,18 @@ class PositionSolver:
 
     @cached_property
     def wheel_trains(self) -> frozenset[int]:
-        """Positions of the groups whose bodies are all placed by gear ratios."""
+        """Positions, in solving order, of the groups that gear ratios place completely.
+
+        The angles of the pairs of such a group follow from the inputs, and all its contacts
+        are rolling contacts between wheels of the gear train.
+        """
         gear_train = self._gear_train
         if gear_train is None:
             return frozenset()
         positions = set()
         for position, group in enumerate(self.assembly.groups):
             contacts = {pair for pair in group.pairs if not self.joints[pair].has_axis}
+            # The first body is there already, and each path places one more.
             placed_count = 1 + len(find_train_paths(group, gear_train.followers))
             all_placed = placed_count == len(group.bodies)
             if all_placed and contacts and contacts <= {*gear_train.contacts}:
@@ -231,9 +239,11 @@ class PositionSolver:
         Parameters
         ----------
         state
-            The bodies that are placed so far; changed in place.
+            The bodies that are placed so far, each a set of links that are rigid relative
+            to each other. The bodies of the train become one of them, and `state` gets the
+            values of their pairs.
         position
-            Position of the group in the assembly plan, one of `wheel_trains`.
+            Position of the group in solving order, one of `wheel_trains`.
         q
             (n, inputs) inputs (rad).
 
@@ -278,15 +288,24 @@ class PositionSolver:
     ) -> ModeConfigurations:
         """Return the configurations of an assembly mode at inputs in any order.
 
+        The groups of the mechanism are placed one after another: dyads in closed form, by
+        the sign that says on which side the middle pair is; trains of wheels by gear
+        ratios; others by Newton's method from verified configurations of the mode.
+
         Parameters
         ----------
         assembly_mode
-            The mode.
+            The mode: one of the ways in which the groups can be put together.
         q
             (n, inputs) inputs (rad).
         rows
             (n,) samples of the input grid. They are needed for modes that are known at the
             samples of a grid only.
+
+        Returns
+        -------
+        The configurations with a status each. Samples without a configuration are NaN.
+        Passive angles are in (-pi, pi].
         """
         if assembly_mode.pieces:
             return self._evaluate_pieces(assembly_mode, q)
@@ -319,6 +338,8 @@ class PositionSolver:
                     assembly_mode, q, singular_rows, state, status
                 )
 
+            # The loops of the whole mechanism check the result, and orient all links. Dead
+            # centres whose angles could not be computed become NaN, and keep their status.
             closure = self.closure.at(state.values)
             values = closure.values
             rotations = closure.rotations
@@ -336,8 +357,13 @@ class PositionSolver:
     def _evaluate_pieces(
         self, assembly_mode: AssemblyMode, q: Floats
     ) -> ModeConfigurations:
-        """Return the configurations of a mode with pieces at inputs q (n, 1) rad."""
+        """Return the configurations of a mode with pieces at inputs q (n, 1) rad.
+
+        Such a mode follows a smooth curve through crossings of curves. At each crossing it
+        becomes another mode, and each piece is evaluated as the mode that it belongs to.
+        """
         piece_numbers = assembly_mode.pieces_at(q[:, 0])
+        # The results are piece after piece, and are then put back in the order of q.
         order = np.argsort(piece_numbers, kind="stable")
         sorted_parts = [
             self.evaluate(mode, q[piece_numbers == number])
@@ -381,6 +407,8 @@ class PositionSolver:
             _set_status(status, is_open, Status.NOT_CONVERGED)
         else:
             assert assembly_mode.guide is not None
+            # Variables (n, variables) interpolated between verified configurations, how far
+            # apart these are (rad), and whether the mode exists there.
             predicted, spread, mode_status = assembly_mode.guide.predict(q, rows)
             lost = has_configuration(status) & (mode_status != Status.OK)
             status[lost] = mode_status[lost]
@@ -410,20 +438,27 @@ class PositionSolver:
         _set_status(status, has_penetration(joints, closure.states), Status.CURVATURE)
 
     def _restore_exact(self, q: Floats, values: Floats, status: SmallIntegers) -> Bools:
-        """Replace singular configurations at the inputs of an exact configuration by it.
+        """Replace singular configurations by exact ones that are near to them.
+
+        A configuration at a dead centre has been computed with half the digits only.
+        `exact_configurations` are those that are known but for rounding: the reference
+        pose, and those at which curves of configurations cross. One of them replaces a
+        singular configuration that has the same inputs and differs from it by less than
+        `EXACT_DISTANCE_RAD`.
 
         Parameters
         ----------
         q
             (n, inputs) inputs (rad).
         values
-            (n, variables) configurations (rad), changed in place.
+            (n, variables) configurations (rad), changed in place. Angles keep their full
+            revolutions, and inputs stay as they are.
         status
-            (n,) status of each configuration.
+            (n,) status of each configuration. Only those at a singularity are replaced.
 
         Returns
         -------
-        (n,) whether the configuration is now exact.
+        (n,) whether the configuration was replaced by an exact one.
         """
         is_exact = np.zeros(len(q), dtype=bool)
         singular = np.flatnonzero(status == Status.AT_SINGULARITY)
@@ -435,11 +470,12 @@ class PositionSolver:
             input_deviation = max_abs(wrap(q[singular] - exact[driven]), axis=1)
             scale = np.maximum(1.0, max_abs(q[singular], axis=1))
             rows = singular[input_deviation <= SAME_INPUT_TOLERANCE * scale]
-            offset = exact - values[rows]
-            offset[:, angles] = wrap(offset[:, angles])
-            offset[:, driven] = 0.0
-            is_near = max_abs(offset, axis=1) < EXACT_DISTANCE_RAD
-            values[rows[is_near]] += offset[is_near]
+            correction = exact - values[rows]
+            # Passive angles and inputs may differ by full revolutions, which are kept.
+            correction[:, angles] = wrap(correction[:, angles])
+            correction[:, driven] = 0.0
+            is_near = max_abs(correction, axis=1) < EXACT_DISTANCE_RAD
+            values[rows[is_near]] += correction[is_near]
             is_exact[rows[is_near]] = True
         return is_exact
 
@@ -463,7 +499,8 @@ class PositionSolver:
         Parameters
         ----------
         assembly_mode
-            The mode.
+            The mode. Only one with a `ModeCurve` as guide has nodes: configurations at
+            successive values of a single input between which it is interpolated.
         q
             (n, inputs) inputs (rad).
         state
@@ -511,8 +548,9 @@ class PositionSolver:
 
         Returns
         -------
-        (k,) bounds (rad) of the errors of the variables.
+        (k,) bounds (rad) of the errors of the variables, infinite if there is no bound.
         """
+        # In quad precision, as far as that is possible.
         if self._quad_assembly.is_supported:
             placed = self._quad_assembly.place(
                 assembly_mode.signs, assembly_mode.determinants, q[rows], state.values[rows]
@@ -527,6 +565,7 @@ class PositionSolver:
             error = np.full(len(rows), np.inf)
             new_status = status[rows]
             in_float64 = np.arange(len(rows))
+        # The others in float64: `in_float64` are positions in `rows`.
         if len(in_float64):
             float64_rows = rows[in_float64]
             fold = place_at_folds(
@@ -542,6 +581,7 @@ class PositionSolver:
             )
         has_angles = error <= LARGEST_ANGLE_ERROR_RAD
         state.values[rows] = np.where(has_angles[:, None], values, np.nan)
+        # Samples that were out of reach stay so unless their angles are known now.
         was_out = status[rows] == Status.OUT_OF_REACH
         status[rows] = np.where(was_out & ~has_angles, Status.OUT_OF_REACH, new_status)
         return error
