@@ -95,9 +95,12 @@ def minimize_largest(
     radius = FIRST_TRUST_RADIUS
     for _ in range(MAX_CUTTING_STEPS):
         step, predicted_decrease = _predict_step(points, x, largest, allowed_limits, radius)
-        # A long step may look poor only because the planes bend within the box.
+        # The descent ends at a small box only: in a large one, a step may look poor only
+        # because the functions bend within the box.
         if predicted_decrease < min_decrease and radius <= FIRST_TRUST_RADIUS * 1e-2:
             break
+        # A step that decreases enough is accepted and widens the box. Any other one narrows
+        # it, and improves the prediction by its planes.
         trial_point = np.clip(x + step, 0.0, 1.0)
         trial = functions(trial_point) if predicted_decrease > 0.0 else None
         if trial is not None:
@@ -127,7 +130,10 @@ def _predict_step(
 ) -> tuple[Floats, float]:
     """Return the step of largest predicted decrease, by a linear program.
 
-    Its unknowns are the step and the decrease with opposite sign.
+    The unknowns are the step s and the number d, the decrease with opposite sign, which is
+    minimised. Each objective f with the gradient g at a point p that was tried gives the
+    inequality f + g (x + s - p) <= largest + d. For limits, ``LIMIT_ALLOWANCE * d`` and the
+    allowed limit take the places of d and of the largest objective.
 
     Parameters
     ----------
@@ -160,12 +166,14 @@ def _predict_step(
             (functions.limits, functions.limit_gradients, allowed_limits, LIMIT_ALLOWANCE),
         ):
             rows.append(np.column_stack([gradients, np.full(len(values), -decrease_part)]))
-            # A plane that is above the bound at x is moved down to it.
+            # A plane that is above the bound at x is moved down to it: the function is not
+            # convex there.
             values_at_x = values + gradients @ (x - point)
             right_sides.append(bounds - np.minimum(values_at_x, bounds))
     low = np.maximum(-radius, -x)
     high = np.minimum(radius, 1.0 - x)
     result = linprog(
+        # The cost is d alone.
         np.append(np.zeros_like(x), 1.0),
         A_ub=np.vstack(rows),
         b_ub=np.concatenate(right_sides),

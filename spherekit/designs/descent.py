@@ -123,6 +123,7 @@ class Descent:
     def __init__(
         self, specification: Specification, rows: Columns, objectives: Floats
     ) -> None:
+        """Make points of the rows, and the function of objectives and conditions."""
         sweep = specification.sweep
         assert isinstance(sweep.evaluator, DesignEvaluator)
         self.sweep = sweep
@@ -139,6 +140,7 @@ class Descent:
         symbols_by_name = {node.arguments[0]: node for node in symbols(sweep.names)}
         # The same expression is used with and without whole revolutions.
         named = {name: (node, node) for name, node in symbols_by_name.items()}
+        # The error at precision points is no figure of the kernel, but a root mean square.
         if specification.matched:
             misses = [symbols_by_name[name] for name in specification.matched]
             match = np.sqrt(sum(miss * miss for miss in misses) / specification.points)
@@ -147,7 +149,8 @@ class Descent:
             convert_to_graph(objective, named) for objective in specification.objectives
         ]
         self._objective_count = len(expressions)
-        # How often a mode closes is no smooth function; it is a constraint of its own.
+        # A condition less < more becomes less - more, which must not be positive. How often
+        # a mode closes is no smooth function; it is a constraint of its own.
         expressions += [
             convert_to_graph(condition.less, named)
             - convert_to_graph(condition.more, named)
@@ -186,7 +189,20 @@ class Descent:
         return mode if design is None else mode.with_origin(design)
 
     def evaluate(self, x: Floats, mode: SynthesisMode) -> DescentValues:
-        """Return objectives and conditions at a point (variables,) in a mode."""
+        """Return objectives and conditions at a point in a mode, with their gradients.
+
+        Parameters
+        ----------
+        x
+            (variables,) the point, in units of the ranges of the variables (0 to 1).
+        mode
+            The assembly mode: one of the ways in which the links are put together.
+
+        Returns
+        -------
+        Objectives and conditions. Those that depend on figures are NaN if there is no such
+        design. Gradients that do not exist are zero.
+        """
         key = x.tobytes(), mode
         if key not in self._last_values:
             values = self.file_values(x)
@@ -201,13 +217,17 @@ class Descent:
             )
             with np.errstate(all="ignore"):
                 outputs = self._function(np.concatenate([values, figures])[:, None])
-            # Index 0 has the expressions, then their derivatives by values and figures.
+            # Index 0 has the expressions, then their derivatives by values and figures. The
+            # expressions are the k objectives and then the conditions.
             outputs = outputs.reshape(len(by_coordinates) + 1, -1)
             partial_slopes = np.where(np.isnan(outputs[1:]), 0.0, outputs[1:])
             gradients = partial_slopes.T @ by_coordinates
             k = self._objective_count
             functions = LinearisedFunctions(
-                outputs[0, :k], gradients[:k], outputs[0, k:], gradients[k:]
+                objectives=outputs[0, :k],
+                objective_gradients=gradients[:k],
+                limits=outputs[0, k:],
+                limit_gradients=gradients[k:],
             )
             self._last_values = {
                 key: DescentValues(functions, figure_values.closes, figures)
@@ -248,7 +268,11 @@ class Descent:
             return functions.objectives[0], functions.objective_gradients[0]
 
         def slack(y: Floats) -> Floats:
-            """Return numbers that must not be negative."""
+            """Return the constraints, as numbers that must not be negative.
+
+            They are the fraction of samples at which the mode closes, less that at the
+            start; the conditions; and the decreases of the other objectives.
+            """
             values = self.evaluate(y, mode)
             decreases = start_objectives[1:] - values.functions.objectives[1:]
             slacks = np.concatenate(
@@ -257,7 +281,7 @@ class Descent:
             return np.nan_to_num(slacks, nan=-UNDEFINED_OBJECTIVE)
 
         def slack_gradients(y: Floats) -> Floats:
-            """Return the gradients of these numbers; that of a fraction is zero."""
+            """Return the gradients of the constraints; that of the fraction is zero."""
             functions = self.evaluate(y, mode).functions
             return np.concatenate(
                 [
@@ -317,10 +341,10 @@ class Descent:
                 return None
             functions = values.functions
             scaled = LinearisedFunctions(
-                (functions.objectives - aim) / self.scales,
-                functions.objective_gradients / self.scales[:, None],
-                functions.limits,
-                functions.limit_gradients,
+                objectives=(functions.objectives - aim) / self.scales,
+                objective_gradients=functions.objective_gradients / self.scales[:, None],
+                limits=functions.limits,
+                limit_gradients=functions.limit_gradients,
             )
             return scaled if all(map(all_finite, scaled)) else None
 
@@ -329,7 +353,16 @@ class Descent:
     def descend(self, mode: SynthesisMode, x: Floats) -> LocalOptimum:
         """Return the local optimum to which descents from a point lead.
 
-        Descents of the first objective and of all objectives alternate.
+        Descents of the first objective and of all objectives alternate, until no objective
+        decreases any more.
+
+        Parameters
+        ----------
+        mode
+            The assembly mode. After each descent its configurations are tracked from the
+            design that was reached.
+        x
+            (variables,) the first point, in units of the ranges.
         """
         for _ in range(MAX_DESCENT_ROUNDS):
             start_objectives = self.objectives(x, mode)
@@ -362,8 +395,9 @@ class Descent:
 
         Returns
         -------
-        The optimum, or the last of those that were better than the one before.
+        The optimum, or the last one if better ones were found one after the other.
         """
+        # A better optimum is challenged anew, until no start leads to a better one.
         for _ in range(MAX_DESCENT_ROUNDS):
             for start in self._other_starts(optimum, optima):
                 x, largest_excess = self.approach_aim(
@@ -379,7 +413,11 @@ class Descent:
     def _other_starts(
         self, optimum: LocalOptimum, optima: Sequence[LocalOptimum]
     ) -> Iterator[Floats]:
-        """Yield points away from an optimum, those nearest to being better first."""
+        """Yield points of the same mode away from an optimum, as starts of other descents.
+
+        They are rows of the sweep and other optima. Those whose objectives exceed the
+        objectives of the optimum least come first.
+        """
         rows = self.modes == optimum.mode.label
         others = [other for other in optima if other.mode.continues_in(optimum.mode)]
         points = np.vstack([self.points[rows], *(other.x for other in others)])

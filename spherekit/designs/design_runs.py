@@ -140,6 +140,7 @@ class DesignRuns:
         tables: bool,
         kernel_evaluator: DesignEvaluator | None,
     ) -> None:
+        """Check the tables and columns of the figures, and list the names of figures."""
         self.document = document
         self.study = study
         self.variables = variables
@@ -209,6 +210,7 @@ class DesignRuns:
                 if self.tables:
                     tables = _tables_of_run(run)
             except SpherekitError as problem:
+                # The design is impossible, or its run failed.
                 table = self._join_failure(kernel_rows, problem)
             yield replace(table, design=np.full(len(table.design), number)), tables
 
@@ -238,6 +240,9 @@ class DesignRuns:
     ) -> DesignTable:
         """Return the rows of a design whose run failed.
 
+        The rows by the kernel keep their figures, and those of the run are NaN. Status and
+        reason are those of the failure, unless the kernel has given a reason already.
+
         Parameters
         ----------
         kernel_rows
@@ -260,6 +265,10 @@ class DesignRuns:
     def _join_run(self, kernel_rows: DesignTable | None, run: RunResult) -> DesignTable:
         """Return the rows of a design with figures of its run and of the kernel.
 
+        Each row is an assembly mode: one way in which the links are put together. The run
+        numbers the modes, the kernel labels them by signs. A mode that is certainly the
+        same in both has one row with the figures of both; each other mode has its own row.
+
         Parameters
         ----------
         kernel_rows
@@ -267,6 +276,8 @@ class DesignRuns:
         run
             The run of the design.
         """
+        # The modes of the run that have a row: those with figures, and all if tables are
+        # wanted. Without any there is one row for all modes.
         figures = {merit.name: self._reduce_by_mode(run, merit) for merit in self.merits}
         assembly_modes = {
             str(mode["number"]): mode for mode in run.summary.get("assembly_modes", ())
@@ -285,7 +296,8 @@ class DesignRuns:
             mode_of_row = {
                 row: mode for mode, row in row_of_mode.items() if row is not None
             }
-            # Modes of the run that are no modes of the kernel get rows of their own.
+            # Modes of the run that are no modes of the kernel get rows of their own, if
+            # they have figures.
             modes = [
                 mode
                 for mode, row in row_of_mode.items()
@@ -341,6 +353,9 @@ class DesignRuns:
     ) -> int | None:
         """Return the row of the kernel that is certainly the same mode, or None.
 
+        Modes are compared by the signs of their dyads. The answer is None if signs do not
+        identify the modes of the kernel, or are those of another linkage.
+
         Parameters
         ----------
         kernel_rows
@@ -384,6 +399,9 @@ class DesignRuns:
     def _reduce_rows(self, merit: FigureOfMerit, rows: "pd.DataFrame") -> float:
         """Return a figure of merit of the rows of one mode in a table.
 
+        The expression of the figure is evaluated in each row, and its values are reduced to
+        one number. The inputs, in the columns ``q`` or ``q_PAIR``, say where the rows are.
+
         Raises
         ------
         DesignError
@@ -410,6 +428,7 @@ class DesignRuns:
         input_column = f"q_{merit.place}"
         chosen = present.index(input_column) if input_column in present else 0
         is_closed_path = len(q) > 0 and return_after_revolutions(q[0], q[-1])
+        # A figure at given inputs uses only the row at these inputs.
         counts = np.ones(len(q), bool)
         if merit.point:
             counts = max_abs(q - merit.point, axis=1) < SAME_ANGLE_RAD

@@ -129,7 +129,8 @@ def _kernel_slot(document: Document, path: KeyPath) -> tuple[str, Any] | None:
     """
     match path:
         case ("links", str(link), "arcs" | "angles" as kind, int(k)):
-            # The first arc leads to the second axis, the first angle to the third axis.
+            # An arc or angle is located by the axis to which it leads: the first arc leads
+            # to the second axis, the first angle to the third axis.
             axes = document.data["links"][link]["axes"]
             return kind, (link, axes[k + (1 if kind == "arcs" else 2)])
         case ("pairs", str(pair), "zero" | "value" as kind):
@@ -205,7 +206,9 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
             size_key = kind[:-1] if kinds.count(kind) == 1 else f"{kind}.{pair}"
             key = f"links.{link}.{size_key}"
             path = ("links", link, kind, pair)
-            variables[key] = DesignVariable(key, path, value, True, (kind, (link, pair)))
+            variables[key] = DesignVariable(
+                key, path, value, is_angle=True, slot=(kind, (link, pair))
+            )
     return variables
 
 
@@ -257,6 +260,7 @@ def default_quantities(mechanism: Mechanism) -> Names:
     pairs either, they are the velocity coefficients of the outputs.
     """
     driven = mechanism.input_pairs
+    # The two links of each output, in any order.
     output_ends = {
         frozenset((output.link, output.relative_to)) for output in mechanism.outputs
     }
@@ -282,9 +286,10 @@ def differentiate_by_variable(
 ) -> Floats | None:
     """Return derivatives of numbers by one variable, by difference quotients.
 
-    The quotients are of the eighth order, so they are exact for polynomials up to this
-    degree. A central quotient is tried first, then those to either side, which apply if the
-    value is at a limit.
+    A quotient is a weighted sum of the numbers at values around the given one, divided by
+    the step. The quotients are of the eighth order, so they are exact for polynomials up to
+    this degree. A central quotient is tried first, then those to either side, which apply
+    if the value is at a limit.
 
     Parameters
     ----------
@@ -302,6 +307,8 @@ def differentiate_by_variable(
     -------
     (n,) derivatives, or None if every step fails.
     """
+    # Offsets from the value, in steps, with the weights of the numbers there. The weights
+    # of a quotient add up to zero.
     ahead = np.arange(9.0)
     ahead_weights = np.array([-np.sum(ONE_SIDED_WEIGHTS), *ONE_SIDED_WEIGHTS])
     near = ahead[1:5]

@@ -58,6 +58,7 @@ class FigureGradients:
     """
 
     def __init__(self, evaluator: DesignEvaluator) -> None:
+        """Make functions of the quantities and figures, with their derivatives."""
         self.evaluator = evaluator
         figures = evaluator.figures
         self._kernel = DesignKernel(
@@ -73,12 +74,20 @@ class FigureGradients:
     def evaluate(self, values: Floats, mode: SynthesisMode) -> FigureValues:
         """Return the figures of a design in a mode, and their derivatives.
 
+        A figure is a reduction, such as the maximum or mean, of an expression over samples.
+        Its derivative is found by the chain rule: by the values of the expression at the
+        samples (the weights), by the quantities in the expression, and by the variables.
+
         Parameters
         ----------
         values
-            (variables,) values of the variables, in the units of the file.
+            (variables,) values of the design variables, in the units of the file.
         mode
-            The assembly mode.
+            The assembly mode: one of the ways in which the links are put together.
+
+        Returns
+        -------
+        Figures and derivatives, all NaN if the design is impossible.
         """
         kernel_figures = self.evaluator.figures
         merits = kernel_figures.merits
@@ -89,12 +98,14 @@ class FigureGradients:
             return FigureValues(figures, gradients, 0.0)
         samples = kernel_figures.rows.T
         position_arguments = mode.position_arguments(design, len(kernel_figures.rows))
+        # If the position arguments are signs of dyads there are no profiles, and only the
+        # number of pair values counts.
         columns = design.evaluate_gradients(
             self._kernel,
             samples,
             position_arguments,
-            position_arguments.T,
-            self._revolution_offsets(design, position_arguments),
+            pair_values=position_arguments.T,
+            revolution_offsets=self._revolution_offsets(design, position_arguments),
         )
         closes = columns.closes & all_finite(position_arguments, 0)
         with np.errstate(all="ignore"):
@@ -124,6 +135,9 @@ class FigureGradients:
 
     def _sample_weights(self, reduction: str, values: Floats, figure: float) -> Floats:
         """Return the derivatives (n,) of a figure by its values at the samples.
+
+        That of a smallest or largest value is 1 at the sample where it occurs. Those of the
+        reductions "argmin" and "argmax" are meaningless.
 
         Parameters
         ----------
@@ -163,7 +177,19 @@ class FigureGradients:
     def _revolution_offsets(
         self, design: DesignPoint, position_arguments: Floats
     ) -> Floats:
-        """Return the revolution offsets (unwrapped pairs, samples + points), rad."""
+        """Return the multiples of 2 pi to be added to angles on which loads depend.
+
+        Parameters
+        ----------
+        design
+            The design.
+        position_arguments
+            (w, samples + points) signs of the dyads of a mode, or its pair variables (rad).
+
+        Returns
+        -------
+        (unwrapped pairs, samples + points) offsets (rad).
+        """
         kernel = self._kernel
         evaluator = self.evaluator
         if kernel.is_closed_form:

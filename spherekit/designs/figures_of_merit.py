@@ -103,7 +103,7 @@ class DesignSamples:
         if study.duration is not None:
             assert isinstance(study.samples, int)
             t = np.linspace(0.0, study.duration, study.samples)
-            # Inputs without a law move at 1 rad/s.
+            # Samples are equally spaced in time. Inputs without a law move at 1 rad/s.
             laws = {
                 driven.pair: ConstantSpeed(driven.sense, driven.start)
                 for driven in mechanism.inputs
@@ -111,6 +111,7 @@ class DesignSamples:
             q, timing = evaluate_time_laws(names, {**laws, **study.laws}, t)
             rows = np.column_stack([q, timing.dq, timing.ddq, t])
             return DesignSamples(names, rows, (len(t),), study.crossings)
+        # Without time laws, samples are a path or grid of the inputs.
         input_grid = make_input_grid(mechanism, study.samples, study.grid, study.path)
         start, sense = np.array([(x.start, x.sense) for x in mechanism.inputs]).T
         if study.path is not None:
@@ -308,6 +309,7 @@ class KernelFigures:
     def __init__(
         self, mechanism: Mechanism, merits: Sequence[FigureOfMerit], samples: DesignSamples
     ) -> None:
+        """Parse the expressions of the figures and list the quantities that they need."""
         self.merits = merits
         self.inputs = samples.inputs
         self.samples = samples
@@ -318,6 +320,8 @@ class KernelFigures:
         used_names = set[str]().union(*(item.names for item in self.expressions))
         self.sample = sample_names(self.inputs)
         self.columns = sorted(used_names.difference(self.sample))
+        # The given inputs of figures of the reduction "at" become further samples. Inputs
+        # move at 1 rad/s there, in the direction of the first sample, where time is 0.
         count = len(self.inputs)
         points = sorted({merit.point for merit in merits if merit.point})
         start, rates = np.split(samples.rows[0, : 2 * count], 2)
@@ -363,7 +367,7 @@ class KernelFigures:
         return sample_count + np.flatnonzero(is_point)
 
     def reduce_values(self, merit: FigureOfMerit, values: Floats) -> Floats:
-        """Reduce the values of an expression to a figure of merit.
+        """Reduce the values of an expression to a figure of merit, such as their maximum.
 
         Parameters
         ----------
@@ -390,19 +394,23 @@ class KernelFigures:
         claim: str,
         profiles: Sequence[ContactProfile] = (),
     ) -> DesignTable:
-        """Evaluate the figures of n modes, each of a design.
+        """Evaluate the figures of n modes, each of which is an assembly mode of a design.
+
+        The kernel computes the quantities at all samples and points, block by block. The
+        expressions of the figures are evaluated from them and then reduced over samples.
 
         Parameters
         ----------
         kernel
-            Computes the `columns`.
+            Computes the quantities (`columns`) on which the figures depend.
         prepared
             (k, n) what ``kernel.prepare`` returns for the designs.
         position_arguments
             (w, samples + points, n) signs of dyads, or pair variables (rad), NaN at samples
             where a mode does not close.
         revolution_offsets
-            (unwrapped pairs, samples + points, n) rad.
+            (unwrapped pairs, samples + points, n) multiples of 2 pi (rad) to be added to
+            angles of pairs on whose whole revolutions loads depend.
         labels
             (n,) labels of the modes, or one label for all.
         claim
@@ -425,6 +433,7 @@ class KernelFigures:
                 block = slice(start, start + rows_per_block)
                 block_positions = position_arguments[:, block]
                 shape = closed[block].shape
+                # All arguments of the kernel as (arguments, rows of the block, modes).
                 sample = np.broadcast_to(
                     self.rows[block].T[:, :, None], (len(self.sample), *shape)
                 )
@@ -440,6 +449,7 @@ class KernelFigures:
                 )
                 rows = np.concatenate(arguments)
                 outputs = kernel.evaluate(rows.reshape(len(rows), -1)).reshape(-1, *shape)
+                # The first outputs are negative where a dyad does not close.
                 dyads_close = np.all(outputs[: kernel.reach_count] >= 0.0, axis=0)
                 closed[block] = all_finite(block_positions[:1], 0) & dyads_close
                 quantities = dict(zip(self.sample, sample, strict=True))
@@ -450,6 +460,8 @@ class KernelFigures:
                     }
                     merit_values[block] = expression.evaluate(arguments_by_name)
             values[:, ~closed] = np.nan
+            # The fraction of samples at which a mode closes; points do not count. Modes
+            # that close at no sample have no row.
             closes = np.mean(closed[: len(self.samples.rows)], axis=0)
             chosen = np.flatnonzero(closes)
             merits = {
@@ -460,7 +472,7 @@ class KernelFigures:
             }
         chosen_labels = np.broadcast_to(np.asarray(labels, object), mode_count)[chosen]
         return DesignTable.from_columns(
-            chosen, merits, chosen_labels, closes[chosen], claim=claim
+            chosen, merits, mode=chosen_labels, closes=closes[chosen], claim=claim
         )
 
 
@@ -472,7 +484,10 @@ def reduce_samples(
     Parameters
     ----------
     reduction
-        One of `spherekit.runs.figure_of_merit.REDUCTIONS`.
+        ``"min"``, ``"max"``, ``"range"`` (largest less smallest value), ``"mean"``,
+        ``"rms"``, ``"sum"``, ``"at"`` (the only value), ``"argmin"`` and ``"argmax"`` (the
+        input at the smallest or largest value), or ``"swing"`` (range of an angle that is
+        followed over full revolutions).
     q
         (k,) the input (rad) at each sample, for ``"argmin"`` and ``"argmax"``.
     values
@@ -491,6 +506,7 @@ def reduce_samples(
     if reduction == "at":
         return values[-1]
     if reduction.startswith("arg"):
+        # The largest value is the smallest one with the sign changed.
         signed = values if reduction == "argmin" else -values
         row = np.argmin(np.nan_to_num(signed, nan=np.inf), axis=0)
         return np.where(np.any(np.isfinite(values), axis=0), q[row], np.nan)
@@ -544,6 +560,10 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
     is_closed_path
         Whether the last sample is the first one after full revolutions of the inputs. The
         last piece then continues with the first one if they meet.
+
+    Returns
+    -------
+    The widest swing of each mode, and the samples at its ends.
     """
     # If the last piece continues with the first one, the samples are appended once more. In
     # a single piece without NaN the angle is not followed twice.
@@ -554,6 +574,7 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
     # One row per mode. All modes are then handled as one long array of steps, in which each
     # NaN starts a piece; the first step of each mode is NaN.
     steps = wrap(np.diff(path, axis=0, prepend=np.nan)).T
+    # `piece_starts` are indices of steps in this long array, in which NaN counts as 0.
     piece_starts = np.flatnonzero(np.isnan(steps))
     piece_of_step = np.cumsum(np.isnan(steps)) - 1
     growth = np.cumsum(np.nan_to_num(steps), axis=1).ravel()
@@ -569,6 +590,7 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
         """Return the first sample (n,) of the widest piece with the extreme growth."""
         at_extreme = np.flatnonzero(growth == extreme[piece_of_step])
         step = at_extreme[np.searchsorted(at_extreme, piece_starts[widest])]
+        # The index in the path of the mode, and then among the samples that may repeat.
         return step % len(path) % len(angles)
 
     is_known = np.any(np.isfinite(angles), axis=0)

@@ -35,7 +35,8 @@ def is_same_linkage(mechanism: Mechanism, other_mechanism: Mechanism) -> bool:
     pairs = mechanism.pairs
     if not all(pair.kind.has_axis for pair in pairs):
         return False
-    # Each row of `signs` is a choice. Bit k of its number is the sign of axis k.
+    # Each row of `signs` is a choice of 1 or -1 for each axis; bit k of its number gives
+    # the sign of axis k. Choices for which some link differs are left out one by one.
     choices = np.arange(2 ** len(pairs))[:, None]
     signs = 1.0 - 2.0 * (choices >> np.arange(len(pairs)) & 1)
     frames = [pair_frames(item) for item in (mechanism, other_mechanism)]

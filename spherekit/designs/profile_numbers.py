@@ -91,6 +91,7 @@ class DesignProfiles:
         values: Floats,
         mechanism: Mechanism | None = None,
     ) -> None:
+        """Make the mechanism of the design, if it is not given, and its profiles."""
         self.document = document
         self.variables = variables
         self.values = values
@@ -111,12 +112,21 @@ class DesignProfiles:
         ----------
         deviations
             (variables, draws) deviations of the variables, in the units of the file.
+
+        Returns
+        -------
+        A function of variables (variables, m), numbers (m,) of the paths and path
+        parameters (m,), 0 at this design and 1 at the deviating one.
         """
         profiles_of_draw = [
             self._deviating_profiles(self.values + deviation) for deviation in deviations.T
         ]
 
         def evaluate(values: Floats, paths: Indices, parameters: Floats) -> Floats:
+            """Return the columns (9 profiles, m) at points of paths, see `ProfileColumns`.
+
+            They are NaN if the deviating design is impossible.
+            """
             columns = nans((COLUMN_COUNT * len(self.profiles), len(paths)))
             draws = paths % len(profiles_of_draw)
             # Rows of the same draw are evaluated together.
@@ -151,6 +161,9 @@ class DesignProfiles:
     def differentiate_columns(self, values: Floats) -> Floats:
         """Return the derivatives of all columns but the last of each profile.
 
+        The nine columns of a profile are the tangent (3), the point (3), the geodesic
+        curvature, and its first and second derivative by the arc length.
+
         Parameters
         ----------
         values
@@ -167,6 +180,7 @@ class DesignProfiles:
         """
         profile_count = len(self.profiles)
         slopes = np.zeros((len(self.variables), profile_count, 8, len(values)))
+        # A variable changes the curve itself, and the arc length at which it starts.
         along_profile = _differentiate_by_arc_length(self.evaluate_columns(values))
         for k, curve_derivatives in enumerate(self._curve_derivatives):
             for index, curve_derivative in curve_derivatives.items():
@@ -215,6 +229,7 @@ class DesignProfiles:
         DesignError
             If the file does not allow another value of a variable.
         """
+        # The numbers of all profiles are in one array; `ends` are the ends of each profile.
         profiles = list_profiles(self.mechanism)
         ends = np.cumsum([len(profile_numbers(profile)) for profile, _ in profiles])
         derivatives: list[dict[int, CurveDerivative]] = []
@@ -300,12 +315,21 @@ def differentiate_profile(
     runs_backwards
         Whether the curve is run backwards.
     slopes
-        Derivatives of its `profile_numbers` by the variable.
+        Derivatives of its `profile_numbers` by the variable: of the points, or of the
+        centre (3) and then of the radius or of the coefficients.
+
+    Returns
+    -------
+    A function of arc lengths (n,) that returns derivatives of the columns.
     """
     if profile.points:
         return differentiate_spline(
-            profile.points, slopes.reshape(-1, 3), profile.closed, runs_backwards
+            profile.points,
+            change=slopes.reshape(-1, 3),
+            closed=profile.closed,
+            backwards=runs_backwards,
         )
+    # Each of the following is a value with its derivative.
     centre = np.array(profile.centre), slopes[:3]
     if profile.round_axis is not None:
         # A circle without a radius is a great circle.
@@ -315,14 +339,14 @@ def differentiate_profile(
             radius = profile.radius
             radius_slope = slopes[3]
         return differentiate_fourier(
-            centre, ([radius], [radius_slope]), backwards=runs_backwards
+            centre, cosines=([radius], [radius_slope]), backwards=runs_backwards
         )
     cosine_slopes, sine_slopes = np.split(slopes[3:], [len(profile.cosines)])
     return differentiate_fourier(
         centre,
-        (profile.cosines, cosine_slopes),
-        (profile.sines, sine_slopes),
-        runs_backwards,
+        cosines=(profile.cosines, cosine_slopes),
+        sines=(profile.sines, sine_slopes),
+        backwards=runs_backwards,
     )
 
 
@@ -358,6 +382,8 @@ def _nearest_point_rates(
     -------
     (2,) derivatives of the arc lengths (rad) by the variable.
     """
+    # The rotation of the first frame less that of the second must be zero; the signs are
+    # those of the two profiles in this difference.
     rotation_by_arc_length = []
     rotation_by_variable = np.zeros(3)
     for profile, derivative, sign in zip(profiles, derivatives, (1.0, -1.0), strict=True):
@@ -369,6 +395,7 @@ def _nearest_point_rates(
         rotation = normal + curve_point.curvature[0] * point
         rotation_by_arc_length.append(sign * rotation)
         if derivative is not None:
+            # The rotation of the frame with the variable, about each of its axes.
             change = derivative(start)[:, 0]
             tangent_change = change[:3]
             point_change = change[3:6]
@@ -400,7 +427,9 @@ def evaluate_profile_columns(
 
     Returns
     -------
-    (9 profiles, n) columns; NaN if variables are NaN or outside an open profile.
+    (9 profiles, n) columns; NaN if variables are NaN or outside an open profile. The nine
+    of a profile are the tangent (3), the point (3), the geodesic curvature, and its first
+    and second derivative by the arc length.
     """
     columns = nans((COLUMN_COUNT * len(profiles), len(values)))
     finite = np.flatnonzero(all_finite(values, 1))

@@ -93,10 +93,12 @@ class Sensitivity:
     def __init__(
         self, mechanism: Mechanism, keys: Sequence[str] = (), quantities: Sequence[str] = ()
     ) -> None:
+        """Choose the sizes and quantities, and check them."""
         mechanism = driven_at(mechanism)
         self.mechanism = mechanism
         self.inputs = mechanism.input_pairs
         self.document = document_of(mechanism, "rad")
+        # Arcs and angles of links by key, if the file states a reference pose instead.
         self._pose_sizes = link_sizes(mechanism)
         self.keys = (
             tuple(keys)
@@ -110,12 +112,15 @@ class Sensitivity:
                 "numbers of the file"
             )
         self.variables = tuple(self._make_variable(key) for key in self.keys)
+        # Locations, in the file, of the sizes that the user has named.
         self._named_paths = [variable.path for variable in self.variables] if keys else []
         check_variables(self.document, self.variables)
+        # (sizes,) whether the variable is a number of a mass or load.
         self._is_action = np.array(
             [variable.path[0] in ACTIONS for variable in self.variables]
         )
         self.quantities = tuple(quantities) or default_quantities(mechanism)
+        # Planning fails if there are fewer degrees of freedom than inputs.
         try:
             plan_assembly(mechanism)
         except CountError as counted:
@@ -191,8 +196,9 @@ class Sensitivity:
     def _varied(self) -> tuple[VariedMechanism, DesignExpressions]:
         """The mechanism with its sizes as variables, and its expressions.
 
-        Contacts are replaced by links if numbers of them vary, or if the equations of
-        wheels repeat each other too much.
+        Contacts are replaced by links if numbers of contacts of circles vary, or if the
+        equations of wheels that roll on each other repeat each other too much for
+        expressions (`EngineError`).
 
         Raises
         ------
@@ -202,13 +208,16 @@ class Sensitivity:
         sizes_of_pairs = np.array(
             [variable.slot is not None for variable in self.variables]
         )
+        # Only sizes of R pairs, masses and loads vary, but no numbers of contacts.
         needs_no_linkage = np.all(sizes_of_pairs | self._is_action)
         if has_shaped_profiles(self.mechanism) or needs_no_linkage:
             varied_mechanism = VariedMechanism(
                 self.document, self.mechanism, self.variables, self.inputs
             )
             try:
-                return varied_mechanism, varied_mechanism.make_expressions(False)
+                return varied_mechanism, varied_mechanism.make_expressions(
+                    closed_form=False
+                )
             except EngineError:
                 linkage = self._equivalent_linkage
                 if linkage is None or linkage.train is None:
@@ -218,7 +227,7 @@ class Sensitivity:
             self.mechanism,
             self.variables,
             self.inputs,
-            self._equivalent_linkage,
+            equivalent_linkage=self._equivalent_linkage,
             wheel_gap_rad=DEVIATING_PROFILE_GAP_RAD,
         )
         if not varied_mechanism.can_vary:
@@ -300,7 +309,8 @@ class Sensitivity:
         """Numbers of the links on which quantities depend, or whose sizes are named."""
         pairs = self.mechanism.pairs
         names = self.mechanism.links
-        # Links of quantities that depend on two links only.
+        # Links of quantities that depend on two links only. All other quantities count as
+        # depending on all links.
         links_of_quantity = {
             f"{kind}_{pair.name}": pair.links
             for kind in ("theta", "rate", "transmission_angle")
@@ -312,13 +322,17 @@ class Sensitivity:
         for quantity in self.quantities:
             # Masses and loads have links of their own, which are added below.
             default = () if quantity.startswith(INERTIAL) else names
+            # With several inputs, quantities end with "_by_" and the input that moves.
             without_input, *_ = quantity.split("_by_")
             link_names.update(links_of_quantity.get(without_input, default))
+        # A path is such as ("links", "2", "arc") or ("pairs", "41", "zero"). The links that
+        # share a pair with a named link, or with a named pair, are added.
         for path in self._named_paths:
             for pair in pairs:
                 if path[1] in (pair.name, *pair.links):
                     link_names.update(pair.links)
         numbers = frozenset(self.mechanism.link_number[name] for name in link_names)
+        # Masses and loads add the links on which they act.
         depends_on_actions = any(name.startswith(INERTIAL) for name in self.quantities)
         if depends_on_actions or any(path[0] in ACTIONS for path in self._named_paths):
             return numbers | acting_links(self.mechanism)
@@ -394,7 +408,8 @@ class Sensitivity:
     def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
         """Return the quantities of mechanisms whose sizes deviate.
 
-        The configurations are tracked from those of the file by Newton's method.
+        The configurations are tracked from those of the file by Newton's method. The
+        samples are handled in blocks, each with all deviating mechanisms (draws).
 
         Parameters
         ----------
@@ -432,6 +447,10 @@ class Sensitivity:
     ) -> Floats:
         """Return the quantities of deviating mechanisms near configurations.
 
+        Each draw is a set of deviating sizes. From each configuration of the file, the
+        closed configuration of each draw is tracked while the sizes go to those of the
+        draw.
+
         Parameters
         ----------
         samples, values
@@ -457,6 +476,7 @@ class Sensitivity:
         configurations, closed = track_solutions(
             self._path_kernel,
             start,
+            # From the sizes of the file, up to whole revolutions, to those of the draw.
             sizes=(sizes - change, sizes),
             profiles=profiles,
             contraction=SHORT_PATH_CONTRACTION,
@@ -465,14 +485,15 @@ class Sensitivity:
             profile_columns = None
             if profiles is not None:
                 row_count = sample_count * draw_count
+                # The path parameter is 1 at the end of each path.
                 profile_columns = profiles(
                     configurations, np.arange(row_count), np.ones(row_count)
                 )
             quantities = self._quantity_kernel.evaluate_samples(
                 np.repeat(samples.T, draw_count, axis=1),
-                configurations,
-                sizes,
-                profile_columns,
+                position_arguments=configurations,
+                sizes=sizes,
+                profile_columns=profile_columns,
             )
         quantities = np.where(closed, quantities, np.nan)
         return quantities.reshape(-1, sample_count, draw_count)

@@ -174,6 +174,10 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
         Number of descents with one objective. With several objectives there are
         `FRONT_POINTS_PER_START` times as many for each mode.
 
+    Returns
+    -------
+    The best designs, sorted by the first objective.
+
     Raises
     ------
     DesignError
@@ -186,15 +190,16 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
     progress = ProgressReporter(f"{sweep.mechanism.name}: synthesis")
     explored = _explore_designs(specification, ROWS_PER_START * starts, progress)
     descent = Descent(specification, explored.rows, explored.objectives)
+    # With several objectives the best designs of a mode form a Pareto front.
     has_front = len(specification.minimise) > 1
     if has_front:
         fronts = evolve_fronts(
             specification,
-            explored.rows["mode"],
-            descent.points,
-            explored.objectives,
-            FRONT_POINTS_PER_START * starts,
-            progress,
+            modes=explored.rows["mode"],
+            points=descent.points,
+            objectives=explored.objectives,
+            max_points=FRONT_POINTS_PER_START * starts,
+            progress=progress,
         )
         descent_starts = [DescentStart(SynthesisMode(mode), x) for mode, x in fronts]
     else:
@@ -210,13 +215,16 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
     for k, start in enumerate(descent_starts):
         optima.append(descent.descend(start.mode, start.x))
         progress.tell(f"{k + 1} of {counted(len(descent_starts), 'descent')}".__str__)
+    # Modes without signs are tracked configurations, which may be no mode of a sweep.
     if evaluator.has_unsigned_modes:
         optima = _confirm_modes(evaluator, descent, descent_starts, optima)
+    # Each point of a front is challenged by descents from other points.
     if has_front:
         optima = select_unbeaten(_merge_same_linkages(optima, descent), descent.tolerance)
         for k in range(len(optima)):
             optima[k] = descent.challenge(optima[k], optima)
             progress.tell(f"{k + 1} of {counted(len(optima), 'point')} attacked".__str__)
+    # Descents and challenges may have led to designs that others beat.
     optima = _merge_same_linkages(optima, descent)
     if has_front:
         optima = select_unbeaten(optima, descent.tolerance)
@@ -270,12 +278,17 @@ def _explore_designs(
     Parameters
     ----------
     specification
-        The requirements, with the sweep.
+        The requirements, with the sweep. The sweep is computed part by part.
     rows_per_part
         Number of rows that are stored of each part with one objective. With several
-        objectives all nondominated rows are stored.
+        objectives all nondominated rows are stored: those than which no row of their
+        assembly mode is better in all objectives.
     progress
-        Reports the progress.
+        Tells the user how many designs are evaluated.
+
+    Returns
+    -------
+    The best rows of all parts, unsorted.
 
     Raises
     ------
@@ -321,6 +334,9 @@ def _choose_starts(
 ) -> list[DescentStart]:
     """Return the best rows as starts, without rows near to a better one of their mode.
 
+    The modes of the rows are found block by block, the best rows first, until there are
+    enough starts.
+
     Parameters
     ----------
     evaluator
@@ -332,9 +348,13 @@ def _choose_starts(
     points
         (n, variables) the same designs in units of the ranges.
     objective
-        (n,) the objective.
+        (n,) the objective, which is minimised.
     count
         Number of starts.
+
+    Returns
+    -------
+    At most `count` starts, sorted by their objective.
     """
     starts: list[DescentStart] = []
     order = np.argsort(objective, kind="stable")
@@ -363,11 +383,13 @@ def _confirm_modes(
     starts: Sequence[DescentStart],
     optima: Sequence[LocalOptimum],
 ) -> list[LocalOptimum]:
-    """Return optima whose configurations are a mode of the design in a sweep.
+    """Return optima whose configurations are an assembly mode of the design in a sweep.
 
-    The label of the mode becomes that of the sweep. If the configurations of an optimum are
-    no mode, a dead centre has appeared between two samples. The start of the descent is
-    then returned instead.
+    The modes of each design at the end of a descent are searched anew, and the one with the
+    configurations of the optimum must be as good as the optimum. Its label becomes that of
+    the sweep. If there is none, the configurations are not connected along the samples, as
+    a dead centre has appeared between two samples. The start of the descent is then
+    returned instead.
 
     Parameters
     ----------
@@ -398,7 +420,10 @@ def _confirm_modes(
 def _merge_same_linkages(
     optima: Sequence[LocalOptimum], descent: Descent
 ) -> list[LocalOptimum]:
-    """Return optima sorted by their objectives, and each linkage once."""
+    """Return optima sorted by their objectives, and each linkage once.
+
+    Of optima that are alike, see `_are_alike`, the first in this order remains.
+    """
     different: list[LocalOptimum] = []
     for optimum in sorted(optima, key=lambda item: tuple(item.objectives)):
         if not any(_are_alike(other, optimum, descent) for other in different):
@@ -409,7 +434,18 @@ def _merge_same_linkages(
 def _are_alike(
     optimum: LocalOptimum, other_optimum: LocalOptimum, descent: Descent
 ) -> bool:
-    """Return whether two optima are the same point, or the same linkage and as good."""
+    """Return whether two optima are the same point, or the same linkage and as good.
+
+    Linkages are the same up to mirror images and axes that point the other way. Objectives
+    within the tolerance of the descents are as good.
+
+    Parameters
+    ----------
+    optimum, other_optimum
+        Two ends of descents, whose points are in units of the ranges of the variables.
+    descent
+        The descents that led to the optima.
+    """
     distances = np.abs(optimum.x - other_optimum.x)
     if np.max(distances) < SAME_LINKAGE and optimum.mode.continues_in(other_optimum.mode):
         return True

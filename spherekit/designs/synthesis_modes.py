@@ -86,9 +86,10 @@ class SynthesisMode:
         if origin.profiles is not None:
             deviation = design.values - origin.values
             profiles = origin.profiles.interpolate_to(deviation[:, None])
+        # Only configurations at which the mode closes can be tracked; the inputs are held.
         values, arrived = track_solutions(
             self.origin.path_kernel,
-            configurations[:, closed],
+            start=configurations[:, closed],
             sizes=(origin.sizes[:, None], design.sizes[:, None]),
             profiles=profiles,
             contraction=LONG_PATH_CONTRACTION,
@@ -143,6 +144,7 @@ def find_labelled_modes(
     """
     if not evaluator.has_unsigned_modes:
         return [SynthesisMode(label) for label in labels]
+    # Each design is searched once; `number` is that of each design among the unique ones.
     unique_designs, number = np.unique(designs, axis=1, return_inverse=True)
     modes_by_label = [
         {mode.label: mode for mode in modes}
@@ -155,6 +157,9 @@ def find_all_modes(
     evaluator: DesignEvaluator, designs: Floats
 ) -> list[list[SynthesisMode]]:
     """Return all modes of each design, with configurations from which they are tracked.
+
+    If profiles are not circles, the modes of each design are found by a search. Otherwise
+    the solutions of all designs are tracked together from those of one design.
 
     Parameters
     ----------
@@ -174,6 +179,10 @@ def find_all_modes(
     def append_mode(
         index: int, label: str, design: DesignPoint, configurations: Floats
     ) -> None:
+        """Add a mode to those of the design with this index.
+
+        The configurations are (variables, samples + points), in rad.
+        """
         origin = ModeOrigin(evaluator.path_kernel, design, configurations)
         modes_of_design[index].append(SynthesisMode(label, origin))
 
@@ -188,6 +197,7 @@ def find_all_modes(
     elif possible:
         sizes = np.stack([design.sizes for _, design in possible], axis=1)
         modes = evaluator.track_modes(sizes)
+        # `number` counts the possible designs only.
         for k, (number, label) in enumerate(zip(modes.design, modes.labels, strict=True)):
             index, design = possible[number]
             append_mode(index, label, design, modes.values[:, :, k])

@@ -124,7 +124,7 @@ class Specification:
         return {**columns, MATCH: match}
 
     def score_mode(self, designs: Floats, mode: str) -> ModeScores:
-        """Return objectives and violations of designs in one mode.
+        """Return objectives of designs in one assembly mode, and violated conditions.
 
         Parameters
         ----------
@@ -132,6 +132,10 @@ class Specification:
             (variables, n) values of the variables, in the units of the file.
         mode
             Label of the mode.
+
+        Returns
+        -------
+        The scores of the designs that have this mode and finite objectives.
         """
         rows, objectives = self.select_rows(self._tabulate(designs))
         has_mode = rows["mode"] == mode
@@ -146,7 +150,11 @@ class Specification:
         )
 
     def explain_failure(self) -> str:
-        """Return, as text, how many of the first designs fail and why."""
+        """Return, as text, how many of the first designs fail and why.
+
+        The text counts designs that close at no sample, impossible designs with the reason
+        of the first one, and how many of the closing rows meet each condition.
+        """
         designs = self.sweep.space.compute_designs(0, MAX_EXPLAINED_DESIGNS)
         rows = self.add_match(self._tabulate(designs))
         status = rows["status"]
@@ -194,7 +202,8 @@ def select_nondominated(objectives: Floats, modes: Array) -> Indices:
 
     Returns
     -------
-    (m,) indices of these rows, rising. Of equal rows only the first one is included.
+    (m,) indices of these rows, rising. Of equal rows only the first one is included. A
+    smaller objective is better.
     """
     nondominated: list[int] = []
     for mode in np.unique(modes):
@@ -205,6 +214,7 @@ def select_nondominated(objectives: Floats, modes: Array) -> Indices:
         while len(rows):
             best = rows[0]
             nondominated.append(best)
+            # Those remain that are better in at least one objective.
             rows = rows[np.any(objectives[rows] < objectives[best], axis=1)]
     return np.array(sorted(nondominated), dtype=np.intp)
 
@@ -219,6 +229,10 @@ def evolve_fronts(
 ) -> list[tuple[str, Floats]]:
     """Improve the Pareto front of each mode by an evolution (NSGA-II).
 
+    The front of an assembly mode consists of the designs than which none is better in all
+    objectives. The evolution of each mode starts from its rows in the front and from random
+    points.
+
     Parameters
     ----------
     specification
@@ -232,7 +246,7 @@ def evolve_fronts(
     max_points
         Largest number of points of a front that are returned; they are spread along it.
     progress
-        Reports the progress.
+        Tells the user which mode is at work.
 
     Returns
     -------
@@ -272,6 +286,7 @@ def evolve_fronts(
             self.mode = mode
 
         def _evaluate(self, x: Floats, out: dict[str, Floats], *_: Any, **__: Any) -> None:
+            """Write the objectives and violations of points x into `out`."""
             scores = specification.score_mode((low + (high - low) * x).T, self.mode)
             out["F"] = np.full((len(x), objective_count), MISSING_DESIGN_VIOLATION)
             out["G"] = np.full((len(x), 1), MISSING_DESIGN_VIOLATION)
@@ -299,6 +314,7 @@ def evolve_fronts(
             seed=seed,
             verbose=False,
         )
+        # X has the points and F the objectives. Without a result the rows remain.
         if result.X is not None:
             front = np.atleast_2d(result.X)
             front_objectives = np.atleast_2d(result.F)
@@ -318,6 +334,10 @@ def _spread_points(points: Floats, objectives: Floats, max_points: int) -> Float
         (n, k) their objectives.
     max_points
         Largest number of points that are returned.
+
+    Returns
+    -------
+    (m, variables) points, sorted by the first objective.
     """
     count = min(len(points), max_points)
     ranks = np.linspace(0, len(points) - 1, count).astype(int)
