@@ -111,6 +111,10 @@ def aspects(
 ) -> Aspects:
     """Return the aspects of a mechanism with any number of inputs.
 
+    An aspect is a part of the configurations that is connected without a singularity.
+    Configurations are searched at the samples of a grid of the inputs, and those at
+    neighbouring samples are connected by verified steps.
+
     Parameters
     ----------
     mechanism
@@ -118,11 +122,17 @@ def aspects(
     samples
         Number of values of each input.
     free_of
-        Which types divide aspects: type II always does, type I if it is named.
+        Which types of singularity divide aspects. Type II (the output can move while the
+        inputs rest) always does; type I (inputs can move while the output rests) does if it
+        is named.
     output, pointing
         Which output type I is about; see `spherekit.singularities.stationarity.output_of`.
     budget
         Time after which no more configurations are joined, unlimited by default.
+
+    Returns
+    -------
+    The regular configurations at the samples, with the aspect of each.
 
     Raises
     ------
@@ -169,8 +179,9 @@ def _start_configurations(
 ) -> tuple[Floats, Indices]:
     """Return configurations at samples of the inputs from which the search starts.
 
-    For mechanisms of dyads these are all modes at all samples. For others, whose modes take
-    longer to find, they are the modes at some samples.
+    For mechanisms of dyads, whose assembly modes have a closed form, they are those of all
+    modes at all samples. For others, whose modes take longer to find, they are those of all
+    modes at a few samples, evenly spread over the grid.
 
     Returns
     -------
@@ -280,6 +291,11 @@ class _AspectGraph:
     def _make_nodes(self, values: Floats, samples: Indices) -> _AspectNodes:
         """Return nodes with the determinants whose signs separate aspects.
 
+        A determinant vanishes at singularities of its type, and generally changes its sign
+        there: for type II (two) the output can move while the inputs rest, for type I (one)
+        inputs can move while the output rests. A node is regular if no singular value of
+        the closure equations or of these conditions is small.
+
         Parameters
         ----------
         values
@@ -309,22 +325,27 @@ class _AspectGraph:
                 smallest_value = np.minimum(
                     smallest_value, measure_one.smallest_singular_value
                 )
-                # From coordinates in the tangent space to rates of the inputs.
+                # The derivatives are given along the basis of the tangent space. With the
+                # rates of the inputs along this basis they become derivatives by the
+                # inputs.
                 is_regular = smallest_value > SINGULAR_NODE_VALUE
                 inverse = nans((*slope_one.shape, input_count))
                 inverse[is_regular] = np.linalg.inv(space.basis[is_regular][:, self.driven])
                 slope_one = np.vecmat(measure_one.gradient, inverse)
         return _AspectNodes(
-            values,
-            samples,
-            smallest_value > SINGULAR_NODE_VALUE,
-            determinant_two,
-            determinant_one,
-            slope_one,
+            values=values,
+            sample=samples,
+            is_regular=smallest_value > SINGULAR_NODE_VALUE,
+            determinant_two=determinant_two,
+            determinant_one=determinant_one,
+            slope_one=slope_one,
         )
 
     def add_configurations(self, values: Floats, samples: Indices) -> Indices:
-        """Add configurations at samples, unless they are known.
+        """Add configurations at samples, unless the graph has them.
+
+        Configurations of one sample are the same if their variables differ by whole periods
+        only, within a tolerance. `nodes`, `numbers_at_sample` and `is_path_known` grow.
 
         Parameters
         ----------
@@ -349,6 +370,7 @@ class _AspectGraph:
                     ((0, 0), (0, 1)),
                     constant_values=NO_CONFIGURATION,
                 )
+            # Where the column is empty, the first configuration of each sample is stored.
             stored = self.numbers_at_sample[samples[remaining], column]
             without_stored = remaining[stored == NO_CONFIGURATION]
             empty_samples, first = np.unique(samples[without_stored], return_index=True)
@@ -358,6 +380,8 @@ class _AspectGraph:
             new_nodes = self._make_nodes(values[new], empty_samples)
             self.nodes = _AspectNodes.joined([self.nodes, new_nodes])
 
+            # Configurations that are the stored one get its number. The others remain for
+            # the next column.
             stored = self.numbers_at_sample[samples[remaining], column]
             differences = less_periods(
                 values[remaining] - self.nodes.values[stored], self.periods
@@ -373,7 +397,8 @@ class _AspectGraph:
     def connect_neighbours(self) -> None:
         """Follow the paths from all configurations to neighbouring samples.
 
-        Configurations that are met for the first time are added and continued in turn.
+        Configurations that are met for the first time are added and continued in turn,
+        until none is new, or until the limit of time or of their number is reached.
         """
         processed = 0
         while processed < len(self.nodes) < MAX_ASPECT_CONFIGURATIONS:
@@ -391,12 +416,17 @@ class _AspectGraph:
     def _follow_paths(self, starts: Indices, directions: Indices) -> None:
         """Follow straight paths of the inputs, and connect configurations at their ends.
 
+        A path is followed by verified steps, which do not pass a singularity of type II. A
+        configuration at its end that is new is added. Both ends are connected if they are
+        regular and, if type I divides aspects, its determinant keeps its sign.
+
         Parameters
         ----------
         starts
             (n,) numbers of the configurations at which paths start.
         directions
-            (n,) direction of the grid in which each path leads.
+            (n,) direction of the grid in which each path leads: 2 k upwards along input k,
+            2 k + 1 downwards.
         """
         goal_samples = self.neighbours[directions, self.nodes.sample[starts]]
         has_goal = goal_samples >= 0
@@ -411,7 +441,8 @@ class _AspectGraph:
         end_nodes = followed.nodes
         arrived = followed.status == Status.OK
         ends = self.add_configurations(end_nodes.values[arrived], goal_samples[arrived])
-        # The opposite direction of 2 k is 2 k + 1, and the reverse.
+        # The path back needs not be followed. The opposite direction of 2 k is 2 k + 1, and
+        # the reverse (exclusive or with 1).
         self.is_path_known[ends, directions[arrived] ^ 1] = True
         pairs = np.stack([starts[arrived], ends], axis=1)
         is_connected = np.all(self.nodes.is_regular[pairs], axis=1)
@@ -423,8 +454,9 @@ class _AspectGraph:
     def _keeps_sign_of_type_one(self, pairs: Indices, input_changes: Floats) -> Bools:
         """Return whether the determinant of type I keeps its sign on straight paths.
 
-        The determinant is interpolated by a cubic from its values and slopes at both ends.
-        All Bernstein coefficients of one sign are sufficient for no zero.
+        The determinant vanishes where inputs can move while the output rests. On a path it
+        is interpolated by a cubic from its values and slopes at both ends. The cubic has no
+        zero if its four Bernstein coefficients have the same sign.
 
         Parameters
         ----------
@@ -433,6 +465,9 @@ class _AspectGraph:
         input_changes
             (n, g) changes of the inputs along the path (rad).
         """
+        # (n, 2) values at both ends, and derivatives by the part of the path, 0 to 1. The
+        # outer Bernstein coefficients are the values, the inner ones are value + slope / 3
+        # at the start, and value - slope / 3 at the end.
         slopes = np.matvec(self.nodes.slope_one[pairs], input_changes)
         values = self.nodes.determinant_one[pairs]
         inner_coefficients = values + slopes * [1.0, -1.0] / 3.0
@@ -446,6 +481,7 @@ class _AspectGraph:
         """
         regular_numbers = np.flatnonzero(self.nodes.is_regular)
         nodes = self.nodes.rows(regular_numbers)
+        # Connections by positions among the regular configurations.
         edges = np.searchsorted(regular_numbers, np.concatenate(self.connections))
         label = label_components(len(regular_numbers), edges)
 
@@ -454,11 +490,13 @@ class _AspectGraph:
         order = np.argsort(-sizes, kind="stable")
         label = np.argsort(order)[label]
         sizes = sizes[order]
+        # The greatest number of configurations of an aspect at the same sample.
         modes = np.zeros(len(sizes), dtype=np.int64)
         (aspect_numbers, _), counts = np.unique(
             np.stack([label, nodes.sample]), axis=1, return_counts=True
         )
         np.maximum.at(modes, aspect_numbers, counts)
+        # Without a meaningful sign of type I its determinant counts as zero.
         determinant_one = nodes.determinant_one * self.has_sign_of_type_one
         return Aspects(
             input_grid=self.input_grid,

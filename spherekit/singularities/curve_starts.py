@@ -51,11 +51,12 @@ TIME_SHARE_OF_SLICES = 0.6
 
 
 class LocusPointSearch:
-    """A search that yields points of a locus in batches.
+    """A search that yields singular configurations of one type in batches.
 
-    Points come from slices if there are any, otherwise from random starts. The caller
-    reports by `record_new_result` that the last batch gave a new curve or surface. Random
-    starts end after some rounds without a new result.
+    They come from slices, which are curves of configurations with all inputs but one
+    locked, or from random starts. The caller reports by `record_new_result` that the last
+    batch gave a new curve or surface. Random starts end after some rounds without a new
+    result.
 
     Parameters
     ----------
@@ -86,8 +87,9 @@ class LocusPointSearch:
     Raises
     ------
     AnalysisError, PlanError
-        If there are not so many inputs with a freedom each, no such output, or type I of
-        a direction is asked for that they never leave at rest along a locus only.
+        If the mechanism has not `input_count` inputs with one degree of freedom each, or no
+        such output. Also if type I of a direction is asked for and there are three inputs:
+        these can move while it rests in every configuration.
     """
 
     def __init__(
@@ -168,7 +170,10 @@ class LocusPointSearch:
         self._rounds_without_result = 0
 
     def completeness(self, item: str) -> Completeness:
-        """Return what is known of results that the search may have missed.
+        """Return what is known of curves or surfaces that the search may have missed.
+
+        If all slices were searched, only results within a box between neighbouring slices
+        are missed. Otherwise the search is a sample.
 
         Parameters
         ----------
@@ -211,8 +216,8 @@ def closed_configurations(
     """Return closed configurations that Newton's method reaches from random starts.
 
     Inputs are distributed uniformly over their ranges and are not changed by Newton's
-    method. Rotations of wheels in mesh follow from the inputs where the gear phases are
-    known, and are not changed either.
+    method. Where the phases of all gears are known, that is which teeth are in mesh at the
+    start, rotations of wheels follow from the inputs and are not changed either.
 
     Parameters
     ----------
@@ -257,11 +262,11 @@ def is_singular_everywhere(report: SingularityReport) -> bool:
 def points_from(
     locus: SingularityLocus, values: Floats, driven: Sequence[int]
 ) -> LocusPoints:
-    """Return the points of a locus that Newton's method reaches from configurations.
+    """Return the singular configurations that Newton's method reaches from given ones.
 
-    For most configurations all inputs but one are held, so that these stay in their ranges.
-    The free input changes from row to row. In some rows no input is held: only the
-    shortest steps reach points at which the locus crosses itself.
+    In most rows all inputs but one keep their values, so that they stay in their ranges.
+    The free input changes from row to row. In some rows no input keeps its value: only the
+    shortest steps reach configurations at which curves or surfaces of the locus cross.
 
     Parameters
     ----------
@@ -276,6 +281,8 @@ def points_from(
     -------
     At most n points.
     """
+    # Linear equations that keep all inputs but one, for each free input. The last choice
+    # keeps none: equations 0 = 0.
     input_rows = np.eye(values.shape[1])[list(driven)]
     choices = [np.delete(input_rows, free, 0) for free in range(len(input_rows))]
     choices.append(0.0 * input_rows[1:])

@@ -44,16 +44,16 @@ lap. Smaller: a lap may close at another sheet of the locus."""
 def trace_curves(
     locus: SingularityLocus, starts: LocusPoints, time_limit: TimeLimit | None = None
 ) -> list[SingularCurve | None]:
-    """Return the curves of a locus through points of it.
+    """Return the curves of singular configurations through given ones.
 
     All curves are followed at the same time, in both directions from their starts.
 
     Parameters
     ----------
     locus
-        Singular configurations of a mechanism with two degrees of freedom.
+        The singular configurations of one type, of a mechanism with two degrees of freedom.
     starts
-        n points of the locus.
+        n singular configurations, one on each curve.
     time_limit
         Processor time, unlimited by default. Curves that are not complete when it is spent
         end with status MODE_LOST.
@@ -63,21 +63,24 @@ def trace_curves(
     n curves; None for a start from which no step succeeds.
     """
     count = len(starts)
+    # Rows 0 to n - 1 follow the curves in one direction, rows n to 2 n - 1 in the other.
     both_directions = LocusPoints.joined([starts, orient_tangents(starts, -1.0)])
     start_nodes = _LocusNodes(
-        both_directions.values,
-        both_directions.tangents[:, :, 0],
-        np.zeros(both_directions.values.shape),
-        both_directions.residual,
-        both_directions,
+        values=both_directions.values,
+        # The last axis numbers the dimensions of the locus. A curve has one.
+        tangents=both_directions.tangents[:, :, 0],
+        # Second derivatives are not known before the first step.
+        bends=np.zeros(both_directions.values.shape),
+        residual=both_directions.residual,
+        points=both_directions,
     )
     paths = _LocusCurves(
-        start_nodes,
-        variable_periods(locus.closure),
-        MAX_SINGULAR_CURVE_LENGTH_RAD,
-        MAX_CURVE_STEP_RAD,
-        locus,
-        time_limit or TimeLimit(),
+        start_nodes=start_nodes,
+        periods=variable_periods(locus.closure),
+        max_length=MAX_SINGULAR_CURVE_LENGTH_RAD,
+        max_step=MAX_CURVE_STEP_RAD,
+        locus=locus,
+        time_limit=time_limit or TimeLimit(),
     )
     paths.follow(FIRST_CURVE_STEP_RAD)
     return [paths.join_halves(row, count + row) for row in range(count)]
@@ -133,7 +136,16 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     time_limit: TimeLimit
 
     def end_finished_curves(self, rows: Indices) -> None:
-        """End curves that closed in the first direction, and all when time is over."""
+        """End curves that are complete, and all curves when the time limit is reached.
+
+        A curve that closed in the first direction is complete, so that its second direction
+        ends with status OK. Curves that are ended for time have status MODE_LOST.
+
+        Parameters
+        ----------
+        rows
+            Rows of the curves that are followed at present, of both directions.
+        """
         half = len(self.end_status) // 2
         second_half = rows[rows >= half]
         is_closed = self.is_closed[second_half - half]
@@ -147,19 +159,29 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     ) -> TriedSteps[_LocusNodes]:
         """Try a step on each of some curves.
 
+        The end and the middle of the step are predicted by a Taylor polynomial and
+        corrected by Newton's method. The step is verified if the corrections are small, if
+        the equations change so little that they are singular nowhere on the way, and if
+        both ends predict the middle.
+
         Parameters
         ----------
         rows
-            (k,) rows of the curves.
+            (k,) rows of the curves (not used: all curves have the same equations).
         nodes
             (k) nodes from which the steps start.
         distances
             (k,) lengths of the steps along the tangents (rad).
+
+        Returns
+        -------
+        The nodes at the ends of the steps, and whether each step is verified.
         """
         start = nodes.points
         # Each step is verified at its middle and at its end; rows 2 j and 2 j + 1 belong
         # to step j.
         parts = distances[:, None] * STEP_PARTS
+        # The component of a point along the tangent at the start selects it on the curve.
         borders = np.repeat(nodes.tangents, 2, axis=0)
         motion_derivatives = start.motion_derivatives[:, :, 0]
         targets = np.vecdot(nodes.tangents, start.values)[:, None] + parts
@@ -178,10 +200,12 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         good = points.is_on_locus & self.step_tests.accepts_correction(
             (points.first_step, points.step_ratio), np.repeat(step_sizes, 2)
         )
+        # Tangents have an arbitrary sign; they get the direction of the step.
         tangent_cosine = np.vecdot(points.tangents[:, :, 0], borders)
         points = orient_tangents(points, np.sign(tangent_cosine))
         equations_before = np.repeat(_bordered_equations(start, nodes.tangents), 2, axis=0)
         equations_after = _bordered_equations(points, borders)
+        # The matrix A of the equations stays regular on the way if |A^-1 dA| < 1.
         relative_change = np.linalg.pinv(equations_before) @ (
             equations_after - equations_before
         )
@@ -191,18 +215,22 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         middles = points.values[::2]
         end_points = points.rows(slice(1, None, 2))
         is_verified = self.verify_steps(
-            to_curve_points(start),
-            to_curve_points(end_points),
-            middles,
-            distances,
-            good,
-            self.step_tests.slack,
+            starts=to_curve_points(start),
+            stops=to_curve_points(end_points),
+            middles=middles,
+            distances=distances,
+            is_good=good,
+            rounding=self.step_tests.slack,
         )
         end_tangents = end_points.tangents[:, :, 0]
         lengths = np.linalg.norm(end_points.values - start.values, axis=1, keepdims=True)
         bends = (end_tangents - nodes.tangents) / lengths
         new_nodes = _LocusNodes(
-            end_points.values, end_tangents, bends, end_points.residual, end_points
+            values=end_points.values,
+            tangents=end_tangents,
+            bends=bends,
+            residual=end_points.residual,
+            points=end_points,
         )
         changes = np.max(change.reshape(-1, 2), axis=1)
         return TriedSteps(new_nodes, is_verified, changes)
@@ -212,8 +240,9 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     ) -> _LocusNodes:
         """Return the starts of curves, moved by whole periods, to test whether laps close.
 
-        The sign of a singular motion is arbitrary; it becomes that of the last node. If the
-        motion is another one, the start is set to NaN, so that the lap does not close.
+        A lap closes at its start if the singular motion is the same, too. Its sign is
+        arbitrary, so that the motion at the start gets the sign of that at the last node.
+        If the two motions differ, the start is set to NaN, and the lap does not close.
 
         Parameters
         ----------
@@ -245,6 +274,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
             each step passed all tests.
         """
         is_taken = is_verified.copy()
+        # Contacts of profiles exist only as long as both points are on their profiles.
         states = self.locus.closure.at(new_nodes.values[is_verified]).states
         is_taken[is_verified] = np.all(states.inside, axis=1)
         self.end_status[rows[is_verified & ~is_taken]] = Status.OFF_PROFILE
@@ -266,7 +296,9 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
             if self.is_closed[row]:
                 points = self.collect_nodes(row).points
                 ends = (Status.OK, Status.OK)
-                return SingularCurve(self.locus, points, self.periods, True, ends)
+                return SingularCurve(
+                    self.locus, points, self.periods, closed=True, ends=ends
+                )
         # The nodes behind, in reversed order, without the start.
         nodes_behind = self.collect_nodes(behind).points.rows(slice(None, 0, -1))
         points = LocusPoints.joined(
@@ -275,4 +307,4 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         if len(points) < 2:
             return None
         ends = (Status(self.end_status[behind]), Status(self.end_status[ahead]))
-        return SingularCurve(self.locus, points, self.periods, False, ends)
+        return SingularCurve(self.locus, points, self.periods, closed=False, ends=ends)

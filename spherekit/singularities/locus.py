@@ -251,7 +251,12 @@ class SingularityLocus:
         )
 
     def measure(self, space: TangentSpace) -> SingularityMeasure:
-        """Return how near the configurations of a tangent space are to the locus."""
+        """Return how near the configurations of a tangent space are to being singular.
+
+        A configuration is singular if a unit vector x of rates closes the loops and has
+        E x = 0. The least size of E x over all such x is the smallest singular value of E
+        on an orthonormal basis of these rates.
+        """
         motion_space = self.motion_space(space)
         equations = self.constraint.equations(space.linearisation)
         constraint_on_basis = equations @ motion_space.basis
@@ -287,15 +292,21 @@ class SingularityLocus:
     ) -> LocusPoints:
         """Return the points of the locus with borders @ values = targets.
 
+        The locus is the set of configurations in which a singular motion exists: unit rates
+        x of the V variables that close the loops, with E x = 0. The mechanism has g degrees
+        of freedom. Newton's method solves for the configuration and the motion together.
+
         Parameters
         ----------
         values, motions
             (n, V) starting values of the variables (rad) and of the singular motions.
         borders, targets
-            (n, b, V) and (n, b) linear equations that select a point of the locus. With
-            fewer than g - 1 of them, Newton's steps are the shortest ones.
+            (n, b, V) and (n, b) matrices and right-hand sides of b linear equations in the
+            variables, which select a point of the locus of g - 1 dimensions. With fewer
+            than g - 1 of them, Newton's steps are the shortest ones.
         reference_basis
-            (n, V, g + k) the bases of the result are aligned to these.
+            (n, V, g + k) the bases of the result are aligned to these, see
+            `LocusPoints.basis`. They then change continuously from point to point.
         max_steps
             Most Newton steps.
 
@@ -316,6 +327,7 @@ class SingularityLocus:
             LOCUS_STEP_TOLERANCE,
             LOCUS_TRUST_REGION,
         )
+        # The system at the points that were reached gives the residuals and the tangents.
         values, motions = np.split(unknowns, [variable_count], axis=1)
         linearised = self._linearise(values, motions, borders, reference_basis)
         motions = linearised.unit_motions
@@ -323,6 +335,7 @@ class SingularityLocus:
             linearised.space.linearisation.closure_residual,
             max_abs(linearised.constraint_residual, axis=1),
         )
+        # Without the borders: the rows of E x = 0 and of |x| = 1.
         equations = linearised.equations[:, : self.constraint.equation_count + 1]
         tangents, motion_derivatives, reciprocal_condition = self._tangents(
             linearised, equations
@@ -331,16 +344,18 @@ class SingularityLocus:
         for array in (values, motions, tangents, motion_derivatives, residual):
             array[has_failed] = np.nan
         return LocusPoints(
-            values,
-            motions,
-            tangents,
-            motion_derivatives,
-            residual,
-            reciprocal_condition,
-            first_step,
-            step_ratio,
-            equations,
-            np.concatenate([linearised.space.basis, linearised.motion_space.basis], axis=2),
+            values=values,
+            motions=motions,
+            tangents=tangents,
+            motion_derivatives=motion_derivatives,
+            residual=residual,
+            reciprocal_condition=reciprocal_condition,
+            first_step=first_step,
+            step_ratio=step_ratio,
+            equations=equations,
+            basis=np.concatenate(
+                [linearised.space.basis, linearised.motion_space.basis], axis=2
+            ),
         )
 
     def _newton_step(
@@ -351,6 +366,11 @@ class SingularityLocus:
         reference_basis: Floats | None,
     ) -> Floats:
         """Return Newton's steps (n, 2 V) of the unknowns: variables, then motions.
+
+        The equations of a point of the locus are: the loops are closed, the motion x is a
+        unit vector of rates that close the loops, E x = 0, and borders @ values = targets.
+        They are solved in coordinates along the tangent spaces. V is the number of
+        variables.
 
         Parameters
         ----------
@@ -381,7 +401,10 @@ class SingularityLocus:
         value_coordinates, motion_coordinates = np.split(
             coordinates, [self.degrees_of_freedom], axis=1
         )
+        # The variables change by the step that closes the loops, and along the locus.
         value_steps = space.closing_step + space.to_rates(value_coordinates)
+        # The motion is normed, changes within the space of motions, and has to go on
+        # closing the loops when the variables change.
         motion_steps = linearised.unit_motions - motions
         motion_steps = motion_steps + linearised.motion_space.to_rates(motion_coordinates)
         along_basis = linearised.motion_corrections[..., :-1]
@@ -396,7 +419,13 @@ class SingularityLocus:
         borders: Floats,
         reference_basis: Floats | None,
     ) -> _LinearisedLocus:
-        """Return the system of the locus, linearised at values and motions (n, V) each.
+        """Return the equations of the locus, linearised at configurations and motions.
+
+        Rows of the matrix are: E x = 0 (m), |x| = 1 (one), and the borders (b). Columns are
+        the coordinates of the change of the configuration in the tangent space (g), then
+        those of the change of the motion x in the space of motions (k). The derivative of
+        E x by the configuration has two terms: E changes, and x has to go on closing the
+        loops.
 
         Parameters
         ----------
@@ -417,6 +446,8 @@ class SingularityLocus:
             "ngvw,nw->nvg", motion_space.rate_corrections, unit_motions
         )
         constraint_derivatives = self.constraint.equation_derivatives(space)
+        # (n, m, g + 1) derivatives of E x along the tangent space, and, in the last column,
+        # along the step that closes the loops.
         slopes = np.einsum("ngmv,nv->nmg", constraint_derivatives, unit_motions)
         slopes += constraint @ motion_corrections
 
@@ -429,22 +460,23 @@ class SingularityLocus:
         border_rows = np.concatenate([borders @ space.basis, zeros], axis=2)
         equations = np.concatenate([constraint_rows, norm_row, border_rows], axis=1)
         return _LinearisedLocus(
-            space,
-            motion_space,
-            unit_motions,
-            np.matvec(constraint, unit_motions),
-            slopes[..., g],
-            motion_corrections,
-            equations,
+            space=space,
+            motion_space=motion_space,
+            unit_motions=unit_motions,
+            constraint_residual=np.matvec(constraint, unit_motions),
+            closing_change=slopes[..., g],
+            motion_corrections=motion_corrections,
+            equations=equations,
         )
 
     def _tangents(
         self, linearised: _LinearisedLocus, equations: Floats
     ) -> tuple[Floats, Floats, Floats]:
-        """Return tangents, derivatives of the motion along them, and a condition.
+        """Return the tangents of the locus at n points of it, and how regular it is there.
 
-        They come from the null space of the equations of the locus, which has g - 1
-        dimensions at a regular point.
+        The null space of the linearised equations consists of changes of the configuration
+        (g coordinates) with the changes of the singular motion (k coordinates) that keep
+        the configuration singular. It has g - 1 dimensions at a regular point.
 
         Parameters
         ----------
@@ -455,7 +487,11 @@ class SingularityLocus:
 
         Returns
         -------
-        `LocusPoints.tangents`, `motion_derivatives` and `reciprocal_condition`.
+        tangents, motion_derivatives
+            (n, V, g - 1) orthonormal changes of the variables along the locus, and the
+            derivatives of the singular motion along them.
+        reciprocal_condition
+            (n,) 0 where the locus crosses itself, or where a row is not finite.
         """
         g = self.degrees_of_freedom
         rank = self.motion_dimension + 1
@@ -471,6 +507,8 @@ class SingularityLocus:
         divisors = np.maximum(lengths, REDUNDANT_EQUATION_RATIO)[:, None]
         tangents = linearised.space.basis @ left
         motion_derivatives = motion_changes @ np.swapaxes(mixing, 1, 2) / divisors
+        # The smallest singular value relative to the greatest one, made less if a tangent
+        # hardly changes the variables.
         condition = svd.values[:, rank - 1] * lengths[:, -1]
         condition = condition / np.maximum(svd.values[:, 0], SMALLEST_NORMAL)
         return tangents, motion_derivatives, np.where(svd.is_finite, condition, 0.0)

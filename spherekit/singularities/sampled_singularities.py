@@ -106,7 +106,9 @@ class SampledSingularities:
             self._passed_ranges = self._find_passed_ranges(passed)
 
     def _locate_rows(self, values: Floats, assembly_mode: Integers) -> None:
-        """Set the curve, arc length and status of each row.
+        """Locate each row on the configuration curves.
+
+        `curve`, `s`, `status` and `crossed` are set, see the class.
 
         Parameters
         ----------
@@ -155,9 +157,10 @@ class SampledSingularities:
     ) -> Iterator[tuple[float, list[int], bool]]:
         """Yield the inputs in the range at which a configuration occurs.
 
-        A configuration occurs at several inputs if the range has several periods. If it
-        does not occur in the range, the nearest input is yielded. The same holds for curves
-        that a simulation does not pass.
+        A configuration occurs at several inputs if the range has several periods, after
+        which the mechanism is in the same configuration. If it does not occur in the range,
+        the input nearest to the range is yielded once. For a configuration on a curve that
+        a simulation does not pass, one input is yielded, too.
 
         Parameters
         ----------
@@ -186,6 +189,7 @@ class SampledSingularities:
         if self._passed_ranges is not None and first_curve not in self._passed_ranges:
             inputs = inputs[:1]
         for q in inputs.tolist():
+            # Both ends of a range of whole periods are the same configuration.
             if high - q < margin and self.whole_range(first_curve):
                 q = low
             pieces: list[Piece] = []
@@ -198,8 +202,10 @@ class SampledSingularities:
     def _pieces_at(self, curve: int, s: float, q: float) -> Iterator[Piece]:
         """Yield the pieces of a curve that include an arc length s at an input q.
 
-        A curve passes the same arc length at inputs that differ by whole periods. A piece
-        is an answer only if its input there is q.
+        A piece is a part of the curve that is one assembly mode. The same configuration, at
+        arc length s, occurs at inputs that differ by whole periods. If the range has
+        several periods, the same part of the curve is several pieces, which differ by the
+        input. Only the pieces whose input at s is q are yielded.
 
         Parameters
         ----------
@@ -209,13 +215,18 @@ class SampledSingularities:
             The input (rad).
         """
         arc_curve = self.curves[curve]
-        # If the range consists of k periods, inputs that differ by k periods are the same.
+        # If the range consists of k whole periods, inputs that differ by k periods are the
+        # same. Otherwise (infinity) only q itself is. The range of a simulation is not that
+        # of the pieces, so that any number of periods is allowed.
         periods_of_range = 1 if self.is_simulation else self.whole_range(curve) or np.inf
         input_offset = float(arc_curve.at(s).values[0, self._driven]) - q
         # A piece of a closed curve may begin in the lap before and end in the lap after.
         laps = (0, 1, -1) if arc_curve.closed else (0,)
         for lap in laps:
             for piece in self.configurations.curves[curve].pieces:
+                # The input of the piece at s, less q, is a whole number of periods: the
+                # input grows by `rise` in each lap of the curve, and is greater by `shift`
+                # on the piece than on the curve.
                 rise = lap * arc_curve.rise[self._driven]
                 difference = input_offset + rise + piece.shift
                 periods = round(difference / self._period(curve))
@@ -249,14 +260,17 @@ class SampledSingularities:
         return into_range(q, *self.range, self._period(curve))
 
     def _find_passed_ranges(self, q: Floats) -> dict[int, tuple[float, float]]:
-        """Return the least and the greatest arc length of a simulation on each curve.
-
-        On closed curves arc lengths grow from lap to lap.
+        """Return which part of each curve a simulation passes.
 
         Parameters
         ----------
         q
             (n,) inputs of the rows (rad), not reduced by periods.
+
+        Returns
+        -------
+        The least and the greatest arc length (rad) by the number of the curve. On closed
+        curves arc lengths go on growing from lap to lap. Curves without a row are left out.
         """
         passed_ranges: dict[int, tuple[float, float]] = {}
         for number in np.unique(self.curve[self.curve >= 0]).tolist():
@@ -264,7 +278,9 @@ class SampledSingularities:
             curve = self.curves[number]
             s = self.s[rows]
             if curve.closed:
-                # The number of laps between rows makes the input grow as it did.
+                # Arc lengths of the rows are within one lap. The number of laps between
+                # successive rows follows from the growth of the input, `rise` in each lap;
+                # it is unknown, and taken for 0, if the input does not grow.
                 rise = curve.rise[self._driven] or np.inf
                 laps = np.diff(q[rows]) / rise - np.diff(s) / curve.length
                 s = s + curve.length * np.append(0.0, np.cumsum(np.round(laps)))
@@ -290,9 +306,10 @@ class SampledSingularities:
     def angle(self, kind: Type, curve: int, s: Floats, output: int) -> Floats:
         """Return the angular distance of an output from type I or II along a curve.
 
-        For type I the tangent of the angle is the size of the velocity coefficient y'/q'.
-        For type II its sine is the transmission measure. The angles vanish at these
-        singularities and nowhere else.
+        Type I: the output rests while the input moves; the tangent of the angle is the size
+        of the velocity coefficient y'/q', the rate of the output over that of the input.
+        Type II: the input rests while the output moves; the sine of the angle is the
+        transmission measure. The angles vanish at these singularities and nowhere else.
 
         Parameters
         ----------
@@ -320,13 +337,16 @@ class SampledSingularities:
         return np.arcsin(transmission.measure(links.motion.vectors))
 
     def measures(self) -> dict[tuple[int, Form], dict[str, Floats]]:
-        """Return the columns (n,) of each output, by its position, in each form; or NaN.
+        """Return how near the rows are to singularities, for each output.
 
-        ``c`` and ``d`` of c y' = d q'; ``output_rate`` and ``input_rate`` by the arc length
-        of all variables; ``distance_I`` and ``distance_II`` (rad), see `angle`;
-        ``transmission`` (rad), see `transmission_angles`; ``input_margin_I``,
-        ``input_margin_II`` (rad), by how much the input changes along the curve to the
-        nearest singularity.
+        Returns
+        -------
+        Columns (n,) by name, for each position of an output and each form of its relation
+        c y' = d q' between the rates of output and input; NaN in rows on no curve.
+        ``c`` and ``d``; ``output_rate`` and ``input_rate`` by the arc length of all
+        variables; ``distance_I`` and ``distance_II`` (rad), see `angle`; ``transmission``
+        (rad), see `transmission_angles`; ``input_margin_I``, ``input_margin_II`` (rad), by
+        how much the input changes along the curve to the nearest singularity.
         """
         columns: dict[tuple[int, Form], dict[str, Floats]] = {}
         for number in np.unique(self.curve[self.curve >= 0]).tolist():
@@ -345,6 +365,7 @@ class SampledSingularities:
                     values[f"input_margin_{kind}"] = self._input_margin(
                         number, output, kind, s
                     )
+                # The forms differ by c and d only. Other columns are the same in both.
                 for relation in curve_relations.relations:
                     values["c"] = relation.c
                     values["d"] = relation.d
@@ -356,10 +377,11 @@ class SampledSingularities:
         return dict(sorted(columns.items()))
 
     def transmission_angles(self, values: Floats) -> list[Floats]:
-        """Return the transmission angle of each output at configurations (n, variables).
+        """Return the transmission angle of each output at configurations.
 
-        It is the angle in [0, pi/2] between the great circles of the two arcs of the dyad
-        that places the output, at the middle pair.
+        A dyad is a group of two links with three pairs. The angle, in [0, pi/2], is that
+        between the great circles of the two arcs of the dyad that places the output, at its
+        middle pair.
 
         Parameters
         ----------
@@ -523,7 +545,8 @@ class SampledSingularities:
             if (point.curve, point.output, point.type) == (number, links, kind)
         ]
         singularities += self.crossing_ends(number)
-        # Columns: arc length and input, with those of the laps before and after.
+        # Columns: arc length and input of each singularity, in order of arc length. For a
+        # closed curve those of the laps before and after are added.
         positions = np.reshape(
             [(arc_length, values[self._driven]) for arc_length, values in singularities],
             (-1, 2),

@@ -75,7 +75,10 @@ ROW_TYPE_LABELS = {
 
 @dataclass(frozen=True)
 class RowClassification:
-    """Types of singularity of n rows with g inputs, from the rates that close the loops.
+    """Types of singularity of n configurations with g inputs.
+
+    They follow from the rates that close the loops. Input i "moves alone" in the motion in
+    which all other inputs are locked.
 
     Attributes
     ----------
@@ -87,12 +90,15 @@ class RowClassification:
     type_two, type_one
         (n,) measures that vanish at types II and I.
     hold
-        (n,) smallest singular value of the closure with locked inputs.
+        (n,) smallest singular value of the closure equations with locked inputs. It is zero
+        if the locked inputs do not hold all links.
     reciprocal_condition
-        (n,) relative smallest singular value of the closure Jacobian.
-    type, group
-        (n,) `RowType`, and 1 or 2 for singular rows: whether the mechanism in which one
-        input moves alone is singular for at least one input (1) or for none (2).
+        (n,) smallest singular value of the closure Jacobian over its greatest one.
+    type
+        (n,) `RowType`.
+    group
+        (n,) 1 if the mechanism in which one input moves alone is singular for at least one
+        input, 2 if it is for none, 0 for rows that are not of types I, II or III.
     """
 
     input_rate: Floats
@@ -110,6 +116,10 @@ class RowClassification:
 class OutputCoefficients:
     """n rows of a motion with g inputs: coefficients of each input, and singularity types.
 
+    Input i "moves alone" in the motion in which all other inputs are locked. The output
+    link then turns with the angular velocity w_i about the pole axis u_i, its axis of
+    rotation relative to its reference link, and c_i w_i = d_i q_i' holds with the rate q_i'
+    of the input. N are the independent motions that close the loops, N_a their input rates.
     Rows in which the motion failed are NaN.
 
     Attributes
@@ -195,6 +205,9 @@ def coefficients(
 ) -> OutputCoefficients:
     """Return the coefficients of an output, and the type of every row of a motion.
 
+    The coefficients are those of c_i w_i = d_i q_i', if input i moves alone while all other
+    inputs are locked; see `OutputCoefficients`.
+
     Parameters
     ----------
     motion
@@ -202,9 +215,12 @@ def coefficients(
     output
         Which link's rates count, from `spherekit.singularities.stationarity.output_of`.
     by_rank
-        That of `spherekit.planning.pole_planner.plan`.
+        Whether degrees of freedom are determined from the rank of the closure equations,
+        instead of by counting links and pairs.
     """
     input_variables = _input_variables(motion)
+    # N = space.basis (n, V, g) are g independent rates that close the loops, N_a are their
+    # rows of the inputs.
     space = tangent_space(motion.linearisation, len(input_variables))
     # Column i of the adjugate of N_a gives a motion in which input i moves alone. Unlike
     # the inverse, the adjugate is finite where det N_a = 0.
@@ -250,12 +266,17 @@ def _input_coefficients(
 ) -> _InputCoefficients:
     """Return the input-output relation of one input that moves while the others are locked.
 
+    The relation c w = d q' follows from the pole axes of four links: the input link i, its
+    reference link r, the output link o and its reference link s. The pole axis of two links
+    is the axis about which one turns relative to the other at the moment.
+
     Parameters
     ----------
     motion, output
         n configurations, and the output whose rates count.
     by_rank
-        Whether degrees of freedom are those by the rank of the closure equations.
+        Whether degrees of freedom are determined from the rank of the closure equations,
+        instead of by counting links and pairs.
     space
         Rates that close the loops at these configurations.
     rates_alone
@@ -267,6 +288,7 @@ def _input_coefficients(
     pair = motion.assembly.inputs[position]
     reference_link, input_link = mechanism.ends[pair]
     output_links = (output.link, output.relative_to)
+    # The poles of any two of the four links.
     pole_request = request(
         mechanism,
         mechanism.pairs[pair].name,
@@ -275,7 +297,8 @@ def _input_coefficients(
         by_rank=by_rank,
     )
     # Links that are joined by locked inputs are one body. The relation calls each body by
-    # one of its links, preferably by a link of the input.
+    # one of its links, preferably by a link of the input: later links of the loop replace
+    # earlier ones of the same body. `body` holds the number of the body of each link.
     body = pole_request.plan.body
     representative: dict[int, int] = {}
     for link in (output.relative_to, output.link, reference_link, input_link):
@@ -297,11 +320,12 @@ def _input_coefficients(
     )
     w = field.w[output.link] - field.w[output.relative_to]
     if four_links.o == four_links.s:
-        # The locked inputs join the output to its reference link: it cannot move.
+        # The locked inputs join the output to its reference link: it cannot move, so that
+        # the relation is w = 0, with no pole axis.
         n = len(pole_axis(pole_of(four_links.i, four_links.r)))
         return _InputCoefficients(w, c=np.ones(n), d=np.zeros(n), u=nans((n, 3)))
     relation = make_relation("i", four_links, pole_axis)
-    return _InputCoefficients(w, relation.c, relation.d, relation.poles.os)
+    return _InputCoefficients(w, c=relation.c, d=relation.d, u=relation.poles.os)
 
 
 def _pole_axis(
@@ -311,15 +335,16 @@ def _pole_axis(
     input_axis: Floats,
     angular_velocities: Floats,
 ) -> Floats:
-    """Return the axis of a pole, from the plan of poles or else from angular velocities.
+    """Return the axis about which two links turn relative to each other (their pole axis).
 
-    The plan may give no axis at singularities. Angular velocities in the motion in which
-    one input moves alone are finite there.
+    Pole axes are constructed from each other by great circles, in the order of a plan. This
+    may give no axis at singularities. The axis is then that of the angular velocity in the
+    motion in which one input moves alone, which is finite there.
 
     Parameters
     ----------
     pole
-        Numbers of two links.
+        Numbers of the two links.
     planned_axes
         (n, 3) axis of each pole by the plan, NaN where it gives none.
     input_pole, input_axis
@@ -350,6 +375,10 @@ def classify_rows(
 ) -> RowClassification:
     """Return the singularity types of rows, from the rates that close the loops.
 
+    Let N be g independent rates that close the loops, N_a their rows of the inputs, and E N
+    the rates of the output. Type II: the output can move while the inputs rest. Type I:
+    inputs can move while the output rests. Both are decided by measures that vanish there.
+
     Parameters
     ----------
     motion
@@ -368,6 +397,7 @@ def classify_rows(
     transmission = Transmission(
         tree, tuple(input_variables), output.link, output.relative_to, output.pointing
     )
+    # Type II.
     pointed = transmission.output_directions(space.linearisation.rotations)
     type_two = transmission.measure(vectors, pointed)
     determinant = np.linalg.det(input_rates)
@@ -375,7 +405,8 @@ def classify_rows(
         # The sign of the basis is arbitrary, so the sign of the determinant has no meaning.
         determinant = np.abs(determinant)
 
-    # Column i is the motion in which input i moves alone, times det N_a.
+    # Motions in which input i moves alone, all others being locked: column i of the inverse
+    # of N_a, here times det N_a. It is not unique if the adjugate has no such column.
     alone = adjugate(input_rates)
     alone_size = np.linalg.norm(alone, axis=1)
     is_unique = alone_size > SINGULAR_TRANSMISSION * np.max(
@@ -388,6 +419,7 @@ def classify_rows(
     input_rate = determinant[:, None] / alone_size
     output_rate = np.linalg.norm(output_rates @ alone, axis=1) / alone_size
 
+    # Type I, self-motions and loss of rank; then the type of each row.
     type_one, has_self_motion = _measure_type_one(input_rates, output_rates)
     reciprocal_condition = np.where(motion.failed, np.nan, space.reciprocal_condition)
     loses_rank = reciprocal_condition < SINGULAR_TRANSMISSION
@@ -399,6 +431,8 @@ def classify_rows(
     row_type[is_self_motion] = RowType.SELF_MOTION
     row_type[~np.isfinite(type_two)] = RowType.UNKNOWN
 
+    # Group 1: for at least one input the motion alone has no rate of the input or of the
+    # output, or is not unique (NaN). Group 2: for none.
     alone_tolerance = ALONE_SINGULAR_FACTOR * SINGULAR_TRANSMISSION
     alone_rates = np.array([input_rate, output_rate])
     is_singular_alone = np.any(~(np.abs(alone_rates) > alone_tolerance), axis=(0, 2))
@@ -420,6 +454,10 @@ def classify_rows(
 def _measure_type_one(input_rates: Floats, output_rates: Floats) -> tuple[Floats, Bools]:
     """Return the measure of type I, and whether there are self-motions.
 
+    The rates of inputs and output that can occur together are a linear space. Type I means
+    that it contains rates with the output at rest and inputs that move. The measure is the
+    sine of the angle between the space and the rates with the output at rest.
+
     Parameters
     ----------
     input_rates, output_rates
@@ -429,7 +467,7 @@ def _measure_type_one(input_rates: Floats, output_rates: Floats) -> tuple[Floats
     Returns
     -------
     type_one
-        (n,) as in `OutputCoefficients`.
+        (n,) the sine: 0 if inputs can move while the output rests.
     has_self_motion
         (n,) whether a motion moves neither the inputs nor the output.
     """
@@ -472,19 +510,22 @@ def what_vanishes(
     pointing: Floats | None = None,
     by_rank: bool = False,
 ) -> list[str]:
-    """Return for each row which coefficients vanish, or how the pole axes are arranged.
+    """Return for each row what is special of it geometrically, as a short text.
 
-    The first of these that applies is reported: vanishing c_i and d_i, or pole axes u_i
-    that coincide, are coplanar in threes, or lie along the pointing direction; two axes
-    along one line; two axes coplanar with the pointing direction; the reason why none of
-    these is decided. For a self-motion the moving links are reported instead. For the
-    symbols see `OutputCoefficients`.
+    If input i moves alone while the others are locked, the output turns about the pole axis
+    u_i with the angular velocity w_i, and c_i w_i = d_i q_i'. The first of these that
+    applies is reported: vanishing c_i and d_i, or pole axes u_i that coincide, are coplanar
+    in threes, or lie along the pointing direction; two axes along one line; two axes
+    coplanar with the pointing direction; the reason why none of these is decided. For a
+    self-motion the moving links are reported instead.
 
     Parameters
     ----------
-    motion, output, by_rank
-        The motion of a mechanism with at least two inputs, the output, and whether degrees
-        of freedom are those by the rank of the closure equations.
+    motion, output
+        The motion (n rows) of a mechanism with at least two inputs, and the output.
+    by_rank
+        Whether degrees of freedom are determined from the rank of the closure equations,
+        instead of by counting links and pairs.
     pointing
         (n, 3) the output direction, in axes of the link that the output is relative to. It
         rests if the output link turns about it.
@@ -500,6 +541,7 @@ def what_vanishes(
     d = np.where(np.isfinite(result.d), result.d, result.output_rate)
     u = np.where(np.isfinite(result.u), result.u, result.alone)
     inputs = motion.mechanism.names_of(motion.assembly.inputs)
+    # Each tier is looked at only for rows in which nothing of the tiers before vanishes.
     tiers = _vanishing_candidates(inputs, c, d, replace(result, u=u))
     if pointing is not None:
         direction = np.matvec(motion.rotations[:, output.relative_to], pointing)
@@ -515,6 +557,7 @@ def what_vanishes(
     for row in np.flatnonzero(result.type == RowType.SELF_MOTION).tolist():
         moving_links = _describe_self_motion(motion.rows(slice(row, row + 1)), output)
         phrases_by_row[row] = [moving_links]
+    # Rows in which nothing vanishes get the reason.
     for row, phrases in enumerate(phrases_by_row):
         if phrases:
             continue
@@ -538,12 +581,19 @@ def _vanishing_candidates(
     inputs
         Names of the g inputs.
     c, d
-        (n, g) coefficients.
+        (n, g) coefficients of c_i w_i = d_i q_i', if input i moves alone.
     result
-        Its `u` are the pole axes.
+        Only its pole axes u (n, g, 3) are used: the axes about which the output turns if
+        input i moves alone.
+
+    Returns
+    -------
+    Two sets of quantities. The second one is reported only where none of the first
+    vanishes.
     """
     pairs_of_inputs = list(combinations(inputs, 2))
     threes_of_inputs = list(combinations(inputs, 3))
+    # (n, pairs of inputs) sines of the angles between two axes.
     sines = np.linalg.norm(_cross_products(result.u), axis=2)
     largest_sine = np.max(sines, axis=1, keepdims=True)
     # If all axes coincide, it is not reported in addition that they are coplanar.
@@ -583,6 +633,7 @@ def _insert_direction(
         (n, 3) the pointing direction in ground axes.
     """
     first, second = tiers
+    # The first columns of the first set are the g coefficients c and the g coefficients d.
     after_coefficients = 2 * len(inputs)
     sines = np.linalg.norm(cross(u, direction[:, None]), axis=2)
     along_direction = [f"u_{name} along the direction" for name in inputs]
@@ -591,6 +642,7 @@ def _insert_direction(
     sizes = np.hstack(
         [first.sizes[:, :after_coefficients], sines, first.sizes[:, after_coefficients:]]
     )
+    # (n, pairs of inputs) triple products of two axes and the direction.
     volumes = np.matvec(_cross_products(u), direction)
     coplanar = _VanishingCandidates(
         [

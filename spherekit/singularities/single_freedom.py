@@ -280,9 +280,10 @@ class SingleFreedomSingularities:
         ]
 
     def _points_on_curve(self, number: int, output: int) -> list[SingularPoint]:
-        """Return the singular points of an output on a curve.
+        """Return the singularities of an output on a configuration curve.
 
-        If the input or the output rests on the whole curve, this is the only result.
+        They are the points at which the input or the output is at rest while the mechanism
+        moves along the curve.
 
         Parameters
         ----------
@@ -290,18 +291,29 @@ class SingleFreedomSingularities:
             Number of the curve.
         output
             Position of the output in `outputs`.
+
+        Returns
+        -------
+        One item for each point, in order of arc length. If the input or the output rests on
+        the whole curve, the list has a single item, which stands for the whole curve: its
+        arc length, error and values are NaN.
         """
         curve_motion = self.curve_motions[number]
         output_links = self.outputs[output]
         input_pole = pole_of(*self.input)
         output_pole = pole_of(*output_links)
+        # `rest_points` gives None instead of points if the two links rest on all the curve.
         input_rests = curve_motion.rest_points(input_pole) is None
         output_rests = curve_motion.rest_points(output_pole) is None
         if input_rests or output_rests:
-            kind = TYPE_OF_REST[input_rests, output_rests]
-            unknown_values = nans(curve_motion.curve.nodes.values.shape[1])
-            whole_curve = ((number, np.nan),)
-            return [SingularPoint(kind, output_links, whole_curve, np.nan, unknown_values)]
+            whole_curve = SingularPoint(
+                type=TYPE_OF_REST[input_rests, output_rests],
+                output=output_links,
+                places=((number, np.nan),),
+                error=np.nan,
+                values=nans(curve_motion.curve.nodes.values.shape[1]),
+            )
+            return [whole_curve]
 
         rests = find_common_rests(curve_motion, input_pole, output_pole)
         types = [
@@ -310,10 +322,12 @@ class SingleFreedomSingularities:
                 rests.input_rests.tolist(), rests.output_rests.tolist(), strict=True
             )
         ]
+        # If the output is the input itself, both rest together without doubt.
         notes = explain_doubts(rests, types, is_input=output_links == self.input)
         links = curve_motion.links_at(rests.s)
         relations = self._compare_relations(output, links, types)
-        # A rate that has a simple zero changes its sign.
+        # A rate changes its sign at a simple zero: the motion reverses. At a double zero it
+        # does not.
         input_turns = rests.input_rests & ~rests.input_is_double
         output_turns = rests.output_rests & ~rests.output_is_double
         is_double = rests.input_is_double | rests.output_is_double

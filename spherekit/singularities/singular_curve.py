@@ -61,10 +61,10 @@ class SingularCurve:
 
     @cached_property
     def s(self) -> Floats:
-        """(n,) arc lengths (rad) of the nodes.
+        """(n,) arc lengths (rad) of the nodes, in the space of the variables.
 
-        They are the lengths of cubic Hermite polynomials through the nodes, in the space
-        of the variables.
+        They are the lengths of the cubic polynomials between successive nodes that have the
+        tangents of the curve at both ends (Hermite), by numerical integration.
         """
         tangents = self.nodes.tangents[:, None, :, 0]
         start_tangents = tangents[:-1]
@@ -79,7 +79,10 @@ class SingularCurve:
         return np.append(0.0, np.cumsum(relative_lengths * self.chords.chords))
 
     def points_on_chords(self, chord_numbers: Indices, parts: Floats) -> LocusPoints:
-        """Return the points of the curve whose projections divide chords.
+        """Return points of the curve between its nodes.
+
+        Each point is selected by its projection onto the chord from one node to the next.
+        Newton's method brings it onto the curve.
 
         Parameters
         ----------
@@ -118,8 +121,9 @@ class SingularCurve:
         -------
         (n,) whether the configuration and its singular motion are on the curve.
         """
-        # Chords beside which a configuration lies, with its position relative to the start
-        # of the chord; one configuration may be beside several chords.
+        # Each item of `projections` is one configuration beside one chord, with its
+        # position relative to the start of the chord. A configuration may be beside several
+        # chords.
         projections = self.chords.project(values, self.periods)
         chord_numbers = projections.chords
         parts = projections.distances / self.chords.chords[chord_numbers]
@@ -134,8 +138,9 @@ class SingularCurve:
     def zeros(self, function: LocusFunction) -> LocusPoints:
         """Return the points at which a function changes its sign along the curve.
 
-        Two zeros between the same nodes are missed. A function that is zero up to rounding
-        has no zeros.
+        The signs at successive nodes are compared. Each change is then located between the
+        two nodes, to 1e-14 of their distance. Two zeros between the same nodes are missed.
+        A function that is zero up to rounding has no zeros.
         """
         node_values = function(self.nodes)
         # The sign of the function may depend on the basis, which is continued from node to
@@ -160,8 +165,9 @@ class SingularCurve:
     def cusps(self) -> LocusPoints:
         """Return the cusps of the curve in the plane of the inputs or of the output.
 
-        The singular motion has the direction of the curve there. The curve turns back in
-        the plane of the inputs (type II), or at the output (type I).
+        There the curve runs in the direction of the singular motion, in which the inputs
+        (type II) or the output (type I) rest. Its image in the plane of the inputs, or of
+        the output, therefore turns back.
         """
         if self.locus.motion_dimension < self.locus.degrees_of_freedom:
             # A part has fewer motions than dimensions: there is no determinant.

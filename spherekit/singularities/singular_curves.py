@@ -49,18 +49,19 @@ class CurveSeen:
     points
         n points of the curve. The last point of a closed curve is its first.
     both
-        The points at which it is singular of the other type too.
+        The points at which the other type occurs too (of I and II).
     s
         (n,) arc lengths of the points (rad).
     closed
         Whether the curve is closed.
     why
-        What is singular, if that is known of the whole curve, else empty.
+        The geometric reason of the singularity, if it is the same on the whole curve,
+        otherwise empty.
     modes
         For a mid-plane symmetric architecture the assembly modes of the curve.
     traced
-        What is reported, and the followed curve between two changes of type; None if the
-        curve was not followed.
+        For a curve that was followed numerically: what is reported of its points, and the
+        part of the followed curve that is of the type. None for a curve in closed form.
     """
 
     points: SingularPoints
@@ -142,23 +143,34 @@ def singular_curves(
 
     Parameters
     ----------
-    mechanism, kind
-        "II", inputs at rest in a motion of the output; "I", the output at rest while inputs
-        move; or "self-motion", both at rest while other links move.
+    mechanism
+        The mechanism.
+    kind
+        Type of the singularity: "II", the output can move while the inputs are at rest;
+        "I", inputs can move while the output is at rest; or "self-motion", other links can
+        move while inputs and output are at rest.
     output, pointing
         Which output, and which direction of it if not the link's orientation; see
         `spherekit.singularities.stationarity.output_of`.
     slices_of_each
-        Values at which each input is locked, evenly spread over its range. With 0 the
-        locus is looked for from random closed configurations instead: quicker, with the
-        claim "sampled", and only curves that meet the declared ranges.
-    made, budget
-        Slices that are there already, and the time to spend, unlimited by default.
+        The search follows curves on which one of the inputs is locked. This is the number
+        of values at which each input is locked, evenly spread over its range. With 0 the
+        search starts from random closed configurations instead: it is quicker, but gives
+        only curves that meet the declared ranges, and its completeness is "sampled".
+    made
+        Curves with one locked input that were followed before, or None.
+    budget
+        The time to spend, unlimited by default.
+
+    Returns
+    -------
+    The curves, with what is known of curves that were not found.
 
     Raises
     ------
     AnalysisError, PlanError
-        If there are not two inputs with a freedom each, or no such output.
+        If the mechanism has not two inputs with one degree of freedom each, or no such
+        output.
     """
     search = LocusPointSearch(
         mechanism, CURVE_FREEDOMS, kind, output, pointing, made, slices_of_each, budget
@@ -169,6 +181,7 @@ def singular_curves(
         if search.section is None:
             # Newton's method from random starts may leave the ranges.
             points = points.rows(search.report.points(points).inside)
+        # Where curves cross, no single curve can be followed.
         is_irregular = points.reciprocal_condition < NEAR_CROSSING_CONDITION
         stray.append(points.values[is_irregular])
         stray += _follow_new_curves(search, points.rows(~is_irregular), curves)
@@ -187,16 +200,16 @@ def singular_curves(
 def _follow_new_curves(
     search: LocusPointSearch, points: LocusPoints, curves: list[SingularCurve]
 ) -> list[Floats]:
-    """Follow curves from the points that are on no known curve.
+    """Follow curves from the singular configurations that are on none of the given curves.
 
     Parameters
     ----------
     search
         The search, with the locus and the time limit.
     points
-        Points of the locus.
+        Singular configurations.
     curves
-        The curves that are known. New ones are appended.
+        The curves that were followed before. New ones are appended, in place.
 
     Returns
     -------
@@ -242,7 +255,8 @@ def _remove_points_on_curve(
 def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[CurveSeen]:
     """Yield the parts of a followed curve whose nodes are of the reported type.
 
-    Nodes of another type can occur, such as self-motions on the locus of type II.
+    Nodes of another type can occur, such as self-motions on a curve of type II. Points at
+    which the other of the types I and II occurs too are located on each part.
     """
     other_locus = report.locus_of_other_type
 
@@ -250,6 +264,7 @@ def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[
         """Return a function (n,) that vanishes at singularities of the other type."""
         return other_locus.measure(other_locus.tangent_space(points.values)).value
 
+    # First nodes of runs of nodes of the type, and the nodes after their last ones.
     is_of_type = report.has_type(report.types(curve.nodes.values))
     starts = np.flatnonzero(np.diff(is_of_type, prepend=False) & is_of_type)
     stops = np.flatnonzero(np.diff(is_of_type, append=False) & is_of_type) + 1

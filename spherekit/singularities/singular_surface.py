@@ -73,11 +73,10 @@ class SingularSurface:
     side
         Length of the edges aimed at (rad, in the space of the variables), after halving.
     claim
-        What is known of surfaces that were not found.
+        What is known of surfaces that the search may have missed.
     irregular
         Number of singular configurations within the ranges, met by the search, at which
-        the locus is not a regular surface: it crosses itself there, or fills a part of
-        the configurations.
+        surfaces cross, or whose neighbourhood is singular in more than two dimensions.
     everywhere
         Whether every configuration is of the type, so that there is no surface.
     """
@@ -126,12 +125,13 @@ class SingularSurface:
         return edges[triangle_counts == 1]
 
     def split(self) -> Self:
-        """Return the mesh with every edge halved, at a point of the locus.
+        """Return the mesh with every edge halved, its middle moved onto the surface.
 
         An edge for whose middle Newton's method fails is not halved.
         """
         edges, _ = list_edges(self.triangles)
-        middles = self._interpolate(edges, 0.5)
+        middles = self._interpolate(edges, part=0.5)
+        # A middle moves at right angles to the tangent plane at the first end of its edge.
         tangent_borders = np.swapaxes(self.nodes.tangents[edges[:, 0]], 1, 2)
         new_points = self._correct(middles, tangent_borders)
         all_vertices = np.ones(len(self.nodes), dtype=bool)
@@ -139,31 +139,34 @@ class SingularSurface:
         return replace(mesh, side=0.5 * self.side)
 
     def reported(self) -> Self:
-        """Return the part with inputs in their ranges whose vertices are of the type.
+        """Return the part of the mesh that is reported to the user.
 
-        The mesh is clipped at both ends of the range of each input.
+        The mesh is clipped at both ends of the range of each input. Vertices of another
+        type are removed with their triangles, such as self-motions on a surface of type II.
         """
         mesh = self
         for input_position, (low, high) in enumerate(self.view.ranges.T):
-            mesh = mesh._clip(input_position, low, 1.0)
-            mesh = mesh._clip(input_position, high, -1.0)
+            mesh = mesh._clip(input_position, limit=low, side=1.0)
+            mesh = mesh._clip(input_position, limit=high, side=-1.0)
         is_of_type = self.view.has_type(self.view.types(mesh.nodes.values))
+        # A subdivision without new vertices removes those that are not of the type.
         no_edges = np.zeros(0, dtype=np.intp)
         return mesh._subdivide(no_edges, mesh.nodes.rows(no_edges), is_of_type)
 
     def _clip(self, input_position: int, limit: float, side: float) -> Self:
-        """Return the part of the mesh on one side of an end of the range of an input.
+        """Return the part of the mesh in which an input is on one side of a limit.
 
-        Edges across the end are cut at a point of the locus with the input at the end.
+        Edges across the limit are cut at a singular configuration with the input at the
+        limit.
 
         Parameters
         ----------
         input_position
             Position of the input among the inputs.
         limit
-            The end of the range (rad).
+            The lowest or the highest value of its range (rad).
         side
-            1.0 if inputs above the limit remain, -1.0 if those below remain.
+            1.0 if values above the limit remain, -1.0 if values below it remain.
         """
         inputs = self.view.inputs_in_range(self.nodes.values)
         margin = side * (inputs[:, input_position] - limit)
@@ -171,6 +174,7 @@ class SingularSurface:
         edges, _ = list_edges(self.triangles)
         (crossing_edges,) = np.nonzero(is_inside[edges[:, 0]] != is_inside[edges[:, 1]])
         ends = edges[crossing_edges]
+        # Linear interpolation: the part of the edge from its first end to the limit.
         first_distance, second_distance = np.abs(margin[ends]).T
         part = first_distance / (first_distance + second_distance)
         guess = self._interpolate(ends, part[:, None])
@@ -181,6 +185,8 @@ class SingularSurface:
         variable = driven[input_position]
         unit_vectors = np.eye(guess.values.shape[1])
         tangents = self.nodes.tangents[ends[:, 0]]
+        # (k, 2) change of the input along the two tangents; turned by 90 deg it is the
+        # direction in the tangent plane along which the input is constant.
         input_gradient = tangents[:, variable]
         level_coordinates = input_gradient[:, ::-1] * [-1.0, 1.0]
         second_borders = np.vecmat(level_coordinates, np.swapaxes(tangents, 1, 2))
@@ -191,6 +197,7 @@ class SingularSurface:
             second_borders[is_level] = unit_vectors[other_variable]
         first_borders = np.broadcast_to(unit_vectors[variable], guess.values.shape)
         borders = np.stack([first_borders, second_borders], axis=1)
+        # The guess is moved (in place) to the limit, on its own revolution.
         guess.values[:, variable] += less_periods(
             limit - guess.values[:, variable], self.periods[variable]
         )
@@ -231,8 +238,8 @@ class SingularSurface:
         guess
             Points on k edges.
         borders
-            (k, 2, V) linear equations, with the values at the guesses, that select points
-            of the surface.
+            (k, 2, V) rows of two linear equations in the variables, whose right-hand sides
+            are their values at the guesses. They select a point of the surface.
         """
         targets = np.matvec(borders, guess.values)
         points = self.view.locus.correct(guess.values, guess.motions, borders, targets)
@@ -244,9 +251,10 @@ class SingularSurface:
     def _subdivide(
         self, edge_numbers: Indices, edge_points: LocusPoints, is_inside: Bools
     ) -> Self:
-        """Return the mesh with points on edges as new vertices, without outside vertices.
+        """Return the mesh with new vertices on edges, without the vertices outside.
 
-        Vertices that belong to no triangle are removed.
+        Each triangle is replaced by smaller ones between its remaining corners and the new
+        vertices on its sides. Vertices that then belong to no triangle are removed.
 
         Parameters
         ----------
@@ -332,35 +340,52 @@ def singular_surface(
 ) -> SingularSurface:
     """Return the surfaces of singular configurations of a mechanism with three inputs.
 
+    A search yields singular configurations. From each that is not covered yet, a mesh of
+    triangles grows over the surface. Its edges are then halved if this is wanted.
+
     Parameters
     ----------
-    mechanism, kind
-        "II", inputs at rest in a motion of the output; "I", the orientation of the output
-        at rest while inputs move; or "self-motion", both at rest while other links move.
+    mechanism
+        The mechanism.
+    kind
+        Type of the singularity: "II", the output can move while the inputs are at rest;
+        "I", inputs can move while the output is at rest; or "self-motion", other links can
+        move while inputs and output are at rest.
     output, pointing
         Which output, and which direction of it if not the link's orientation; see
         `spherekit.singularities.stationarity.output_of`.
-    side, halved
-        Length (rad, in the variables) of the edges of the triangles that are laid, and how
-        often each is halved afterwards, at a point of the surface.
+    side
+        Length (rad, in the space of all variables) of the edges of the first mesh.
+    halved
+        How often every edge is halved afterwards. Its middle is moved onto the surface.
     slices_of_each
-        Values at which two inputs are locked in each slice, evenly spread over their
-        ranges. With 0 the search starts from random closed configurations.
-    made, budget
-        Slices that are there already, and the time to spend, unlimited by default.
+        The search follows curves on which two of the inputs are locked. This is the number
+        of values at which each input is locked, evenly spread over its range. With 0 the
+        search starts from random closed configurations instead.
+    made
+        Curves with two locked inputs that were followed before, or None.
+    budget
+        The time to spend, unlimited by default.
+
+    Returns
+    -------
+    The mesh within the ranges of the inputs, with what is known of surfaces that were not
+    found. It has no triangles if every configuration is of the type.
 
     Raises
     ------
     AnalysisError, PlanError
-        If there are not three inputs with a freedom each, no such output, or type I of a
-        direction is asked for: three inputs never leave it so along a surface only.
+        If the mechanism has not three inputs with one degree of freedom each, or no such
+        output. Also if type I of a direction is asked for: a direction has two freedoms, so
+        that three inputs can move while it rests in every configuration.
     """
     search = LocusPointSearch(
         mechanism, 3, kind, output, pointing, made, slices_of_each, budget
     )
     time_limit = search.time_limit
     if halved:
-        # Each halving multiplies the number of vertices by four.
+        # Each halving multiplies the number of vertices by four. All halvings take this
+        # time, relative to the time of the first mesh, which gets the rest of the budget.
         halving_time = HALVING_TIME_RATIO * 4**halved
         search.time_limit = time_limit.part(1.0 / (1.0 + halving_time))
     front = SurfaceFront(search, side)
@@ -377,4 +402,5 @@ def singular_surface(
     for _ in range(halved):
         time_limit.tell(f"halving the edges of {len(mesh.triangles)} triangles")
         mesh = mesh.split()
+    # The mesh extends a little beyond the ranges of the inputs, where it is cut off.
     return mesh.reported()

@@ -100,8 +100,9 @@ class SingularityReport:
     def for_output(
         solver: PositionSolver, output: OutputStationary, kind: LocusName
     ) -> "SingularityReport":
-        """Return the singularities of the part of a mechanism that moves an output.
+        """Return one type of singularity of an output, for the pairs that move this output.
 
+        Singularities at which only other pairs move are not those of the output.
         Self-motions are those of the whole mechanism instead.
         """
         part = None
@@ -162,12 +163,16 @@ class SingularityReport:
     def describe(self, values: Floats, motions: Floats, residual: Floats) -> SingularPoints:
         """Return singular configurations with their inputs, poses and types.
 
+        A singular motion is a motion in which the inputs rest (type II), the output rests
+        (type I), or both (self-motion).
+
         Parameters
         ----------
         values, motions
             (n, V) variables (rad), and unit rates of the singular motions.
         residual
-            (n,) by how much the loops and E x = 0 are violated.
+            (n,) by how much the loops are open (rad), or the links that should rest in the
+            singular motion move, whichever is larger.
         """
         linearisation = self.solver.closure.at(values)
         inputs = self.inputs_in_range(values)

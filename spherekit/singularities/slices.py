@@ -95,10 +95,11 @@ def _follow_slices(
     input_values: Floats,
     time_limit: TimeLimit,
 ) -> Iterator[ArcCurve]:
-    """Yield the curves of some slices.
+    """Yield the curves of configurations on which all inputs but one are locked (slices).
 
-    One curve of each slice is followed at a time, all slices side by side. A curve is
-    missed if it passes none of the values at which modes are searched.
+    One curve of each slice is followed at a time, all slices side by side. Starts are the
+    assembly modes at some values of the free input. A curve is missed if it passes none of
+    these values.
 
     Parameters
     ----------
@@ -117,6 +118,7 @@ def _follow_slices(
     else:
         value_count = FREE_INPUT_VALUES_OF_GROUPS
     free_values = (np.arange(value_count) + 0.5) * (2.0 * np.pi / value_count) - np.pi
+    # All values of the free input in the first slice, then in the second one, and so on.
     q = np.repeat(input_values, value_count, axis=0)
     q[:, free_input] = np.tile(free_values, len(input_values))
     starts, row = configurations(solver, q)
@@ -135,6 +137,7 @@ def _follow_slices(
         first_starts = np.stack([remaining_starts[number][0] for number in unfinished])
         curves = follow_arcs(closure, first_starts, longest=MAX_SLICE_CURVE_LENGTH_RAD)
         for number, curve in zip(unfinished, curves, strict=True):
+            # The start of the curve is done, also if no curve could be followed from it.
             remaining_starts[number] = remaining_starts[number][1:]
             if curve is not None:
                 is_passed = curve.passes(remaining_starts[number])
@@ -167,10 +170,11 @@ def cut(
     values_of_each: int,
     budget: TimeLimit | None = None,
 ) -> LockedInputSection:
-    """Return slices with each input free in turn, the others locked over their ranges.
+    """Return the configuration curves with each input free in turn, the others locked.
 
-    The slices are followed in an order in which they are spread over the ranges, whenever
-    the time limit ends the search.
+    A slice is the set of configurations with all inputs but one at fixed values. The values
+    are spread evenly over the ranges of the inputs. Slices are followed in an order that
+    covers the ranges evenly at any time, also if the time limit ends the search.
 
     Parameters
     ----------
@@ -182,6 +186,10 @@ def cut(
         Number of values at which each input is locked.
     budget
         Processor time to spend, unlimited by default. Each free input gets an equal share.
+
+    Returns
+    -------
+    The curves of all slices, and what was left out because the time was spent.
     """
     time_limit = budget or TimeLimit()
     slices_at_once = SLICES_AT_ONCE if solver.assembly.has_closed_form else 1

@@ -97,6 +97,9 @@ class SurfaceFront:
     def find_vertices_near(self, values: Floats, motion: Floats, radius: float) -> Indices:
         """Return the vertices near a configuration on the same sheet of the surface.
 
+        Sheets of surfaces that pass each other at a small distance are told apart by the
+        singular motion, whose sign is arbitrary.
+
         Parameters
         ----------
         values, motion
@@ -110,11 +113,15 @@ class SurfaceFront:
         return np.flatnonzero(is_near & is_same_sheet)
 
     def mesh_all_surfaces(self) -> int:
-        """Mesh the surfaces through all points of the search.
+        """Mesh the surfaces through all singular configurations that the search yields.
+
+        Configurations with an input outside its range are left out. `vertices` and
+        `triangles` hold the mesh. It is not complete if the time limit is reached.
 
         Returns
         -------
-        How many of these points, within the ranges, are crossings of surfaces.
+        Number of the configurations within the ranges at which surfaces cross. No mesh can
+        start from them.
         """
         crossings = 0
         for points in self.search.batches():
@@ -140,9 +147,10 @@ class SurfaceFront:
     def mesh_surface(self, seed: LocusPoints) -> bool:
         """Mesh the surface through one singular configuration, the `seed`.
 
-        An equilateral triangle is laid at the seed. The mesh then grows at its open edges
-        until no edge needs a triangle, or the limits of vertices or time are reached.
-        Nothing is done if surfaces cross at the seed or if the mesh covers it already.
+        An equilateral triangle is laid at the seed. The mesh then grows at its open edges,
+        which have a triangle on one side only, until no edge needs a triangle, or the
+        limits of vertices or time are reached. Nothing is done if surfaces cross at the
+        seed or if the mesh covers it already.
 
         Returns
         -------
@@ -153,6 +161,7 @@ class SurfaceFront:
         if is_crossing or len(covering) or not self._may_add_vertex():
             return False
         first = self._add_vertex(seed)
+        # The other two corners, as complex numbers in the tangent plane at the seed.
         equilateral = [self.side, self.side * (0.5 + 1j * EQUILATERAL_HEIGHT)]
         neighbours = self._compute_vertices([first, first], equilateral)
         corners = [self._add_vertex(point) for point in neighbours if point is not None]
@@ -180,7 +189,16 @@ class SurfaceFront:
         return len(self.vertices) - 1
 
     def _add_triangle(self, a: int, b: int, c: int) -> None:
-        """Add a triangle, oriented like the triangle on the other side of its edge a, b."""
+        """Add a triangle, oriented like the triangle on the other side of its edge a, b.
+
+        Its sides become open edges, or are no longer open if they were.
+
+        Parameters
+        ----------
+        a, b, c
+            Numbers of its vertices.
+        """
+        # Triangles of one orientation pass their common edge in opposite directions.
         if (a, b) in self.directed_edges:
             a, b = b, a
         self.triangles.append((a, b, c))
@@ -196,14 +214,15 @@ class SurfaceFront:
     def _compute_vertices(
         self, bases: Sequence[int], offsets: Sequence[complex]
     ) -> list[LocusPoints | None]:
-        """Return the points of the locus above positions in tangent planes.
+        """Return the points of the surface above positions in tangent planes.
 
         Parameters
         ----------
         bases
             Vertices at whose tangent planes the positions are given.
         offsets
-            A position in the tangent plane of each base.
+            For each base a position in its tangent plane, as a complex number: coordinates
+            (rad) along the two tangents, from the base.
 
         Returns
         -------
@@ -214,6 +233,7 @@ class SurfaceFront:
         coordinates = np.stack([np.real(offsets), np.imag(offsets)], axis=1)
         guess = starts.values + np.matvec(starts.tangents, coordinates)
         motion_guess = starts.motions + np.matvec(starts.motion_derivatives, coordinates)
+        # Newton's method moves the guess at right angles to the tangent plane.
         borders = np.swapaxes(starts.tangents, 1, 2)
         targets = np.matvec(borders, guess)
         points = self.report.locus.correct(guess, motion_guess, borders, targets)
@@ -277,8 +297,10 @@ class SurfaceFront:
     def _attach_triangle(self, edge: Edge) -> None:
         """Put a triangle on the open side of an edge, if there is room for one.
 
-        Candidates for its apex are, in this order: vertices of the front very near to the
-        ideal apex, a new vertex, and vertices of the front at a greater distance.
+        The ideal apex makes the triangle equilateral. Candidates for the apex are, in this
+        order: vertices of open edges very near to the ideal apex, a new vertex, and
+        vertices of open edges at a greater distance. The first candidate whose triangle has
+        a good shape and overlaps no other is taken.
         """
         a, b = edge
         ideal = self._ideal_apex(edge)
@@ -288,6 +310,7 @@ class SurfaceFront:
             self.vertices.motions[a],
             2.5 * self.side,
         )
+        # Positions of vertices in the tangent plane at a, as complex numbers.
         positions = dict(
             zip(neighbours.tolist(), self._project(a, neighbours), strict=True)
         )
@@ -300,6 +323,7 @@ class SurfaceFront:
             if open_edge[0] in positions and open_edge[1] in positions
         ]
         front_vertices = _ends_of(nearby_open_edges) - {a, b}
+        # Distances from the ideal apex, relative to the length of the sides.
         distances = sorted(
             (abs(positions[vertex] - ideal) / self.side, vertex)
             for vertex in front_vertices
@@ -333,15 +357,18 @@ class SurfaceFront:
     ) -> bool:
         """Return whether a triangle on an edge has a good shape and overlaps no other.
 
+        Its height and sides have to be within limits, its new sides may not cross an open
+        edge, and no vertex of an open edge may be inside it.
+
         Parameters
         ----------
         edge
             The open edge.
         apex
-            Third vertex, or `NEW_VERTEX`.
+            Number of the third vertex, or `NEW_VERTEX` for a new one at the ideal apex.
         positions
             Positions of the vertices around, and of `NEW_VERTEX`, in the tangent plane at
-            the first vertex of the edge.
+            the first vertex of the edge, as complex numbers (rad).
         nearby_open_edges
             Open edges whose vertices have positions.
         """
@@ -351,8 +378,10 @@ class SurfaceFront:
         # The area is positive if the apex is on the same side as the ideal one.
         outward_sense = np.sign(_twice_area(a, b, positions[NEW_VERTEX]))
         twice_area = outward_sense * _twice_area(a, b, apex_position)
+        # Twice the area is the height times the length of the edge.
         if twice_area < MIN_TRIANGLE_HEIGHT * self.side * abs(b - a):
             return False
+        # The two new sides, from each end of the edge to the apex.
         for end in edge:
             side = _sorted_edge(end, apex)
             is_closed = side not in self.open_edges and (
