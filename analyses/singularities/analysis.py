@@ -44,9 +44,9 @@ def _trade_positions(
     return Sweep(
         parameter,
         values,
-        "singularities",
-        "q",
-        ("kind", "output"),
+        table="singularities",
+        column="q",
+        match=("kind", "output"),
         places=True,
         beside=(("seconds", 100.0),) if needs_time else (),
         inputs=inputs,
@@ -98,9 +98,10 @@ class SingularityAnalysis(AbstractAnalysis):
     def outputs(self, mechanism: Mechanism) -> tuple[tuple[int, int], ...]:
         """Return the relative motions of interest as numbers (o, s) of links.
 
-        They are those of the parameter `output`, or those that the mechanism declares. If
-        it declares no output other than the input, they are the links that are joined to
-        the ground, or else all other links, relative to the ground.
+        Link o moves relative to link s. The motions are those of the parameter `output`, or
+        those that the mechanism declares. With one input, if it declares no output other
+        than the input itself, they are the motions relative to the ground of the links that
+        are joined to the ground, or of all other links if there are none.
         """
         if self.output:
             return tuple(ordered_pole(mechanism, text) for text in self.output)

@@ -37,10 +37,13 @@ def describe_inputs_of_kinds(
 ) -> list[str]:
     """Return a sentence for each kind of singularity of an output within the range.
 
+    A sentence lists the inputs at which the kind occurs, by the assembly modes in which it
+    does. A singularity without an input is one of a whole configuration curve.
+
     Parameters
     ----------
     points
-        The table of singularities, by column.
+        The table of singularities, by column; ``q`` is the input (rad).
     output
         The output, as it is named in this table.
     input_pair
@@ -132,7 +135,8 @@ def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> l
 def _describe_output_range(sampled: SampledSingularities, number: int, output: int) -> str:
     """Return how far an output turns on a configuration curve, as a verb phrase.
 
-    It swings if it turns back, or if the curve ends before it has turned fully.
+    An output rests, turns fully, turns in one sense, or swings. It swings if it turns back,
+    or if the curve ends before it has turned fully.
 
     Parameters
     ----------
@@ -149,11 +153,14 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
         for point in sampled.report.points
         if (point.curve, point.output) == (number, links)
     ]
-    # The extremes of the output are at its singularities of type I.
+    # The extremes of the output are at its singularities of type I. The last sample is just
+    # before the end, because the end of a closed curve is its start.
     s = np.linspace(0.0, curve.length * (1.0 - 1e-12), OUTPUT_SAMPLES_PER_CURVE)
     s = np.unique(np.append(s, [point.s for point in points]))
     angle_on_curve = sampled.output_angle(number, output, s)
     angle = angle_on_curve
+    # With a pair between the two links the angle is its variable, otherwise it is the
+    # rotation about the pole axis since the start.
     if variable is not None:
         crossing_angles = [values[variable] for _, values in sampled.crossing_ends(number)]
         angle = np.append(angle_on_curve, crossing_angles)
@@ -162,6 +169,7 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
     low, high = np.degrees([np.min(angle), np.max(angle)])
     swing = _format_degrees(high - low)
     reverses = any(point.output_turns for point in points)
+    # Open curves with an end of status OK were ended at the greatest length.
     is_unfinished = not curve.closed and Status.OK in curve.ends
     if swing == "0":
         return "rests" + (
@@ -229,7 +237,8 @@ def warn_of_near_misses(
 ) -> list[str]:
     """Return a warning for each output that comes near a type without reaching it.
 
-    Assembly modes that reach the type elsewhere in the range are left out.
+    Type I: the output rests while the input moves. Type II: the locked input does not hold
+    the output. Assembly modes that reach the type elsewhere in the range are left out.
 
     Parameters
     ----------
@@ -245,9 +254,11 @@ def warn_of_near_misses(
         Name of the driven pair.
     """
     warnings = []
+    # Each type and output once, in the order of the near misses.
     for kind, output in dict.fromkeys((miss.type, miss.output) for miss in misses):
         name = names[output]
         modes_with_singularity = _modes_with_singularity(points, kind, name)
+        # Near misses of this type and output, each with the modes that remain.
         remaining: list[tuple[NearMiss, set[int]]] = []
         for miss in misses:
             modes = set(miss.assembly_modes) - modes_with_singularity

@@ -112,9 +112,9 @@ class OneInput:
         return SampledSingularities(
             batch.tracer,
             self.outputs,
-            batch.motion.values,
-            batch.assembly_mode,
-            batch.q if is_simulation else None,
+            values=batch.motion.values,
+            assembly_mode=batch.assembly_mode,
+            passed=batch.q if is_simulation else None,
         )
 
     @cached_property
@@ -128,7 +128,11 @@ class OneInput:
 
     @cached_property
     def points(self) -> Columns:
-        """The main table: points on curves, crossings of curves, then whole curves."""
+        """The main table: one row for each singularity, output and input.
+
+        Singularities are points on configuration curves, crossings of curves, and then
+        curves on which the input or an output rests everywhere.
+        """
         sampled = self.sampled
         report = sampled.report
         rows: list[Columns] = []
@@ -154,10 +158,12 @@ class OneInput:
     def _rows_of_point(self, point: SingularPoint) -> list[Columns]:
         """Return the rows of a singularity in the main table.
 
-        There is a row for each input of the range at which it occurs. A point on a curve
-        has the geometric conditions of its relations; a crossing has the curves that cross.
+        There is a row for each input of the range at which it occurs. The note names the
+        geometric conditions of a point on a curve, such as parallel axes, or the curves
+        that cross. Conditions come from the relations c y' = d q' of the output.
         """
         sampled = self.sampled
+        # The part of the mechanism on which the outputs depend, if it is not the whole.
         part = None if sampled.tracer is self.batch.tracer else sampled.tracer
         is_crossing = point.type is Type.III
         # A relation that disagrees with the rates has no conditions of this singularity.
@@ -170,6 +176,7 @@ class OneInput:
         labels = [
             condition.label + ("" if condition.certain else "?") for condition in conditions
         ]
+        # A question mark denotes a condition that is not certain within rounding.
         residuals = [condition.residual for condition in conditions]
         if is_crossing:
             notes = [*_describe_crossing(point), point.note]
@@ -177,6 +184,7 @@ class OneInput:
             notes = [point.note, *(condition.words for condition in conditions)]
         else:
             notes = [point.note, *(relation.note for relation in point.relations)]
+        # At type I only the output can reverse, at type II only the input.
         reversals = []
         if point.input_turns and point.type is not Type.I:
             reversals.append("input")
@@ -210,7 +218,11 @@ class OneInput:
 
     @cached_property
     def relation(self) -> Columns:
-        """C y' = d q' and nearness of every row, by output and form."""
+        """The table of the relation c y' = d q' and of the nearness of singularities.
+
+        y' is the rate of an output, q' that of the input. The table has every row of the
+        batch once for each output and form of the relation.
+        """
         batch = self.batch
         sampled = self.sampled
         sigma, reciprocal_condition = sampled.singular_values()
@@ -221,7 +233,8 @@ class OneInput:
             input_rate = columns["input_rate"]
             output_rests = np.abs(output_rate) < RESTING_RATE
             input_rests = np.abs(input_rate) < RESTING_RATE
-            # The first condition that is fulfilled decides.
+            # The first condition that is fulfilled decides. Without a rate the row is on no
+            # configuration curve.
             kinds = np.select(
                 [
                     sampled.crossed,
@@ -260,7 +273,11 @@ class OneInput:
         return ASPECTS.stacked(self.batch.mechanism)
 
     def findings(self) -> Findings:
-        """Return how many singularities there are, and where a mode comes near one."""
+        """Return how many singularities there are, and where a mode comes near one.
+
+        The summary has numbers of singularities, near misses and what is not certain.
+        Warnings concern what may be missed and type II; sentences describe the rest.
+        """
         sampled = self.sampled
         points = self.points
         names = self.names
@@ -392,6 +409,9 @@ class OneInput:
     def _input_output_plot(self, output: int, rows: slice) -> Portrait:
         """Return the output against the input, with all curves and marked singularities.
 
+        The moving point follows the rows of the batch. Its output is that of the nearest
+        drawn point of the curve.
+
         Parameters
         ----------
         output
@@ -403,6 +423,7 @@ class OneInput:
         sampled = self.sampled
         name = self.names[output]
         curve_numbers = range(len(sampled.curves))
+        # Columns: input and output. Rows on no curve remain NaN.
         row_points = np.full((len(batch), 2), np.nan)
         for number in curve_numbers:
             is_on_curve = sampled.curve == number
@@ -430,7 +451,12 @@ class OneInput:
         )
 
     def _gallery(self) -> Scene:
-        """Return a page on which row k is singularity k, with what coincides there."""
+        """Return a page on which sample k is singularity k, with what coincides there.
+
+        It shows the links, the six pole axes of the relation c y' = d q' (about which its
+        four links turn relative to each other), and the two planes of three axes that
+        coincide. Whole curves, which have no arc length, are left out.
+        """
         sampled = self.sampled
         has_point = np.isfinite(self.points["s"])
         points = {name: column[has_point] for name, column in self.points.items()}
@@ -451,7 +477,10 @@ class OneInput:
         for name, label in LABEL_OF_AXIS.items():
             axes = np.concatenate([getattr(poles, name) for poles in six_poles])
             if np.any(np.isfinite(axes)):
-                parts.append(Arrow(f"pole/{name}", label, axes, False, path_shown=False))
+                parts.append(
+                    Arrow(f"pole/{name}", label, axes, primary=False, path_shown=False)
+                )
+        # Other kinds are drawn with the planes of type II.
         types = ["I" if kind == "I" else "II" for kind in points["kind"]]
         for number, (label, axes_of_plane) in enumerate(
             (("one triplet", AXES_OF_FIRST_PLANE), ("the other", AXES_OF_SECOND_PLANE))

@@ -24,16 +24,21 @@ COLOUR_OF_KIND = {"I": 1, "II": 2, "III": 3, "self-motion": 4}
 
 @dataclass(frozen=True)
 class PlottedColumn:
-    """A column of the table of relations that is drawn.
+    """How a column of the table of relations is drawn; `PLOTTED_COLUMNS` has its name.
+
+    The table has, for each row of the motion, the relation c y' = d q' between the rates of
+    an output and of one input that moves while the others are locked, and angles that
+    measure how near singularities are.
 
     Attributes
     ----------
     label
-        What it is, in words.
+        The quantity in words.
     group
         Plots of one group are drawn together.
     unit
-        Its unit. Columns with a unit do not depend on the moving input.
+        Its unit. Angles have one and do not depend on which input moves; c and d have none
+        and depend on it.
     """
 
     label: str
@@ -90,18 +95,20 @@ def plot_plane(
     low = np.nanmin(points, axis=0)
     high = np.nanmax(points, axis=0)
     x_range, y_range = zip(low, high, strict=True)
+    x_label, y_label = axes
     return Portrait(
         path,
         label,
-        rows[:, 0],
-        rows[:, 1],
-        *axes,
-        x_range,
-        y_range,
-        "rad",
-        "rad",
-        curves,
-        marks,
+        x=rows[:, 0],
+        y=rows[:, 1],
+        x_label=x_label,
+        y_label=y_label,
+        x_range=x_range,
+        y_range=y_range,
+        x_unit="rad",
+        y_unit="rad",
+        curves=curves,
+        marks=marks,
     )
 
 
@@ -110,11 +117,15 @@ def relation_plots(
 ) -> list[Primitive]:
     """Return plots of c, d and angles of each output in some rows of a batch.
 
+    c and d are the coefficients of the relation c y' = d q' between the rates of an output
+    and of one input that moves while the others are locked (the moving input). The angles
+    measure how near singularities are.
+
     Parameters
     ----------
     relation
         The table of relations of the batch, by column. It has the rows of the batch once
-        for every output, form and moving input.
+        for every output, form of the relation and moving input.
     rows_of_batch
         Number of rows of the batch.
     rows
@@ -128,6 +139,7 @@ def relation_plots(
         moving_input = relation["moving"][start]
         table_rows = slice(start + rows.start, start + rows.stop)
         for name, column in PLOTTED_COLUMNS.items():
+            # Angles are the same for all moving inputs: the last ones replace the others.
             by_input = ""
             if has_several_inputs and not column.unit:
                 by_input = f" by {moving_input}"

@@ -181,11 +181,16 @@ class SeveralInputs:
 
     @cached_property
     def points(self) -> Columns:
-        """The main table: points of singular curves or surfaces, by output."""
+        """The main table: points of singular curves or surfaces, by output.
+
+        A kind that occurs in every configuration has a single row. Points of a curve at
+        which both types I and II occur are listed as type III in addition, each once.
+        """
         tables: list[Columns] = []
         for output in self.batch.mechanism.outputs:
             name = name_output(self.batch.mechanism, output)
             curve_number = 0
+            # Variables of the points of type III that are listed already.
             listed_values = np.zeros((0, len(self.batch.mechanism.variable_names)))
             for locus in self.loci[output.name]:
                 if locus.everywhere:
@@ -224,6 +229,9 @@ class SeveralInputs:
     ) -> list[Columns]:
         """Return the rows of a singular curve, and of its points of type III.
 
+        At points of type III both types I and II occur. Each lies on a curve of either
+        type, but is listed once.
+
         Parameters
         ----------
         curve, number
@@ -231,7 +239,7 @@ class SeveralInputs:
         output
             The output.
         claim
-            What is known of curves that were not found.
+            How complete the search for curves was.
         listed_values
             (k, variables) points of type III of this output that are listed already (rad).
         """
@@ -259,7 +267,19 @@ class SeveralInputs:
     ) -> Columns:
         """Return columns of singular points of an output.
 
-        `claim` is what is known of points that were not found.
+        Parameters
+        ----------
+        points
+            n singular configurations.
+        output
+            The output.
+        claim
+            How complete the search for such points was.
+
+        Returns
+        -------
+        Columns (n,) by name: kind, geometric condition, inputs, configuration, and how
+        certain the points are.
         """
         batch = self.batch
         mechanism = self.batch.mechanism
@@ -271,8 +291,8 @@ class SeveralInputs:
         conditions = what_vanishes(
             motion,
             output_of(mechanism, output.name),
-            points.pointing,
-            batch.tracer.by_rank,
+            pointing=points.pointing,
+            by_rank=batch.tracer.by_rank,
         )
         return {
             "kind": [RowType(code).label for code in points.type],
@@ -287,7 +307,12 @@ class SeveralInputs:
 
     @cached_property
     def relation(self) -> Columns:
-        """c_i w_i = d_i q_i' and nearness of every row, by output and input."""
+        """The table of relations c_i w_i = d_i q_i' and of the nearness of singularities.
+
+        q_i' is the rate of input i, which moves while the others are locked, and w_i the
+        angular velocity of an output in this motion. The table has every row of the batch
+        once for each output and input.
+        """
         batch = self.batch
         tables: list[Columns] = []
         for output in batch.mechanism.outputs:
@@ -336,7 +361,12 @@ class SeveralInputs:
         return ASPECTS.stacked(mechanism, [columns])
 
     def findings(self) -> Findings:
-        """Return curves, aspects and claims, and where rows come near a type."""
+        """Return which singularities exist, aspects, and where rows come near a type.
+
+        The summary has, for each output, the kinds that occur in every configuration, and
+        numbers of curves or of vertices of surfaces with what is known of others. Warnings
+        concern rows near a singularity; sentences describe the rest.
+        """
         batch = self.batch
         summary: dict[str, Any] = {"slices": self.slice_count}
         warnings: list[str] = []
@@ -359,6 +389,7 @@ class SeveralInputs:
                         summary[name][f"{key}_{suffix}"] = value
                     sentences.append(f"{words}; {counts['claim']}")
             rows = self.coefficients[output.name]
+            # Assembly modes that are singular in every row, by the type.
             singular_modes = {} if kinds_everywhere else _singular_modes(batch, rows)
             for kind, modes in singular_modes.items():
                 modes_in_words = numbered("assembly mode", modes)
@@ -429,8 +460,9 @@ class SeveralInputs:
     def _search_result(self) -> SearchResult:
         """The results of the searches: types of outputs, self-motions, then aspects.
 
-        Each search gets an equal share of the time that is left. If every pair moves an
-        output, its locus of type II includes all self-motions, which are not searched then.
+        Each search gets an equal share of the time that is left. If all pairs take part in
+        the motion of an output, its singularities of type II include all self-motions,
+        which are not searched then.
         """
         mechanism = self.batch.mechanism
         input_count = len(mechanism.inputs)
@@ -451,6 +483,8 @@ class SeveralInputs:
             for name in outputs:
                 if not moved_by_all(mechanism, name):
                     searches.append((SELF_MOTION, name))
+        # Slices: curves of configurations with all inputs but one locked, from which all
+        # searches start.
         section = None
         if self.slice_count and searches:
             share = time_limit.part(SLICE_TIME_SHARE, "slices")
@@ -458,6 +492,7 @@ class SeveralInputs:
             section = cut(solver, ranges_of(mechanism), self.slice_count, share)
         loci: dict[str, list[Locus]] = {name: [] for name in outputs}
         for number, (kind, name) in enumerate(searches):
+            # Searches that are left, with that of the aspects.
             remaining = len(searches) - number + (aspect_samples > 0)
             share = time_limit.part(1.0 / remaining, f"singularities {of_kind(kind)}")
             loci[name].append(self._search_locus(kind, name, section, share))
@@ -465,7 +500,11 @@ class SeveralInputs:
             return SearchResult(loci, None)
         share = time_limit.part(1.0, "aspects")
         found_aspects = aspects(
-            mechanism, aspect_samples, OUTPUT_KINDS, outputs[0], budget=share
+            mechanism,
+            samples=aspect_samples,
+            free_of=OUTPUT_KINDS,
+            output=outputs[0],
+            budget=share,
         )
         return SearchResult(loci, found_aspects)
 
@@ -476,7 +515,7 @@ class SeveralInputs:
         section: LockedInputSection | None,
         time_limit: TimeLimit,
     ) -> Locus:
-        """Return the singularities of one kind.
+        """Return the singularities of one kind: curves of two inputs, surfaces of three.
 
         Curves of a mid-plane symmetric architecture have a closed form, which is used
         unless there are slices.
@@ -486,7 +525,8 @@ class SeveralInputs:
         kind, output
             The kind, and the name of the output.
         section
-            Slices, or None to search from random starts.
+            Curves with all inputs but one locked, on which the search starts; None to
+            search from random starts.
         time_limit
             Processor time to spend.
         """
@@ -499,6 +539,7 @@ class SeveralInputs:
                 output,
                 side=edge,
                 halved=halvings,
+                # No new slices are followed.
                 slices_of_each=0,
                 made=section,
                 budget=time_limit,
@@ -559,11 +600,11 @@ class SeveralInputs:
                     Surface(
                         f"plots/surface/{output.name}/{mesh.kind}",
                         f"{name_kind(mesh.kind)} of {output.name}",
-                        mesh.points.inputs,
-                        mesh.triangles,
-                        (a, b, c),
-                        COLOUR_OF_KIND[mesh.kind],
-                        "rad",
+                        vertices=mesh.points.inputs,
+                        triangles=mesh.triangles,
+                        axes=(a, b, c),
+                        tone=COLOUR_OF_KIND[mesh.kind],
+                        unit="rad",
                     )
                 )
         return tuple(surfaces)
@@ -594,11 +635,11 @@ class SeveralInputs:
         return plot_plane(
             f"plots/inputs/{output.name}",
             f"singular curves of {output.name} in the inputs",
-            self.batch.inputs[rows],
-            (first, second),
-            curves,
-            marks,
-            [self.batch.inputs],
+            rows=self.batch.inputs[rows],
+            axes=(first, second),
+            curves=curves,
+            marks=marks,
+            further_points=[self.batch.inputs],
         )
 
     def _draw_on_sphere(
@@ -653,7 +694,11 @@ def _certainty_columns(claim: Completeness) -> Columns:
 
 
 def _describe_locus(locus: Locus) -> tuple[dict[str, Any], str]:
-    """Return the counts of a locus for the summary, and the same in words."""
+    """Return the size of a set of singularities for the summary, and in words.
+
+    The summary has the number of curves inside and outside of the ranges of the inputs, or
+    of vertices and crossings of surfaces, and how complete the search was.
+    """
     if isinstance(locus, SingularSurface):
         item = "surface"
         irregular = locus.irregular

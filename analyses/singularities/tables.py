@@ -117,6 +117,9 @@ def configuration_columns(
 ) -> dict[str, Any]:
     """Return the columns of configurations: variables, pose, signs of groups and modes.
 
+    A group is a set of links that is assembled at once, such as a dyad of two links. Its
+    sign says which of its two assemblies the configuration has.
+
     Parameters
     ----------
     batch
@@ -140,6 +143,7 @@ def configuration_columns(
     position_analysis = part or batch.tracer
     mechanism = position_analysis.mechanism
     solver = position_analysis.solver
+    # Numbers of the variables that are angles of R pairs; others are not wrapped.
     angles = set(mechanism.angles.values())
     columns: dict[str, Any] = {}
     for variable, name in enumerate(mechanism.variable_names):
@@ -164,6 +168,10 @@ def _format_signs(
     batch: Batch, position_analysis: PositionAnalysis, signs: NDArray[np.int8]
 ) -> list[str]:
     """Return the signs of the groups of the whole mechanism as text, one for each row.
+
+    A group is a set of links that is assembled at once, such as a dyad. It is identified by
+    its pairs. A text has a character for each group: +, -, 0 if it is singular, or * if it
+    is not in the part to which the signs belong.
 
     Parameters
     ----------

@@ -126,15 +126,16 @@ class LinkMotion:
     def pole_axes(self, poles: Iterable[Pole], plan: Plan | None) -> PoleAxes:
         """Return the axes of poles with bounds of their errors.
 
-        At each configuration the axis is taken from the source with the least error bound:
-        the great circles of a plan, the relative angular velocity, or its derivative.
+        The axis of a pole is the axis about which its two links turn relative to each
+        other. At each configuration it is taken from the source with the least error bound:
+        a construction by great circles, the relative angular velocity, or its derivative.
 
         Parameters
         ----------
         poles
-            The poles.
+            The poles, as numbers of two links.
         plan
-            A plan that gives these poles, or None.
+            A construction that gives these poles, or None.
         """
         directions: dict[Pole, Floats] = {}
         errors: dict[Pole, Floats] = {}
@@ -146,6 +147,7 @@ class LinkMotion:
                 if planned_poles is not None:
                     planned_direction = planned_poles.directions[pole].T
                     candidates.insert(0, (planned_direction, planned_poles.errors[pole]))
+                # Axes: source, configuration and, for directions, component.
                 candidate_directions = np.stack([axis for axis, _ in candidates])
                 candidate_errors = np.stack([error for _, error in candidates])
                 candidate_errors = np.nan_to_num(candidate_errors, nan=1.0)
@@ -162,15 +164,17 @@ class LinkMotion:
         return w / speed[:, None], self.rounding / speed
 
     def _axis_by_derivative(self, pole: Pole) -> tuple[Floats, Floats]:
-        """Return the axis (n, 3) along the derivative of w, and its error (n,).
+        """Return the axis (n, 3) along the derivative of w, and its error bound (n,).
 
-        w is the angular velocity of the pole's second link relative to the first. Its
-        derivative has the direction of the axis where w = 0. At a distance x from there, it
-        deviates from the axis by about x |u'|, where u is the axis.
+        w is the angular velocity of the pole's second link relative to the first, along the
+        unit vector u of the axis. Its derivative w' has the direction of u where w = 0. At
+        a distance x from there, w' deviates from u by about x |u'|, and |w| = x |w'|. The
+        error is therefore bounded by |w| (1 + |u'|) / |w'|, in addition to rounding.
         """
         _, dw = self.relative(*pole)
         speed, growth = self.speeds(pole)
         axis, axis_error = self._axis_by_velocity(pole)
+        # u' is the part of w' at right angles to u, relative to the size of w.
         axis_derivative = (dw - axis * np.vecdot(axis, dw)[:, None]) / speed[:, None]
         axis_rate = np.linalg.norm(axis_derivative, axis=1)
         # Near the zero of w its direction is only rounding, so the rate is limited.
@@ -251,7 +255,8 @@ class CurveMotion:
     def oriented_axes(self, s: Floats, poles: Sequence[Pole]) -> dict[Pole, Floats]:
         """Return the axes (n, 3) of poles with senses that are continuous along the curve.
 
-        At the start of the curve the sense is that of `pole_axes`.
+        `pole_axes` gives each axis with an arbitrary sense. The sense that it gives at the
+        start of the curve is kept along the whole curve.
 
         Parameters
         ----------
@@ -282,9 +287,17 @@ class CurveMotion:
     def _continuous_direction(self, s: Floats, pole: Pole) -> Floats:
         """Return unit vectors (n, 3) along a pole, continuous on the whole curve.
 
-        They have the direction of w, reversed after each zero at which w changes its sign.
-        Near zeros they have the direction of the derivative of w. They are zero if the
-        links move as one.
+        They have the direction of w, the angular velocity of the pole's second link
+        relative to the first, reversed after each zero at which w changes its sign. Near
+        zeros they have the direction of the derivative of w. They are zero if the links
+        move as one.
+
+        Parameters
+        ----------
+        s
+            (n,) arc lengths (rad).
+        pole
+            The numbers of the two links.
         """
         links = self.links_at(s)
         rest_points = self.rest_points(pole)
@@ -309,8 +322,9 @@ class CurveMotion:
     def _find_rest_points(self, pole: Pole) -> RestPoints | None:
         """Return all points at which the two links of a pole rest relative to each other.
 
-        They are the zeros of one component of the relative angular velocity at which all
-        of it vanishes within its rounding error. None if the links rest on the whole curve.
+        Zeros of one component of the relative angular velocity are located first. Those at
+        which the whole vector vanishes within its rounding error are the result. It is None
+        if the links rest on the whole curve.
         """
         curve = self.curve
         node_links = self.links_at(curve.s)
@@ -325,12 +339,14 @@ class CurveMotion:
 
         zeros = find_zeros(projected_rate, curve.s)
         if curve.closed:
+            # A zero at the start of a closed curve is one at its end, too.
             zeros = zeros.merge_seam(curve.length)
         is_double = zeros.double
         s = self._refine_zeros(zeros.places, is_double, pole)
         links = self.links_at(s)
         speed, slope = links.speeds(pole)
         rounding_of_s = ZERO_ROUNDING_FACTOR * EPS * curve.length
+        # A simple zero moves by the error of the rate over its slope.
         errors = links.rounding / np.maximum(slope, EPS) + rounding_of_s
         # Near a double zero the rate is a parabola. Its second derivative is estimated from
         # the slope a little aside, towards the middle of the curve.

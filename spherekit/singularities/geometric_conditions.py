@@ -190,10 +190,13 @@ def find_conditions(
 ) -> list[tuple[FulfilledCondition, ...]]:
     """Return the geometric conditions that are fulfilled at each of n configurations.
 
+    A condition says that pole axes of the links of a relation c y' = d q' are parallel, or
+    that their planes coincide. Then c (type II), d (type I) or both (type III) vanish.
+
     Parameters
     ----------
     relation
-        The relation that is singular.
+        The relation, with its pole axes at n configurations.
     names
         The names of all links of the mechanism.
     kind
@@ -207,6 +210,8 @@ def find_conditions(
     ones first.
     """
     links = relation.links
+    # The possible conditions by their labels. All conditions of a label have to be
+    # fulfilled. Two different links have none: the relation never vanishes.
     listed: Mapping[str, tuple[Condition, ...]] = {}
     if len(links.different) == 4:
         listed = FOUR_LINKS[relation.form, kind]
@@ -303,7 +308,10 @@ def compare_with_rates(
     types_by_rates: Sequence[Type],
     is_resting: Mapping[Pole, Bools],
 ) -> list[RelationAt]:
-    """Return a relation at n singularities, compared with the types by the rates.
+    """Return a relation c y' = d q' at n singularities, compared with the rates.
+
+    Type I is d = 0 by the relation, and an output at rest by the rates; type II is c = 0,
+    and an input at rest. A note explains where the two types differ.
 
     Parameters
     ----------
@@ -323,6 +331,7 @@ def compare_with_rates(
     tolerances = np.maximum(VANISHING_SINE, AXIS_ERROR_FACTOR * axis_errors)
     c_vanishes = np.abs(relation.c) <= tolerances
     d_vanishes = np.abs(relation.d) <= tolerances
+    # The type is None where neither c nor d vanishes.
     types_by_coefficients = [
         TYPE_OF_VANISHING.get((c_is_zero, d_is_zero))
         for c_is_zero, d_is_zero in zip(
@@ -370,7 +379,7 @@ def _explain_disagreement(
     links: FourLinks,
     resting_links: Sequence[str],
 ) -> str:
-    """Return why the coefficients give another type than the rates.
+    """Return why the coefficients c and d of c y' = d q' give another type than the rates.
 
     Parameters
     ----------

@@ -75,7 +75,9 @@ def grashof(mechanism: Mechanism) -> Grashof | None:
 def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
     """Return the numbers of fixed link, input, coupler and output of a four-bar.
 
-    None for other mechanisms.
+    A four-bar has one loop of four links, joined by pairs with an axis, and one input. The
+    result is None for other mechanisms. The fixed link is the ground (link 0) if the driven
+    pair is on it, otherwise the first link of this pair.
     """
     ends = mechanism.ends
     pairs_of_link = np.bincount(np.ravel(ends), minlength=len(mechanism.links)).tolist()
@@ -96,7 +98,11 @@ def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
 
 
 def class_of(g: ArrayLike, a: ArrayLike, h: ArrayLike, b: ArrayLike) -> NDArray[np.str_]:
-    """Return the class of four-bars from the arcs of their links.
+    """Return the class of four-bars by Grashof's criterion, from the arcs of their links.
+
+    The input turns fully if T1 T2 > 0 and T3 T4 > 0, the output if T1 T3 < 0 and T2 T4 < 0,
+    where T1 to T4 are sums of the four arcs (McCarthy and Soh 2011, section 7.2). If one of
+    the sums is zero, all links can lie in one great circle: the four-bar is change-point.
 
     Parameters
     ----------

@@ -97,7 +97,9 @@ def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
 def _near_misses_on_curve(
     sampled: SampledSingularities, kind: Type, output: int, number: int, near: float
 ) -> list[NearMiss]:
-    """Return the near misses of one type, for one output on one curve.
+    """Return where an output comes near one type without reaching it, on one curve.
+
+    The distance from the type is an angle. Its sine is searched for minima below a limit.
 
     Parameters
     ----------
@@ -108,6 +110,9 @@ def _near_misses_on_curve(
     """
     angle = partial(sampled.angle, kind, number, output=output)
     curve = sampled.curves[number]
+    # Type I: relative to the greatest velocity coefficient on the curve if it is below 1,
+    # because the output of a reducer is slow throughout. Type II: relative to the largest
+    # sine of an arc, because the transmission measure is small if all arcs are small.
     limit = np.sin(near)
     scale = 1.0
     if kind is Type.I:
@@ -117,6 +122,7 @@ def _near_misses_on_curve(
         scale = sampled.largest_arc_sine
     positions, sines = local_minima(sampled, number, angle, limit * scale)
     misses: list[NearMiss] = []
+    # Smaller sines are singularities, not near misses.
     for s in positions[sines > SINGULAR_TRANSMISSION * scale]:
         values = curve.at(s).values
         if kind is Type.II and sampled.least_dyad_angle(values, output)[0] > near:
@@ -144,7 +150,8 @@ def least_transmission(
 ) -> tuple[float, float, tuple[int, ...]] | None:
     """Return the least transmission angle of an output in the range of the input.
 
-    It is searched between samples too, and where curves cross.
+    It is the angle between the two arcs of the dyad (two links) that places the output. It
+    is searched between samples too, and where curves cross.
 
     Parameters
     ----------
@@ -169,11 +176,13 @@ def least_transmission(
         minima = list(zip(positions, curve.at(positions).values, strict=True))
         for s, values in [*minima, *sampled.crossing_ends(number)]:
             (angle,) = sampled.transmission_angles(values[None])[output]
+            # An angle of zero up to rounding is zero.
             size = 0.0 if angle <= SINGULAR_TRANSMISSION else float(angle)
             for q, modes in _inputs_and_modes(sampled, number, float(s), values):
                 candidates.append((size, q, modes))
     if not candidates:
         return None
+    # The angle is NaN everywhere if no dyad places the output.
     first_size, _, _ = candidates[0]
     if not np.isfinite(first_size):
         return None
@@ -209,10 +218,10 @@ def local_minima(
     angles: AngleFunction,
     limit: float = np.inf,
 ) -> tuple[Floats, Floats]:
-    """Return the local minima of the sine of an angle along a curve.
+    """Return the local minima of the sine of an angle along a configuration curve.
 
-    An end of the range is included if the angle increases from there inwards. So is an end
-    of the curve at which no other curve crosses it.
+    An end of the range of the input is included if the angle increases from there inwards.
+    So is an end of the curve, unless other curves cross it at one of its ends.
 
     Parameters
     ----------
@@ -242,6 +251,7 @@ def local_minima(
 
     positions, squares = find_local_minima(squared_sine, grid, limit**2)
     if curve.closed:
+        # One lap that does not begin at the start, where the grid has its ends.
         is_in_one_lap = (positions >= grid[1]) & (positions < grid[1] + curve.length)
         positions = np.mod(positions[is_in_one_lap], curve.length)
         squares = squares[is_in_one_lap]
@@ -255,6 +265,10 @@ def local_minima(
 
 def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, Floats]:
     """Return the ends of the range and of the curve, and points a little inward.
+
+    The curve consists of pieces, each of which is one assembly mode. An end of a piece is
+    an end of the range if its input is the lowest or the highest, unless the range consists
+    of whole periods. Ends of an open curve are included unless other curves cross there.
 
     Parameters
     ----------

@@ -54,6 +54,10 @@ class PlacingPart:
 def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingPart:
     """Return the part of a mechanism that places links relative to the input.
 
+    Links that only follow are left out. The part is used only if each assembly mode of the
+    whole belongs to a mode of the part, and if both have the same dead centres. Otherwise
+    the result is the whole mechanism.
+
     Parameters
     ----------
     whole
@@ -84,10 +88,11 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
 
 
 def _have_same_turning_points(whole: PositionAnalysis, part: PositionAnalysis) -> bool:
-    """Return whether modes of the whole meet at the same inputs as modes of the part.
+    """Return whether assembly modes of the whole and of the part meet at the same inputs.
 
-    All inputs of one revolution are compared, because the links that are left out may have
-    a dead centre outside the range.
+    Modes meet at dead centres, where the input turns back. All inputs of one revolution are
+    compared, because the links that are left out may have a dead centre outside the range.
+    The answer is no if some dead centres of the whole are doubtful.
     """
     whole_points, part_points = (
         find_input_turning_points(analysis.solver, -np.pi, np.pi, RUN_COST_S, RUN_TIME_S)
@@ -104,7 +109,8 @@ def _match_modes(
 ) -> dict[int, tuple[int, ...]] | None:
     """Return the assembly modes of the whole that contain each mode of the part.
 
-    None if a mode of the whole contains none.
+    A mode of the whole contains a mode of the part if the variables of the part agree at
+    all samples at which the mode of the whole has a configuration.
 
     Parameters
     ----------
@@ -112,6 +118,11 @@ def _match_modes(
         Position analyses.
     variables
         Number in the whole mechanism of each variable of the part.
+
+    Returns
+    -------
+    Numbers of modes of the whole by the number of each mode of the part. None if a mode of
+    the whole contains no mode of the part, or has no configuration at the samples.
     """
     motion = whole.sparse(COMPARED_SAMPLES)
     sample_count = motion.samples

@@ -164,10 +164,12 @@ class SingleFreedomSingularities:
             self.links.append(links_by_form)
 
     def _links_of_form_ii(self, links: FourLinks) -> FourLinks | None:
-        """Return the links of form ii, None if this form does not exist.
+        """Return the links of form ii of the relation, None if this form does not exist.
 
-        If s is r, another link replaces s. It is the link whose poles with i and o span
-        the best determined plane, summed over all curves.
+        The relation c y' = d q' connects the rate of link i relative to r (the input) with
+        that of link o relative to s in form i, or to r in form ii. Form ii needs another
+        link if s is r. It is the link whose pole axes with i and o span the best determined
+        plane, summed over all curves.
 
         Parameters
         ----------
@@ -198,6 +200,7 @@ class SingleFreedomSingularities:
                 cross(axes[output_pole], axes[input_pole])
                 for output_pole, input_pole in zip(output_poles, input_poles, strict=True)
             ]
+            # (candidates, points of the curve) sine of the angle between the two axes.
             sum_of_sines += np.nansum(np.linalg.norm(products, axis=2), axis=1)
         return replace(links, s=candidates[int(np.argmax(sum_of_sines))])
 
@@ -354,6 +357,9 @@ class SingleFreedomSingularities:
     ) -> list[tuple[RelationAt, ...]]:
         """Return the relations of an output at singularities, compared with the rates.
 
+        A relation c y' = d q' follows from pole axes, the axes about which links turn
+        relative to each other. Its type by vanishing c and d should be that by the rates.
+
         Parameters
         ----------
         output
@@ -370,8 +376,10 @@ class SingleFreedomSingularities:
         relations_by_form = []
         names = self.position_analysis.mechanism.links
         poles = tuple(self.poles(output))
+        # The plan of poles is the same for all curves.
         pole_plan = self.curve_motions[0].plan_poles(poles)
         axes = links.pole_axes(poles, pole_plan)
+        # Whether the two links of a pole rest relative to each other, up to rounding.
         is_resting: dict[Pole, Bools] = {}
         for pole in poles:
             speed, _ = links.speeds(pole)
@@ -393,9 +401,10 @@ class SingleFreedomSingularities:
 
     @cached_property
     def notes(self) -> list[str]:
-        """Relations whose coefficients vanish on a whole curve, in words.
+        """Relations c y' = d q' whose c and d vanish on a whole curve, in words.
 
-        Their axes are in one plane, or on one line, everywhere on the curve.
+        The pole axes of their links are in one plane, or on one line, everywhere on the
+        curve. Curves on which the input or the output rests are left out.
         """
         names = self.position_analysis.mechanism.links
         notes: list[str] = []
@@ -438,7 +447,11 @@ class SingleFreedomSingularities:
         ]
 
     def _singular_curve_ends(self) -> list["_SingularCurveEnd"]:
-        """Return the configurations at which curves end by a loss of rank, each once."""
+        """Return the configurations at which curves end by a loss of rank, each once.
+
+        Ends of several curves belong to one configuration if their crossings differ by less
+        than a tolerance, apart from whole periods of the variables.
+        """
         curve_ends: list[_SingularCurveEnd] = []
         for number, curve_motion in enumerate(self.curve_motions):
             curve = curve_motion.curve
@@ -447,6 +460,7 @@ class SingleFreedomSingularities:
             ):
                 if status != Status.AT_SINGULARITY:
                     continue
+                # The curve ends a little before the crossing, which is located from there.
                 last_values = curve.nodes.values[node]
                 crossing = find_crossing(curve.closure, last_values)
                 values = last_values if crossing is None else crossing.values
@@ -462,7 +476,9 @@ class SingleFreedomSingularities:
     def _relations_at_crossing(
         self, crossing: Crossing | None, output: int
     ) -> tuple[RelationAt, ...]:
-        """Return the relations on each curve through a crossing, in its own motion.
+        """Return the relations c y' = d q' on each curve through a crossing of curves.
+
+        Each curve has its own motion at the crossing, and so its own pole axes.
 
         Parameters
         ----------
@@ -470,6 +486,11 @@ class SingleFreedomSingularities:
             The crossing, or None if it was not located.
         output
             Position of the output in `outputs`.
+
+        Returns
+        -------
+        The relations of form i and, if it exists, of form ii on the first curve, then on
+        the second one, and so on. Nothing if the crossing was not located.
         """
         if crossing is None:
             return ()
@@ -478,6 +499,7 @@ class SingleFreedomSingularities:
             self.position_analysis,
             values=np.tile(crossing.values, (curve_count, 1)),
             tangents=crossing.tangents,
+            # NaN denotes that the motions are given exactly.
             bends=np.full_like(crossing.tangents, np.nan),
         )
         is_input = {*self.outputs[output]} == {*self.input}
@@ -493,9 +515,10 @@ class SingleFreedomSingularities:
     def everywhere(self) -> int | None:
         """The degrees of freedom of a mechanism that has more than one everywhere.
 
-        None for all others, and if there are curves. They are determined to a part in a
-        million, as when curves are followed, at configurations of the assembly modes and
-        in the reference pose if the loops close there.
+        None for all others, and if there are configuration curves. The degrees of freedom
+        follow from the rank of the closure equations, to a part in a million. They are
+        determined at configurations of the assembly modes, and in the reference pose (all
+        variables zero) if the loops close there; the least number counts.
         """
         if self.curve_motions:
             return None
@@ -567,8 +590,9 @@ def find_common_rests(
 ) -> CommonRests:
     """Return the points at which an input or an output rests, in order of arc length.
 
-    If a zero of the input and one of the output agree within their error bounds, both rest
-    at one point. Neither may rest on the whole curve.
+    They are zeros of the rates of input and output along the curve. If a zero of the input
+    and one of the output agree within their error bounds, both rest at one point. Neither
+    may rest on the whole curve.
 
     Parameters
     ----------
@@ -587,6 +611,7 @@ def find_common_rests(
         distances = np.minimum(distances, curve.length - distances)
     # agrees[j, k]: zero j of the input and zero k of the output are the same point.
     agrees = distances <= input_zeros[2][:, None] + output_zeros[2]
+    # A zero that agrees with none of the other link pair is paired with no zero.
     input_alone = ~agrees[:-1].any(axis=1)
     output_alone = ~agrees[:, :-1].any(axis=0)
     agrees[:-1, -1] = input_alone
@@ -623,6 +648,9 @@ def _stack_rest_points(curve_motion: CurveMotion, pole: Pole) -> Floats:
 def explain_doubts(rests: CommonRests, types: Sequence[Type], is_input: bool) -> list[str]:
     """Return for each singularity why its type is not certain, or an empty text.
 
+    It is not certain whether input and output rest together if this point is not known well
+    enough, or if they rest at two points that are hardly farther apart than their errors.
+
     Parameters
     ----------
     rests
@@ -636,10 +664,12 @@ def explain_doubts(rests: CommonRests, types: Sequence[Type], is_input: bool) ->
     s = rests.s.tolist()
     errors = rests.errors.tolist()
     distances = rests.distances.tolist()
+    # Points at which both rest.
     for k, kind in enumerate(types):
         is_uncertain = errors[k] > MAX_SHARED_ERROR_RAD
         if not is_input and kind == Type.SELF_MOTION and is_uncertain:
             notes[k] = _format_undecided(distances[k], errors[k])
+    # Successive points of different types.
     for k, (kind, next_kind) in enumerate(pairwise(types)):
         gap = s[k + 1] - s[k]
         sum_of_errors = errors[k] + errors[k + 1]

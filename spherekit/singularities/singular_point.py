@@ -15,7 +15,9 @@ class SingularPoint:
     Attributes
     ----------
     type
-        Its type. It is III where curves cross, or end because the closure loses rank.
+        Its type: I, the output rests; II, the input rests; self-motion, both rest while
+        other links move; III, curves of configurations cross, or end because the closure
+        equations lose rank.
     output
         The output (o, s): link o relative to link s.
     places
@@ -37,8 +39,8 @@ class SingularPoint:
         Why the type, or the loss of rank, is not certain within rounding, or an empty
         string.
     relations
-        The relation in form i, and in form ii if there is one. For a crossing those on
-        each curve through it.
+        The relation c y' = d q' between the rates of output and input in form i, and in
+        form ii if there is one. For a crossing those on each curve through it.
     crossing
         The crossing of curves, with its freedoms and the directions of its curves; None
         if there is none or it was not located.

@@ -98,8 +98,11 @@ class OutputStationary:
     def equation_derivatives(self, space: TangentSpace) -> Floats:
         """Return the derivatives (n, g + 1, m, V) of E along `space.directions`.
 
-        E is a product of the constrained directions, which turn with the output link, and
-        of the angular velocities per unit rates. The derivative has two terms accordingly.
+        E are the components of the output's angular velocity, per unit rate of each of the
+        V variables, along m directions that are fixed in the output link. These directions
+        turn with the link, and the angular velocities per unit rate change: the derivative
+        has two terms accordingly. It is taken along g + 1 changes of the configuration: the
+        basis of the tangent space, and the step that closes the loops.
         """
         linearisation = space.linearisation
         directions = self._constrained_directions(linearisation)
@@ -173,7 +176,7 @@ def output_of(
     output: str | None = None,
     pointing: str | Sequence[float] | None = None,
 ) -> OutputStationary:
-    """Return an output of a mechanism, by default its first one.
+    """Return an output of a mechanism, by default its first one, as a condition of rest.
 
     Parameters
     ----------

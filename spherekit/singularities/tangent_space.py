@@ -72,7 +72,8 @@ def find_output_part(
         return None
     pair_links = [mechanism.ends[pair] for pair in pairs]
 
-    # Bodies of the part are numbered anew: 0 is the reference link, 1 the output link.
+    # Bodies of the part are numbered anew: 0 is the reference link, 1 the output link. The
+    # position of a link in `bodies` is its new number.
     numbered_links = [relative_to, link]
     for ends in pair_links:
         numbered_links += ends
@@ -165,8 +166,10 @@ class TangentSpace:
     def rate_corrections(self) -> Floats:
         """(n, g + 1, V, V) the changes of rates that keep J x = 0 as configurations change.
 
-        If the configuration changes along direction j of the whole mechanism, rates x have
-        to change by at least rate_corrections[:, j] @ x, to first order: -J^+ J' x.
+        J is the Jacobian of the loop closure, J' its derivative along direction j of
+        `directions`, J^+ its pseudo-inverse. If the configuration changes along direction
+        j, rates x have to change by at least -J^+ J' x, to first order. The array holds the
+        matrices -J^+ J'.
         """
         mechanism_space = self.mechanism_space or self
         derivatives = mechanism_space.vector_derivatives
@@ -222,6 +225,9 @@ def tangent_space(
 ) -> TangentSpace:
     """Return the rates that close the loops at configurations.
 
+    They are the rates x of the V variables with J x = 0, where J is the Jacobian of the
+    loop closure: the null space of J, from its singular value decomposition.
+
     Parameters
     ----------
     linearisation
@@ -246,6 +252,7 @@ def tangent_space(
     n, rows, columns = jacobian.shape
     rank = columns - dimension
     svd = decompose(jacobian)
+    # The last right singular vectors are the null space of J. Their senses are arbitrary.
     part_basis = np.swapaxes(svd.right[:, rank:], 1, 2).copy()
     if reference_basis is not None:
         # Orthogonal Procrustes problem: the rotation of the basis nearest to the reference.
@@ -265,6 +272,7 @@ def tangent_space(
     part_basis[~svd.is_finite] = np.nan
     inverse[~svd.is_finite] = np.nan
 
+    # Variables outside of the part do not move.
     basis = np.zeros((n, variable_count, dimension))
     basis[:, variables] = part_basis
     reciprocal_condition = np.ones(n)
