@@ -58,6 +58,9 @@ def jet_product(
 ) -> Jet:
     """Return the jet of a bilinear product by the product rule.
 
+    A jet is an array of balls with its derivatives by the variables. Its key () has the
+    array, (j,) a first and (j, l) with j <= l a second derivative; a missing key means 0.
+
     Parameters
     ----------
     first, second
@@ -67,7 +70,7 @@ def jet_product(
     order
         Highest order of the derivatives: 0, 1 or 2.
     added
-        A jet that is added to the product.
+        A jet that is added to the product, by default none.
     """
     result: dict[tuple[int, ...], Any] = dict(added or {})
     for first_key, first_array in first.items():
@@ -86,15 +89,17 @@ def jet_product(
 
 @dataclass(frozen=True)
 class DyadPlacement:
-    """What puts a link on the axes U and W of two placed links.
+    """How a link is put on two axes U and W, each an axis of a link placed before.
 
     Attributes
     ----------
     parent_axes
-        The axis of each of the two pairs, (3,) in the axes of the parent that it joins.
+        The axis of each of the two pairs, (3,) in the axes of the parent that it joins:
+        the link placed before.
     dual_rows
-        Three vectors (3,) a, b, n in link axes. The orientation of the link is the matrix
-        U a^T + W b^T + (U x W) n^T. It is a rotation if the equation is satisfied.
+        Three vectors (3,) a, b, n in link axes, the dual basis of the two pair axes and
+        their cross product. The orientation of the link is the matrix
+        U a^T + W b^T + (U x W) n^T. It is a rotation if U and W enclose the arc.
     arc_cosine
         Cosine of the arc of the link between its two axes.
     arc_sine
@@ -124,9 +129,11 @@ class ArcEquations:
     degrees
         (equations, variables) degrees as trigonometric polynomials.
     pair_frames
-        Frames of every pair in its two links.
+        Frames of every pair in its two links. The rows of a frame are the zero direction,
+        the side and the axis of the pair.
     follower_offsets
-        Angles (rad), at an input of zero, of followers that share the input's variable.
+        By pair: the angle (rad), at an input of zero, of followers that share the input's
+        variable. A follower is a pair whose angle wheels determine by the inputs.
 
     Raises
     ------
@@ -166,6 +173,9 @@ class ArcEquations:
     def _pair_rotation_terms(self, step: PlacementStep) -> Array:
         """Return the rotation of a link across one pair as a function of its variable.
 
+        `step` places the link across the pair that joins it to its only parent, a link
+        placed before.
+
         Returns
         -------
         (3, 3, 3) matrices T such that T[0] + cos(x) T[1] + sin(x) T[2] rotates from link
@@ -190,7 +200,14 @@ class ArcEquations:
         return terms
 
     def _place_dyad(self, step: PlacementStep) -> DyadPlacement:
-        """Return what puts a link on the axes of two placed links."""
+        """Return how a link is put on two axes, each an axis of a link placed before.
+
+        Raises
+        ------
+        PlanError
+            If the arc between both axes is about 0 or 180 degrees.
+        """
+        # Row 2 of a frame is the axis of its pair.
         first_axis, second_axis = (
             self.pair_frame(pair, step.link)[2] for pair in step.pairs
         )
@@ -205,7 +222,8 @@ class ArcEquations:
                 "0 or 180 deg between two pairs, about which it could spin; nothing can "
                 "be proven of it"
             )
-        # Dual basis of the two axes and their cross product.
+        # Dual basis a, b, n of the two axes and their cross product: each row has the
+        # product 1 with its own vector, and 0 with the other two.
         dual_rows = [
             row / sine_squared
             for row in (
@@ -232,13 +250,15 @@ class ArcEquations:
 
         Returns
         -------
-        Arrays of balls: f (k,), then f' (k, v) and f'' (k, v, v) up to the order.
+        Arrays of balls for k equations and v variables: f (k,), then its derivatives
+        f' (k, v) and f'' (k, v, v) up to the order.
         """
         shape = [len(self.degrees), *[self.variable_count] * order]
         arrays = [
             np.full(shape[: power + 1], exact_ball(0.0)) for power in range(order + 1)
         ]
         jets, _ = self._evaluate_jets(variables, order)
+        # A key of a jet has the numbers of the variables of a derivative.
         for equation, jet in enumerate(jets):
             for key, entry in jet.items():
                 array = arrays[len(key)]
@@ -261,8 +281,10 @@ class ArcEquations:
 
         Returns
         -------
-        By link the jet of its rotation matrix (3, 3) from link axes to those of the root.
+        By link the jet of its rotation matrix (3, 3) from link axes to those of the root,
+        the link that is placed first.
         """
+        # So far each orientation is relative to the link's reference, an earlier link.
         _, orientations = self._evaluate_jets(variables, order)
         orientations[self.construction.root] = {(): exact_balls(np.eye(3))}
         for step in self.construction.steps:
@@ -277,7 +299,15 @@ class ArcEquations:
     ) -> tuple[list[Jet], dict[int, Jet]]:
         """Return the jets of all equations and of the link orientations.
 
-        A jet is an array of balls with its derivatives by the variables, see `Jet`.
+        A jet is an array of balls with its derivatives by the variables. Its key () has the
+        array, (j,) a first and (j, l) with j <= l a second derivative; a missing key means
+        zero.
+
+        Links are placed one after another. A link across one pair is rotated by the angle
+        of the pair. A dyad is a link on the axes U and W of two placed links. It gives the
+        equation f = U . W - cos(arc) = 0 with the link's arc between both axes. If the
+        equation is satisfied, the orientation of the link is U a^T + W b^T + (U x W) n^T
+        with its dual rows a, b, n: the dual basis, in link axes, of U, W and U x W.
 
         Parameters
         ----------
@@ -289,9 +319,10 @@ class ArcEquations:
         Returns
         -------
         equations
-            The jet of f of each equation.
+            The jet of f of each equation, in the order of the dyads.
         orientations
-            By link the jet of its orientation in its reference link (`LinkPlacement`).
+            By link the jet of its rotation matrix (3, 3) to the axes of its reference link:
+            its parent, or for a dyad the link at which the paths of its parents meet.
         """
         equations: list[Jet] = []
         orientations: dict[int, Jet] = {}
@@ -306,6 +337,7 @@ class ArcEquations:
 
         for step in self.construction.steps:
             if not step.is_dyad:
+                # The rotation has derivatives up to order 2 in any case.
                 rotation = _rotation_jet(self._rotation_terms[step.link], variables, step)
                 orientations[step.link] = {
                     key: array for key, array in rotation.items() if len(key) <= order
@@ -314,36 +346,43 @@ class ArcEquations:
             dyad = self._dyad_placements[step.link]
             paths = self.construction.parent_paths(step)
             first_parent_axis, second_parent_axis = dyad.parent_axes
+            # Both axes in the axes of the link at which the paths of the parents meet.
             U = carry_along(paths.first, first_parent_axis)
             W = carry_along(paths.second, second_parent_axis)
-            equations.append(jet_product(U, W, np.dot, order, {(): -dyad.arc_cosine}))
+            equations.append(jet_product(U, W, np.dot, order, added={(): -dyad.arc_cosine}))
+            # U a^T + W b^T + (U x W) n^T, one term after another.
             orientation: Jet = {}
             for axis, row in zip(
                 (U, W, jet_product(U, W, _cross, order)), dyad.dual_rows, strict=True
             ):
                 orientation = jet_product(
-                    axis, {(): row}, np.multiply.outer, order, orientation
+                    axis, {(): row}, np.multiply.outer, order, added=orientation
                 )
             orientations[step.link] = orientation
         return equations, orientations
 
     @cached_property
     def derivative_bound(self) -> Floats:
-        """(equations,) bounds C of f and its derivatives at real angles.
+        """(equations,) bounds C of the derivatives of f at real angles, of any order >= 1.
 
         A derivative of order k by variables j1 to jk is at most C times the product of the
-        degrees in these variables.
+        degrees in these variables. The equation is f = U . W - cos(arc). U and W are unit
+        axes of two links, carried to common axes by products of link orientations. A
+        product is bounded by the product of norms, and the constant does not matter to
+        derivatives, so C is the product of the norms on both paths.
         """
-        # Bound of the norm of each link's orientation in its reference, and its
-        # derivatives.
+        # By link: bound of the norm of its orientation relative to its reference link, and
+        # of the derivatives of the orientation over the degrees. A rotation about a fixed
+        # axis has norm 1, as have its derivatives by the angle.
         norms = dict.fromkeys(self._rotation_terms, 1.0)
         bounds = []
         for step in self.construction.equation_steps:
             paths = self.construction.parent_paths(step)
             first = prod(norms[link] for link in paths.first)
             second = prod(norms[link] for link in paths.second)
-            # |U a^T + W b^T + (U x W) n^T|; the dual rows have lengths of at most 1 / sine.
-            # The factors cover the rounding of sums and products.
+            # The orientation of a link on two axes is U a^T + W b^T + (U x W) n^T. The
+            # vectors a, b, n, its dual rows, have lengths of at most 1 / sine(arc).
+            # The factors exceed the rounding of these few sums, products and a quotient.
             sum_of_norms = (first + second + first * second) * (1 + 16 * UNIT_ROUNDOFF)
             norms[step.link] = sum_of_norms / self._dyad_placements[step.link].arc_sine
             bounds.append(first * second)
@@ -365,16 +404,22 @@ def _cross(a: Vector, b: Vector) -> Vector:
 def _rotation_jet(
     terms: Array, variables: Sequence[Ball] | Array, step: PlacementStep
 ) -> Jet:
-    """Return the jet of the rotation of a link across one pair.
+    """Return the rotation of a link across one pair with its derivatives by the variable.
 
     Parameters
     ----------
     terms
-        (3, 3, 3) matrices T of T[0] + cos(x) T[1] + sin(x) T[2].
+        (3, 3, 3) matrices T of the rotation T[0] + cos(x) T[1] + sin(x) T[2].
     variables
         Balls (rad) of all variables.
     step
-        Its variable times its factor is the angle x.
+        How the link is placed: x is the variable number `step.variable` times
+        `step.angle_factor`.
+
+    Returns
+    -------
+    The matrix under the key (), its first derivative under (j,) and its second under (j, j)
+    with the number j of the variable.
     """
     factor = step.angle_factor
     j = step.variable

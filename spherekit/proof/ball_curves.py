@@ -102,6 +102,9 @@ def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
 def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
     """Return the curve of a profile, and its length if it is open.
 
+    A curve returns at an arc length its frame (3, 3), whose columns are tangent, normal and
+    point.
+
     Parameters
     ----------
     profile
@@ -121,9 +124,9 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
     if profile.kind not in ("circle", "great_circle"):
         wave = _make_wave(axes, exact_balls(profile.cosines), exact_balls(profile.sines))
         return _by_arc_length(wave, exact_balls([0.0, 2.0]) * pi_ball(), True)
-    # A circle: its frame is a linear function of 1, cosine and sine of the azimuth, which
-    # is # the arc length over the sine of the radius. A great circle has a radius of 90
-    # degrees.
+    # A circle about z: its frame is a linear function of 1, cosine and sine of the azimuth,
+    # which is the arc length over the sine of the radius. A great circle has a radius of 90
+    # degrees. Each list has the tangent, the normal and the point.
     x, y, z = axes
     sine, cosine = exact_balls([1.0, 0.0])
     if profile.kind == "circle":
@@ -145,7 +148,8 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
     Parameters
     ----------
     path
-        The path, analytic between neighbouring knots.
+        Returns points (n, 3) on the unit sphere and their derivatives (n, 3) at values (n,)
+        of its parameter. It is analytic between neighbouring knots.
     knots
         Values of its parameter, in order.
     closed
@@ -153,7 +157,8 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
 
     Returns
     -------
-    The curve, and its length (rad) if it is open, else 0.
+    The curve, which returns frames (n, 3, 3) at arc lengths (n,): columns are tangent,
+    normal and point. Then its length (rad) if it is open, else 0.
 
     Raises
     ------
@@ -161,6 +166,9 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
         If too many panels are needed.
     """
     bits = precision_bits()
+    # More terms make longer panels. panel_starts has the arc length at which each panel
+    # begins, and panel_series the coefficients of the parameter as a series of the arc
+    # length from there on.
     term_count = 8 + bits // 3
     panel_starts: list[Ball] = [exact_ball(0.0)]
     panel_series: list[list[Ball]] = []
@@ -177,10 +185,12 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
                 parameter = power_series(*np.array([[low, 1, *[0] * (term_count - 2)]]).T)
                 speed = vector_lengths(path(parameter)[1])
                 arc_series = speed.item().integral()
+                # The coefficients without their radii, so that errors do not accumulate.
                 arc_of_parameter, parameter_of_arc = (
                     [series[power].mid() for power in range(term_count)]
                     for series in (arc_series, arc_series.reversion())
                 )
+                # Width of the panel, as a part of what is left to the next knot.
                 width = min(
                     1.0, _convergence_distance(arc_of_parameter, bits) / float(high - low)
                 )
@@ -204,6 +214,7 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
         """Return the frames (n, 3, 3) of the curve at arc lengths s (n,) rad."""
         s_floats = centre_floats(series_coefficient(s, 0))
         if closed:
+            # Whole laps are removed.
             s = s - exact_balls(np.floor(s_floats / float_starts[-1])) * length
             s_floats = centre_floats(series_coefficient(s, 0))
         panel = np.searchsorted(float_starts[1:-1], s_floats, side="right")
@@ -218,8 +229,15 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
 def _convergence_distance(coefficients: list[Ball], bits: int) -> float:
     """Return how far from its centre a series has all digits.
 
-    The distance is estimated from the last four of its coefficients: at it, none of their
-    terms exceeds 2 ** -bits.
+    The distance x is estimated from the last four coefficients: |c_n| x^n is at most
+    2 ** -bits for each of them. A margin then shortens it.
+
+    Parameters
+    ----------
+    coefficients
+        Coefficients c_n of the series, the power 0 first.
+    bits
+        Bits that the sum of the series must have.
     """
     count = len(coefficients)
     with np.errstate(divide="ignore"):
@@ -242,6 +260,7 @@ def _make_wave(axes: Array, cosines: Array, sines: Array) -> Path:
 
     def path(azimuth: Array) -> tuple[Array, Array]:
         """Return points (n, 3) at azimuths (n,) rad, and their derivatives by azimuth."""
+        # Colatitude: sum of a cos(k azimuth) + b sin(k azimuth). Slope: its derivative.
         colatitude = 0 * azimuth
         slope = 0 * azimuth
         for wave, (a, b) in enumerate(zip_longest(cosines, sines, fillvalue=0)):
@@ -261,7 +280,13 @@ def _make_wave(axes: Array, cosines: Array, sines: Array) -> Path:
 def _make_spline(spline_path: SplinePath) -> Path:
     """Return the radial projection of a quintic spline in space onto the sphere.
 
-    The spline is evaluated by de Boor's algorithm, as are its derivatives.
+    The spline and its derivative are evaluated by de Boor's algorithm, in balls. Its
+    float64 knots and control points count as exact.
+
+    Returns
+    -------
+    A function of the parameter (n,) of the spline. It returns the projected points (n, 3)
+    and their derivatives by the parameter.
     """
     degree = spline_path.spline.k
     control_points = exact_balls(spline_path.spline.c)
@@ -277,6 +302,7 @@ def _make_spline(spline_path: SplinePath) -> Path:
         knots = exact_balls(
             spline_knots[first + np.arange(1, 2 * degree + 1)[:, None], None]
         )
+        # Each level interpolates between neighbouring points, until one point is left.
         for level in range(degree):
             low = knots[level:degree]
             high = knots[degree : 2 * degree - level]
@@ -284,6 +310,7 @@ def _make_spline(spline_path: SplinePath) -> Path:
             points = points[:-1] + (parameter[:, None] - low) * slope
         (x,) = points
         (last_slope,) = degree * slope
+        # Projection: the part of the derivative across the radius, over the radius.
         size = vector_lengths(x)[:, None]
         point = x / size
         radial_rate = np.sum(point * last_slope, axis=1, keepdims=True)

@@ -10,7 +10,7 @@ from spherekit.proof.reference_rows import ExactRows
 
 
 def exact_inertia(rows: ExactRows) -> tuple[Array, Array]:
-    """Return the equivalent inertia and its derivative by the moving input.
+    """Return the equivalent inertia and its derivative by the only input that moves.
 
     The equivalent inertia is twice the kinetic energy at unit rate of the input (Di
     Gregorio 2024, eqs. (14), (15)). Inertia tensors count as exact float64 numbers.
@@ -36,7 +36,8 @@ def equivalent_inertia(
 ) -> tuple[Array, Array]:
     """Return the equivalent inertia B of a coordinate and its derivative.
 
-    B is the sum of w_j . I_j w_j over the links j with mass. The derivative is twice the
+    B is the sum of w_j . I_j w_j over the links j with mass, with the angular velocity w_j
+    and the inertia tensor I_j about the centre of the sphere. The derivative is twice the
     sum of dw_j . I_j w_j, since the terms from the rotation of I_j cancel.
 
     Parameters
@@ -53,7 +54,7 @@ def equivalent_inertia(
     Returns
     -------
     B, dB
-        (n,) balls each.
+        (n,) balls each, kg m2 and kg m2/rad.
     """
     B = exact_balls(np.zeros(len(w)))
     dB = exact_balls(np.zeros(len(w)))
@@ -62,6 +63,7 @@ def equivalent_inertia(
         rotation = rotations[:, link]
         w_column = w[:, link, :, None]
         tensor = exact_balls(mass.tensor)
+        # I_j w_j in ground axes: rotate to link axes, multiply, and rotate back.
         momentum = rotation @ (tensor @ (rotation.swapaxes(1, 2) @ w_column))
         B = B + np.sum(w_column * momentum, axis=(1, 2))
         dB = dB + 2 * np.sum(dw[:, link, :, None] * momentum, axis=(1, 2))
@@ -72,14 +74,15 @@ def interpolate_table(table: TorqueTable, t: Array, time_inside: float) -> Array
     """Return the torque of a table, continued along one of its straight lines.
 
     A table is piecewise linear in time. All times are evaluated on the line that is valid
-    at `time_inside`, so that the result has no kink.
+    at `time_inside`, so that the result has no kink. A periodic table repeats from its last
+    time on.
 
     Parameters
     ----------
     table
         Times (s) and torques (N m).
     t
-        (n,) times (s).
+        (n,) balls of times (s).
     time_inside
         A time (s) between two neighbouring kinks of the table.
 
@@ -95,6 +98,7 @@ def interpolate_table(table: TorqueTable, t: Array, time_inside: float) -> Array
     else:
         periods_passed = 0
     time_in_first_period = time_inside - periods_passed * float(period)
+    # Number of the table's time at which the line ends.
     end = 1 + np.searchsorted(table.times[1:-1], time_in_first_period)
     slope = (torques[end] - torques[end - 1]) / (times[end] - times[end - 1])
     time_on_line = t - periods_passed * period - times[end - 1]

@@ -99,6 +99,10 @@ def frames_from_sizes(
 ) -> Frames:
     """Return the frames of R pairs from the arcs and angles of the links.
 
+    A frame (3, 3) has the rows zero direction, side and axis of the pair, in link axes. The
+    zero direction points towards another axis of the link, or is any direction across the
+    axis if there is no other.
+
     Parameters
     ----------
     mechanism
@@ -106,9 +110,14 @@ def frames_from_sizes(
     geometry
         The same sizes in float64, which decide whether two axes of a link coincide.
     sizes
-        By link: the arcs and the angles (rad) as balls.
+        By link: its list of arcs and its list of angles (rad), in balls.
     zeros
         By pair: the angle (rad) at which its variable is zero; 0 if it is missing.
+
+    Returns
+    -------
+    By name of the pair its frames in its first and second link. The first one is rotated by
+    the zero.
     """
     float_axes = {link: axes_from_sizes(given) for link, given in geometry.links.items()}
     axes = {}
@@ -136,7 +145,8 @@ def frames_from_pose(
 ) -> Frames:
     """Return the frames of R pairs from the axes in the reference pose.
 
-    In the reference pose the axes of all links coincide with ground axes.
+    In the reference pose the axes of all links coincide with ground axes. A frame (3, 3)
+    has the rows zero direction, side and axis of the pair, in link axes.
 
     Parameters
     ----------
@@ -146,6 +156,11 @@ def frames_from_pose(
         By pair: its unit axis in the reference pose, as balls.
     values
         By pair: its angle (rad) in the reference pose; 0 if it is missing.
+
+    Returns
+    -------
+    By name of the pair its frames in its first and second link. The second one is rotated
+    by the angle, so that the pair has this angle in the reference pose.
     """
     frames = {}
     for name, float_axis in geometry.axes.items():
@@ -178,7 +193,8 @@ def _reference_frame(
 ) -> Frame:
     """Return the frame of a pair in a link; its zero direction points to another axis.
 
-    That is the first axis of the link that does not coincide with the axis of the pair.
+    The other axis is the first one of the link that does not coincide with the axis of the
+    pair. Without such an axis the zero direction is any direction across the axis.
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ class Digits:
     Attributes
     ----------
     digits
-        Number of decimal digits.
+        The number of digits as given.
     eps
         Spacing of the numbers next to 1 in this precision.
 
@@ -110,7 +110,7 @@ def centre_float(ball: Ball) -> float:
 
 
 def power_series(*coefficients: Array) -> Array:
-    """Return an array of power series from the arrays of their coefficients.
+    """Return an array of power series in one variable from arrays of their coefficients.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def power_series(*coefficients: Array) -> Array:
 
     Returns
     -------
-    (...) power series of that length.
+    (...) power series with as many terms as there are arrays.
     """
     series_type = flint_library().arb_series
     coefficient_rows = np.stack(coefficients, axis=-1)

@@ -55,9 +55,10 @@ def _make_heading(statement: str, decimal_mechanism: DecimalMechanism) -> dict[s
 
 
 def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
-    """Return the certificate of the modes at given inputs.
+    """Return the certificate of the assembly modes at given inputs.
 
-    The centres of roots are exact: mantissa and exponent of 2 of real and imaginary parts.
+    A certificate is a table for a JSON file, from which a checker can repeat the proof. The
+    centres of roots are exact: mantissa and exponent of 2 of real and imaginary parts.
     """
     decimal_mechanism = modes.decimal_mechanism
     construction = modes.construction
@@ -91,9 +92,16 @@ def _construction_table(
         The mechanism, for the names.
     construction
         The order: a root, then each link across one pair or on the axes of two.
+
+    Returns
+    -------
+    The root; for each link placed after it the earlier links ("on") and the pairs ("by");
+    the pairs with unknown angles; the links that stand for sliding contacts, by contact;
+    and the pairs that follow from the inputs through wheels.
     """
     structure = decimal_mechanism.structure
     links = structure.links
+    # A coupler is a link with two pairs that stands for a sliding contact of circles.
     couplers = {}
     for number, contact in enumerate(structure.couplers):
         link, pairs = structure.coupler_parts(number)
@@ -119,10 +127,12 @@ def _construction_table(
 
 
 def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
-    """Return the certificate of the curves over a range of the only input.
+    """Return the certificate of the configuration curves over a range of the only input.
 
-    Centres and frames are the exact float64 numbers. The boxes of the exclusion are not in
-    it: a checker has to pave the space again.
+    Each curve is a chain of pieces. A piece is a box with exactly one arc of the curve, and
+    contains the centre of the next piece. Centres and frames are the exact float64 numbers.
+    The boxes that prove that there is no other curve are left out: a checker has to divide
+    the space of the variables again.
     """
     decimal_mechanism = curves.decimal_mechanism
     construction = curves.construction
@@ -220,16 +230,25 @@ def _wheel_tables(
 ) -> list[dict[str, Any]]:
     """Return how each wheel rotates with the shared variable, and its angle at zero.
 
+    The shared variable makes one turn while the input and all wheels return.
+
     Parameters
     ----------
     decimal_mechanism
         A mechanism with one input. Its followers are the pairs of wheels.
     construction
         A construction in which the input and all wheels are multiples of one variable.
+
+    Returns
+    -------
+    For each wheel its pair, its turns per turn of the variable, its angle (rad) where the
+    variable is 0, and the error bound (rad) of this angle.
     """
     structure = decimal_mechanism.structure
+    # By the pairs of each placed link: the pair angle over the variable.
     factors = {step.pairs: step.angle_factor for step in construction.steps}
     with working_precision(WHEEL_PRECISION_BITS):
+        # The first angle is that of the input itself.
         _, *wheel_angles = decimal_mechanism.known_angles([exact_ball(0.0)])
         angles = _round_balls(wheel_angles)
     return [
@@ -246,7 +265,12 @@ def _wheel_tables(
 
 
 def map_certificate(input_map: InputMap) -> dict[str, Any]:
-    """Return the certificate of boxes of several inputs: what was proven of each."""
+    """Return the certificate of boxes of several inputs: what was proven of each.
+
+    A box is regular if no configuration in it is singular with locked inputs (type II). It
+    then has one number of assembly modes everywhere. The shares are parts of the area of
+    the input ranges.
+    """
     decimal_mechanism = input_map.decimal_mechanism
     construction = input_map.construction
     input_names = decimal_mechanism.structure.names_of(construction.input_pairs)
@@ -310,7 +334,14 @@ def wheels_certificate(
 def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
     """Return enclosures of all poles in all certified real modes.
 
-    Each row has float64 numbers near the balls, and error bounds of these.
+    A pole is the axis of the relative rotation of two links while one input moves and the
+    others are locked. The velocity coefficient is their relative angular velocity per unit
+    rate of that input.
+
+    Returns
+    -------
+    A row for each mode, moving input and pair of links, with float64 numbers and their
+    error bounds ("off"). The direction is None if the links may be at relative rest.
     """
     structure = modes.decimal_mechanism.structure
     rows = []
@@ -337,7 +368,12 @@ def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
 
 
 def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
-    """Return the part of a certificate with the singularities of a range."""
+    """Return the part of a certificate with the singularities over a range of the input.
+
+    Each found one has its place, the values (rad) of all variables, with the error bound
+    (rad) "off". Outputs without a pair to their reference link have no variable, so that
+    only a stationary input (type II) is found for them.
+    """
     return {
         "undecided_parts": located.undecided,
         "outputs_without_pair": located.skipped,
@@ -362,7 +398,9 @@ def _system_tables(
 ) -> list[dict[str, Any]]:
     """Return systems of equations with approximations of all their solutions.
 
-    A solution has e^(i angle) of each unknown, or its inverse where "inverse" is true.
+    A system is a smallest set of equations that can be solved by itself, after the systems
+    before it. A solution has e^(i angle) of each unknown, or its inverse where "inverse" is
+    true; the inverse of a root at infinity is 0.
 
     Parameters
     ----------
@@ -372,7 +410,7 @@ def _system_tables(
         Its order of placing links, which numbers equations and variables.
     systems
         The systems in the order in which they are solved. Each has its solutions for
-        several choices of its given variables.
+        several choices of its given variables: all variables that are not its unknowns.
     """
     structure = decimal_mechanism.structure
     names = structure.names_of(construction.pairs)

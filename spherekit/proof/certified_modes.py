@@ -68,6 +68,9 @@ apart.
 class CertifiedModes:
     """What is proven of the assembly modes at given inputs.
 
+    A mode is a real solution of the loop equations, a *real root*. Complex roots are
+    counted too, since their largest possible number is known.
+
     Attributes
     ----------
     decimal_mechanism
@@ -82,8 +85,9 @@ class CertifiedModes:
     precision_bits
         Bits of the ball centres with which they were proven.
     systems
-        The systems by which the real roots were counted, each with all its solutions, those
-        at infinity included. Empty if this way was not needed, or failed.
+        The parts of the equations, solved one after another, by which the real roots were
+        counted. Each has all its solutions, those at infinity included. Empty if this way
+        was not needed, or failed.
     box_count
         Number of boxes that were examined to exclude other real roots.
     undecided_boxes
@@ -172,6 +176,7 @@ class CertifiedModes:
     def narrow_balls(self) -> Iterator[tuple[ArcEquations, list[list[Ball]]]]:
         """Provide the equations, and for each real mode narrow balls of all variables.
 
+        Variables are the unknown angles, followed by the angles of inputs and of wheels.
         Within the context, balls have the precision with which the modes were proven.
         """
         with working_precision(self.precision_bits):
@@ -184,6 +189,11 @@ def certify_modes(
     decimal_mechanism: DecimalMechanism, inputs: Sequence[str]
 ) -> CertifiedModes:
     """Return all complex modes at given inputs, as far as they are proven.
+
+    Real and complex roots of the loop equations are proven with more and more bits, until
+    there are as many as there can be, or the real ones are proven complete system by
+    system. If neither succeeds, the rest of space is divided into boxes, in which other
+    real roots are excluded.
 
     Parameters
     ----------
@@ -199,7 +209,8 @@ def certify_modes(
     """
     construction = find_construction(decimal_mechanism.structure)
     if not construction.unknown_count:
-        only_root = CertifiedRoot((), 0, 0, True)
+        # Wheels determine all angles: the only root has no unknowns.
+        only_root = CertifiedRoot(centre=(), radius=0, unique=0, real=True)
         return CertifiedModes(
             decimal_mechanism, construction, inputs, [only_root], MODE_PRECISIONS_BITS[0]
         )
@@ -210,6 +221,7 @@ def certify_modes(
             search = _RootSearch(decimal_mechanism, construction, inputs)
             for approximation in approximations:
                 search.add_root(approximation)
+            # Homotopies run once. They extend the list of approximations.
             if bits == MODE_PRECISIONS_BITS[0]:
                 systems = search.search_by_homotopies(approximations)
         is_proven = len(search.roots) >= construction.mode_bound or bool(systems)
@@ -266,7 +278,8 @@ def join_boxes(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
     lows = centres - radii
     highs = centres + radii
     labels = np.zeros(len(centres), dtype=int)
-    # Too many boxes are joined without comparison.
+    # labels[i] is the group of box i. Too many boxes are joined to one group without
+    # comparison; otherwise a count of 0 means that nothing was compared yet.
     group_count = int(len(centres) > MAX_CLUSTERED_BOXES)
     while group_count < len(lows):
         if group_count:
@@ -320,8 +333,10 @@ class _RootSearch:
     ) -> Sequence[EquationSystem]:
         """Try to prove the roots that homotopies find.
 
-        It ends when all roots are proven, when homotopies have found as many finite ones as
-        there can be, or when the real roots are proven to be complete system by system.
+        A homotopy follows approximate roots from a system with known roots to the equations
+        of the mechanism. Homotopies with other random numbers are tried until all roots are
+        proven, until as many finite ones as there can be are approximated, or until the
+        real roots are proven to be complete system by system.
 
         Parameters
         ----------
@@ -330,7 +345,7 @@ class _RootSearch:
 
         Returns
         -------
-        The systems that prove the real roots complete, else nothing.
+        The systems that prove the real roots complete, else an empty tuple.
         """
         bound = self.equations.construction.mode_bound
         for seed in range(HOMOTOPY_SEEDS):
@@ -346,6 +361,7 @@ class _RootSearch:
             if max(len(self.roots), np.sum(is_finite)) >= bound:
                 break
             if len(modes):
+                # -1 if the systems do not prove the number of real roots.
                 real_count, systems = self.real_roots_by_systems
                 if real_count == len(self.real):
                     return systems
@@ -373,16 +389,23 @@ class _RootSearch:
         """Exclude other real roots; return the number of boxes and the undecided ones."""
         unknown_count = self.equations.unknown_count
         no_width = [exact_ball(0.0)] * len(self.known_angles)
+        # Unknown angles range over a full turn, given angles have one value.
         ranges = VariableRanges(
-            [exact_ball(FIRST_ANGLE_RAD)] * unknown_count + self.known_angles,
-            [2 * pi_ball()] * unknown_count + no_width,
+            low=[exact_ball(FIRST_ANGLE_RAD)] * unknown_count + self.known_angles,
+            width=[2 * pi_ball()] * unknown_count + no_width,
         )
         return pave(
-            self.equations, ranges, self._covers, self._add_configuration, MAX_MODE_BOXES
+            self.equations,
+            ranges,
+            covers=self._covers,
+            add_configuration=self._add_configuration,
+            max_boxes=MAX_MODE_BOXES,
         )
 
     def _covers(self, centres: Floats, radii: Floats) -> Bools:
-        """Return which boxes (n,) are surely inside a neighbourhood with one known root.
+        """Return which boxes (n,) are surely inside a neighbourhood with one proven root.
+
+        The neighbourhood of a root is a cube in the space of the unknown angles.
 
         Parameters
         ----------
@@ -420,8 +443,8 @@ def _root_sort_key(root: CertifiedRoot) -> tuple[float, ...]:
 def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> list[Ball]:
     """Return balls (rad) of the angles of all pairs.
 
-    The angles of pairs that are variables are given. Those of the two pairs of a dyad
-    follow from the orientations of the links.
+    The angles of pairs that are variables are given. Those of the two pairs by which a link
+    is put on two axes follow from the orientations of the links.
 
     Parameters
     ----------
@@ -439,6 +462,7 @@ def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> l
     angles = []
     for pair, ends in enumerate(equations.decimal_mechanism.structure.ends):
         if pair in construction.pairs:
+            # The position of the pair is the number of its variable.
             angles.append(variables[construction.pairs.index(pair)])
             continue
         # Rows: zero direction, side and axis of the pair's frames in root axes.
@@ -446,5 +470,7 @@ def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> l
             frame @ orientations[link][()].T
             for link, frame in zip(ends, equations.pair_frames[pair], strict=True)
         )
+        # Cosine and sine: components of the second zero direction along the first zero
+        # direction and the first side.
         angles.append(polar_angle(*(first[:2] @ second[0])))
     return angles

@@ -33,14 +33,14 @@ class CertifiedSingularity:
     output
         Name of the output.
     type
-        "I", "II", or "I or III" and "II or III" if the input and the output are both
-        stationary as far as is told.
+        "I" if the output is stationary, "II" if the input is. "I or III" and "II or III" if
+        the other one may be stationary in the same configuration.
     q
         The input (rad).
     curve
-        Number of the curve.
+        Number of the configuration curve.
     point
-        The configuration.
+        The configuration, with the error bound of its variables.
     """
 
     output: str
@@ -54,6 +54,8 @@ class CertifiedSingularity:
 class CertifiedSingularities:
     """All singularities of types I and II of the outputs along certified curves.
 
+    In type I the output is stationary along a curve, in type II the input is.
+
     Attributes
     ----------
     curves
@@ -63,7 +65,8 @@ class CertifiedSingularities:
     undecided
         Number of parts of curves in which there may be others.
     skipped
-        Outputs that no variable measures. Only their singularities of type II are known.
+        Outputs whose angle is no variable of the equations. Only their singularities of
+        type II are known.
     resting
         Outputs that are stationary all along a curve, each with the number of the curve.
     """
@@ -78,7 +81,9 @@ class CertifiedSingularities:
         """Return how far (rad) the input may move from q, at least, before a singularity.
 
         The clearance applies to all modes and to both directions, within the range. It is 0
-        if not everything is proven.
+        if not everything is proven. Counted are stationary inputs and outputs, places where
+        curves cross or nearly do, inputs with whole curves of modes, and the ends of the
+        range.
         """
         curves = self.curves
         if curves.completeness.guarantee is not Guarantee.CERTIFIED or self.undecided:
@@ -89,7 +94,8 @@ class CertifiedSingularities:
             for point in stationary_points.proven
         ]
         points += [singularity.point for singularity in self.singularities]
-        # Inputs at which something happens, with their errors.
+        # Inputs at which something happens, with their errors. An error of the input's
+        # variable is multiplied by `cycle_turns`, the input angle over its variable.
         inputs = [
             (curves.input_angle(point.position), curves.cycle_turns * point.error)
             for point in points
@@ -102,6 +108,7 @@ class CertifiedSingularities:
         half_cycle = np.pi * curves.cycle_turns
         distances = []
         for value, error in inputs:
+            # Offset to the nearest repetition after whole cycles of the input.
             offset = np.remainder(value - q + half_cycle, 2.0 * half_cycle) - half_cycle
             distances.append(abs(offset) - error)
         if not curves.is_full_cycle:
@@ -126,7 +133,12 @@ def find_output_pairs(decimal_mechanism: DecimalMechanism) -> dict[str, int]:
 
 
 def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
-    """Return the singularities of all declared outputs other than the input itself."""
+    """Return the singularities of all declared outputs other than the input itself.
+
+    An output is measured by the angle of the pair that joins it to the link relative to
+    which it is seen. It is stationary where this angle is (type I). The input is stationary
+    where its own angle is (type II).
+    """
     construction = curves.construction
     output_pairs = find_output_pairs(curves.decimal_mechanism)
     singularities: list[CertifiedSingularity] = []
@@ -144,6 +156,7 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
         pair = output_pairs.get(output)
         if pair in input_like_pairs:
             continue
+        # By default none: for outputs whose angle is no variable.
         output_points = [StationaryPoints() for _ in curves.chains]
         if pair in construction.pairs:
             variable = construction.pairs.index(pair)
@@ -179,6 +192,8 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
                         )
                     )
     singularities.sort(key=lambda item: (item.output, item.type, item.q))
+    # Undecided parts: stretches of curves, and saddles (places where curves cross or nearly
+    # do) near which a variable may be stationary.
     undecided = sum(
         len(points.undecided) for _, by_chain in examined for points in by_chain
     )

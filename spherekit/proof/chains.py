@@ -73,7 +73,8 @@ class Chain:
         The arcs in order. The box of each one contains the centre of the next one.
     closed
         Whether the box of the last arc contains the centre of the first, modulo turns.
-        Otherwise both ends are beyond the range or on an arm of a crossing.
+        Otherwise both ends are beyond the range, or on one of the four branches ("arms") of
+        a place where curves cross or nearly do.
     problem
         Why the chain ends elsewhere, or "".
     """
@@ -89,6 +90,8 @@ class Chain:
 
     def may_repeat_start(self) -> bool:
         """Return whether the chain may pass through its start a second time."""
+        # Arcs next to the start are left out. Coordinate 0 is along an arc, the others are
+        # across it.
         start = self.pieces[0].centre
         for piece, next_piece in self.links[1 : len(self.pieces) - 1]:
             coordinates = piece.coordinates(start)
@@ -105,7 +108,9 @@ def find_chain(
 ) -> Chain | None:
     """Return the chain of the whole curve through an arc.
 
-    Crossings that the curve leads to are added to `crossings`.
+    The curve is followed until it closes, leaves the range of the input or ends at a
+    crossing: a place where curves cross or narrowly miss each other. Crossings that the
+    curve leads to are added to `crossings`.
 
     Parameters
     ----------
@@ -114,13 +119,15 @@ def find_chain(
     first
         An arc of the curve.
     side
-        The side of the range on which an input is.
+        Returns on which side of its range the input is: 1 above, -1 below, 0 within, from
+        the input's variable (rad) and a margin (rad).
     crossings
-        The crossings found so far.
+        The crossings of the search so far.
 
     Returns
     -------
-    None if the first arc turns out to be at a crossing.
+    The chain, whose `problem` says why it ends elsewhere. None if the first arc turns out
+    to be at a crossing.
     """
     chain = _follow_forward(equations, first, side, crossings)
     if not chain.closed:
@@ -143,6 +150,8 @@ def find_piece_ahead(
     equations: ArcEquations, piece: CertifiedArc, position: Floats, longest: float
 ) -> CertifiedArc | None:
     """Return an arc near a position whose centre is ahead in the box of another arc.
+
+    None if no arc is proven there, or if its centre is not ahead in the box.
 
     Parameters
     ----------
@@ -167,7 +176,10 @@ def find_piece_ahead(
 
 
 def _find_next_piece(equations: ArcEquations, last: CertifiedArc) -> CertifiedArc | None:
-    """Return the arc that continues a chain after its last arc, None if none is proven."""
+    """Return the arc that continues a chain after its last arc, None if none is proven.
+
+    Shorter and shorter distances to the next centre are tried.
+    """
     ratio = NEXT_CENTRE_RATIO
     longest = min(LONGEST_ARC_RAD, LENGTH_GROWTH * last.half_length)
     while ratio > MIN_CENTRE_RATIO:
@@ -207,8 +219,10 @@ def _follow_forward(
         end = end_of_curve(last)
         if end and end != end_to_leave:
             return Chain(pieces, False)
-        # Once the curve has left its starting position, any end counts.
+        # Once the curve has left its starting position, any end counts. Here `end` is
+        # either no end, or the one in which the curve started.
         end_to_leave = end and end_to_leave
+        # The chain closes if the start is ahead, in the same sense, in the last arc's box.
         has_left_start = distance_covered > 1.5 * start.half_length
         start_is_ahead = has_left_start and last.coordinates(start.centre)[0] > 0
         has_same_sense = last.tangent @ start.tangent > 0.5

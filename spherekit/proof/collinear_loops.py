@@ -71,15 +71,15 @@ class FourPairLoop:
     Attributes
     ----------
     equation
-        Number of the equation.
+        Number of the equation among those of the mechanism.
     variables
-        Numbers of the two variables.
+        Numbers of the two variables among those of the mechanism.
     planar_angles
-        (2, 2) balls (rad). Row i has the two values of variable i at which both links of
-        the joint are in one plane: on the same side of its axis [0], on opposite sides [1].
+        (2, 2) balls (rad). Row i has the two angles of variable i at which both links of
+        the pair are in one plane: on the same side of its axis [0], on opposite sides [1].
     closes
-        (2, 2) whether the loop closes in a plane with value i of the first variable and
-        value j of the second.
+        (2, 2) bools: entry (i, j) is whether the loop closes in a plane with angle i of the
+        first variable and angle j of the second.
     """
 
     equation: int
@@ -100,14 +100,15 @@ def complete_configuration(
     equation
         Number of the equation that is left out.
     given
-        By variable: its value (rad), modulo turns.
+        By number of the variable: its value (rad), modulo turns.
     position
-        (v,) the position (rad).
+        (v,) values of all v variables (rad).
 
     Returns
     -------
     (v,) balls, of which those not given contain exactly one solution. None if a given value
-    is not near the position, or if no solution is proven.
+    is not near the position, if the other equations are not as many as the other variables,
+    or if no solution is proven.
     """
     balls = exact_balls(position)
     for variable, value in given.items():
@@ -122,6 +123,8 @@ def complete_configuration(
         return None
     if not free:
         return balls
+    # The bound of the distance of a zero from the centre, by the derivatives in the wide
+    # balls, proves the solution if it is less than their radius.
     (values,) = equations.evaluate(balls, 0)
     wide_balls = balls.copy()
     wide_balls[free] += widen(0.0, SOLUTION_RADIUS_RAD)
@@ -134,6 +137,9 @@ def _find_four_pair_loop(
     equations: ArcEquations, equation: int, step: PlacementStep
 ) -> FourPairLoop | None:
     """Return the loop of an equation if it has four pairs and exact arcs, else None.
+
+    A step puts a link, the dyad, on the axes of two pairs of links placed before. The two
+    paths from these links to the first link in common close the loop.
 
     Parameters
     ----------
@@ -153,6 +159,7 @@ def _find_four_pair_loop(
     # Four pairs: two rotate with different variables, two are those of the dyad.
     if not len(path_steps) == len(joints) == len(joint_variables) == 2:
         return None
+    # Angles that are multiples of a shared variable, as those of wheels, are not handled.
     if any(
         joint.angle_factor != 1 or joint.pairs[0] in equations.follower_offsets
         for joint in joints
@@ -166,6 +173,7 @@ def _find_four_pair_loop(
         *step.pairs,
         *(pair_of_link[link] for link in paths.second),
     ]
+    # The exact arc of each link between the pairs before and after it, if the file has it.
     decimal_mechanism = equations.decimal_mechanism
     arcs = [
         arc
@@ -176,6 +184,7 @@ def _find_four_pair_loop(
     ]
     if len(arcs) < len(links):
         return None
+    # Positions of the two pairs with variables in the loop.
     positions = [pairs.index(joint.pairs[0]) for joint in joints]
     closes = [
         [
@@ -188,10 +197,10 @@ def _find_four_pair_loop(
         _planar_angles(equations, pairs, links, position) for position in positions
     ]
     return FourPairLoop(
-        equation,
-        (joints[0].variable, joints[1].variable),
-        np.array(planar_angles),
-        np.array(closes),
+        equation=equation,
+        variables=(joints[0].variable, joints[1].variable),
+        planar_angles=np.array(planar_angles),
+        closes=np.array(closes),
     )
 
 
@@ -220,7 +229,8 @@ def _closes_in_plane(
     """
     for senses in product((1, -1), repeat=4):
         total = sum(sense * arc for sense, arc in zip(senses, arcs, strict=True))
-        # 0 is False: the senses differ.
+        # Equal senses at a joint mean opposite sides: True compares equal to the side 1,
+        # False to the side 0.
         sides_of_senses = [senses[k] == senses[(k + 1) % 4] for k in positions]
         # In radians no decimal number but 0 is a whole number of turns.
         remainder = total % 360 if in_degrees else total
@@ -232,7 +242,7 @@ def _closes_in_plane(
 def _exact_arc(
     decimal_mechanism: DecimalMechanism, link: int, first_pair: int, second_pair: int
 ) -> Fraction | None:
-    """Return the arc between two axes of a link exactly as the file states it.
+    """Return the arc between two axes of a link exactly as the file gives it.
 
     Parameters
     ----------
@@ -243,8 +253,8 @@ def _exact_arc(
 
     Returns
     -------
-    The arc in the unit of the file, from 0 to half a turn. None if the file does not state
-    this arc, or if it is 0 or half a turn.
+    The arc in the unit of the file, between 0 and half a turn. None if the file does not
+    give this arc, or if it is 0 or half a turn.
     """
     structure = decimal_mechanism.structure
     table = decimal_mechanism.document.data["links"].get(structure.links[link])
@@ -252,7 +262,7 @@ def _exact_arc(
         return None
     names = table["axes"]
     pair_names = (structure.pairs[first_pair], structure.pairs[second_pair])
-    # The file states the arcs of a link from its first axis to each other axis.
+    # The file gives the arcs of a link from its first axis to each other axis.
     if names[0] not in pair_names or not set(pair_names) <= set(names):
         return None
     if first_pair == second_pair:
@@ -300,7 +310,10 @@ def _planar_angles(
 
 
 class Crossings:
-    """All saddles of a search; their boxes have no point in common.
+    """All saddles of a search: places where curves cross, or narrowly miss each other.
+
+    The boxes of two saddles have no point in common. Four branches of curves, the arms of
+    the saddle, leave each box.
 
     Parameters
     ----------
@@ -310,7 +323,8 @@ class Crossings:
     Attributes
     ----------
     loops
-        The loops of four pairs with exact arcs. With a tolerance there are none.
+        The loops of four pairs with exact arcs, for which a crossing can be proven. If the
+        sizes have a tolerance there are none.
     saddles
         The saddles found so far.
     """
@@ -349,7 +363,8 @@ class Crossings:
     ) -> tuple[Arm | None, Arm | None]:
         """Return the arms on which a chain of arcs begins and ends, None for no arm.
 
-        A chain of one arc that is on an arm begins outside the range of the input.
+        An arm is a branch of a curve that leaves a saddle. A chain of one arc that is on an
+        arm begins outside the range of the input.
         """
         if closed:
             return None, None
@@ -366,17 +381,22 @@ class Crossings:
         """Return whether a variable is proven to be constant along a chain of arcs.
 
         The proof for one configuration of the chain is enough. There the variable has a
-        value with which the loop closes for all values of the loop's other variable, so
-        that a whole curve with this value passes. An arc has no second curve through it.
+        value with which a loop of four pairs closes for all values of the loop's other
+        variable, so that a whole curve with this value passes. As the box of an arc
+        contains one curve only, the chain is on it.
         """
+        # The arc in the middle of the chain.
         piece = pieces[len(pieces) // 2]
         for loop in self.loops:
             if variable not in loop.variables:
                 continue
             side = loop.variables.index(variable)
             other_variable = loop.variables[1 - side]
+            # Values of the variable with which the loop closes in a plane with both values
+            # of the other variable. It then closes with all values of the other variable.
             closes_with_both = np.all(loop.closes, axis=1 - side)
             for value in loop.planar_angles[side][closes_with_both]:
+                # Configuration with this value, near the centre of the arc.
                 given = {
                     variable: value,
                     other_variable: exact_ball(piece.centre[other_variable]),
@@ -389,7 +409,11 @@ class Crossings:
         return False
 
     def _contains_proven_crossing(self, box: OrientedBox) -> bool:
-        """Return whether a loop is proven to close in a plane near the centre of a box."""
+        """Return whether a loop is proven to close in a plane near the centre of a box.
+
+        In such a configuration curves cross.
+        """
+        # The configuration must be within a small part of the box.
         reach = 1e-3 * np.min(box.limits)
         centre = exact_balls(box.centre)
         for loop in self.loops:

@@ -89,7 +89,7 @@ class CertifiedCurves:
     construction
         The order of placing its links, with the numbers of the variables.
     equations
-        Its equations.
+        The equations of the mechanism for this order.
     range_text
         Ends of the range as decimal numbers in the unit of the file.
     low, high
@@ -97,9 +97,10 @@ class CertifiedCurves:
     is_full_cycle
         Whether the range is exactly the turns of the input after which everything is back.
     chains
-        The curves, as chains of certified arcs.
+        The curves, as chains of certified arcs: boxes with exactly one arc of a curve.
     crossings
-        The positions where curves cross or nearly do.
+        The places where curves cross or nearly do. Four arms, branches of curves, leave
+        each place.
     box_count
         Number of boxes that were examined.
     undecided_boxes
@@ -146,7 +147,8 @@ class CertifiedCurves:
     def locate_stationary_points(self, variable: int) -> list[StationaryPoints]:
         """Return for each chain where a variable is stationary, and what is undecided.
 
-        A chain along which the variable is constant has no stationary points here.
+        A chain is one configuration curve. If the variable is constant along it, no
+        stationary points are listed.
         """
         with working_precision(CURVE_PRECISION_BITS):
             return [
@@ -179,7 +181,13 @@ class CertifiedCurves:
 
     @cached_property
     def undecided_ranges(self) -> list[tuple[float, float]]:
-        """Parts of the range (low, high) rad in which configurations may be missing."""
+        """Parts of the range (low, high) rad in which configurations may be missing.
+
+        There are three reasons: a box of space is undecided; the input may be stationary
+        near a saddle, a place where curves cross or nearly do; or it may be stationary in a
+        stretch of a curve of which this is not decided. Parts that overlap are joined.
+        """
+        # Undecided boxes.
         ranges = []
         for centre, radius in zip(
             self.undecided_boxes.centres, self.undecided_boxes.radii, strict=True
@@ -188,8 +196,10 @@ class CertifiedCurves:
             high = self.input_angle(centre + radius)
             ranges.append((low, high))
         # Parts of curves in which the input may be stationary, as (position, error,
-        # offset). # Those that only reach into the range are tried with an offset of -1, 0
-        # and # 1 # times # the error.
+        # offset): the input differs from that at the position by at most the error. Where
+        # this part lies modulo whole cycles is decided at one of its points, the position
+        # plus offset times error. The middle is tried, and for stretches both ends, since a
+        # stretch outside of the range may reach into it.
         doubtful_positions = [
             (saddle.centre, error, 0.0)
             for saddle, error in zip(
@@ -204,6 +214,7 @@ class CertifiedCurves:
             for offset in (-1.0, 0.0, 1.0)
         ]
         for position, error, offset in doubtful_positions:
+            # The input angle is `cycle_turns` times its variable, so is the error.
             half_width = error * self.cycle_turns
             wrapped_input = self.wrap_into_range(
                 self.input_angle(position) + offset * half_width
@@ -215,6 +226,9 @@ class CertifiedCurves:
 
     def bound_saddle_doubts(self, variable: int) -> list[float]:
         """Return how far from each saddle a variable may be stationary on its arms.
+
+        A saddle is a place where curves cross or narrowly miss each other. It has four
+        arms, branches of curves in the four quadrants of two coordinates.
 
         Returns
         -------
@@ -231,8 +245,10 @@ class CertifiedCurves:
         ]
         doubts = []
         for number, saddle in enumerate(self.saddles):
+            # The central zone, where the arms bend; there is none if the curves cross.
             centre_is_decided = saddle.level_sign == 0 or saddle.is_monotonic[variable]
             distances = [0.0 if centre_is_decided else saddle.central_zone[variable]]
+            # Arms on which the rate of the variable has no proven sign.
             distances += [
                 saddle.reach[quadrant][variable]
                 for saddle_number, quadrant in arms_of_moving_chains
@@ -308,8 +324,9 @@ class CertifiedCurves:
     def input_paths(self) -> list[Floats]:
         """The input's variable (rad, turns counted) along each chain on which it moves.
 
-        It is given at the centres of arcs, at all stationary points, and at the crossings
-        at both ends. Between these it is monotonic.
+        A chain is a configuration curve as a row of arcs. The variable is listed at the
+        centres of arcs, at all stationary points, and at the crossings at both ends.
+        Between these it is monotonic.
         """
         paths = []
         for chain, points, arms, is_constant in zip(
@@ -321,6 +338,7 @@ class CertifiedCurves:
         ):
             positions = []
             for number, (piece, _) in enumerate(chain.links):
+                # Between the centre of this arc and the next, in the order along the arc.
                 stationary_positions = [
                     point.position
                     for point in (*points.proven, *points.undecided)
@@ -337,16 +355,19 @@ class CertifiedCurves:
             if last_arm is not None:
                 positions.append(self.saddles[last_arm[0]].centre)
             variable = np.array(positions)[:, self.input_variable]
+            # Steps of less than half a turn are added up, so that turns are counted.
             if not is_constant:
                 paths.append(np.cumsum([variable[0], *wrap(np.diff(variable))]))
         return paths
 
     @cached_property
     def intervals(self) -> list[ModeInterval]:
-        """The range cut at turning points, with the number of modes of each part.
+        """The range cut where the number of modes may change, with the number of each part.
 
-        Undecided parts are left out. The list is empty if two chains may belong to one
-        curve.
+        It may change at turning points of the input, where curves cross, at inputs with
+        whole curves of modes, and at the ends of undecided parts. Undecided parts are left
+        out. The list is empty if two chains may belong to one curve, so that modes would be
+        counted twice.
         """
         if OVERLAPPING in self.problems:
             return []
@@ -368,6 +389,7 @@ class CertifiedCurves:
             for point in points.proven
         ]
         shortest = max(2.0 * max(cut_errors, default=0.0), SHORTEST_INTERVAL_RAD)
+        # Over a full cycle undecided parts may reach beyond the ends of the range.
         period = self.cycle_turns * TURN
         shifts = (-period, 0.0, period) if self.is_full_cycle else (0.0,)
         intervals = []
@@ -447,7 +469,8 @@ def certify_curves(
     range_text
         The ends of the range as decimal numbers in the unit of the file.
     construction
-        By default that of `find_construction`.
+        The order of placing the links. By default that with the lowest bound of the number
+        of complex modes.
 
     Raises
     ------
@@ -457,6 +480,7 @@ def certify_curves(
     if construction is None:
         construction = find_construction(decimal_mechanism.structure)
     with working_precision(CURVE_PRECISION_BITS):
+        # If wheels follow the input, input and wheels become multiples of one variable.
         if construction.follower_pairs:
             construction = share_input_variable(decimal_mechanism, construction)
         cycle_turns = construction.cycle_turns
@@ -466,7 +490,7 @@ def certify_curves(
             decimal_mechanism.input_angle(text) / cycle_turns for text in range_text
         )
         first, last = map(Decimal, range_text)
-        # Only in degrees can decimal numbers state a whole turn exactly.
+        # Only in degrees can a decimal number be exactly a whole turn.
         is_full_cycle = decimal_mechanism.in_degrees and last - first == 360 * cycle_turns
         if centre_float(high - low) > TURN and not is_full_cycle:
             raise PlanError(
@@ -496,7 +520,11 @@ def certify_curves(
 def _search_curves(
     equations: ArcEquations, low: Ball, high: Ball, is_full_cycle: bool
 ) -> tuple[CurveSearch, int, BoxSet]:
-    """Search the whole range for curves.
+    """Search the whole range for curves of configurations.
+
+    The space of all variables is divided into boxes. Configurations near boxes that are not
+    proven to be empty start curves, which are followed. What they cover needs no further
+    division.
 
     Parameters
     ----------
@@ -505,7 +533,7 @@ def _search_curves(
     low, high
         Ends of the input's variable (rad).
     is_full_cycle
-        Whether they are exactly one turn apart.
+        Whether both ends are exactly one turn apart.
 
     Returns
     -------
@@ -516,9 +544,10 @@ def _search_curves(
     start = centre_float(low)
     end = centre_float(high)
     input_width = turn if is_full_cycle else high - low
+    # A full turn of each unknown angle, and the range of the input.
     ranges = VariableRanges(
-        [*[exact_ball(FIRST_ANGLE_RAD)] * unknown_count, low],
-        [*[turn] * unknown_count, input_width],
+        low=[*[exact_ball(FIRST_ANGLE_RAD)] * unknown_count, low],
+        width=[*[turn] * unknown_count, input_width],
     )
 
     def range_side(variable: float, margin: float) -> int:
@@ -529,6 +558,10 @@ def _search_curves(
 
     search = CurveSearch(equations, range_side)
     box_count, undecided_boxes = pave(
-        equations, ranges, search.covers, search.add_configuration, MAX_CURVE_BOXES
+        equations,
+        ranges,
+        covers=search.covers,
+        add_configuration=search.add_configuration,
+        max_boxes=MAX_CURVE_BOXES,
     )
     return search, box_count, search.resolve_undecided(undecided_boxes)

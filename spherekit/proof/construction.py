@@ -55,6 +55,8 @@ more gear trains are refused.
 class PlacementStep:
     """One link and how it is placed: across one pair, or on the axes of two pairs.
 
+    Links and pairs are numbers.
+
     Attributes
     ----------
     link
@@ -62,11 +64,12 @@ class PlacementStep:
     parents
         One or two links that are placed before.
     pairs
-        The pair that joins the link to each parent.
+        For each parent the pair that joins the link to it.
     variable
         Number of the variable by which a link across one pair rotates; -1 for two pairs.
     angle_factor
-        The pair angle over the variable. It differs from 1 for wheels only.
+        The pair angle over the variable. It differs from 1 only if wheels and the input are
+        multiples of one shared variable.
     """
 
     link: int
@@ -119,8 +122,9 @@ class ParentPaths:
 class Construction:
     """An order of placing all links of a mechanism, with its variables and equations.
 
-    Variables are numbered: first the unknown angles, then the inputs, then the angles that
-    follow from the inputs through wheels.
+    A link is placed across one pair, by the angle of the pair, or on the axes of two pairs,
+    which gives an equation. Variables are numbered: first the unknown angles, then the
+    inputs, then the angles that follow from the inputs through wheels.
 
     Attributes
     ----------
@@ -163,11 +167,14 @@ class Construction:
 
     @cached_property
     def placements(self) -> dict[int, LinkPlacement]:
-        """The reference link of each link.
+        """By link: its reference link, and the degrees of its orientation relative to it.
 
         A link across one pair is placed relative to its parent. A link on two axes is
-        placed relative to the link at which the paths of its parents meet.
+        placed relative to the link at which the paths of its parents meet; a path leads
+        from a link to its reference, and so on to the root. Its orientation has the sum of
+        the degrees of all links on both paths.
         """
+        # One degree for each variable.
         variables = np.arange(len(self.pairs))
         no_degrees = 0 * variables
         placements = {self.root: LinkPlacement(self.root, no_degrees)}
@@ -210,15 +217,17 @@ class Construction:
 
     @cached_property
     def equation_systems(self) -> list[tuple[list[int], list[int]]]:
-        """The smallest systems that can be solved one after the other.
+        """The smallest systems of equations that can be solved one after the other.
 
-        For each system the numbers of its equations and of its unknowns. Other unknowns in
-        these equations belong to systems before it.
+        For each system the numbers of its equations and of its unknowns, as many. Other
+        unknowns in these equations belong to systems before it.
         """
+        # Rows are equations, columns are unknowns that are not solved yet.
         has_unknown = self.degrees[:, : self.unknown_count] > 0
         open_equations = list(range(len(has_unknown)))
         systems = []
         while open_equations:
+            # Sets of equations, small ones first, each with the unknowns that they contain.
             candidates = (
                 (
                     [*equations],
@@ -227,6 +236,7 @@ class Construction:
                 for size in range(1, len(open_equations) + 1)
                 for equations in combinations(open_equations, size)
             )
+            # The first set with as many unknowns as equations is the next system.
             equations, unknowns = next(
                 candidate
                 for candidate in candidates
@@ -337,7 +347,9 @@ def _find_best_construction(
 ) -> Construction | None:
     """Return the construction with the lowest bound of complex modes, None without one.
 
-    Links that pairs with given angles join form bodies, which are placed as one.
+    A construction is an order of placing the links. Links that pairs with given angles join
+    form bodies, which are placed as one. Before the bound, the number of preferred pairs
+    that are variables decides; among equal bounds the sum of the degrees does.
 
     Parameters
     ----------
@@ -351,11 +363,13 @@ def _find_best_construction(
         Pairs that shall be variables if possible.
     """
     body_of_link = component_labels(link_count, (ends[pair] for pair in given_pairs))
+    # By pair with an unknown angle: the two bodies that it joins.
     joined_bodies = {
         pair: (body_of_link[first], body_of_link[second])
         for pair, (first, second) in enumerate(ends)
         if pair not in given_pairs
     }
+    # A body is rigid, so a pair with an unknown angle between two of its links is locked.
     if any(first == second for first, second in joined_bodies.values()):
         return None
     # Roots are tried from the body of the first input on.
@@ -370,6 +384,7 @@ def _find_best_construction(
         (
             construction
             for construction in islice(constructions, MAX_COMPARED_ORDERS)
+            # A bound of 0 means that some equations cannot be solved for the unknowns.
             if construction and construction.mode_bound
         ),
         key=lambda construction: (
@@ -386,7 +401,8 @@ def placing_orders(
 ) -> Iterator[PlacingOrder]:
     """Yield orders of placing bodies, each with one or two pairs to bodies before it.
 
-    No two orders place every body by the same pairs.
+    An order has for each body except the root its number, then the one or two pairs by
+    which it is placed. No two orders place every body by the same pairs.
 
     Parameters
     ----------
@@ -445,8 +461,9 @@ def _make_construction(
 ) -> Construction | None:
     """Return the construction that places bodies in an order, None if it is not possible.
 
-    It is not possible if the two pairs of a dyad are on different links of its body or on
-    one and the same parent, or if there are not as many equations as unknowns.
+    A body consists of links that pairs with given angles join. The order is not possible if
+    the two pairs by which a body is placed are on different links of the body or on one and
+    the same parent, or if there are not as many equations as unknowns.
 
     Parameters
     ----------
@@ -467,6 +484,7 @@ def _make_construction(
     variable_pairs = (*unknown_pairs, *given_pairs)
     steps: list[PlacementStep] = []
     for body, *joining_pairs in ((root,), *order):
+        # For each pair its link on this body, and its parent on a body before.
         links = [
             next(link for link in ends[pair] if body_of_link[link] == body)
             for pair in joining_pairs
@@ -481,7 +499,8 @@ def _make_construction(
             has_one_pair = len(joining_pairs) == 1
             variable = variable_pairs.index(joining_pairs[0]) if has_one_pair else -1
             steps.append(PlacementStep(links[0], parents, tuple(joining_pairs), variable))
-        # The other links of the body follow across pairs with given angles.
+        # The other links of the body follow across pairs with given angles, from the link
+        # that is placed already.
         steps += [
             PlacementStep(link, (parent,), (pair,), variable_pairs.index(pair))
             for pair, parent, link in find_spanning_tree(
@@ -498,12 +517,16 @@ def share_input_variable(
 ) -> Construction:
     """Return a construction in which input and wheels are multiples of one variable.
 
+    The shared variable makes one turn in the turns of the input after which all wheels are
+    back. The angles of the input and of the wheels are then whole multiples of it.
+
     Parameters
     ----------
     decimal_mechanism
         A mechanism with one input and with followers.
     construction
-        A construction in which each follower is a variable.
+        A construction in which each follower, a pair whose angle follows from the inputs
+        through wheels, is a variable of its own.
 
     Raises
     ------
@@ -536,6 +559,7 @@ def share_input_variable(
     (input_pair,) = construction.input_pairs
     factors[input_pair] = cycle_turns
     variable = construction.unknown_count
+    # Links across the input and the wheels get the shared variable.
     steps = [
         replace(step, variable=variable, angle_factor=factors[step.pairs[0]])
         if step.pairs[0] in factors and not step.is_dyad

@@ -47,6 +47,9 @@ configuration at the end of the range counts.
 class ArmUse:
     """One arm of a saddle and the chains that end on it.
 
+    A saddle is a place where curves cross or narrowly miss each other. Its four arms are
+    the branches of curves that leave it. A chain is a curve as a row of certified arcs.
+
     Attributes
     ----------
     arm
@@ -63,21 +66,22 @@ class ArmUse:
 
 
 class CurveSearch:
-    """The configuration curves that have been found in the range of the only input.
+    """The configuration curves that are known so far in the range of the only input.
 
     Parameters
     ----------
     equations
         The equations of the mechanism. The input's variable is the last one.
     side
-        The side of the range on which an input is.
+        Returns on which side of its range the input is: 1 above, -1 below, 0 within, from
+        the input's variable (rad) and a margin (rad).
 
     Attributes
     ----------
     chains
-        The curves found so far, as chains of certified arcs.
+        The curves as chains of certified arcs: boxes that contain exactly one arc each.
     crossings
-        The saddles found so far.
+        The saddles: places where curves cross or narrowly miss each other.
     has_lost_piece
         Whether a part of a chain was not found again after a saddle had been added.
     """
@@ -90,7 +94,10 @@ class CurveSearch:
         self._set_chains([])
 
     def _set_chains(self, chains: list[Chain]) -> None:
-        """Replace the chains, and index all their arcs by position."""
+        """Replace the chains, and index all their arcs by position.
+
+        The index is for tests whether boxes or configurations are inside the arcs' boxes.
+        """
         self.chains = chains
         pieces = [piece for chain in chains for piece in chain.pieces]
         count = self.equations.variable_count
@@ -107,7 +114,8 @@ class CurveSearch:
     def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return which boxes (n,) are surely inside the box of a known arc or saddle.
 
-        Only the arcs with the nearest centres are tried.
+        Saddles are places where curves cross or nearly do. Only the arcs with the nearest
+        centres are tried, so that a box inside another arc may be overlooked.
 
         Parameters
         ----------
@@ -118,6 +126,7 @@ class CurveSearch:
         tried_count = min(TRIED_NEIGHBOURS, len(self._centres))
         if not tried_count:
             return is_covered
+        # Boxes that are larger than every arc are not tried.
         can_fit = np.max(radii, axis=1) < np.max(self._limits)
         rows = np.flatnonzero(~is_covered & can_fit)
         _, neighbours = self._tree.query(
@@ -134,10 +143,12 @@ class CurveSearch:
     def _are_inside(self, pieces: Any, positions: Floats, reach: Floats | float) -> Bools:
         """Return whether positions (..., v) with a reach are inside the boxes of arcs.
 
+        The box of an arc is oriented along its tangent and normals, the frame.
+
         Parameters
         ----------
         pieces
-            Numbers (...) of the arcs, or any other index of them.
+            Numbers (...) of the arcs, or a mask or slice that chooses arcs.
         positions
             (..., v) positions (rad).
         reach
@@ -151,6 +162,8 @@ class CurveSearch:
     def add_configuration(self, position: Floats) -> bool:
         """Follow the curve through a configuration (v,), if it is in the range.
 
+        v variables are in rad, the input's variable is the last one.
+
         Returns
         -------
         Whether the number of chains or saddles has changed.
@@ -163,11 +176,15 @@ class CurveSearch:
     def resolve_undecided(self, undecided: BoxSet) -> BoxSet:
         """Look for saddles in undecided boxes, and return the boxes outside all saddles.
 
-        Chains for arms that leave the range at once are added as well.
+        A saddle is a place where curves cross or narrowly miss each other. Chains that pass
+        a new one are cut there. Chains for its arms that leave the range at once are added
+        at the end.
         """
         centres = undecided.centres
         radii = undecided.radii
+        # Each round adds a saddle at least, or ends the search.
         for _ in range(MAX_SADDLES):
+            # A few evenly chosen boxes are enough: a saddle covers many of them.
             some_centres = centres[:: max(1, len(centres) // SEARCHED_BOXES)]
             if not any(map(self.crossings.find, some_centres)):
                 break
@@ -179,7 +196,11 @@ class CurveSearch:
         return BoxSet(centres, radii)
 
     def _add_curve(self, position: Floats) -> None:
-        """Add the curve through a configuration (v,), unless it is known already."""
+        """Add the curve through a configuration (v,), unless it is known already.
+
+        Saddles that the curve leads to are added as well, and chains that pass these are
+        cut there.
+        """
         if self._is_known(position, 0.0):
             return
         saddle_count = len(self.crossings.saddles)
@@ -203,7 +224,12 @@ class CurveSearch:
             self._cut_chains(new_saddles)
 
     def _cut_chains(self, saddles: Sequence[Saddle]) -> None:
-        """Follow chains again that pass new saddles, so that they end on their arms."""
+        """Follow chains again that pass new saddles, so that they end on their arms.
+
+        A chain is a curve as a row of certified arcs; an arm is a branch that leaves a
+        saddle. If an arc of the old chain is on no new chain and in no saddle,
+        `has_lost_piece` is set.
+        """
         untouched_chains: list[Chain] = []
         cut_chains: list[Chain] = []
         for chain in self.chains:
@@ -261,12 +287,14 @@ class CurveSearch:
     def _has_unmatched_arm(self) -> bool:
         """Return whether arms and ends of chains may not match one to one.
 
-        An arm that only leads out of the range needs no chain.
+        On each arm, a branch of a curve that leaves a saddle, exactly one chain has to end.
+        An arm that only leads out of the range of the input needs no chain.
         """
         if any(self._touches_saddle_inside(chain) for chain in self.chains):
             return True
         for use in self._list_arm_uses():
             saddle = self.crossings.saddles[use.arm[0]]
+            # 1 or -1 if the saddle is outside the range or at its end.
             side = self.side(saddle.centre[-1], -OUTSIDE_RANGE_RAD)
             leads_out = use.input_sign * side > 0
             if use.chain_ends > 1 or (use.chain_ends == 0 and not leads_out):
@@ -296,7 +324,11 @@ class CurveSearch:
                 self._set_chains([*self.chains, Chain((piece,), False)])
 
     def _touches_saddle_inside(self, chain: Chain) -> bool:
-        """Return whether a chain may touch a saddle other than on the arms at its ends."""
+        """Return whether a chain may touch a saddle other than on the arms at its ends.
+
+        The arcs at both ends that are on the arm there are left out. No other arc may be
+        in the box of a saddle.
+        """
         pieces = chain.pieces
         arms = [self.crossings.arm(piece) for piece in pieces]
 

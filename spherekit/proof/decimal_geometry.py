@@ -43,8 +43,8 @@ class CircleContact:
     Attributes
     ----------
     frames
-        For both circles (3, 3): the directions of azimuth 0 and 90 degrees about the
-        centre, and the centre. The centre of a great circle is its pole.
+        For both circles (3, 3) with the rows: the directions of azimuth 0 and 90 degrees
+        about the centre, and the centre. The centre of a great circle is its pole.
     radii
         Angular radii (rad) of both circles.
     sines
@@ -119,7 +119,8 @@ class DecimalGeometry:
     def input_range_text(self, pair: str) -> tuple[str, str]:
         """Return the lower and the upper end of an input's range as the file writes them.
 
-        Without a range in the file it is one turn from 0 on.
+        If the file gives no range, it is one turn from 0 on. `pair` is the name of the
+        input.
         """
         table = self.document.data.get("inputs", {}).get(pair, {})
         turn = 360 if self.in_degrees else 2 * math.pi
@@ -128,7 +129,11 @@ class DecimalGeometry:
         return low, high
 
     def revolute_frames(self) -> Frames:
-        """Return the frames of the R pairs in their links, by name."""
+        """Return the frames of the R pairs in their first and second links, by name.
+
+        A frame (3, 3) has the rows zero direction, side and axis of the pair in link axes.
+        The file gives either all axes in one pose, or arcs and angles of the links.
+        """
         geometry = self.mechanism.geometry
         if isinstance(geometry, PoseGeometry):
             axes = {
@@ -171,6 +176,7 @@ class DecimalGeometry:
 
         def pair_axis(name: str, link: str) -> Vector:
             """Return the axis of an R pair in one of its links."""
+            # Row 2 of a frame is the axis.
             return frames[name][mechanism.pair(name).links.index(link)][2]
 
         if "axes" in table:
@@ -209,8 +215,8 @@ class DecimalGeometry:
     def _axis_direction(self, table: Mapping[str, Any]) -> Vector:
         """Return the unit axis (3,) of a pair in ground axes, from its table in the file.
 
-        A key "through_..." states two directions on a great circle (P pairs). The axis is
-        perpendicular to both.
+        Under a key "through_..." the table has two directions on a great circle (P pairs).
+        The axis is perpendicular to both.
         """
         (key,) = AXIS_KEYS & table.keys()
         if key.startswith("through"):
@@ -241,8 +247,10 @@ class DecimalGeometry:
     ) -> tuple[Ball, Ball]:
         """Return the half angles (rad) of the pitch cones of two bevel gears.
 
-        The first one follows from the numbers of teeth or is stated in the file. The second
-        one is such that the cones touch.
+        The first one follows from the numbers of teeth or is given in the file. The second
+        one is such that the cones touch: with the shaft angle g it is g - first for
+        external and g + first for internal contact. With teeth, the ratio of the sines of
+        both half angles is that of the teeth.
 
         Parameters
         ----------
@@ -281,6 +289,7 @@ class DecimalGeometry:
         pair_axis
             Returns the axis of a pair (first argument) in a link (second argument).
         """
+        # A roller is under the key "follower", other circles are under "profiles".
         circle = table.get("follower", {})
         if circle.get("link") != link:
             circle = table["profiles"][link]

@@ -72,15 +72,15 @@ gears have no exact ratio.
 class DecimalMechanism(DecimalGeometry):
     """A mechanism of R pairs and wheels with the decimal sizes of its file.
 
-    Sliding contacts of circles are replaced by couplers. Links and pairs are counted as in
-    `structure`.
+    Each sliding contact of circles is replaced by a coupler: a link joined by R pairs at
+    the centres of both circles. Links and pairs are counted as in `structure`.
 
     Attributes
     ----------
     structure
         The links and R pairs.
     meshes
-        The rolling contacts with their carriers.
+        The rolling contacts, each with its carrier: the link that carries both wheels.
     rolled_lengths
         For each mesh, the approximate lengths (rad) along both circles that have rolled in
         the position in which all pair angles are zero. They decide between whole turns
@@ -92,7 +92,11 @@ class DecimalMechanism(DecimalGeometry):
     rolled_lengths: Sequence[Sequence[float]] = ()
 
     def pair_frames(self) -> list[tuple[Frame, Frame]]:
-        """Return the frames of every pair of the structure in its two links."""
+        """Return the frames of every pair of the structure in its two links.
+
+        A frame (3, 3) has the rows zero direction, side and axis of the pair. The pairs of
+        couplers, links that stand for sliding contacts of circles, come last.
+        """
         revolute_frames = self.revolute_frames()
         frames = [
             revolute_frames[name]
@@ -117,6 +121,10 @@ class DecimalMechanism(DecimalGeometry):
 
     def known_angles(self, inputs: Sequence[Ball]) -> list[Ball]:
         """Return the angles (rad) of the inputs, followed by those of the followers.
+
+        Followers are the pairs whose angles wheels determine by the inputs. In each mesh of
+        wheels a weighted sum of pair angles is constant while the wheels roll. Its value is
+        known in one position, so that linear equations give the followers.
 
         Parameters
         ----------
@@ -147,10 +155,12 @@ class DecimalMechanism(DecimalGeometry):
     def exact_follower_ratios(self) -> list[Fraction] | None:
         """Return the rates of the followers at unit rate of the only input as fractions.
 
+        Followers are the pairs whose angles wheels determine by the input. The result is
         None unless all wheels have numbers of teeth. The rates are then quotients of
         determinants of teeth. A ball of 80 bits contains only one fraction with a
         denominator up to `MAX_GEAR_RATIO_DENOMINATOR`.
         """
+        # Factors of teeth are exact, those of sines of radii are not.
         if not all(factor.is_exact() for factor in self._mesh_relations().flat):
             return None
         ratios = []
@@ -166,11 +176,14 @@ class DecimalMechanism(DecimalGeometry):
     def motion_columns(self) -> list[tuple[str, float]]:
         """Return how the table `motion` stores the angle of each pair of the structure.
 
+        A coupler is a link that stands for a sliding contact of circles, with a pair at
+        each centre. The table has the arc lengths of the contact instead.
+
         Returns
         -------
         For each pair the name of the column, and the factor by which its values are
-        multiplied to give the angle. The table has arc lengths of sliding contacts; the
-        angle of a coupler is the arc length divided by the sine of the radius.
+        multiplied to give the angle. It is 1 for R pairs. For a pair of a coupler it is
+        1 / sine of the circle's radius, with the sign of the sense.
         """
         columns = [(f"theta_{name}", 1.0) for name in self.structure.pairs]
         for coupler, contact in enumerate(self.structure.couplers):
@@ -190,6 +203,9 @@ class DecimalMechanism(DecimalGeometry):
 
     def with_meshes(self) -> "DecimalMechanism":
         """Return the mechanism with its wheels in mesh and with their followers.
+
+        A mesh is a rolling contact of two wheels and the link that carries both. Followers
+        are the pairs whose angles the meshes determine by the inputs.
 
         Raises
         ------
@@ -219,6 +235,7 @@ class DecimalMechanism(DecimalGeometry):
         }
         followers = tuple(sorted(related_pairs - set(structure.inputs)))
         train = find_gear_train(mechanism, driven_pairs(mechanism))
+        # As many followers as meshes, and relations that can be solved for them.
         with suppress(ZeroDivisionError):
             if train is not None and len(followers) == len(meshes):
                 decimal_mechanism = replace(
@@ -257,9 +274,10 @@ class DecimalMechanism(DecimalGeometry):
     def _rolled_lengths_at_zero(self) -> Array:
         """Return the lengths rolled in the position in which all pair angles are zero.
 
-        A length is the sine of the radius times the azimuth of the contact, less the start
-        of the contact. The azimuth is known up to whole turns. They are chosen such that
-        the length agrees with `rolled_lengths`.
+        The length along a circle is the sine of its radius times the azimuth of the contact
+        about its centre, less the start of the contact. The azimuth is known up to whole
+        turns. These are chosen such that the length agrees with the approximate
+        `rolled_lengths`.
 
         Returns
         -------
@@ -286,6 +304,8 @@ class DecimalMechanism(DecimalGeometry):
             circle_contact = self.circle_contact(mesh.contact)
             sines = np.array(circle_contact.sines)
             centres = [frame[2] for frame in circle_contact.frames]
+            # Directions from both centres to the contact in axes of the carrier, and back
+            # in the axes of each wheel, where they have an azimuth.
             directions_in_carrier = circle_contact.contact_directions(
                 *map(carry_along, centres, mesh.paths)
             )

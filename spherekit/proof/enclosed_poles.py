@@ -68,7 +68,8 @@ def _link_angular_velocities(
 ) -> Array:
     """Return the angular velocities of all links at unit rate of one input.
 
-    They are relative to the root of the construction, which cancels in differences of two.
+    The other inputs are locked. Angular velocities are relative to the link that is placed
+    first, the root. It cancels in differences of two.
 
     Parameters
     ----------
@@ -86,6 +87,7 @@ def _link_angular_velocities(
     structure = equations.decimal_mechanism.structure
     unknown_count = construction.unknown_count
     input_rates = exact_balls(np.eye(construction.input_count)[input_number])
+    # Followers are pairs whose angles wheels determine: their rates at unit input rates.
     ratios = equations.decimal_mechanism.follower_ratios()
     rates = [*input_rates, *(row[input_number] for row in ratios)]
     if unknown_count:
@@ -96,6 +98,8 @@ def _link_angular_velocities(
     orientations = equations.link_orientations(variables, 1)
     angular_velocities = exact_balls(np.zeros((structure.body_count, 3)))
     for link, jet in orientations.items():
+        # A jet has the orientation R under the key (), and under (j,) its derivative by
+        # variable j. The sum of the parts is R'.
         parts = [
             jet[(variable,)] * rate
             for variable, rate in enumerate(rates)

@@ -32,17 +32,19 @@ BallEquations = Callable[[Sequence[Ball]], Array]
 class Harmonics:
     """Equations at real angles by their Fourier coefficients.
 
+    An equation of degree m in an angle is a sum of waves e^(i j angle), j = -m ... m.
+
     Parameters
     ----------
     degrees
-        (k, v) degree of each equation in each variable.
+        (k, v) degree of each of k equations in each of v variables.
     evaluate
-        The equations in balls.
+        Returns the values (k,) of all equations in balls, at balls (rad) of all variables.
 
     Attributes
     ----------
     degrees
-        As given.
+        The degrees as given.
     max_degree
         Largest degree of any equation in any variable, at least 1.
     coefficients
@@ -95,7 +97,10 @@ class Harmonics:
             # Axes of variables that do not occur have length 1 and are left out.
             variables = np.flatnonzero(self.degrees[equation])
             parts = _sum_waves(np.squeeze(coefficients), waves[variables]).real
-            # Index of the first derivative by each variable, see `_sum_waves`.
+            # Rows of `parts` are derivatives: row a + b (order + 1) + ... is of order a by
+            # the first variable, of order b by the second and so on. So the first
+            # derivative by variable j is row (order + 1)^j, and rows of second derivatives
+            # are sums of two of these.
             first_index = (order + 1) ** np.arange(len(variables))
             results[0][:, equation] = parts[0]
             results[1][:, equation, variables] = parts[first_index].T
@@ -111,8 +116,8 @@ class Harmonics:
     ) -> tuple[Complexes, Complexes]:
         """Return an equation as a polynomial in z = e^(i angle) of some of its angles.
 
-        The other angles are given. The polynomial is multiplied by the powers of z that
-        make the lowest exponent 0.
+        The other angles are given, at n choices of their values. The polynomial is
+        multiplied by the powers of z that make the lowest exponent 0.
 
         Parameters
         ----------
@@ -135,12 +140,16 @@ class Harmonics:
         parts = _sum_waves(coefficients, _evaluate_waves(given, self.max_degree, 1))
         # Without given angles the sums have no axis of length n yet.
         parts = np.broadcast_to(parts, (*parts.shape[:-1], len(given)))
+        # Axis 1 counts derivatives: 0 is the value, 2^j the first derivative by angle j.
         parts_of_rows = np.moveaxis(parts, -1, 0)
         return parts_of_rows[:, 0], parts_of_rows[:, 2 ** np.arange(len(others))]
 
 
 def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
     """Return Fourier sums over the last axes of an array of coefficients.
+
+    The sums are of coefficient times e^(i j angle), one sum for each variable, and are
+    taken with the derivatives of the waves as well.
 
     Parameters
     ----------
@@ -155,6 +164,7 @@ def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
     (orders ** variables, ..., n). Index a + b orders + c orders^2 ... of the first axis is
     the a-th derivative by the first variable, the b-th by the second one and so on.
     """
+    # The first axis counts derivatives, the last one rows. The last variable comes first.
     sums: Complexes = coefficients[None, ..., None]
     for wave in waves[::-1]:
         # The axis may have fewer waves than the largest degree: use the middle ones.
@@ -199,6 +209,9 @@ def _interpolate(
 ) -> tuple[Complexes, float]:
     """Return the Fourier coefficients of one equation and the error of its values.
 
+    The values at evenly spaced angles, the nodes, are transformed by a discrete Fourier
+    transform of each variable.
+
     Parameters
     ----------
     node_counts
@@ -219,6 +232,7 @@ def _interpolate(
     values = np.empty(node_counts, dtype=object)
     for index in np.ndindex(*node_counts):
         values[index] = evaluate_node(tuple(zip(index, node_counts, strict=True)))[equation]
+    # The centres are transformed. The radii of the balls add to the error below.
     sums = exact_centres(values)
     largest_radius = max(map(upper_magnitude, (values - sums).flat))
     for axis, count in enumerate(node_counts):

@@ -106,10 +106,15 @@ class HomotopyValues:
 def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
     """Return approximations of the solutions of a system, infinite ones too.
 
+    A homotopy H(z, t) leads from random equations with known solutions at t = 0 to the
+    system at t = 1. From each known solution a path H = 0 is followed: a step along the
+    path is predicted, then corrected by Newton's method. Steps that fail are halved.
+
     Parameters
     ----------
     polynomials
-        The system at one choice of its given variables.
+        The system as polynomials in z = e^(i angle) of its unknowns, at one choice of its
+        given variables.
     seed
         Seed of the random start system.
 
@@ -117,10 +122,12 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
     -------
     The ends of all paths that came near t = 1. Some solutions may be missing.
     """
+    # For each path: its points, its t, and the step that is tried next.
     start_system = _make_start_system(polynomials, np.random.default_rng(seed))
     ends = start_system.ends
     path_count = len(start_system.solutions)
     rows = np.zeros(path_count, dtype=np.intp)
+    # Each unknown is stored as z or 1 / z, the one of magnitude 1 at most (`inverse`).
     paths = ChartRoots.from_points(start_system.solutions, rows)
     t = np.zeros(path_count)
     step = np.full(path_count, FIRST_HOMOTOPY_STEP)
@@ -130,7 +137,8 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
             break
         start = paths.take(moving)
         length = np.minimum(step[moving], 1.0 - t[moving])
-        # Midpoint rule: the derivative at half the step predicts the end.
+        # Midpoint rule: the derivative dz/dt = -H_z^-1 H_t at half the step predicts the
+        # end.
         predicted_t = t[moving]
         predicted = start
         for part in (0.5, 1.0):
@@ -154,6 +162,7 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
         )
         accepted = moving[is_good]
         rejected = moving[~is_good]
+        # Points that have become large change to 1 / z.
         advanced = predicted.take(is_good).with_points(predicted.z[is_good])
         paths.z[accepted] = advanced.z
         paths.inverse[accepted] = advanced.inverse
@@ -172,6 +181,9 @@ def _make_start_system(
 ) -> HomotopyStart:
     """Return a homotopy from products of linear factors to a system.
 
+    Each start equation is a product of linear factors z - root with random roots, as many
+    for each unknown as the degree of the system's equation in this unknown.
+
     Parameters
     ----------
     polynomials
@@ -186,10 +198,12 @@ def _make_start_system(
     ]
     ends: list[Complexes] = []
     for roots, goal in zip(factor_roots, polynomials.coefficients, strict=True):
+        # Coefficients of the product of the factors of each unknown, the power 0 first.
         factors = [np.atleast_1d(np.poly(values))[::-1] for values in roots]
         # A random phase of the start equations avoids singular systems on the paths.
         phase = np.exp(2j * np.pi * generator.random())
         start = reduce(np.multiply.outer, factors) * phase
+        # Both ends get coefficients of the same size.
         scale = np.linalg.norm(start) / np.linalg.norm(goal)
         ends.append(np.stack([start[None], scale * goal], axis=1))
     # In a solution each equation vanishes by a factor of another unknown: equation i by one
@@ -210,12 +224,14 @@ def _evaluate_homotopy(
 ) -> HomotopyValues:
     """Return the equations of a homotopy and their derivatives at points.
 
+    The equations are H(z, t) = (1 - t) start + t goal.
+
     Parameters
     ----------
     ends
-        See `HomotopyStart`.
+        For each equation (1, 2, sizes) its coefficients at t = 0 [0] and at t = 1 [1].
     points
-        n points in their charts.
+        n points. Each coordinate is e^(i angle) of an unknown, or its inverse.
     t
         (n,) the parameter of each point.
     """

@@ -60,6 +60,9 @@ UNDECIDED = 2
 class InputMap:
     """What is proven of the boxes that fill the ranges of the inputs.
 
+    A box is regular if no configuration in it is singular with locked inputs (type II). It
+    then has one number of assembly modes everywhere.
+
     Attributes
     ----------
     decimal_mechanism
@@ -71,7 +74,7 @@ class InputMap:
     centres, radii
         (n, inputs) centres and half widths (rad) of the boxes.
     kind
-        (n,) `REGULAR`, `CONTAINS` or `UNDECIDED`.
+        (n,) `REGULAR`, `CONTAINS` (a singular configuration of type II) or `UNDECIDED`.
     modes
         (n,) number of modes of regular boxes, else -1.
     systems
@@ -106,8 +109,10 @@ class InputMap:
     def clearance(self, q: Floats) -> float:
         """Return how far (rad) all inputs may move from q, at least, before type II.
 
-        The clearance applies to all modes, within the ranges of the inputs. `q` (inputs,)
-        is in rad.
+        In type II a configuration is singular with locked inputs. The clearance is the
+        distance of q to the nearest box that is not proven free of it, or to the end of a
+        range, in the direction of the input that is farthest off. It applies to all modes.
+        `q` (inputs,) is in rad.
         """
         # Distance of q from each box in the direction of each input, negative inside.
         distances = np.abs(self.centres - q) - self.radii
@@ -141,6 +146,9 @@ def certify_input_map(
     cell: float = DEFAULT_CELL_RAD,
 ) -> InputMap:
     """Return where over the ranges of the inputs all modes are proven regular.
+
+    A mode is regular where its configuration is not singular with locked inputs (type II).
+    The ranges are divided into boxes, and boxes into cells, until each is classified.
 
     Parameters
     ----------
@@ -213,8 +221,10 @@ def _classify_boxes(
 ) -> _ClassifiedBoxes:
     """Halve the ranges of the inputs until all boxes are classified.
 
-    Boxes are halved down to cells. A cell that is not regular as a whole is halved further.
-    The numbers of modes of its parts classify it.
+    A box is regular if no configuration in it is singular with locked inputs; it then has
+    one number of modes. Boxes are halved down to cells. A cell that is not regular as a
+    whole is halved further. If its regular parts have two numbers of modes, it contains a
+    singular configuration; if all parts have the same number, it is regular.
 
     Parameters
     ----------
@@ -244,16 +254,21 @@ def _classify_boxes(
         is_regular, modes = count_modes(
             systems, ranges.centres(boxes), ranges.circle_points(boxes), radii
         )
+        # Levels are numbers of halvings: a part of a cell was halved more often.
         is_in_cell = np.all(levels >= cell_levels, axis=1) & np.any(
             levels > cell_levels, axis=1
         )
         is_finest = np.all(levels >= finest_levels, axis=1)
         is_whole = is_regular & ~is_in_cell
+        # The kind REGULAR is 0.
         classified.append(
-            _ClassifiedBoxes(boxes[:, is_whole], 0 * modes[is_whole], modes[is_whole])
+            _ClassifiedBoxes(
+                boxes[:, is_whole], kind=0 * modes[is_whole], modes=modes[is_whole]
+            )
         )
         needs_halving = ~is_regular & ~is_finest
         for row in np.flatnonzero(is_in_cell):
+            # Number of the cell in the range of each input, to which this part belongs.
             cell_parts = parts[row] >> (levels[row] - cell_levels)
             counts = counts_of_cell[tuple(cell_parts.tolist())]
             if is_regular[row] or is_finest[row]:

@@ -99,6 +99,9 @@ def _contact_kinematics(
 ) -> PairKinematics:
     """Return the kinematics of a contact pair, whose curve frames coincide at the contact.
 
+    A curve returns at arc lengths (n,) its frames (n, 3, 3), whose columns are tangent,
+    normal and point.
+
     Parameters
     ----------
     curves
@@ -120,8 +123,9 @@ def _contact_kinematics(
 
 
 def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
-    """Return the arc lengths at which two profiles touch in the reference pose.
+    """Return the arc lengths (2,) rad at which two profiles touch in the reference pose.
 
+    There the rotation of the contact, by which both curve frames coincide, is the identity.
     Newton's method in the sense of least squares is used, since profiles may miss each
     other by rounding of the float64 geometry.
 
@@ -132,7 +136,10 @@ def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
     arc_lengths
         (2,) start of the iteration (rad).
     """
-    kinematics = _contact_kinematics(curves, (0, 1), exact_balls(np.zeros(2)))
+    # The pair variables are the arc lengths of both curves themselves.
+    kinematics = _contact_kinematics(
+        curves, variables=(0, 1), starts=exact_balls(np.zeros(2))
+    )
     last_step_size = np.inf
     for _ in range(MAX_CONTACT_STEPS):
         values = arc_lengths[None]
@@ -171,7 +178,7 @@ def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
 
 
 def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKinematics]:
-    """Return the kinematics of all pairs of a mechanism.
+    """Return the kinematics of all pairs of a mechanism: how each rotates its second link.
 
     The float64 geometry decides only near which point two profiles touch. Every number is
     computed again in balls.
@@ -181,7 +188,7 @@ def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKine
     mechanism
         The mechanism.
     frames
-        The frames of its R pairs.
+        By name of an R pair: its frames in both links.
     """
     kinematics = []
     for pair, joint in zip(mechanism.pairs, make_joints(mechanism), strict=True):
@@ -196,6 +203,8 @@ def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKine
         )
         first, second = joint.contact_profiles
         starts = exact_balls([first.start, second.start])
+        # In rolling the starts decide how the links are turned against each other. If the
+        # axes are given in a pose, they follow from the contact in this pose.
         if joint.rolling_variables and isinstance(mechanism.geometry, PoseGeometry):
             starts = _find_contact(curves, starts)
         variables = (first.variable, second.variable)
@@ -244,9 +253,9 @@ class _PlacedPair:
     Attributes
     ----------
     kinematics
-        How it rotates.
+        The rotation of its second link relative to the first, and its axis.
     variables
-        The columns of its variables.
+        The columns of its variables among those of all pairs.
     first_link
         Number of its first link.
     """
@@ -305,6 +314,9 @@ class Linkage:
     def place_links(self, values: Array) -> tuple[Array, Array]:
         """Return the orientations of all links, and the residuals of the loops.
 
+        Links are placed from the ground on, each across one pair. Every further pair closes
+        a loop: the residual is the rotation that is left over after one way round.
+
         Parameters
         ----------
         values
@@ -315,7 +327,8 @@ class Linkage:
         orientations
             (n, links, 3, 3) rotations from link axes to ground axes.
         residuals
-            (n, 3 loops) vectors (rad) of the rotations by which loops stay open.
+            (n, 3 loops) vectors (rad) of the rotations by which loops stay open, three
+            columns for each loop; 0 if all loops close.
         """
         rotations = [
             pair.kinematics.rotation(values[:, pair.variables]) for pair in self._pairs
@@ -362,7 +375,8 @@ class Linkage:
     def variable_vectors(self, values: Array, orientations: Array) -> Array:
         """Return the angular velocities of pairs at unit rates of single variables.
 
-        The angular velocity of a pair is that of its second link relative to the first.
+        The angular velocity of a pair is that of its second link relative to the first. For
+        an R pair it is the axis.
 
         Parameters
         ----------
@@ -389,6 +403,8 @@ class Linkage:
     def link_velocities(self, vectors: Array, rates: Array) -> Array:
         """Return the angular velocities of all links relative to the ground.
 
+        They are sums over the variables on the path from the ground to the link.
+
         Parameters
         ----------
         vectors
@@ -404,6 +420,10 @@ class Linkage:
 
     def jacobian(self, vectors: Array) -> Array:
         """Return the derivatives of the loop residuals by the variables.
+
+        The residual of a loop is the small rotation by which it stays open. Its derivative
+        by a variable is the angular velocity of the pair, with the sign in which the loop
+        passes the pair, and 0 if it does not.
 
         Parameters
         ----------
@@ -421,8 +441,9 @@ class Linkage:
     def close_loops(self, start: Array, held: Sequence[int], eps: float) -> LoopClosure:
         """Close the loops by Newton's method, with some variables held.
 
-        The iteration of a row ends with a step that is rounding: one that no longer shrinks
-        and is small compared with the condition number.
+        A step is left inverse of the Jacobian times residual. The iteration of a row ends
+        with a step that is rounding: one that no longer shrinks and is small compared with
+        eps times the condition number. Rows that fail have a status other than OK.
 
         Parameters
         ----------
@@ -460,7 +481,8 @@ class Linkage:
             last_step_size = step_size
             active_change = np.where(is_active[:, None], change, 0)
             values[:, free] = exact_centres(values[:, free] + active_change)
-        # After one step the first one is compared with itself.
+        # Near one solution only, the second step is much shorter than the first. After one
+        # step the first one is compared with itself.
         second_step = step_sizes[:2][-1]
         is_ambiguous = second_step > np.maximum(rounding, MAX_CONTRACTION * step_sizes[0])
         return LoopClosure(
@@ -479,7 +501,8 @@ class Linkage:
     ) -> list[Array]:
         """Return all variables as power series in one that moves.
 
-        The coefficient of each order solves linear equations with the same matrix.
+        The coefficient of each order solves linear equations with the same matrix, the
+        Jacobian of the loops by the free variables.
 
         Parameters
         ----------
@@ -551,8 +574,8 @@ def skew_part(matrices: Array) -> Array:
 def left_inverses(matrices: Array) -> tuple[Array, Floats]:
     """Return left inverses of matrices, and their condition numbers.
 
-    The normal equations are solved. They lose twice the digits of the condition number, so
-    they are solved with more than twice the digits.
+    The left inverse of A is (A^T A)^-1 A^T. A^T A loses twice the digits of the condition
+    number, so it is inverted with more than twice the digits.
 
     Parameters
     ----------

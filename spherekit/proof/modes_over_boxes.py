@@ -60,6 +60,8 @@ def approximate_modes(
 ) -> Complexes:
     """Return approximations of the complex modes at one choice of the inputs.
 
+    A homotopy follows the solutions of random equations to those of the mechanism.
+
     Parameters
     ----------
     equations
@@ -98,9 +100,9 @@ class SolvedChoice:
 
 @dataclass(frozen=True)
 class RootAngles:
-    """Angles of roots at the centre of a box, and their motion over the box.
+    """Angles of n roots at the centre of a box of inputs, and their motion over the box.
 
-    The numbers are meaningful for real roots only.
+    Each root has k unknown angles. The numbers are meaningful for real roots only.
 
     Attributes
     ----------
@@ -120,6 +122,9 @@ class RootAngles:
 @dataclass(frozen=True)
 class SystemFindings:
     """What is proven of the roots of a system for several modes of the systems before.
+
+    Systems of equations are solved one after another. A mode is a real root of all systems
+    before, over a box of inputs.
 
     Attributes
     ----------
@@ -155,13 +160,15 @@ class EquationSystem:
     Attributes
     ----------
     given
-        Numbers of all other variables, whose values are given.
+        Numbers of all other variables: unknowns of other systems, and the inputs. Their
+        values are given when the system is solved.
     degrees
         (k, variables) trigonometric degrees, the unknowns first, then the given variables.
     bound
-        Largest possible number of roots.
+        Largest possible number of roots, complex ones and those at infinity included.
     solved
-        Choices of the given variables with all roots, from which others are followed.
+        Values of the given variables for which all roots are proven. The roots for other
+        values are followed from the nearest of these. It grows while roots are proven.
     """
 
     def __init__(
@@ -182,6 +189,8 @@ class EquationSystem:
     def form_polynomials(self, circle_points: Array) -> Polynomials:
         """Return the polynomials of the system at m choices of the given variables.
 
+        They are polynomials in e^(i angle) of the unknowns.
+
         Parameters
         ----------
         circle_points
@@ -195,6 +204,8 @@ class EquationSystem:
         largest = [
             max(np.max(np.abs(array), initial=0.0) for array in arrays) for arrays in parts
         ]
+        # Error bound of each coefficient: that of the equations (a derivative has it times
+        # the degree), and the rounding of the sums.
         error = harmonics.error[self.rows] * np.max(self.degrees, axis=1, initial=1)
         error += PRODUCT_ROUNDING * np.add(1.0, largest)
         return Polynomials(
@@ -210,10 +221,16 @@ class EquationSystem:
     ) -> SystemFindings:
         """Return what is proven of the roots of this system, over one box for each mode.
 
+        A mode is a real root of the systems solved before, over its box of inputs. The
+        roots of this system are approximated at the centre of the box, and proven to be
+        alone in a tube about their linear motion over the box. If all roots at the centre
+        are proven, they are added to `solved`.
+
         Parameters
         ----------
         modes
-            (modes,) records of the modes of the systems before, see `count_modes`.
+            (modes,) records with the fields angle, circle_points (cosine and sine), rates
+            and error of all unknowns; those of later systems are 0. See `count_modes`.
         centres
             (modes, inputs) centre (rad) of the box of each mode.
         circle_points
@@ -258,7 +275,10 @@ class EquationSystem:
     def _follow_roots(self, given: Floats) -> ChartRoots:
         """Return approximate roots, followed from the nearest choices that are solved.
 
-        If no solved choice is near, the roots come from a homotopy.
+        A choice is a set of values of the given variables. Roots of the nearest choice in
+        `solved` are moved by one step along the tangent to the values asked for. If no
+        solved choice is near, the roots come from a homotopy at these values, and the step
+        is zero.
 
         Parameters
         ----------
@@ -267,8 +287,9 @@ class EquationSystem:
 
         Returns
         -------
-        `bound` roots for each row.
+        For each row as many roots as the system can have (`bound`).
         """
+        # Values from which the roots of each row are followed, and the roots there.
         starts = given.copy()
         start_points = []
         solved_points = cosines_and_sines([choice.given for choice in self.solved])
@@ -279,8 +300,10 @@ class EquationSystem:
             else:
                 squared_distances = np.array([np.inf])
             nearest = np.argmin(squared_distances)
+            # The limit is that of the squared distance.
             if squared_distances[nearest] < MAX_SOLUTION_DISTANCE:
                 choice = self.solved[nearest]
+                # Changes the row of `starts`.
                 start[:] = choice.given
                 start_points.append(choice.roots.points)
             else:
@@ -292,6 +315,8 @@ class EquationSystem:
         at_starts = evaluate_polynomials(
             self.form_polynomials(cosines_and_sines(starts)), roots
         )
+        # `roots.z` is e^(i angle) or its inverse, the one of magnitude 1 at most. Where the
+        # derivatives are singular no step is made.
         given_steps = wrap(given - starts)[roots.row]
         rates = np.nan_to_num(-invert_matrices(at_starts.by_unknowns) @ at_starts.by_given)
         return roots.with_points(roots.z + apply_matrices(rates, given_steps))
@@ -325,6 +350,10 @@ def count_modes(
 ) -> tuple[Bools, Indices]:
     """Return over which boxes of the inputs all modes are proven, and their numbers.
 
+    The systems are solved one after another. For each real root of the systems before, the
+    real roots of the next system are proven over the box. A box is given up if not all
+    roots of a system are proven to be different, and real or not.
+
     Parameters
     ----------
     systems
@@ -348,7 +377,7 @@ def count_modes(
     unknowns = (systems[0].equations.unknown_count,)
     # Records of the real modes of the systems so far: number of the box; then for all
     # unknowns the angle (rad) at its centre, cosine and sine, derivatives by the inputs,
-    # and # the largest deviation (rad) from linear motion. Unknowns of later systems are 0.
+    # and the largest deviation (rad) from linear motion. Unknowns of later systems are 0.
     modes = np.zeros(
         m,
         [
@@ -385,12 +414,15 @@ def count_modes(
 def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> RootAngles:
     """Return the angles of roots and their motion over the boxes.
 
+    For the coordinate z = e^(+-i angle) of a root, the derivative of the angle is that of
+    z over +-i z.
+
     Parameters
     ----------
     roots
-        The approximate roots.
+        The approximate roots. Each coordinate is e^(i angle) or its inverse.
     tubes
-        Their tubes over the boxes.
+        Their tubes over the boxes: how far each root may be from linear motion of z.
     half
         (n, inputs) half widths (rad) of the box of each root.
     """
@@ -401,12 +433,14 @@ def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> Roo
     # The logarithm of 1 + w differs from w by at most w^2 / 2 / (1 - w).
     w = tubes.reach / magnitude
     error = 0.5 * w**2 / (1.0 - w) + tubes.tube_radius[:, None] / magnitude
-    # The approximation may be off the unit circle; the last two terms cover rounding.
+    # The approximation may be off the unit circle; the last two terms and the factor cover
+    # rounding.
     error = (
         1.05 * error
         + np.abs(magnitude - 1.0)
         + 1e-15 * apply_matrices(np.abs(rates), half)
         + 1e-13
     )
+    # The bound of the logarithm is useful for small w only.
     error = np.where(w < 0.5, error, np.inf)
     return RootAngles(sense * np.angle(roots.z), rates.real, error)

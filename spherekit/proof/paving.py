@@ -68,7 +68,12 @@ start none of them is on the side of a box.
 def are_excluded(
     values: Floats, slopes: Floats, radii: Floats, remainders: Floats
 ) -> Bools:
-    """Return which boxes are proven to contain no zero of all equations, (n,).
+    """Return which boxes are proven to contain no common zero of all equations, (n,).
+
+    Weighted sums of the equations are tried. A sum that is larger at the centre than all it
+    can change over the box does not vanish in it. The weights are a row of the
+    pseudo-inverse of the slopes, so that the slope by one variable dominates; the proof is
+    valid for any weights.
 
     Parameters
     ----------
@@ -99,8 +104,9 @@ def are_excluded(
 class VariableRanges:
     """The ranges of all variables, and their division into boxes.
 
-    Boxes are integers (2, n, variables). For each variable, [0] is the number of times that
-    its range was halved, and [1] is the number of the part, from 0.
+    Boxes are integers (2, n, variables). For each box and variable, [0] is the number of
+    times that the range was halved, the level, and [1] is the number of the part, from 0.
+    A part of level l is 1 / 2^l of the range.
 
     Parameters
     ----------
@@ -112,7 +118,7 @@ class VariableRanges:
     Attributes
     ----------
     low
-        As given.
+        The starts as given.
     start, extent
         (variables,) float64 numbers near the starts and widths.
     whole
@@ -142,8 +148,8 @@ class VariableRanges:
     def circle_points(self, boxes: Integers) -> Floats:
         """Return cosines and sines (n, variables, 2) of `centres`, each rounded once.
 
-        For a variable with one value they are those of the ball, not of a float64 number
-        near it.
+        For a variable with one value, such as an input, they are those of its ball, not of
+        a float64 number near it.
         """
         centres = self.centres(boxes)
         # Many boxes share coordinates, so each number is evaluated once.
@@ -168,6 +174,8 @@ def halve_boxes(boxes: Integers, variables: Indices) -> Integers:
     -------
     (2, 2 n, v): the lower halves of all boxes, then the upper halves.
     """
+    # A box has for each variable the number of halvings of its range (level) and the number
+    # of the part. Part p is cut into the parts 2 p and 2 p + 1 of the next level.
     levels, parts = boxes
     is_cut = np.arange(levels.shape[1]) == variables[:, None]
     levels = levels + is_cut
@@ -192,13 +200,15 @@ def subdivide(
     activity
         Words for the progress report.
     examine
-        Examines boxes and returns those to be examined next. The second argument is the
-        number of boxes examined so far, these included.
+        Examines boxes, mostly by recording a result, and returns those to be examined next,
+        such as the halves of undecided ones. The second argument is the number of boxes
+        examined so far, these included.
 
     Returns
     -------
     The number of examined boxes.
     """
+    # Arrays of boxes. The last one is examined first, so that few boxes wait at a time.
     waiting = [boxes]
     examined_count = 0
     progress = ProgressReporter(activity)
@@ -244,6 +254,10 @@ def pave(
 ) -> tuple[int, BoxSet]:
     """Examine the whole of the ranges, and return the boxes that remain undecided.
 
+    A box is discarded if an equation, or a weighted sum of equations, cannot vanish in it,
+    or if it is inside a part with known configurations. Near some of the other boxes
+    configurations are looked for, from which parts may be added. What is left is halved.
+
     Parameters
     ----------
     equations
@@ -251,10 +265,11 @@ def pave(
     ranges
         The ranges of all variables.
     covers
-        Which boxes are inside the parts with known configurations.
+        Returns which boxes are inside the parts with known configurations, from their
+        centres and half widths (n, v) rad.
     add_configuration
-        Called with configurations near boxes that are not excluded, so that parts can be
-        added.
+        Receives a configuration (v,) near a box that is not excluded, and returns whether a
+        part was added for it.
     max_boxes
         After this number of boxes none is halved.
 
@@ -276,6 +291,8 @@ def pave(
         """
         radii = ranges.radii(boxes)
         values, slopes = equations.harmonics.derivatives(ranges.circle_points(boxes), 1)
+        # Bound of the difference from the linear part: second derivatives are at most the
+        # derivative bound times products of degrees; then the errors of value and slopes.
         change = radii @ degrees.T
         remainders = 0.5 * equations.derivative_bound * change**2 + error * (1.0 + change)
         reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
@@ -287,6 +304,7 @@ def pave(
         )
         rows = rows[~is_excluded]
 
+        # Look for configurations near the boxes that are not in a known part.
         boxes = boxes[:, rows]
         radii = radii[rows]
         centres = ranges.centres(boxes)
@@ -305,6 +323,7 @@ def pave(
         if has_new_part:
             is_open[is_open] = ~covers(centres[is_open], radii[is_open])
 
+        # Halve the longest side of the others, or record them as undecided.
         is_last = (largest_radius < SMALLEST_BOX_RAD) | (examined_count > max_boxes)
         is_undecided = is_open & is_last
         undecided_centres.append(centres[is_undecided])

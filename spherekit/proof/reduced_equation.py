@@ -63,7 +63,10 @@ MAX_CRITICAL_STEP_RAD = 0.5
 
 @dataclass(frozen=True)
 class BorderedDerivatives:
-    """Derivatives of (z, g), z being all variables, over a set of points.
+    """Derivatives of (z, g) by two coordinates u and v, over a set of points.
+
+    z are all variables of the equations F, and g the multiple in F(z) = g l, where l is the
+    direction that F' misses. Both are functions of u and v.
 
     Attributes
     ----------
@@ -108,6 +111,10 @@ class BorderedDerivatives:
 class ReducedEquation:
     """The reduced equation g(u, v) = 0 about a centre.
 
+    Near a point where F' loses a rank, let l be the direction that F' misses. With two
+    coordinates u and v given, F(z) = g l defines all variables z and the number g. The
+    configurations F = 0 are the zeros of g.
+
     Attributes
     ----------
     equations
@@ -136,6 +143,8 @@ class ReducedEquation:
     def split_residual(self, position: Array) -> tuple[Ball, Array]:
         """Split F at a position into a multiple of l and a remainder.
 
+        l is the unit vector `missed`, the direction that F' misses.
+
         Parameters
         ----------
         position
@@ -158,6 +167,11 @@ class ReducedEquation:
     ) -> BorderedDerivatives:
         """Return derivatives of (z, g) over balls of all variables.
 
+        The equations F(z) = g l, with l = `missed`, and two coordinates u and v along the
+        first two columns of `frame` define all variables z and g as functions of u and v.
+        The derivatives solve linear equations with the bordered matrix of F', -l and the
+        directions of u and v.
+
         Parameters
         ----------
         positions
@@ -178,6 +192,7 @@ class ReducedEquation:
         missed = exact_balls(self.missed)
         kernel = exact_balls(self.frame[:, :2].T)
         bordered = np.block([[slopes, -missed[:, None]], [kernel, zero]])
+        # Columns: remove the residual with u and v held; unit rate of u; unit rate of v.
         right = np.block([[-residual[:, None], np.zeros((k, 2))], [zero, np.eye(2)]])
         first = solve_balls(bordered, right)
         if order < 2:
@@ -190,9 +205,10 @@ class ReducedEquation:
         return BorderedDerivatives(first, second)
 
     def find_critical_point(self, position: Array) -> Array:
-        """Return the point with F = g l at which both slopes of g are 0.
+        """Return the point with F = g l at which both slopes of g by u and v are 0.
 
-        It is found by Newton's method. No proof depends on its accuracy.
+        Newton's method is used, with the second derivatives of g. No proof depends on the
+        accuracy of the point.
 
         Parameters
         ----------
@@ -210,7 +226,8 @@ class ReducedEquation:
         """
         for _ in range(MAX_CRITICAL_POINT_STEPS):
             derivatives = self.differentiate(position, self.split_residual(position)[1])
-            # Slope of g after the residual is removed.
+            # Slope of g after the residual is removed: direction 0 of the derivatives
+            # removes it, directions 1 and 2 are u and v.
             slope = exact_centres(derivatives.gradient + derivatives.seconds[-1, 0, 1:])
             uv_step = solve_balls(exact_centres(derivatives.hessian), -slope[:, None])[:, 0]
             change = exact_centres(
@@ -239,6 +256,8 @@ class ReducedEquation:
     ) -> tuple[Ball, Array]:
         """Return g and its two slopes at the u and v of a position.
 
+        The exact point (z, g) with F(z) = g l at these u and v is near the position.
+
         Parameters
         ----------
         position
@@ -261,6 +280,8 @@ class ReducedEquation:
 def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquation:
     """Return the reduced equation about the critical point of g near a position.
 
+    Configurations near a loss of rank of F' are the zeros of a function g of two
+    coordinates, see `ReducedEquation`. The critical point is where both slopes of g are 0.
     The coordinates u and v are along the principal curvatures of g: g is convex in u and
     concave in v.
 
@@ -283,6 +304,7 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
     reduced_equation = _reduce_about(equations, centre)
     _, residual = reduced_equation.split_residual(exact_balls(centre))
     derivatives = reduced_equation.differentiate(exact_balls(centre), residual)
+    # Principal curvatures of g, the smaller one first, and their directions.
     hessian = centre_floats(derivatives.hessian)
     (low, high), vectors = np.linalg.eigh(hessian)
     has_saddle = low < 0.0 < high and min(-low, high) > MIN_CURVATURE_RATIO * max(
@@ -295,6 +317,7 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
     # u along the positive curvature, v along the negative one.
     principal = vectors[:, ::-1]
     frame[:, :2] @= principal
+    # In units of 1 / sqrt(curvature) the curves of a crossing are diagonals.
     units = np.array([high, -low]) ** -0.5
     variable_curvatures = centre_floats(derivatives.seconds[:-1, 1:, 1:])
     principal_curvatures = principal.T @ variable_curvatures @ principal
@@ -308,6 +331,9 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
 
 def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
     """Return the reduced equation for the rank that F' is closest to losing at a position.
+
+    The direction that F' misses and the directions of the two coordinates come from its
+    singular values. `units` and `other_curvatures` are not set yet.
 
     Parameters
     ----------
@@ -324,6 +350,7 @@ def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
     circle_points = cosines_and_sines(position[None])
     _, slopes = equations.harmonics.derivatives(circle_points, 1)
     left, singular_values, right = np.linalg.svd(slopes[0])
+    # All singular values but the last must be clearly different from 0.
     smallest = MIN_SECOND_SINGULAR_RATIO * singular_values[0]
     if not np.all(singular_values[:-1] > smallest):
         raise ZeroDivisionError

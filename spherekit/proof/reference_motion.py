@@ -116,12 +116,17 @@ JOINT_LIMIT_SWITCH = -1
 
 
 def find_table_kinks(parts: Sequence[LoadComponent], until: float) -> list[Ball]:
-    """Return the times (s) between 0 and `until` at which tables of torques have kinks."""
+    """Return the times (s) between 0 and `until` at which tables of torques have kinks.
+
+    A table is piecewise linear in time, with kinks at its times. If it is periodic, they
+    repeat.
+    """
     times: list[Ball] = []
     for table in (part.magnitude for part in parts):
         if isinstance(table, TorqueTable):
             table_times = exact_balls(table.times)
             period = table_times[-1] - table_times[0]
+            # As many periods in both senses as may reach into the time from 0 to `until`.
             farthest = until + np.max(np.abs(table.times))
             period_count = int(farthest / float(period)) + 1 if table.periodic else 0
             for number in range(-period_count, period_count + 1):
@@ -133,6 +138,8 @@ def find_table_kinks(parts: Sequence[LoadComponent], until: float) -> list[Ball]
 @dataclass(frozen=True)
 class MovingMechanism:
     """A mechanism at n configurations, with rates per unit rate of the coordinate.
+
+    The coordinate is the pair variable by which the motion is described.
 
     Attributes
     ----------
@@ -156,10 +163,12 @@ class MovingMechanism:
 class _CoordinateState:
     """A mechanism at n configurations that are nearly closed.
 
+    The coordinate is the pair variable by which the motion is described.
+
     Attributes
     ----------
     moving
-        Configurations and rates.
+        Configurations, and rates per unit rate of the coordinate.
     root_inertia
         (n,) square root of the equivalent inertia.
     closing_step
@@ -173,7 +182,11 @@ class _CoordinateState:
 
 @dataclass(frozen=True)
 class _Step:
-    """A step of the motion. Within it x goes from -1 to 1.
+    """A step of the motion. Within it x goes from -1 to 1, proportional to the time.
+
+    The coordinate c is a pair variable, and p = sqrt(B) dc/dt with the equivalent inertia
+    B. Loads may have switches: conditions on whose sign `abs`, `sign`, `min` or `max`
+    depend. Within a step each is held on one side.
 
     Attributes
     ----------
@@ -212,12 +225,14 @@ class _Step:
 class _SignChange:
     """The first sign change of a condition in a step.
 
+    A condition belongs to a switch, on whose sign a load depends, or to a joint limit.
+
     Attributes
     ----------
     x
         Its position in [-1, 1].
     switch
-        Number of the switch, -1 for a joint limit.
+        Number of the switch, -1 for a joint limit, None if nothing changes its sign.
     is_at_start
         Whether the condition is negative at the first sample already.
     """
@@ -245,6 +260,9 @@ def _integrate_series(coefficients: Array) -> Array:
 class ExactSimulation:
     """The motion of a mechanism with one degree of freedom under its loads.
 
+    It is computed step by step, each step as a series in time for a pair variable and its
+    momentum.
+
     Parameters
     ----------
     arithmetic
@@ -261,7 +279,7 @@ class ExactSimulation:
     Attributes
     ----------
     arithmetic, mechanism, until
-        As given.
+        The parameters as given.
     end
         The time (s) at which the motion ended.
     kind
@@ -347,6 +365,9 @@ class ExactSimulation:
     def _evaluate_step(self, step: _Step, t: Array) -> list[Array]:
         """Return the variables and their first two derivatives at times within a step.
 
+        The series of the step gives the coordinate c and p = sqrt(B) dc/dt, with the
+        equivalent inertia B. Closing the loops gives the other variables.
+
         Parameters
         ----------
         step
@@ -360,6 +381,8 @@ class ExactSimulation:
         """
         c, p = step.evaluate(2 * (t - step.start) / step.length - 1)
         closure = self._close_loops(t, c, step.coordinate)
+        # Variables as power series in the coordinate: value, first derivative, and half of
+        # the second one.
         values, first, second = self._linkage.expand_motion(closure, step.coordinate, 2)
         orientations, _ = self._linkage.place_links(power_series(values, first, second))
         w, dw = angular_velocities(orientations, 2)
@@ -385,6 +408,9 @@ class ExactSimulation:
     ) -> tuple[Array, list[Array]]:
         """Return the generalised force of the loads, and the conditions of their switches.
 
+        A switch is an `abs`, `sign`, `min` or `max` in a load; its condition is the term on
+        whose sign it depends. Each is held on a given side, so that the load is smooth. The
+        force is the sum over the loads of magnitude times the rate on which it does work.
         Numbers in expressions count as exact float64 numbers.
 
         Parameters
@@ -396,7 +422,8 @@ class ExactSimulation:
         t
             (n,) times (s).
         sides
-            Sides of the conditions.
+            (switches,) side +1 or -1 of each condition, or None for the sides on which they
+            are.
         time_inside
             A time (s) between the two kinks of tables around all `t`.
 
@@ -412,7 +439,10 @@ class ExactSimulation:
         force = exact_balls(np.zeros(len(t)))
 
         def evaluate_name(name: str) -> Any:
-            """Return the time, a pair angle or its rate by time, (n,)."""
+            """Return the time, a pair angle or its rate by time, (n,).
+
+            The names are "t", and "theta_" or "dtheta_" followed by the pair.
+            """
             kind, _, pair = name.partition("_")
             if kind == "t":
                 return t
@@ -505,6 +535,9 @@ class ExactSimulation:
     def _evaluate_coordinate(self, values: Array, coordinate: int) -> _CoordinateState:
         """Return rates and inertia at nearly closed configurations.
 
+        Rates are per unit rate of the coordinate. One Newton step towards closed loops,
+        with the coordinate held, is returned too.
+
         Parameters
         ----------
         values
@@ -524,7 +557,7 @@ class ExactSimulation:
         closing_step[:, free] = -np.matvec(inverse, residuals)
         w = linkage.link_velocities(vectors, rates)
         # The derivative of the inertia is not used, so any vectors may stand for dw.
-        B, _ = equivalent_inertia(self.mechanism, orientations, w, w)
+        B, _ = equivalent_inertia(self.mechanism, orientations, w, dw=w)
         moving = MovingMechanism(values, rates, w, orientations)
         return _CoordinateState(moving, np.sqrt(B), closing_step)
 
@@ -532,7 +565,8 @@ class ExactSimulation:
         """Compute all steps from the start to the end.
 
         Each step ends at the first of these: its length, a kink of a torque table, a sign
-        change of a switch, a joint limit.
+        change of a switch (a condition on whose sign a load depends), a joint limit. The
+        steps, the end, its kind and the times of switches become attributes.
 
         Parameters
         ----------
@@ -559,10 +593,12 @@ class ExactSimulation:
             rates = centre_floats(state.moving.rates[0])
             fastest = int(np.argmax(np.abs(rates)))
             if abs(rates[fastest]) > COORDINATE_CHANGE_RATIO:
+                # |p| is the root of twice the kinetic energy, whatever the coordinate.
                 coordinate = fastest
                 p = p if rates[fastest] > 0.0 else -p
             time_left = (targets[0] - self.end).mid()
             length = min(length, time_left)
+            # Halve the length until the series converge.
             step: _Step | None = None
             while step is None or step.truncation > MAX_TRUNCATION_ROUNDINGS:
                 shortest = min(MIN_STEP_RATIO * self.until, float(time_left))
@@ -590,6 +626,7 @@ class ExactSimulation:
             reaches_target = switch is None and step.length is time_left
             step_end = (step.start + step.length * (sign_change.x + 1) / 2).mid()
             self.end = targets.pop(0) if reaches_target else step_end
+            # The state from which the next step starts.
             values = self._close_loops(np.array([self.end]), c, coordinate).values
             state = self._evaluate_coordinate(values, coordinate)
             sides = step.sides.copy()
@@ -609,6 +646,11 @@ class ExactSimulation:
         self, c: Ball, p: Ball, coordinate: int, length: Ball, sides: SwitchSides
     ) -> _Step | None:
         """Return a step from the present end, None if Picard's iteration does not converge.
+
+        With the equivalent inertia B and the generalised force Q, the equations are
+        dc/dt = p / sqrt(B) and dp/dt = Q / sqrt(B). Each sweep of the iteration evaluates
+        their right sides at all nodes of the step and integrates them again. It also makes
+        one Newton step that closes the loops.
 
         Parameters
         ----------
@@ -653,6 +695,7 @@ class ExactSimulation:
                 values + state.closing_step + moving.rates * (new_c - c_nodes)[:, None]
             )
             values[:, coordinate] = new_c
+            # Largest change of this sweep, in roundings; that of p is relative to its size.
             p_scale = max(self._largest_p, _largest(new_p), abs(float(p))) or 1.0
             largest_change = max(
                 _largest(new_c - c_nodes),
@@ -669,6 +712,7 @@ class ExactSimulation:
                 and last_change / 2 <= change <= STAGNATION_ROUNDINGS
             )
             if change <= CONVERGED_ROUNDINGS or has_stagnated:
+                # Converged: Legendre series of both rates, integrated from the start.
                 rate_series = self._to_series @ np.stack([speed, p_rate], axis=1)
                 series = half * _integrate_series(rate_series)
                 series[0] += np.array([c, p])
@@ -697,6 +741,9 @@ class ExactSimulation:
     ) -> list[tuple[int, Array]]:
         """Return Legendre series of conditions and joint limits, positive while they hold.
 
+        A condition is a term on whose sign a load depends; the load is evaluated on one of
+        its sides. Each joint limit gives two series, one for each end of its range.
+
         Parameters
         ----------
         conditions
@@ -724,7 +771,9 @@ class ExactSimulation:
     def _find_sign_changes(self, step: _Step) -> Iterator[_SignChange]:
         """Yield the first sign change of each condition that has one in a step.
 
-        It is first noticed between two samples, and then located by bisection.
+        A condition is positive while a load keeps its side, or a joint is within its
+        limits. A sign change is first noticed between two samples, and then located by
+        bisection.
         """
         for switch, condition in step.conditions:
             is_negative = (

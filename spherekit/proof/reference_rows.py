@@ -141,10 +141,11 @@ def exact_rows(
     order: int = 2,
     inputs: Array | None = None,
 ) -> ExactRows:
-    """Return reference values of some rows of a motion.
+    """Return reference values of some rows of a motion, computed with many digits.
 
-    The inputs, arcs, angles, radii and coefficients count as exact float64 numbers. Axes
-    and centres are made unit vectors of balls.
+    One input moves at unit rate while the others are locked. The inputs, arcs, angles,
+    radii and coefficients count as exact float64 numbers. Axes and centres are made unit
+    vectors of balls (numbers with an error bound).
 
     Parameters
     ----------
@@ -157,7 +158,8 @@ def exact_rows(
     arithmetic
         By default of 20 digits.
     order
-        1 for w alone, 2 for dw as well, 3 for ddw as well.
+        1 for the angular velocities w of the links alone, 2 for their derivative dw by the
+        input as well, 3 for the second derivative ddw as well.
     inputs
         (computed rows, inputs) balls (rad) of which the inputs of the motion are rounded
         values. By default the inputs of the motion are exact.
@@ -182,7 +184,8 @@ def exact_rows_by_input(
 ) -> tuple[ExactRows, ...]:
     """Return `exact_rows` for each of some inputs that move alone, the others locked.
 
-    The configurations are computed only once.
+    Newton's method closes the loops from the rows of the motion. Power series in the moving
+    input then give all derivatives. The configurations are computed only once.
 
     Parameters
     ----------
@@ -221,6 +224,7 @@ def exact_rows_by_input(
         input_values = exact_balls(chosen.inputs) if inputs is None else inputs
         start[:, input_variables] = input_values - turns * (2 * pi_ball())
         closure = linkage.close_loops(start, input_variables, arithmetic.eps)
+        # Rows with another status become NaN.
         status = _closure_status(chosen, closure)
         is_good = status == Status.OK
         orientations, _ = linkage.place_links(closure.values)
@@ -228,6 +232,7 @@ def exact_rows_by_input(
         references = []
         for pair in driven:
             (moving_variable,) = mechanism.variables_of(pair)
+            # Coefficients (rows, variables) for each power of the moving input.
             coefficients = linkage.expand_motion(closure, moving_variable, order)
             moving_orientations, _ = linkage.place_links(power_series(*coefficients))
             # w, then its derivatives up to the order.
@@ -264,6 +269,9 @@ def _nan_unless(is_good: Bools, balls: Array) -> Array:
 
 def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
     """Return the status (n,) of reference rows; rows that had failed keep theirs.
+
+    A solution that is too far from its row, or beside another one, is in another assembly
+    mode: MODE_LOST. One with open loops is NOT_CLOSED.
 
     Parameters
     ----------
@@ -315,18 +323,19 @@ def exact_motion(motion: Motion, rows: Bools, reference: ExactRows) -> Motion:
 def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
     """Return the direction of a pole in reference rows.
 
-    It is the axis or contact point of the pair that joins the two links. Without a pair it
-    is the direction of the relative angular velocity, and of its derivative if the links
-    are at relative rest.
+    The pole of two links is the axis of their relative rotation while one input moves. It
+    is the axis or contact point of the pair that joins both links. Without a pair it is the
+    direction of the relative angular velocity, or of its derivative by the input if the
+    links are at relative rest.
 
     Parameters
     ----------
     reference
         The reference rows, of order 2 at least.
     pole
-        The two links.
+        Numbers of the two links.
     toward
-        (n, 3) the direction is oriented to the side of these vectors (ground axes).
+        (n, 3) vectors (ground axes). The direction is oriented to their side.
 
     Returns
     -------
@@ -345,7 +354,8 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
         if joining_pair is not None:
             vector = reference.axes[:, joining_pair]
         else:
-            # Rounding of relative velocities, and of their derivatives.
+            # Rounding of relative velocities. That of their derivatives is larger by the
+            # condition number once more.
             rounding = reference.arithmetic.eps * reference.condition
             speed = _relative_size(velocity, reference.w, pole)
             change = _relative_size(derivative, reference.slopes, pole)
@@ -369,6 +379,8 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
 def _relative_size(relative: Array, vectors: Array, pole: Pole) -> Floats:
     """Return the size of relative vectors of two links, over those of the two links.
 
+    A size is the largest magnitude of a component.
+
     Parameters
     ----------
     relative
@@ -389,15 +401,19 @@ def _relative_size(relative: Array, vectors: Array, pole: Pole) -> Floats:
 def exact_field(reference: ExactRows, request: Request, field: PoleField) -> PoleField:
     """Return the poles of a field with the float64 numbers nearest to reference values.
 
+    The pole of two links is the axis of their relative rotation while one input moves. The
+    coefficients are the components of the relative angular velocity, and of its derivative
+    by the input, along the pole.
+
     Parameters
     ----------
     reference
         Reference rows, of order 2 at least, for the input that the request moves.
     request
-        The request behind the field.
+        Which poles the field has.
     field
-        The values that were computed for the same rows. Directions are oriented like them,
-        and NaN stays NaN.
+        The values that were computed for the same rows. The directions of the result are
+        oriented like those of the field, and NaN stays NaN.
 
     Returns
     -------

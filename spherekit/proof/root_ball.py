@@ -67,9 +67,9 @@ class CertifiedRoot:
     centre
         Balls without radius: an approximation of each unknown angle (rad), real or complex.
     radius
-        The solution differs from the centre by at most this (rad) in each angle.
+        Largest difference (rad) of the solution from the centre in an angle.
     unique
-        No other solution differs from the centre by at most this (rad) in each angle.
+        Largest difference (rad) from the centre within which there is no other solution.
     real
         Whether the solution is proven real; otherwise it is proven not to be.
     """
@@ -108,6 +108,9 @@ def find_root(
     equations: ArcEquations, known_angles: Sequence[Ball], approximation: Sequence[complex]
 ) -> CertifiedRoot | None:
     """Return the solution near an approximation, None if none is proven.
+
+    Newton's method improves the approximation. A ball about the result is then proven to
+    contain exactly one solution. Angles may be complex.
 
     Parameters
     ----------
@@ -152,6 +155,10 @@ def _certify_root(
 ) -> CertifiedRoot | None:
     """Return the solution in a ball about x, None if it is not proven.
 
+    The ball is chosen so small that the derivatives F' of the equations change little in
+    it. F' in the whole ball then bounds the distance of a zero from x; if the bound is less
+    than the radius, the ball contains exactly one.
+
     Parameters
     ----------
     equations
@@ -166,15 +173,17 @@ def _certify_root(
     """
     values, slopes = _evaluate(equations, x, known_angles)
     degrees = equations.degrees[:, : equations.unknown_count]
-    # Imaginary parts increase the bounds of derivatives exponentially.
+    # Bounds of second derivatives in the ball: at real angles the derivative bound times
+    # products of degrees. Imaginary parts increase them exponentially.
     growth = np.exp(degrees @ [upper_magnitude(ball.imag) for ball in x])
     second_bound = equations.derivative_bound * growth * np.sum(degrees, axis=1) ** 2
-    # The radius within which the derivatives may change by a fifth.
+    # The radius within which F' may change by a fifth, relative to its inverse.
     inverse_size = np.vectorize(upper_magnitude)(_approximate_inverse(slopes))
     unique = min(MAX_UNIQUENESS_RADIUS_RAD, 0.2 / np.max(inverse_size @ second_bound))
     unique_balls = np.array([_widen_angle(angle, unique, False) for angle in x])
     slopes_around = _evaluate(equations, unique_balls, known_angles)[1]
     distance = bound_zero_distance(values, slopes_around)
+    # A little more than proven, and not 0, so that checkers can repeat the proof.
     radius = min(max(SOLUTION_MARGIN * distance, 1e-300), unique)
     is_decided = real or any(lower_magnitude(ball.imag) > radius for ball in x)
     if not (distance < unique and is_decided):
@@ -192,7 +201,8 @@ def _widen_angle(angle: Ball, radius: float, real: bool) -> Ball:
 def bound_zero_distance(values: Array, slopes: Array) -> float:
     """Return a bound of the distance of a zero of F from the centre of balls.
 
-    If the balls are wider than the bound, they contain exactly one zero.
+    The bound is the largest component of (Y F')^-1 Y F with an approximate inverse Y of F'.
+    If the radii of the balls exceed the bound, they contain exactly one zero.
 
     Parameters
     ----------
@@ -203,7 +213,7 @@ def bound_zero_distance(values: Array, slopes: Array) -> float:
 
     Returns
     -------
-    Infinity if F' may be singular in the balls.
+    The bound (rad), infinity if F' may be singular in the balls.
     """
     try:
         inverse = _approximate_inverse(slopes)

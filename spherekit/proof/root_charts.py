@@ -61,19 +61,23 @@ given up.
 class Polynomials:
     """The polynomials of a system at m choices of its given variables, with error bounds.
 
+    They are polynomials in z = e^(i angle) of each unknown angle. Given variables are the
+    inputs and the unknowns of systems that were solved before.
+
     Attributes
     ----------
     coefficients
-        For each equation (m, 2 m_1 + 1, 2 m_2 + 1, ...): coefficient of the powers of z of
-        each unknown, the power 0 first.
+        For each of the k equations (m, 2 m_1 + 1, 2 m_2 + 1, ...): coefficient of the
+        powers of z of each unknown, the power 0 first. m_1, m_2, ... are its trigonometric
+        degrees in the unknowns.
     slopes
         For each equation (m, given, ...): derivatives of the coefficients by the given
         variables.
     error
         (k,) error bound of each coefficient.
     derivative_bound
-        (k,) bounds C: a derivative of the equation by angles is at most C times products of
-        degrees.
+        (k,) bounds C: a derivative of the equation by real angles is at most C times the
+        product of the degrees in these angles.
     degrees
         (k, variables) trigonometric degrees, the unknowns first, then the given variables.
     """
@@ -88,6 +92,9 @@ class Polynomials:
 @dataclass(frozen=True)
 class ChartRoots:
     """Points in the space of the unknowns, each coordinate in its better chart.
+
+    The chart is e^(i angle) or its inverse, whichever has a magnitude of at most 1, so that
+    a point at infinity is stored as 0.
 
     Attributes
     ----------
@@ -142,12 +149,15 @@ class ChartRoots:
     def derivatives(self, polynomials: Sequence[Complexes], order: int = 0) -> Complexes:
         """Return the derivatives of polynomials by z at all points, in their charts.
 
-        In the chart of the inverse the coefficients belong to the powers in reverse order.
+        The chart of a coordinate is z = e^(i angle) or its inverse. In the chart of the
+        inverse the polynomial is multiplied by the highest power, so that the coefficients
+        belong to the powers in reverse order.
 
         Parameters
         ----------
         polynomials
-            For each polynomial (m, ..., sizes), see `Polynomials`.
+            For each polynomial (m, ..., sizes): m choices of the given variables, any
+            further axes, then one axis of coefficients for each unknown.
         order
             Order of the derivatives: 0, 1 or 2.
 
@@ -159,6 +169,7 @@ class ChartRoots:
         n, count = self.z.shape
         parts = []
         for coefficients in polynomials:
+            # `variables` are the unknowns by which one derivative is taken.
             for variables in np.ndindex(*[count] * order):
                 part = coefficients[self.row]
                 # Sum over the last axis first: that of the last unknown.
@@ -172,6 +183,8 @@ class ChartRoots:
 
     def _powers(self, column: int, size: int, order: int) -> Complexes:
         """Return derivatives (n, size) of the powers of z that belong to coefficients.
+
+        In the chart of the inverse the powers are in reverse order.
 
         Parameters
         ----------
@@ -224,6 +237,8 @@ def evaluate_polynomials(polynomials: Polynomials, roots: ChartRoots) -> Polynom
 
 def polish_roots(polynomials: Polynomials, roots: ChartRoots) -> tuple[ChartRoots, Bools]:
     """Improve approximate roots by Newton's method.
+
+    A root whose step exceeds 1 in z is given up and stays as it is.
 
     Parameters
     ----------
@@ -280,14 +295,18 @@ def _bound_rounding(polynomials: Polynomials, rows: Indices) -> Floats:
 
 @dataclass(frozen=True)
 class ChangeBounds:
-    """How much polynomials and derivatives may change near a root.
+    """How much polynomials P and their derivatives may change near n roots.
+
+    A tube contains a root for all inputs of a box. Its axis is the approximate root, moving
+    linearly with the inputs.
 
     Attributes
     ----------
     value_error
         (n, k) error bound of P.
     slope_change
-        (n, k, k) bound of the change of P_z within a radius and over the box.
+        (n, k, k) bound of the change of the derivatives P_z by the unknowns z, within a
+        radius about the root and over the box of inputs.
     drift
         (n, k) bound of what is neglected if P is taken as linear along the tube's axis.
     """
@@ -302,8 +321,10 @@ def _bound_changes(
 ) -> ChangeBounds:
     """Return how much polynomials and derivatives may change near roots.
 
-    Derivatives of order three are bounded by the constant times powers of the degrees, by
-    Bernstein's inequality.
+    Changes are bounded by second derivatives at the root, times the radius about the root
+    and the changes of the given variables, and by remainders of third order. Derivatives of
+    order three are bounded by the constant times powers of the degrees, by Bernstein's
+    inequality.
 
     Parameters
     ----------
@@ -322,6 +343,7 @@ def _bound_changes(
     growth = np.exp(np.log(largest_magnitude) @ degrees_in_z.T) * ROUND_UP
     bound = polynomials.derivative_bound * growth
     value_error = growth * _bound_rounding(polynomials, roots.row)
+    # Sums of degree times change: for the unknowns, for the given variables, for all.
     by_radius = radius[:, None] * np.sum(degrees_in_z, axis=1)
     by_given = given_change @ degrees_in_given.T
     total = by_radius + by_given
@@ -364,12 +386,17 @@ class InputBoxes:
 
 @dataclass(frozen=True)
 class RootTubes:
-    """Tubes about approximate roots, each with exactly one root for every input of a box.
+    """Tubes about n approximate roots, each with exactly one root for all inputs of a box.
+
+    A root has k coordinates z, each e^(i angle) of an unknown or its inverse. The axis of a
+    tube is the approximation at the centre of the box of inputs, moving linearly with the
+    inputs. Distances are in z, the largest of all coordinates.
 
     Attributes
     ----------
     is_proven
-        (n,) whether this is proven. Otherwise the other attributes have no meaning.
+        (n,) whether there is proven to be exactly one root. Otherwise the other attributes
+        have no meaning.
     centre_radius
         (n,) largest distance of the root from the approximation at the centre of the box.
     uniqueness_radius
@@ -377,9 +404,10 @@ class RootTubes:
     tube_radius
         (n,) largest distance of the root from the axis of its tube over the box.
     reach
-        (n, k) largest distance of each coordinate from the approximation over the box.
+        (n, k) largest distance of each coordinate of the root, over the box, from the
+        approximation at its centre.
     rates
-        (n, k, inputs) derivatives of z by the inputs along the axis.
+        (n, k, inputs) derivatives of z by the inputs (1/rad) along the axis.
     """
 
     is_proven: Bools
@@ -480,7 +508,8 @@ def enclose_roots(
 def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
     """Return approximations of all roots of one polynomial in one unknown.
 
-    They are the eigenvalues of the companion matrix, for each of the m rows.
+    The roots are the eigenvalues of the companion matrix. There is one polynomial for each
+    of the m rows, choices of the given variables.
     """
     (coefficients,) = polynomials.coefficients
     m, size = coefficients.shape
@@ -494,6 +523,9 @@ def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
 
 def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) -> Bools:
     """Return for which rows all roots are good and proven different from each other.
+
+    A row is one choice of the given variables. Roots are compared as points a / b in
+    homogeneous coordinates, so that those at infinity are like any other.
 
     Parameters
     ----------
@@ -524,8 +556,9 @@ def classify_real_roots(
 ) -> tuple[Bools, Bools]:
     """Return which roots are proven to have real angles, and which are proven not to.
 
-    With z, 1/conj(z) is a root too. If both are in a ball that contains exactly one root,
-    they are equal, and |z| = 1.
+    Each coordinate z is e^(i angle) or its inverse. With z, its mirror image 1/conj(z) is a
+    root too. If both are in a ball that contains exactly one root, they are equal, and
+    |z| = 1. If |z| differs from 1 in the whole ball, an angle is not real.
 
     Parameters
     ----------

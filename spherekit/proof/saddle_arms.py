@@ -23,6 +23,9 @@ Quadrant = tuple[int, int]
 class SaddleForm:
     """The local form of a saddle in coordinates u and v of equal scale.
 
+    A saddle is a place where two configuration curves cross or narrowly miss each other.
+    The curves are the zeros of a function g(u, v) in a rectangle about it.
+
     Attributes
     ----------
     variable_rates
@@ -40,7 +43,9 @@ class SaddleForm:
 
 @dataclass(frozen=True)
 class ArmErrors:
-    """How far the arms deviate from the zeros of the quadratic form.
+    """How far the arms deviate from the zeros of the quadratic form Q of g'' at a saddle.
+
+    Arms are the four branches of the curves g(u, v) = 0 that leave the saddle.
 
     Attributes
     ----------
@@ -59,7 +64,10 @@ class ArmErrors:
 
 @dataclass(frozen=True)
 class ArmRates:
-    """Signs of the rates on the four arms, and how far the arms reach.
+    """Signs of the rates of the variables on the four arms, and how far the arms reach.
+
+    Arms are the four branches of curves that leave a saddle, one in each quadrant of two
+    coordinates u and v: (1, 1), (1, -1), (-1, 1) and (-1, -1).
 
     Attributes
     ----------
@@ -93,6 +101,9 @@ class DirectionRates:
 
 def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[float, float]]:
     """Return bounds of v / u on the arms, by the sign of v / u.
+
+    On an arm Q = a u^2 + 2 b u v - d v^2 is 0 up to an error, so that
+    v / u = (b +- sqrt(b^2 + a d)) / d.
 
     Parameters
     ----------
@@ -130,7 +141,7 @@ def _evaluate_direction(
     """Return the slopes of g and the signs of all rates in a direction (1, slope).
 
     At the point (u, v) the slopes of g are g'' (u, v), up to an error of `slope_error`
-    times the larger of |u| and |v|.
+    times the larger of |u| and |v|. The curve g = 0 has the tangent (-g_v, g_u).
     """
     error = slope_error * max(1.0, abs(slope))
     direction = exact_balls([1.0, slope])
@@ -143,8 +154,9 @@ def _evaluate_direction(
 def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
     """Return the signs of all rates on the four arms, and how far the variables go.
 
-    A rate is linear in the direction (u, v). In the cone between two directions it has the
-    sign that it has in both.
+    The arms are the zeros of g(u, v) near a saddle, one in each quadrant. The slope v / u
+    of an arm has two bounds. A rate is linear in the direction (u, v), so between both
+    directions it has the sign that it has in both.
 
     Parameters
     ----------
@@ -176,6 +188,7 @@ def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
         ]
         changes = form.variable_rates @ exact_balls(farthest_points).T
         largest_changes = np.array([max(map(upper_magnitude, row)) for row in changes])
+        # The two arms in opposite quadrants. Outwards from the saddle, v grows if v > 0.
         for v_sign in (1, -1):
             quadrant = sign * v_sign, v_sign
             outward_signs[quadrant] = v_sign * is_oriented * common_signs
@@ -188,15 +201,16 @@ def find_monotonic_variables(
 ) -> Bools:
     """Return which variables have no stationary point between two joined arms.
 
-    Two arms are joined by an arc that passes the saddle at a distance. The other two arms
-    are joined by its mirror image.
+    At a saddle with a level other than 0, two of the four branches of curves are joined by
+    an arc that passes the saddle at a distance. The other two are joined by its mirror
+    image.
 
     Parameters
     ----------
     form
         The form of the saddle.
     level
-        The level of the saddle, which is not 0.
+        The value of g at the saddle, a ball that does not contain 0.
     slope_at_saddle
         Bound of the slopes of g at the point that counts as the saddle.
 
@@ -213,6 +227,8 @@ def find_monotonic_variables(
     least_distance = np.sqrt(
         lower_magnitude(level) / sum(map(upper_magnitude, form.hessian.flat))
     )
+    # Errors of the form and of the slopes, over powers of the larger of |u| and |v|. The
+    # last digits of the factors cover rounding.
     slope_bounds = _bound_arm_slopes(form.hessian, 4.004 * slope_at_saddle / least_distance)
     slope_error = 1.001 * slope_at_saddle / least_distance
     # A positive level joins arms of equal v: the arc crosses the v axis, and its directions

@@ -100,13 +100,16 @@ signs open.
 class Saddle(OrientedBox):
     """An oriented box with four arms of configuration curves that meet, or nearly do.
 
-    The first two coordinates of the box are u and v.
+    The first two coordinates of the box are u and v. The configurations in it are the zeros
+    of a function g(u, v), four branches or arms, one in each quadrant of u and v. Rates are
+    those of the variables along an arm.
 
     Attributes
     ----------
     level_sign
-        0 if the curves are proven to cross, None if the level is not told from 0. With a
-        positive level the arms of equal v are joined, with a negative one those of equal u.
+        Sign of the level, the value of g at its saddle point. 0 if the curves are proven to
+        cross, None if the level is not told from 0. With a positive level the arms of equal
+        sign of v are joined, with a negative one those of equal sign of u.
     gap
         Largest distance (rad) at which the curves miss each other.
     central_zone
@@ -137,6 +140,10 @@ class Saddle(OrientedBox):
     def find_quadrant(self, position: Floats, error: float) -> Quadrant | None:
         """Return the quadrant of the arm that a configuration is on, None if not proven.
 
+        An arm is one of the four branches of curves that leave the saddle. Its quadrant has
+        the signs of the box coordinates u and v. They tell the arms apart beyond a small
+        height |v|.
+
         Parameters
         ----------
         position
@@ -161,6 +168,10 @@ def find_saddle(
 ) -> Saddle | None:
     """Return the saddle near a position, None if none is proven.
 
+    A saddle is a place where configuration curves cross, or narrowly miss each other. Boxes
+    of different size about it are tried, the largest first. A box in which signs of rates
+    along the curves are open is accepted only below a certain size.
+
     Parameters
     ----------
     equations
@@ -168,10 +179,10 @@ def find_saddle(
     position
         (v,) a position (rad) where a curve could not be followed.
     is_proven_crossing
-        Returns whether a box is proven to contain a configuration in which F' loses a rank.
-        The level is then exactly 0.
+        Returns whether a box is proven to contain a configuration in which the derivatives
+        F' of the equations lose a rank. Curves then cross.
     is_allowed
-        Returns whether a box may be used.
+        Returns whether a box may be used: boxes of saddles must not overlap.
     """
     with working_precision(LEVEL_PRECISIONS_BITS[0]), suppress(ZeroDivisionError):
         reduced_equation = reduce_at_saddle(equations, position)
@@ -197,6 +208,10 @@ def _prove_saddle(
 ) -> Saddle | None:
     """Return the saddle with a rectangle of one size, None if that is not proven.
 
+    In the rectangle of two coordinates u and v, the configurations must be four branches,
+    the arms. Then the level decides how the arms are joined: 0 if they cross. At last the
+    signs of the rates of all variables along the arms are looked for.
+
     Parameters
     ----------
     reduced_equation
@@ -215,6 +230,7 @@ def _prove_saddle(
     bend = rectangle @ reduced_equation.other_curvatures @ rectangle
     other_limit = 0.2 * size + np.max(bend, initial=0.0)
     limits = np.array([*rectangle, *[other_limit] * len(normals)])
+    # Each step may fail with a division by zero: then nothing is proven.
     try:
         box_balls = reduced_equation.enclose_box(limits)
         derivatives = reduced_equation.differentiate(box_balls, residual)
@@ -243,6 +259,7 @@ def _prove_saddle(
             hessian=hessian * units * units[:, None],
             size=1.001 * size,
         )
+        # A crossing: the level is 0, and the arms meet in one point.
         box = OrientedBox(reduced_equation.centre, frame, limits)
         none_monotonic = np.zeros(limits.shape, dtype=bool)
         if is_proven_crossing(box):
@@ -250,6 +267,8 @@ def _prove_saddle(
             return _make_saddle(box, 0, 0.0, 0.0 * limits, arm_rates, none_monotonic)
 
         level, slope_at_saddle = _enclose_level(reduced_equation, limits)
+        # Otherwise the level, with its sign if that is proven, bounds the gap between the
+        # curves.
         least_curvature = min(
             lower_magnitude(hessian[0, 0]), lower_magnitude(hessian[1, 1])
         )
@@ -307,7 +326,9 @@ def _make_saddle(
 def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[Ball, float]:
     """Return the level of a saddle, and a bound of the slopes of g at a point near it.
 
-    The precision is increased until the level is told from 0.
+    The level is the value of g(u, v) at its saddle point. Newton's method approximates this
+    point. The level differs from the value there by at most the slopes times the size of
+    the rectangle. The precision is increased until the level is told from 0.
 
     Parameters
     ----------
@@ -353,8 +374,9 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
 def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array) -> bool:
     """Return whether the zeros of g in a rectangle are four arms, one in each quadrant.
 
-    g has to be positive on the sides of constant u. It has to be negative at the points
-    (0, v) from the inner height on, also where the least value over u is taken.
+    g(u, v) is convex in u and concave in v. It has to be positive on the sides of constant
+    u. It has to be negative at the points (0, v) from the inner height on, a small part of
+    the height of the rectangle, also where the least value over u is taken.
 
     Parameters
     ----------

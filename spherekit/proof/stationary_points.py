@@ -77,7 +77,7 @@ Larger: sharper bends are not passed. Smaller: an arc of the opposite sense migh
 class RateBounds:
     """Bounds of the rates of all variables along an arc, and of their derivatives.
 
-    Rates are derivatives by the coordinate s along the tangent.
+    Rates are derivatives by the coordinate s along the tangent at the centre of the arc.
 
     Attributes
     ----------
@@ -96,10 +96,14 @@ class RateBounds:
 def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     """Return bounds of the rates of all variables along a certified arc.
 
+    The arc is z = z0 + t s + N y(s) with the tangent t and the normals N at its centre z0.
+    Rates are z' = t + N y', where y' is bounded, and z'' = -N (F'N)^-1 F''(z', z'). Y is
+    near the inverse of F'N at the centre.
+
     Parameters
     ----------
     piece
-        The arc z = z0 + t s + N y, with its bounds of Y F' and Y F''.
+        The arc, with its bounds of Y F' and Y F''.
     half_length
         The bounds are valid for |s| up to this (rad).
     """
@@ -109,7 +113,8 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     distance = piece.distance_within(half_length)
     bounds = test.bound_arc(half_length, distance)
     rate_error = np.sum(np.abs(normals), axis=1) * bounds.slope * ROUND_UP
-    # z'' = -N (F'N)^-1 F''(z', z'). Along the frame, z' is 1 and at most the slope bound.
+    # Coordinates of the arc, and of z', along the frame: that of z' along t is 1, those
+    # along the normals are at most the slope bound.
     reach = np.append(half_length, np.zeros(len(tangent) - 1) + distance)
     velocity = np.append(1.0, np.zeros(len(tangent) - 1) + bounds.slope)
     sums = test.degrees @ reach
@@ -140,7 +145,8 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
 def _rate_signs(piece: CertifiedArc, half_length: float, variable: int) -> tuple[int, int]:
     """Return the proven signs of a rate and of its derivative for |s| <= half_length.
 
-    A sign that is not proven is 0.
+    The rate is that of a variable along the arc, and s the coordinate along the tangent. A
+    sign that is not proven is 0.
     """
     bounds = bound_rates(piece, half_length)
     return (
@@ -156,19 +162,23 @@ def _common_sign(low: float, high: float) -> int:
 
 @dataclass(frozen=True)
 class StationaryPoint:
-    """A configuration at which one variable is stationary along a curve.
+    """A configuration at which one variable is, or may be, stationary along a curve.
 
-    For an undecided stretch: a configuration near which the variable may be stationary.
+    In the list `StationaryPoints.proven` the variable is stationary in exactly one
+    configuration near the position. In the list `StationaryPoints.undecided` there is a
+    stretch of the curve from the position on, in which the variable may be stationary.
 
     Attributes
     ----------
     position
-        (v,) near the configuration (rad).
+        (v,) values of all variables (rad).
     error
-        Bound (rad) of the deviation of every variable. For an undecided stretch it is the
-        largest deviation of the one variable.
+        If proven: bound (rad) of the difference of the configuration from the position, in
+        each variable. If undecided: bound (rad) of the change of the variable that may be
+        stationary, from the position to any configuration of the stretch.
     piece
-        Number of the arc of the chain after whose centre the configuration comes.
+        The curve is a row of boxes, the pieces, with one arc of the curve in each. The
+        configuration lies between the centre of the piece with this number and the next.
     """
 
     position: Floats
@@ -196,6 +206,8 @@ class StationaryPoints:
 class _StretchSigns:
     """What is proven of a rate in a stretch in which it may vanish; 0 if a sign is open.
 
+    The rate is that of one variable along the curve, a stretch is a part of the curve.
+
     Attributes
     ----------
     at_start, at_end
@@ -213,10 +225,12 @@ class _StretchSigns:
 class _Stretch:
     """The part of a curve from the centre of an arc to a configuration in the arc's box.
 
+    The arc is a part of the curve that is proven to be alone in an oriented box.
+
     Attributes
     ----------
     piece
-        The arc.
+        The arc with its box.
     end
         (v,) the configuration (rad).
     end_error
@@ -241,6 +255,11 @@ def find_stationary_points(
     equations: ArcEquations, chain: Chain, variable: int
 ) -> StationaryPoints:
     """Return the stationary points of a variable along a chain, and what is undecided.
+
+    The chain is a curve as a row of certified arcs. From the centre of each arc to the next
+    there is a stretch of the curve. It is cut in two until the rate of the variable cannot
+    vanish in it, or until the derivative of the rate has one sign: the rate then has one
+    zero if its signs at both ends differ. Stretches that cannot be cut stay undecided.
 
     Parameters
     ----------
@@ -274,7 +293,8 @@ def find_stationary_points(
                     _Stretch(stretch.piece, finding.centre, finding.centre_error, depth),
                 ]
                 continue
-            signs = finding or _StretchSigns(0, 0, 0)
+            # None: the rate does not vanish in this stretch, which ends a run.
+            signs = finding or _StretchSigns(at_start=0, derivative=0, at_end=0)
             continues_run = (
                 signs.derivative
                 and signs.derivative == run_derivative
@@ -285,6 +305,7 @@ def find_stationary_points(
                 run_start_sign = signs.at_start
                 undecided_before_run = len(result.undecided)
             is_decided = run_start_sign and signs.derivative and signs.at_end
+            # The signs at both ends of a run decide on its undecided stretches as well.
             if is_decided:
                 del result.undecided[undecided_before_run:]
             if is_decided and run_start_sign != signs.at_end:
@@ -301,7 +322,7 @@ def find_stationary_points(
 def _examine_stretch(
     equations: ArcEquations, variable: int, stretch: _Stretch, allows_short: bool
 ) -> _StretchSigns | CertifiedArc | None:
-    """Return what is proven of the rate of a variable in a stretch.
+    """Return what is proven of the rate of a variable in a stretch, a part of a curve.
 
     Parameters
     ----------
@@ -312,23 +333,25 @@ def _examine_stretch(
     stretch
         The stretch.
     allows_short
-        Whether short stretches may be made.
+        Whether the stretch may be cut into short ones.
 
     Returns
     -------
-    None if the rate does not vanish in the stretch. An arc at which the stretch is to be
-    cut. Otherwise the signs that are proven.
+    None if the rate does not vanish in the stretch; an arc at which the stretch is to be
+    cut; otherwise the proven signs of the rate at both ends and of its derivative.
     """
     piece = stretch.piece
     reach = stretch.reach
+    # Signs in the whole stretch, then those at its start (s = 0).
     rate_sign, derivative_sign = _rate_signs(piece, min(reach, piece.half_length), variable)
     if rate_sign:
         return None
-    start_signs = _rate_signs(piece, 0.0, variable)
+    start_signs = _rate_signs(piece, half_length=0.0, variable=variable)
     sign_at_end = 0
     shortest = SHORTEST_FLAT_STRETCH_RAD
     if derivative_sign:
-        end_piece = find_piece(equations, stretch.end, piece.tangent, 1e-3)
+        # A short arc at the end gives the sign of the rate there.
+        end_piece = find_piece(equations, stretch.end, piece.tangent, longest=1e-3)
         if end_piece is not None and end_piece.tangent @ piece.tangent > MIN_FORWARD_COSINE:
             sign_at_end = _rate_signs(end_piece, 0.0, variable)[0]
         # A sign that is open at the end stays open, however short the stretches become.
@@ -345,10 +368,10 @@ def _examine_stretch(
 
 
 def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
-    """Return where a variable may be stationary in a stretch.
+    """Return where a variable may be stationary in a stretch: near the centre of its arc.
 
-    The error is the smaller of two bounds of the change of the variable: by the extent of
-    the stretch, and by its largest rate.
+    The error is the smaller of two bounds of the change of the variable in the stretch: by
+    the extent of the stretch, and by the largest rate of the variable times its length.
     """
     piece = stretch.piece
     reach = min(stretch.reach, piece.half_length)
@@ -396,8 +419,9 @@ def _enclose_zero(
 ) -> StationaryPoint:
     """Return an enclosure of the only zero of a rate in a stretch.
 
-    The zero is first approximated. Then arcs on both sides of it are looked for at which
-    the rate has proven signs, at growing distances.
+    The rate is that of a variable along a curve, and the stretch a part of the curve. The
+    zero is first approximated. Then arcs on both sides of it are looked for at which the
+    rate has proven signs, at growing distances. The zero lies between both arcs.
 
     Parameters
     ----------
@@ -429,6 +453,7 @@ def _enclose_zero(
             return end_sign * np.zeros(1)
         return end_sign * tangent_frame.frame[variable, :1]
 
+    # The part of the way at which the rate is 0. Bracket: the rate is -1 at 0, and 1 at 1.
     one = np.ones(1)
     (zero_ratio,), _ = find_bracketed_zeros(
         signed_rate, 0.0 * one, one, -one, one, PRODUCT_ROUNDING
@@ -445,6 +470,7 @@ def _enclose_zero(
                 continue
             if _rate_signs(middle, 0.0, variable)[0] != side * end_sign:
                 continue
+            # An arc after the zero becomes the end, one before it the start.
             if side > 0:
                 end = middle.centre
                 end_error = middle.centre_error

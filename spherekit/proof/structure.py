@@ -21,7 +21,9 @@ from spherekit.wording import listing
 class Structure:
     """Links and R pairs of a mechanism, followed by those of its couplers.
 
-    Links and pairs are counted from 0 in the order of `links` and `pairs`.
+    A coupler is a link that stands for a sliding contact of two circles: R pairs at both
+    centres join it to the links of the contact. Links and pairs are counted from 0 in the
+    order of `links` and `pairs`.
 
     Attributes
     ----------
@@ -73,7 +75,9 @@ class Structure:
 def extract_structure(mechanism: Mechanism) -> Structure:
     """Return the links and R pairs of a mechanism, with a coupler for each sliding contact.
 
-    The structure has no followers yet: which angles wheels determine depends on the sizes.
+    A coupler is a further link, joined by R pairs at the centres of both circles to the
+    links of the contact. The structure has no followers (pairs whose angles wheels
+    determine) yet: which they are depends on the sizes.
 
     Raises
     ------
@@ -88,6 +92,7 @@ def extract_structure(mechanism: Mechanism) -> Structure:
             pair_names.append(pair.name)
             pair_ends.append(ends)
 
+    # Contacts: a sliding one adds a coupler with two pairs, a rolling one a pair of wheels.
     couplers = []
     wheels = []
     for number, (pair, ends) in enumerate(

@@ -138,7 +138,9 @@ def boxes_covered(
 class CertifiedArc(OrientedBox):
     """An oriented box in which the configurations are exactly one arc.
 
-    The first column of `frame` is the tangent t, the others are the normals N.
+    The first column of `frame` is the tangent t at the centre z0, the others are the
+    normals N. A point of the box is z0 + t s + N y with |s| up to the half length h and
+    each |y_i| up to the radius r.
 
     Attributes
     ----------
@@ -172,7 +174,7 @@ class CertifiedArc(OrientedBox):
     def distance_within(self, half_length: float) -> float:
         """Return a bound (rad) of the arc's distance from its axis for |s| up to a limit.
 
-        `half_length` (rad) is the limit.
+        s is the coordinate along the tangent, `half_length` (rad) the limit.
         """
         distance = float(self.test.bound_arc(half_length, self.radius).distance)
         # The arc stays in the box, also where the bound grows beyond all limits.
@@ -181,7 +183,9 @@ class CertifiedArc(OrientedBox):
 
 @dataclass(frozen=True)
 class TangentFrame:
-    """Tangent and normals of a configuration curve, and the inverse across it.
+    """Tangent and normals of a configuration curve, and the inverse of F' across it.
+
+    F' are the derivatives (k, v) of the k = v - 1 equations by the v variables.
 
     Attributes
     ----------
@@ -206,7 +210,8 @@ def find_frame(slopes: Floats, direction: Floats | None) -> TangentFrame | None:
         (v,) the tangent is oriented along this direction; without it, in either sense.
     """
     left, singular_values, right = np.linalg.svd(slopes)
-    # A smaller relative singular value is rounding: no tangent is defined.
+    # The last right singular vector is the tangent, as F' t = 0. A smaller relative
+    # singular value is rounding: no tangent is defined.
     if not singular_values[-1] > 1e-13 * singular_values[0]:
         return None
     tangent = right[-1]
@@ -222,7 +227,10 @@ def find_piece(
     direction: Floats | None,
     longest: float,
 ) -> CertifiedArc | None:
-    """Return a certified arc around a configuration, as long as one is proven.
+    """Return the longest arc of the configuration curve that is proven about a centre.
+
+    The result is a box along the tangent in which the configurations are exactly one arc.
+    Several half lengths along the tangent are tried with several radii across it.
 
     Parameters
     ----------
@@ -256,6 +264,7 @@ def find_piece(
     proven = np.argwhere(stays_inside & is_regular)
     if not len(proven):
         return None
+    # The first one has the largest half length, and of these the largest radius.
     best = tuple(proven[0])
     half_length = half_lengths[best[0], 0]
     radius = radii[best]
@@ -276,7 +285,10 @@ def find_piece(
 
 @dataclass(frozen=True)
 class ArcBounds:
-    """Bounds for one arc, or arrays of them for many half lengths and radii.
+    """Bounds for one arc, or arrays of bounds for many half lengths and radii.
+
+    The arc is y(s) in coordinates s along the tangent and y along the normals N. F' are the
+    derivatives of the equations, and Y is near the inverse of F'N.
 
     Attributes
     ----------
@@ -345,6 +357,10 @@ class TubeTest:
     def bound_slope_change(self, reach: Floats) -> Floats:
         """Return bounds of |Y F' - (0, 1)| at all points within a reach of the centre.
 
+        F' are the derivatives (k, v) of the equations along the frame: by the tangent, then
+        by the normals. Y is near the inverse of the latter, so that Y F' is near (0, 1), a
+        column of zeros followed by the identity.
+
         Parameters
         ----------
         reach
@@ -363,6 +379,10 @@ class TubeTest:
 
     def bound_arc(self, half_length: Floats | float, radius: Floats | float) -> ArcBounds:
         """Return bounds of the arc for |s| <= half_length, if it stays within the radius.
+
+        The arc is y(s) with the coordinate s along the tangent and y across it. With
+        D = Y F' - (0, 1), its slope is at most |column 0 of D| / (1 - contraction). The
+        contraction is the largest row sum of the other columns.
 
         Parameters
         ----------
@@ -390,6 +410,8 @@ def correct_configuration(
     equations: ArcEquations, position: Floats, free_count: int | None = None
 ) -> Floats | None:
     """Return the configuration near a position, by Newton's method; None if it fails.
+
+    All equations of the mechanism are 0 in a configuration, up to 1e-10 here.
 
     Parameters
     ----------
