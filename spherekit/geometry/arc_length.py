@@ -100,7 +100,7 @@ class ArcLength:
         def deviation(s: Floats) -> Floats:
             """Return u - s du/ds (n, 1), with the mean of du/ds, at arc lengths (n,)."""
             # Solve the equation s(x) = s on the panel that contains each arc length, where
-            # x from -1 to 1 is the position on the panel.
+            # x from -1 to 1 is the position on the panel. Arc lengths count from its start.
             panel = np.searchsorted(self.starts[1:-1], s, side="right")
             target = s - self.starts[panel]
 
@@ -121,9 +121,9 @@ class ArcLength:
 
         return PiecewiseChebyshev.fit(
             deviation,
-            0.0,
-            self.length,
-            INVERSE_TOLERANCE,
+            low=0.0,
+            high=self.length,
+            tolerance=INVERSE_TOLERANCE,
             scales=self.edges[-1:],
             first_cells=self.starts,
             rounding_tolerance=INVERSE_ROUNDING_TOLERANCE,
@@ -188,6 +188,8 @@ def integrate_rate(
     low = edges[:-1]
     high = edges[1:]
     relative_error = np.zeros(len(low)) if rounding is None else rounding
+    # The coefficient of order k is k + 1/2 times the integral of the function times the
+    # Legendre polynomial P_k, which Gauss's rule gives from values at the nodes.
     nodes, weights = leggauss(SERIES_ORDER)
     to_coefficients = legvander(nodes, SERIES_ORDER - 1) * weights[:, None]
     to_coefficients *= np.arange(SERIES_ORDER) + 0.5
@@ -196,6 +198,7 @@ def integrate_rate(
     final_series: list[Floats] = []
     scale = 0.0  # the whole length, if the rate is a smooth speed
     for halvings in range(MAX_HALVINGS + 1):
+        # (panels, order) series of the rate by the position x from -1 to 1 in each panel.
         half = 0.5 * (high - low)[:, None]
         series = half * (rate(low[:, None] + half * (1.0 + nodes)) @ to_coefficients)
         largest = max_abs(series, axis=1)

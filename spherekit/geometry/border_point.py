@@ -55,6 +55,9 @@ def find_crossings(
 ) -> tuple[Floats, Indices]:
     """Return the points where arcs leave the region, and the margins that end it there.
 
+    The region is where all margins (functions of the direction) are at least 0. On each arc
+    the smallest margin changes its sign.
+
     Parameters
     ----------
     evaluate
@@ -74,15 +77,17 @@ def find_crossings(
     def evaluate_on_arcs(angle: Floats, arcs: Indices) -> Floats:
         return evaluate(points_on_arcs(inside[arcs], outside[arcs], angle))
 
+    # Angles (rad) from the end inside: of the crossing, and of a point just beyond it.
     all_arcs = np.arange(len(length))
     crossing_angle, angle_outside = find_bracketed_zeros(
         lambda angle, arcs: smallest_margins(evaluate_on_arcs(angle, arcs)),
-        np.zeros(len(length)),
-        length,
-        smallest_margins(evaluate(inside)),
-        smallest_margins(evaluate(outside)),
-        EPS,
+        low=np.zeros(len(length)),
+        high=length,
+        values_at_low=smallest_margins(evaluate(inside)),
+        values_at_high=smallest_margins(evaluate(outside)),
+        tolerance=EPS,
     )
+    # The margin that ends the region is negative just beyond the crossing.
     value = smallest_margins(evaluate_on_arcs(crossing_angle, all_arcs))
     lookup_angle = np.where(
         value == 0.0, crossing_angle + STEP_BEYOND_BORDER * length, angle_outside
@@ -130,6 +135,7 @@ def find_corners(
         return unit_rows(x @ tangents[chords] + middle[chords, None])
 
     def residuals(x: Floats, chords: Indices) -> tuple[Floats, Floats]:
+        """Return both margins (k, 2) at coordinates (k, 2), and their slopes (k, 2, 2)."""
         # The point itself and one step in each direction.
         stencil = x[:, None] + DIFFERENCE_STEP * np.eye(3, 2, -1)
         values = evaluate(points_at(stencil, chords).reshape(-1, 3))
@@ -140,7 +146,10 @@ def find_corners(
         return pair[:, 0], np.swapaxes(slope, 1, 2)
 
     x, squares = minimize_squares(
-        residuals, np.zeros((len(start), 2)), -MAX_CORNER_DISTANCE, MAX_CORNER_DISTANCE
+        residuals,
+        start=np.zeros((len(start), 2)),
+        low=-MAX_CORNER_DISTANCE,
+        high=MAX_CORNER_DISTANCE,
     )
     tolerance = BORDER_TOLERANCE_FACTOR * np.max(evaluate.rounding_errors)
     is_corner = np.sqrt(squares) <= tolerance

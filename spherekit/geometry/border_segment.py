@@ -43,7 +43,7 @@ AUDIT_STEPS = 16
 
 
 def chord_frames(start: Floats, end: Floats) -> Floats:
-    """Return the frames of chords.
+    """Return the frames of chords, which are arcs of great circles.
 
     Parameters
     ----------
@@ -52,7 +52,8 @@ def chord_frames(start: Floats, end: Floats) -> Floats:
 
     Returns
     -------
-    (n, 3, 3) matrices. Their rows point to the start, ahead on the chord, and to its left.
+    (n, 3, 3) matrices. Their rows are unit vectors: to the start, along the chord at its
+    start, and to its left. The last two are 0 if start and end coincide.
     """
     # The difference of the ends keeps the digits of short chords.
     side = cross(start, end - start)
@@ -64,7 +65,7 @@ def chord_frames(start: Floats, end: Floats) -> Floats:
 def points_beside_chords(
     frames: Floats, length: Floats, u: Floats, height: Floats
 ) -> Floats:
-    """Return the points at given heights over chords.
+    """Return the points at given heights over chords, which are arcs of great circles.
 
     Parameters
     ----------
@@ -225,6 +226,7 @@ class BorderSegments(ArrayRows):
             computed and stored in the array.
         """
         length = self.length[selected]
+        # Borders over very short chords are not searched. The chord is taken for them.
         is_long = length > MIN_CHORD_RAD
         height[~is_long] = 0.0
         row, node = np.nonzero(np.isnan(height))
@@ -232,6 +234,12 @@ class BorderSegments(ArrayRows):
         height[row, node], is_sound = self._find_heights(evaluate, selected[row], u)
 
         def integrate(steps: int) -> Floats:
+            """Return the areas (k,) with an order that divides the order of the heights.
+
+            The area between chord and border is the integral of sin(height) over the chord.
+            It counts as negative where the border is to the left of the chord, which takes
+            area away from the region.
+            """
             sines = np.sin(height[:, :: order // steps])
             return -0.5 * length * (sines @ integration_weights(steps))
 
@@ -285,6 +293,7 @@ class BorderSegments(ArrayRows):
         def zero_margin(fraction: Floats, items: Indices) -> Floats:
             return select_margins(all_margins(fraction, items), number[items])
 
+        # Fractions of the largest height: -1 on the right of the chord, 1 on the left.
         limits = np.repeat([-1.0, 1.0], len(u))
         at_limits = zero_margin(limits, np.tile(np.arange(len(u)), 2))
         right, left = at_limits.reshape(2, -1)
@@ -293,12 +302,13 @@ class BorderSegments(ArrayRows):
         fraction = np.zeros(len(u))
         fraction[bracketed], _ = find_bracketed_zeros(
             lambda fraction, items: zero_margin(fraction, bracketed[items]),
-            -np.ones(len(bracketed)),
-            np.ones(len(bracketed)),
-            right[bracketed],
-            left[bracketed],
-            EPS / max_height[bracketed],
+            low=-np.ones(len(bracketed)),
+            high=np.ones(len(bracketed)),
+            values_at_low=right[bracketed],
+            values_at_high=left[bracketed],
+            tolerance=EPS / max_height[bracketed],
         )
+        # No other margin may be negative on the border.
         values = all_margins(fraction[bracketed], bracketed)
         is_zero_margin = np.arange(values.shape[1]) == number[bracketed][:, None]
         is_negative = (values < -evaluate.rounding_errors) & ~is_zero_margin
@@ -321,6 +331,8 @@ class BorderSegments(ArrayRows):
         excess = (values - zero_margin[:, None]).reshape(
             len(selected), len(u), values.shape[1]
         )
+        # The parabola through three successive samples is middle + slope x +
+        # second_difference x^2 / 2, with x in steps from the middle one.
         before, middle, after = excess[:, :-2], excess[:, 1:-1], excess[:, 2:]
         second_difference = before - 2.0 * middle + after
         slope = 0.5 * (after - before)
@@ -400,6 +412,8 @@ def find_nearest_point(
     while np.any(is_coarse := nearby.is_sound & (nearby.order < ORDERS[-1])):
         nearby.raise_order(evaluate, np.flatnonzero(is_coarse))
 
+    # Candidates: all ends, and the points of segments where the cosine of the distance, a
+    # Chebyshev series in u, has the slope 0.
     candidates = [nearby.ends.reshape(-1, 3)]
     for segment in np.flatnonzero(nearby.is_sound)[:, None]:
         points, _ = nearby.node_points(segment)

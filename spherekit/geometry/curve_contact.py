@@ -68,6 +68,7 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     angle
         Angle (rad) of the rotation between the two frames; 0 if the curves touch.
     """
+    # Arc lengths on closed curves are not limited while the search goes on.
     curves = (first, second)
     lengths = np.array([curve.length for curve in curves])
     is_closed = np.array([curve.closed for curve in curves])
@@ -82,6 +83,7 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     )
     angles = np.sqrt(squares)
     arc_lengths = np.where(is_closed, np.mod(arc_lengths, lengths), arc_lengths)
+    # Of the equally good contacts, the first one along the first curve is chosen.
     best = np.flatnonzero(angles <= np.min(angles) + EQUAL_CONTACT_RAD)
     from_start = np.mod(arc_lengths[best, 0] + START_SLACK_RAD, lengths[0])
     chosen = best[np.argmin(from_start)]
@@ -102,6 +104,8 @@ def _find_starts(curves: tuple[Curve, Curve]) -> Floats:
     cosine = 0.5 * (first_frames @ second_frames.T - 1.0)
 
     # Maxima along the second curve, for each sample of the first.
+    # A column is added on both sides: the last and the first sample of a closed curve, -1
+    # for an open one.
     padded = np.pad(cosine, ((0, 0), (1, 1)), "wrap")
     if not curves[1].closed:
         padded[:, [0, -1]] = -1.0

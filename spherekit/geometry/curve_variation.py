@@ -68,9 +68,12 @@ def quintic_panels(
     # Rows: the orders 1 to 5 at the end of each panel, less those at the next panel.
     next_starts = block_diag([*at_starts[:, 1:]], format="csr")
     stops = block_diag([*at_stops[:, 1:]], format="csr")
+    # The rows of the next panel are five rows ahead; the first panel follows the last.
     jumps = stops - next_starts[np.roll(np.arange(5 * panels), -5)]
     is_continuous = np.tile(np.arange(5) < 4, (panels, 1))
     if not closed:
+        # All orders agree at the first two and the last two inner points. There is no panel
+        # after the last one.
         is_continuous[[0, 1, -3, -2]] = True
         is_continuous[-1] = False
 
@@ -84,6 +87,7 @@ def quintic_panels(
     coefficients = solution.reshape(panels, 6, 3) / h_powers[..., None]
 
     def spline(u: Floats, order: int) -> Floats:
+        """Return the derivative (..., 3) of an order at parameters u (...)."""
         panel = np.searchsorted(np.real(knots[1:-1]), np.real(u), side="right")
         powers = (u - knots[panel])[..., None] ** np.arange(6.0 - order)
         factors = _POWER_DERIVATIVES[order, order:, None] * coefficients[panel, order:]
@@ -120,6 +124,9 @@ class PathVariation:
 def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
     """Return the spline of `spherekit.geometry.profile_curve.through` with its derivative.
 
+    A number and its derivative are the real part and the scaled imaginary part of one
+    complex number (complex step).
+
     Parameters
     ----------
     points, change
@@ -142,6 +149,7 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
         spline = quintic_panels(knots, moving_points, closed)
         moving_path = SplinePath(spline, path.knots, closed)
         arc_length_rate = _integrate_speed_rate(moving_path, path.knots)
+        # The arc length up to a knot changes with the curve and as the knot moves along it.
         at_fixed_parameter = arc_length_rate.evaluate_at_edges(path.knots)
         step_rates = np.diff(
             at_fixed_parameter + path.speed(path.knots) * extract_derivative(knots)
@@ -200,7 +208,8 @@ def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative
         arc_length = arc_length + laps * table.length
         target_rate = laps * variation.length_rate
 
-        # The parameter changes so that the arc length remains at its target.
+        # The parameter u changes so that the arc length remains at its target: the rate of
+        # the arc length at fixed u, plus |dp/du| u', is the rate of the target.
         u = table.invert(arc_length)
         speed = np.real(path.speed(add_complex_step(u, 0.0)))
         u_rate = (target_rate - variation.arc_length_rate.evaluate(u)) / speed

@@ -198,13 +198,17 @@ def find_region(
 ) -> Region:
     """Return the region of directions in which all margins are at least 0.
 
+    A margin is a function of the direction that is negative where, for example, a limit is
+    exceeded. The sphere is covered with triangles, which are cut until the border of the
+    region in them is known.
+
     Parameters
     ----------
     margins
         Function of unit vectors (n, 3) that returns margins (n, k). Margins should be
         smooth across the border. A margin that ends or jumps at the border takes far more
-        evaluations. NaN means that a direction cannot be reached, unless another margin is
-        negative there.
+        evaluations. A margin may be NaN. The direction then counts as outside: because
+        another margin is negative there, or else because it cannot be reached.
     tolerance
         Wanted error of the area (sr). `Region.error` is the error that was reached.
     spacing
@@ -231,6 +235,7 @@ def find_region(
     refinement = RegionRefinement(evaluate, spacing)
     refinement.refine(tolerance, feature, most)
     areas_inside = refinement.areas_inside()
+    # In open triangles too little is known. Their whole area counts as error.
     unresolved = float(np.sum(refinement.areas[refinement.is_open]))
     is_counted = ~refinement.is_open[refinement.segments.triangle]
     segment_error = float(np.sum(refinement.segments.error[is_counted]))
@@ -297,12 +302,14 @@ def _find_parts(
         parts_of_triangle.ravel(), areas.ravel(), part_of_vertex.max() + 1
     )
 
+    # Parts of the region (components) and of the outside (gaps), the largest first.
     by_size = np.argsort(-part_areas, kind="stable")
     inside_parts = by_size[np.isin(by_size, part_of_vertex[is_inside])].tolist()
     outside_parts = by_size[np.isin(by_size, part_of_vertex[~is_inside])].tolist()
     component_numbers = {part: number for number, part in enumerate(inside_parts)}
     gap_numbers = {part: number for number, part in enumerate(outside_parts)}
 
+    # The closed curves of the border, with the parts on both sides.
     boundaries = []
     parts_of_boundary = []
     for loop in refinement.border_loops():
@@ -318,6 +325,7 @@ def _find_parts(
         )
 
     def make_part(part: int) -> Part:
+        """Return a part of the region or of the outside, given by its number."""
         vertices = np.flatnonzero(part_of_vertex == part)
         deepest = vertices[np.argmax(np.abs(depth[vertices]))]
         return Part(
@@ -335,7 +343,10 @@ def _find_parts(
 
 
 def _split_into_arcs(segments: BorderSegments, loop: Indices) -> tuple[BorderArc, ...]:
-    """Return the smooth arcs of a closed chain of segments, given by their numbers (n,)."""
+    """Return the smooth arcs of a closed chain of segments, given by their numbers (n,).
+
+    An arc ends where another margin becomes the one that is 0 on the border.
+    """
     margin = segments.margin[loop]
     # The loop is rotated so that it begins where the margin changes.
     loop = np.roll(loop, -np.argmax(margin != np.roll(margin, 1)))
@@ -366,11 +377,15 @@ def _find_excluding_sets(
     """
 
     def excludes_all(margins: tuple[int, ...]) -> bool:
+        """Return whether no direction satisfies some margins, as far as a mesh shows."""
         if np.any(smallest_margins(values[:, margins]) >= 0.0):
             return False
         selected = MarginEvaluator(lambda points: evaluate(points)[:, margins])
         refinement = RegionRefinement(selected, spacing)
-        refinement.refine(np.inf, feature, EVALUATIONS_PER_SET)
+        # The accuracy of the area does not matter.
+        refinement.refine(
+            tolerance=np.inf, feature=feature, max_evaluations=EVALUATIONS_PER_SET
+        )
         return not refinement.is_inside.any()
 
     excluding: list[tuple[int, ...]] = []

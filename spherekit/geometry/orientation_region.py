@@ -146,19 +146,26 @@ def find_orientations(
 ) -> Orientations:
     """Return the volume of the orientations at which all margins are at least 0.
 
-    Cells in which a margin may change its sign are halved in all three directions, until
-    the volume is known well enough.
+    A margin is a function of the orientation that is negative where, for example, a limit
+    is exceeded. The space of orientations is divided into cells. Cells in which a margin
+    may change its sign are halved in all three directions, until the volume is known well
+    enough.
 
     Parameters
     ----------
     margins
         Function of unit quaternions (n, 4) xyzw that returns margins (n, k), the same for q
-        and -q. NaN means that an orientation cannot be reached, unless another margin is
-        negative there.
+        and -q. A margin may be NaN. The orientation then counts as outside: because another
+        margin is negative there, or else because it cannot be reached.
     tolerance
         Wanted error, relative to the volume.
     most
-        Evaluations after which the search ends.
+        Evaluations after which the search ends, even if the error is larger.
+
+    Returns
+    -------
+    The volume (8 pi^2 for all orientations) with an estimate of its error, the sampled
+    orientation whose smallest margin is largest, and the number of evaluations.
 
     Raises
     ------
@@ -174,11 +181,13 @@ def find_orientations(
         error = float(cells.error.sum())
         wanted_error = tolerance * volume
         message = f"volume {volume:.4g} +- {error:.2g}, to be known to {wanted_error:.2g}"
+        # `tell` takes a function that returns the text.
         progress.tell(message.__str__)
         if error <= wanted_error:
             break
         # All uncertain cells at this limit would together use half of the wanted error.
         limit = 0.5 * wanted_error / np.count_nonzero(cells.error)
+        # The last column of `cells.cells` is the width of each cell in units of its cube.
         can_halve = cells.cells[:, 4] > MIN_CELL_WIDTH
         to_halve = np.flatnonzero((cells.error > limit) & can_halve)
         cost = EVALUATIONS_PER_CUT * len(to_halve)
@@ -210,6 +219,7 @@ class _OrientationCells:
     """
 
     def __init__(self, evaluate: MarginEvaluator) -> None:
+        """Halve the cubes `FIRST_HALVINGS` times, and measure the cells."""
         self.evaluate = evaluate
         self.deepest = np.array([0.0, 0.0, 0.0, 1.0])
         self.depth = -np.inf
@@ -219,11 +229,13 @@ class _OrientationCells:
         self.cells = np.column_stack(
             [number // len(corners), np.tile(corners * width, (4, 1)), width + 0 * number]
         )
+        # The whole volume of an uncertain cell is its first error.
         self.volume, is_certain = self._measure(self.cells)
         self.error = np.where(is_certain, 0.0, _step_volumes(self.cells).sum(axis=1))
 
     def halve(self, selected: Indices) -> None:
         """Replace some cells (k,) by their eight parts."""
+        # Columns of a cell: cube, three coordinates of the lowest corner, width.
         parts = np.repeat(self.cells[selected], 8, axis=0)
         parts[:, 4] //= 2
         parts[:, 1:4] += np.tile(_TWO_GRID, (len(selected), 1)) * parts[:, 4:]
@@ -244,6 +256,8 @@ class _OrientationCells:
 
         A volume is certain if no margin can change its sign in the cell.
         """
+        # Bounds of each margin: those of its polynomial, widened by the slack. This is the
+        # error of the polynomial at the check points times a safety factor.
         samples, checks = self._sample(cells)
         margin_count = samples.shape[2]
         at_checks = np.tensordot(
@@ -254,6 +268,8 @@ class _OrientationCells:
         is_outside = (bernstein.max(axis=0) + slack < 0.0).any(axis=1)
         is_certain = is_outside | (bernstein.min(axis=0) >= slack).all(axis=1)
 
+        # (n, steps) volumes of the steps of each cell. In uncertain cells they are reduced
+        # to the part in which all margins are positive.
         volumes = _step_volumes(cells) * ~is_outside[:, None]
         uncertain = np.flatnonzero(~is_certain)
         chunk_count = len(uncertain) * margin_count // VALUES_PER_CHUNK + 1
@@ -271,6 +287,7 @@ class _OrientationCells:
         point, because the orientation cannot be reached; otherwise by the largest value of
         the margin in the cell, so that it does not bound the set.
         """
+        # (31, n, 3) integer coordinates in the cube.
         points = cells[:, 1:4] + _SAMPLE_QUARTERS[:, None] * (cells[:, 4:] // 4)
         cubes = np.broadcast_to(cells[:, 0], points.shape[:2])
         # Neighbouring cells share samples. Each one is evaluated once.
@@ -278,6 +295,7 @@ class _OrientationCells:
         _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
         quaternions = _quaternions(cubes.ravel()[first], points.reshape(-1, 3)[first])
         margins = self.evaluate(quaternions)
+        # Note the orientation with the largest smallest margin so far.
         smallest = smallest_margins(margins)
         best = int(np.argmax(smallest))
         if smallest[best] > self.depth:
@@ -306,6 +324,8 @@ def _filled_fractions(polynomials: Floats) -> Floats:
     -------
     (STEPS_PER_CELL**3, m) fractions from 0 to 1.
     """
+    # The fraction is 1/2 + value / sum |changes|, with the value at the centre and the
+    # changes over a step in three directions. The value is corrected for curvature.
     value = _AT_CENTRES @ polynomials
     changes = np.abs(_CHANGES @ polynomials)
     change_sum = changes.sum(axis=0)
@@ -320,6 +340,7 @@ def _filled_fractions(polynomials: Floats) -> Floats:
 
 def _quaternions(cube: Indices, points: Array) -> Floats:
     """Return the unit quaternions (n, 4) xyzw at integer points (n, 3) of cubes (n,)."""
+    # The component with the number of the cube stays 1, the others are in [-1, 1].
     quaternions = np.ones((len(cube), 4))
     coordinates = points.ravel() * 2.0 ** (1 - CUBE_BITS) - 1.0
     quaternions[np.arange(4) != cube[:, None]] = coordinates
@@ -332,6 +353,8 @@ def _step_volumes(cells: Indices) -> Floats:
     The volume element at the centre of each step is used. The volumes are then scaled so
     that their sum is the volume of the cell by Gauss's rule, which is far more accurate.
     """
+    # In units in which a cube is 2 wide. Columns 1 to 3 are the lowest corner plus 1, the
+    # last one is the width.
     scaled = cells[:, None] * 2.0 ** (1 - CUBE_BITS)
     width = scaled[..., 4:]
 

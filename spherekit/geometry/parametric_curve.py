@@ -142,7 +142,8 @@ class FourierPath:
 
     def frames(self, u: Floats) -> PathFrames:
         """Return the frames at azimuths u (n,)."""
-        # d1, d2 and d3 are derivatives of the colatitude by the azimuth.
+        # d1, d2 and d3 are derivatives of the colatitude by the azimuth; s and c are the
+        # sine and the cosine of the colatitude.
         colatitude, d1, d2, d3 = self.colatitude(u, 3)
         s = np.sin(colatitude)
         c = np.cos(colatitude)
@@ -217,8 +218,8 @@ class SplinePath:
         r = np.sqrt(dot(x, x))
         product = cross(x, x1)
         size = np.sqrt(dot(product, product))
-        # k = ratio^3 det(x, x', x'') with ratio = |x| / |x cross x'|, and |p'| = size /
-        # r^2.
+        # k = ratio^3 det(x, x', x'') with ratio = |x| / |x cross x'|. Derivatives by u are
+        # divided by |p'| = size / r^2 to give those by the arc length.
         ratio = r / size
         determinant = dot(product, x2)
         determinant_rate = dot(product, x3)

@@ -145,6 +145,7 @@ def check_no_self_intersection(path: SplinePath) -> None:
 
     panel_count = len(path.knots) - 1
     arcs_per_panel = max(MIN_ARCS_PER_PANEL, -(-MIN_CHECKED_ARCS // panel_count))
+    # The ends of the arcs of the polyline, evenly spaced in the parameter of each panel.
     u = path.knots[:-1, None] + np.diff(path.knots)[:, None] * (
         np.arange(arcs_per_panel) / arcs_per_panel
     )
@@ -158,12 +159,14 @@ def check_no_self_intersection(path: SplinePath) -> None:
     # Two arcs can meet only if their middles are closer than the length of the longer arc.
     # The factor covers rounding.
     neighbours = cKDTree(middles).query_ball_point(middles, lengths * (1.0 + 1e-9))
+    # All pairs (i, j) of such arcs.
     i = np.repeat(np.arange(arc_count), [*map(len, neighbours)])
     j = np.concatenate([*neighbours])
     # Adjacent arcs share an end.
     are_separate = np.minimum((i - j) % arc_count, (j - i) % arc_count) > 1
     i = i[are_separate]
     j = j[are_separate]
+    # Arcs meet if each has its ends on both sides of the great circle of the other.
     meets = _lie_on_both_sides(starts[i], ends[i], starts[j], ends[j])
     meets &= _lie_on_both_sides(starts[j], ends[j], starts[i], ends[i])
     if np.any(meets):

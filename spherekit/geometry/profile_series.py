@@ -68,15 +68,16 @@ class ProfileSeries:
         samples = _evaluate_columns(curve, np.linspace(0.0, curve.length, SCALE_SAMPLES))
         series = PiecewiseChebyshev.fit(
             lambda s: _evaluate_columns(curve, s),
-            0.0,
-            curve.length,
-            SERIES_ERROR,
+            low=0.0,
+            high=curve.length,
+            tolerance=SERIES_ERROR,
             scales=np.maximum(1.0, max_abs(samples, axis=0)),
             first_cells=curve.edges,
             degree=SERIES_DEGREE,
             max_cells=MAX_SERIES_CELLS,
             rounding_tolerance=SERIES_ROUNDING_TOLERANCE,
         )
+        # Column 7 is dk/ds, so its derivative is d2k/ds2.
         positions = series.spread_positions(SLOPE_SAMPLES - 1)
         curvature_second = np.abs(series.derivative.evaluate(positions)[:, 7])
         bound = SLOPE_SAFETY_FACTOR_OF_PROFILES * float(np.max(curvature_second))

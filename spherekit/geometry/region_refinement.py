@@ -93,6 +93,7 @@ class RegionRefinement:
     """
 
     def __init__(self, evaluate: MarginEvaluator, spacing: float) -> None:
+        """Make the first mesh, with margins at its vertices and without border."""
         self.evaluate = evaluate
         self.points, self.triangles = icosahedron(spacing)
         self.values = evaluate(self.points)
@@ -121,6 +122,10 @@ class RegionRefinement:
 
     def refine(self, tolerance: float, feature: float, max_evaluations: int) -> None:
         """Refine until the error of the area is small enough, or nothing more helps.
+
+        In each round, triangles are cut for the first of these reasons that applies to any:
+        their class shows too little; the search of the border has failed in them; the error
+        of the area is too large.
 
         Parameters
         ----------
@@ -168,6 +173,10 @@ class RegionRefinement:
     def areas_inside(self) -> Floats:
         """Return the area (T,) of the region (sr) that is assigned to each triangle.
 
+        A triangle with all three vertices inside is counted as a whole. If one or two are
+        inside, the segments of the border in the triangle make fans with an inner vertex
+        (the apex), which cover the part of the region.
+
         A segment of the border may leave its triangle. A single value may therefore be
         wrong, but the sum over connected triangles is right.
         """
@@ -175,6 +184,7 @@ class RegionRefinement:
         apex = self.points[division.apex]
         third = self.points[division.third]
         start, end = np.moveaxis(self.segments.ends, 1, 0)
+        # The triangle of apex and chord, and the area between chord and border.
         part = triangle_areas(apex, start, end) + self.segments.area
         part += division.has_additional * triangle_areas(apex, third, start)
         count = division.inside_count
@@ -192,6 +202,7 @@ class RegionRefinement:
             (F, 3) numbers of points.
         """
         division = self._divide_triangles()
+        # All nodes of all segments, with the number of the segment of each.
         nodes, segment = self.segments.node_points(np.arange(len(division.apex)))
         points = np.concatenate([self.points, nodes])
         number = np.arange(len(self.points), len(points))
@@ -224,7 +235,11 @@ class RegionRefinement:
         return order_chains(len(number), links, directed=True)
 
     def _divide_triangles(self) -> TriangleDivision:
-        """Return how the segments divide their triangles."""
+        """Return how the segments divide their triangles.
+
+        The apex of the fans is a vertex inside the region: the odd one, if it is the only
+        one inside; otherwise one of the two others.
+        """
         inside_count = self.is_inside[self.triangles].sum(axis=1)
         odd, second, third = self._odd_vertex_first(self.segments.triangle)
         has_one_inside = inside_count[self.segments.triangle] == 1
@@ -241,6 +256,7 @@ class RegionRefinement:
         The first vertex is the one that differs from both others: inside while they are
         outside, or the reverse. The order around the triangle is unchanged.
         """
+        # If one vertex is inside, the odd one is inside. If two are, it is outside.
         vertices = self.triangles[selected]
         is_inside = self.is_inside[vertices]
         is_odd = is_inside == (is_inside.sum(axis=1) == 1)[:, None]
@@ -255,7 +271,8 @@ class RegionRefinement:
         edges, sides = list_edges(triangles)
         low, high = np.moveaxis(self.points[edges], 1, 0)
         centroids = self.points[triangles].sum(axis=1)
-        # Check points are at a quarter of the edge, nearer to its lower vertex.
+        # Samples: middles of edges, check points at a quarter of the edge from the vertex
+        # with the lower number, centroids. Their lengths do not matter.
         samples = np.concatenate([low + high, 3.0 * low + high, centroids])
         margins = self.evaluate(unit_rows(samples))
         middle, check, centroid = np.split(margins, [len(edges), 2 * len(edges)])
@@ -267,7 +284,11 @@ class RegionRefinement:
         )
 
     def _find_border(self) -> None:
-        """Find the border in the crossed triangles where it is not known yet."""
+        """Find the border in the crossed triangles where it is not known yet.
+
+        A triangle is crossed if one or two of its vertices are inside the region. The
+        segments are added to `segments`. Triangles without a sound border become open.
+        """
         inside_count = self.is_inside[self.triangles].sum(axis=1)
         is_crossed = inside_count % 3 != 0
         # The vertices of such a triangle do not show where its border is.
@@ -290,7 +311,8 @@ class RegionRefinement:
         margins = self._crossing_margins[start_stop]
         starts, stops = self._crossing_points[start_stop]
 
-        # Different margins at both crossings: the border has a corner between them.
+        # `margins` (2, n) are the numbers of the margins that are 0 at start and stop. If
+        # they differ, the border has a corner between them.
         with_corner = np.flatnonzero(margins[0] != margins[1])
         corner, is_corner = find_corners(
             self.evaluate,
@@ -336,6 +358,8 @@ class RegionRefinement:
         -------
         (n,) numbers of crossings. New ones are computed and stored.
         """
+        # An integer identifies each edge: the vertex inside in its upper 32 bits, and the
+        # vertex outside in its lower ones.
         inside, outside = np.where(self.is_inside[first], [first, second], [second, first])
         keys = inside << 32 | outside
         new_keys = np.setdiff1d(keys, self._crossing_keys)
@@ -351,7 +375,9 @@ class RegionRefinement:
     def _reduce_error(self, tolerance: float) -> Bools:
         """Raise orders of segments, and return the triangles (T,) to cut for the rest.
 
-        Segments and open triangles may each contribute half of the tolerance (sr).
+        The order of a segment is the degree of the polynomial by which its border is
+        approximated. Segments and open triangles may each contribute half of the tolerance
+        (sr).
         """
         is_cut = np.zeros(len(self.triangles), dtype=bool)
         segments = self.segments
@@ -385,7 +411,9 @@ class RegionRefinement:
         origin = mesh.origin
         new_values = self.evaluate(self.points[old_count:])
         self.values = np.concatenate([self.values, new_values])
-        # `origin` is -1 for new triangles. The last element of `new_number` is for these.
+        # `origin` is the old number of each triangle, -1 for new ones. What is copied for
+        # new ones is replaced by `_classify`. `new_number` has the new number of each old
+        # triangle, -1 if it was cut. Its additional last element takes up the -1 of origin.
         new_number = np.full(len(is_cut) + 1, -1)
         new_number[origin] = np.arange(len(origin))
         self.classes = np.where(origin >= 0, self.classes[origin], UNCLASSIFIED)

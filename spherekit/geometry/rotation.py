@@ -87,6 +87,7 @@ def quaternion(matrix: Floats) -> Floats:
     outer_products[:, :3, :3] = (
         matrix + transpose(matrix) + (1.0 - trace)[..., None] * np.eye(3)
     )
+    # R_32 - R_23, R_13 - R_31, R_21 - R_12.
     row, column = [2, 0, 1], [1, 2, 0]
     antisymmetric_part = matrix[:, row, column] - matrix[:, column, row]
     outer_products[:, 3, :3] = antisymmetric_part
@@ -191,6 +192,9 @@ def log_rate(vector: Floats, w: Floats) -> Floats:
 
 def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
     """Return the derivatives of `log_rate` by time while only the rotation vector changes.
+
+    With c, d and w of `log_rate` and w constant, the derivative of d' is
+    -d' x w / 2 + dc/dt d x (d x w) + c (d' x (d x w) + d x (d' x w)).
 
     Parameters
     ----------

@@ -63,10 +63,13 @@ def icosahedron(spacing: float) -> tuple[Floats, Indices]:
     points, triangles
         (V, 3) vertices and (T, 3) triangles.
     """
+    # The 12 vertices are the corners of three perpendicular rectangles, whose sides are in
+    # the ratio of the golden section.
     golden = 0.5 * (1.0 + np.sqrt(5.0))
     rectangle = np.array([[0.0, y, golden * z] for y in (1, -1) for z in (1, -1)])
     points = unit_rows(np.concatenate([np.roll(rectangle, k, axis=1) for k in range(3)]))
-    # The cosine between neighbours is 0.447, between other vertices at most -0.447.
+    # Three vertices that are neighbours make a face. The cosine between neighbours is
+    # 0.447, between other vertices at most -0.447.
     cosines = points @ points.T
     faces = np.array(
         [k for k in combinations(range(12), 3) if np.min(cosines[np.ix_(k, k)]) > 0.4]
@@ -134,6 +137,7 @@ def quarter_until_short(
     while np.max(measure_edges(points, triangles)) > spacing:
         edges, sides = list_edges(triangles)
         a, b, c = triangles.T
+        # The numbers of the middles of the edges, which follow the old vertices.
         ab, bc, ca = len(points) + sides.T
         points = np.concatenate([points, unit_rows(points[edges].sum(axis=1))])
         quarters = [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]

@@ -39,9 +39,9 @@ def frame_toward(axis: Floats, target: Floats) -> Floats:
     ----------
     axis
         (..., 3) unit vectors, the third columns of the frames.
-    other
+    target
         (..., 3) unit vectors. The first column is perpendicular to the axis and points
-        along the arc to `other`. The frame is NaN if both lie on one line.
+        along the arc to the target. The frame is NaN if both lie on one line.
     """
     return frame_from(axis, cross(unit_rows(cross(axis, target)), axis))
 
@@ -160,6 +160,9 @@ def close_dyad(
 ) -> DyadClosure:
     """Compute the orientations of the two bodies of a dyad between two known axes.
 
+    A dyad is a chain of two bodies and three R pairs. Its bodies are sides of a spherical
+    triangle; the third side, the base, is the arc between the axes of the outer pairs.
+
     Parameters
     ----------
     first, second
@@ -195,7 +198,11 @@ def close_dyad(
     def orient_body(
         axis: Floats, base_tangent: Floats, angle: Floats, body: tuple[Floats, Floats]
     ) -> Floats:
-        """Rotate a body about its outer axis by an angle from the base of the triangle."""
+        """Return the rotation (n, 3, 3) from body axes to base axes.
+
+        The side of the triangle is turned from the base by the angle, about the outer axis.
+        `base_tangent` points along the base at this axis.
+        """
         normal_part = (sign * np.sin(angle))[:, None]
         tangent = np.cos(angle)[:, None] * base_tangent + normal_part * normal
         return frame_from(axis, tangent) @ transpose(_body_frame(*body))
@@ -205,8 +212,10 @@ def close_dyad(
         second, -cross(normal, second), angles.at_second, second_body
     )
 
+    # Quality measures; see `DyadClosure`.
     side_sines = np.sin([first_side, second_side])
-    # Sine of the height of the triangle above its base.
+    # The triple product of the three axes: the sine of the base times the sine of the
+    # height of the triangle above it.
     height = np.sin(base) * np.sin(angles.at_first) * side_sines[0]
     has_direction = ~is_free & np.all(side_sines >= MIN_ARC_SINE, axis=0)
     sine = np.where(

@@ -131,6 +131,7 @@ def classify_triangles(
     is_contested
         (n,) whether more than one margin is uncertain.
     """
+    # Bounds of each margin in each triangle (n, k).
     is_missing = np.isnan(samples)
     filled = np.where(is_missing, 0.0, samples)
     bounds = _bound_margins(triangles, filled)
@@ -144,6 +145,8 @@ def classify_triangles(
     is_negative = high < 0.0
     is_uncertain = (low < 0.0) & (high >= 0.0)
 
+    # A triangle is inside if all margins are certainly positive. Otherwise it is open,
+    # unless the gradients show that its border is simple.
     classes = np.full(len(triangles), TriangleClass.INSIDE)
     classes[is_uncertain.any(axis=1)] = TriangleClass.OPEN
     candidates = np.flatnonzero(
@@ -159,7 +162,8 @@ def classify_triangles(
     )
     classes[candidates[is_simple]] = TriangleClass.SIMPLE
 
-    # Samples that are outside only because a margin is NaN.
+    # Later assignments replace earlier ones. First samples that are outside only because a
+    # margin is NaN.
     is_unreachable = is_missing.any(axis=2) & ~(np.fmin.reduce(samples, axis=2) < 0.0)
     is_broken = is_unreachable.any(axis=0)
     classes[is_broken] = TriangleClass.OPEN
@@ -229,7 +233,7 @@ def _gradients_lie_in_cone(
     along_base = slopes[:, 0] / base
     gradient = along_base + 1j * (slopes[:, 1] - shift * along_base) / height
     size = np.abs(gradient)
-    # Largest gradient that errors of size 1 in both slopes can cause.
+    # Largest change of the gradient if both slopes are wrong by 1.
     error_gain = np.hypot(1.0 / base, (1.0 + np.abs(shift) / base) / height)
     with np.errstate(all="ignore"):
         slack = SLOPE_SAFETY_FACTOR * error * error_gain / size

@@ -247,6 +247,8 @@ def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complex
     """
     systems = equations[None]
     with np.errstate(all="ignore"):
+        # Roots are values of e^(ix), x the first angle. |log |root|| is the imaginary part
+        # of x without its sign.
         eliminant_roots = _find_eliminant_roots(systems, incidence)
         roots = eliminant_roots.roots[0]
         excess = eliminant_roots.excess[0]
@@ -310,10 +312,12 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
         if t == 1:
             zeros, _ = _form_zeros(equations[:, 0])
             return _angles_of(zeros)[..., None]
+        # 1. Elimination for some systems, with one start of Newton's method for each root.
         systems = np.arange(n)
         stride = ELIMINATION_STRIDE if t == 3 else 1
-        _eliminate(angles, equations, incidence, systems[::stride], 1)
+        _eliminate(angles, equations, incidence, systems[::stride], starts_per_root=1)
 
+        # 2. Newton's method for the others, from solutions of the nearest solved system.
         is_unsolved = np.isnan(angles[:, 0, 0])
         solved = systems[~is_unsolved]
         unsolved = systems[is_unsolved]
@@ -324,6 +328,7 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
             is_solution = result.residual < MAX_SOLUTION_RESIDUAL
             _store_complete(angles, unsolved, result.angles, is_solution)
 
+        # 3. Elimination with all starts for systems whose solutions are not complete yet.
         unsolved = systems[np.isnan(angles[:, 0, 0])]
         _eliminate(angles, equations, incidence, unsolved, MAX_STARTS_PER_ROOT)
     return angles
@@ -359,7 +364,8 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
         is_clear &= eliminant_roots.excess < MAX_RELATIVE_EXCESS
         is_clear &= [not problem for problem in eliminant_roots.problems]
 
-        # The real roots of each system come first, padded with NaN to the largest number.
+        # Roots on the unit circle have a real first angle. Those of each system come first,
+        # padded with NaN to the largest number of them.
         order = np.argsort(~is_real, axis=1, kind="stable")
         order = order[:, : np.max(np.sum(is_real, axis=1), initial=0)]
         first_angles = np.angle(np.take_along_axis(roots, order, axis=1))
@@ -378,6 +384,7 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
         n, root_count = first_angles.shape
         if not root_count:
             return np.empty((n, 0, len(incidence))), is_clear
+        # Of the starts with the same first angle, the one with the smallest residual.
         starts = _start_angles(equations, first_angles.astype(complex))
         shape = (n, root_count, starts.shape[1] // root_count)
         residual = np.nan_to_num(_relative_residual(equations, starts), nan=np.inf)
@@ -551,6 +558,7 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
     sample_angles = FIRST_SAMPLE_RAD + 2 * np.pi * np.arange(count) / count
     first_angles = np.broadcast_to(sample_angles, (len(equations), count))
     forms = _reduce_to_forms(equations, first_angles)
+    # The resultant of two forms b and c is n1^2 + n2^2 - n0^2 with n = b x c.
     normal = np.cross(forms.last_forms[..., 0, :], forms.last_forms[..., 1, :])
     resultants = normal[..., 1] ** 2 + normal[..., 2] ** 2 - normal[..., 0] ** 2
     weights = forms.second_weights
@@ -618,9 +626,11 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     last_zeros, _ = _form_zeros(better_forms)
     last_angles = _angles_of(last_zeros)
     second_angles = _angles_of(forms.second_zeros)
+    # Axes of the columns: system, first angle, zero of the second angle, zero of the last.
     columns = np.broadcast_arrays(
         first_angles[..., None, None], second_angles[..., None], last_angles
     )
+    # Two equations have no second angle in between.
     if equations.shape[1] == 2:
         columns = columns[::2]
     shape = (len(first_angles), prod(last_angles.shape[1:]), len(columns))
@@ -676,6 +686,8 @@ def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:
         change = np.zeros_like(angles)
         right_side = -values[is_regular][..., None]
         change[is_regular] = np.linalg.solve(jacobians[is_regular], right_side)[..., 0]
+        # Steps with a larger change of an angle than MAX_STEP_RAD are shortened. The small
+        # number avoids a division by 0.
         length = np.max(np.abs(change), axis=2, initial=0.0, keepdims=True)
         shortening = np.minimum(1.0, MAX_STEP_RAD / np.maximum(length, 1e-300))
         angles = angles + change * shortening

@@ -91,7 +91,8 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
             f"relative to {markdown_text(base)}{locked_words}."
         )
         lines += ["", as_markdown(plan), ""]
-        # Primary poles without a round are axes of pairs, which need no explanation.
+        # A step finds one pole or several. Its round is the pass of the Aronhold-Kennedy
+        # theorem, 0 for the axes of pairs, which need no explanation.
         step_lines = [
             describe(plan, step)
             for step in plan.steps
@@ -110,6 +111,7 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
 
 def graph_scene(mechanism: Mechanism) -> Scene:
     """Return the link/pair graph of a mechanism; its layout takes about a second."""
+    # A node is its identifier, its label, and the number of the link (None for a pair).
     nodes: list[tuple[str, str, int | None]] = [
         (f"link {name}", name if number else f"{name} (ground)", number)
         for number, name in enumerate(mechanism.links)

@@ -97,6 +97,7 @@ def choose_plot_range(
         middle = 0.5 * (low + high)
         half = CONSTANT_HALF_RANGE * max(abs(middle), scale) or 1.0
         return middle - half, middle + half
+    # If few outliers are far from the inner values, only a range about these is shown.
     inner_low, inner_high = np.quantile(finite, INNER_QUANTILES)
     inner_extent = inner_high - inner_low
     if 0.0 < OUTLIER_RATIOS[shown_by] * inner_extent < high - low:
@@ -231,6 +232,7 @@ def place_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats:
         # Long labels are farther away in the x direction.
         extra_width = np.array([half_size[0] - 0.5 * letter, 0.0])
         offsets = directions * (letter * distances[:, None] + extra_width)
+        # (n, candidates, 2) positions of the label, and which of them overlap anything.
         candidates = places[:, None, number] + offsets
         hides_another = np.zeros(candidates.shape[:2], dtype=bool)
         for middle, other_half_size in occupied:

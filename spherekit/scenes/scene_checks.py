@@ -164,6 +164,7 @@ def check_scene(
             f"{analysis}: scene returned a {type(scene).__name__}, it has to return a "
             "tuple of Scene(...)"
         )
+    # The page: an assembly mode of the run, a title, or None.
     where = f"{analysis}: scene of page {scene.page!r}"
     is_mode = isinstance(scene.page, int | np.integer) and not isinstance(scene.page, bool)
     if is_mode and scene.page not in modes:
@@ -175,6 +176,7 @@ def check_scene(
         raise PluginError(
             f"{where}: a page is the number of an assembly mode, a title, or None"
         )
+    # The axes over which the rows of arrays run; without any, the samples of the block.
     axes = _check_axes(where, scene.over)
     if axes:
         count = len(axes[0].values)
@@ -221,6 +223,9 @@ def _check_axes(where: str, axes: Any) -> tuple[Axis, ...]:
 def _check_primitive(where: str, primitive: Any, rows: _SceneRows) -> Primitive:
     """Return a primitive with its arrays as NumPy arrays, or refuse it.
 
+    A primitive is an object that is drawn, such as a curve or an arrow. `ARRAY_SHAPES` and
+    the other tables of this module say which fields of its class are checked, and how.
+
     Parameters
     ----------
     where
@@ -238,6 +243,7 @@ def _check_primitive(where: str, primitive: Any, rows: _SceneRows) -> Primitive:
         raise PluginError(
             f"{where}: primitives has a {kind.__name__}; allowed are {allowed}"
         )
+    # `changes` has the checked fields, by name. "n" is the number of rows of the scene.
     where = f"{where}: {kind.__name__} {getattr(primitive, 'path', '')!r}"
     changes = _check_fields(where, primitive, {"n": _SharedSize(rows.count, rows.words)})
     if kind in POLYLINE_FIELDS:
