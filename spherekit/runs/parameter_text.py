@@ -63,7 +63,7 @@ def read_fields(
     make_error: Callable[[Names, str], SpherekitError],
     key_of_field: Mapping[str, str] | None = None,
 ) -> Facts:
-    """Return the fields of a dataclass that items state, by their names.
+    """Return the values of fields of a dataclass from items with keys, by field name.
 
     Parameters
     ----------
@@ -86,6 +86,7 @@ def read_fields(
     parameters = describe_parameters(cls)
     hints = get_type_hints(cls)
     field_of_key = {(key_of_field or {}).get(field, field): field for field in parameters}
+    # Each item sets a field. Then every field without default must have a value.
     values: Facts = {}
     for key, stated_value in items.items():
         if key not in field_of_key:

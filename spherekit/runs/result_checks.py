@@ -151,7 +151,8 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
         raise PluginError(f"{where} is no array of one number or text a row") from None
     if values.ndim != 1:
         raise PluginError(f"{where} has the shape {values.shape}, it needs one value a row")
-    # NumPy's letters for floats, signed and unsigned integers, booleans, and texts.
+    # NumPy's letters: f, i, u and b for floats, signed and unsigned integers and booleans,
+    # U for texts. Texts may also be objects, and whole numbers may be given as floats.
     fits = values.dtype.kind in ("U" if kind == "text" else "fiub")
     if kind == "text" and not fits:
         fits = all(isinstance(text, str) for text in values)

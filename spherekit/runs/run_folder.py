@@ -83,6 +83,7 @@ class RunFolder:
             summary or a hidden folder that no run has written.
         """
         run_folder = cls(make_folder(path))
+        # The work folder may only have what runs make.
         foreign_files = find_foreign_files(
             run_folder.work, WORK_FILES, re.compile(FINISHED)
         )
@@ -92,6 +93,7 @@ class RunFolder:
                 ": it stays as it is; choose another folder for the results, or move it "
                 "away"
             )
+        # If the folder is locked already, the result is a text about the other program.
         lock = acquire_lock(run_folder.work / LOCK)
         if isinstance(lock, str):
             raise OutputError(

@@ -380,6 +380,8 @@ def make_result(
     OutputError
         If the disk is full; the folder then has what it had.
     """
+    # Columns of tables, by analysis and table: read from Parquet files when they are asked
+    # for, or in memory.
     files: list[Path] = []
     data: dict[str, dict[str, TableArrays]] = {name: {} for name in declared}
     summary = {**summary, "units": _units_by_stem(declared, degrees=False)}
@@ -451,6 +453,7 @@ def write_results(
     start = time.perf_counter()
     tables_by_stem = tables_by_file_stem(declared)
     cost_by_stem = summary["cost"]["tables"]
+    # The size of the tables decides whether CSV files are written by default.
     memory_bytes = 0
     for stem, (_, table) in tables_by_stem.items():
         for column in table.columns:
@@ -466,7 +469,8 @@ def write_results(
         )
         summary = {**summary, "remarks": [*summary.get("remarks", ()), remark]}
 
-    # All files are complete before any of them appears in the folder.
+    # The tables, the list of columns and the summary are written into a work folder. All
+    # files are complete before any of them appears in the folder of the run.
     finished_folder = make_folder(folder.work / FINISHED)
     bytes_by_file: dict[str, int] = {}
     for stem, (analysis, table) in tables_by_stem.items():

@@ -334,6 +334,7 @@ def evaluate_block(
         with timer.stage(RECORDING):
             recording_session.record_motion(motion)
 
+    # Each analysis: its tables and findings, then its scenes if the run is recorded.
     is_first_block = run_state.samples_done == 0
     for analysis in run_plan.analyses:
         name = analysis.name
@@ -389,7 +390,7 @@ def _record_analysis(
     declared_tables: Sequence[Table],
     rows_by_table: Mapping[str, TableData],
 ) -> None:
-    """Record the scenes of an analysis, or its table columns if it has no scenes."""
+    """Record the scenes of an analysis at a block, or its table columns if it has none."""
     scenes: Sequence[Scene] = compute_scenes(analysis, batch)
     if not scenes:
         scenes = table_scenes(declared_tables, rows_by_table, batch)
@@ -404,11 +405,11 @@ def _start_recording(
     assert execution.recorder is not None
     return RecordingSession(
         [analysis.name for analysis in run_plan.analyses],
-        execution.recorder,
-        execution.log_every,
-        run_plan.sampling,
-        run_plan.plans,
-        first_sample,
+        recorder=execution.recorder,
+        every=execution.log_every,
+        sampling=run_plan.sampling,
+        plans=run_plan.plans,
+        first_sample=first_sample,
     )
 
 

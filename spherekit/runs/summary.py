@@ -38,6 +38,8 @@ def summarize_run(run_plan: RunPlan, run_state: RunState) -> Facts:
     mechanism = run_plan.mechanism
     position_analysis = sampling.position_analysis
     input_ranges = sampling.extents[0].T.tolist()
+    # How poles are found while one input moves: "passes" are passes of the Aronhold-Kennedy
+    # theorem, "irreducible_parts" the links that need the velocity equations instead.
     plans = {
         mechanism.pairs[plan.input].name: {
             "passes": max(plan.rounds.values(), default=0),
@@ -136,6 +138,7 @@ def measure_cost(
         run_plan.mechanism.pairs[request.plan.input].name: count_evaluations(request)
         for request in run_plan.requests
     }
+    # Numbers at one configuration, times the number of configurations.
     totals = {
         name: run_state.configurations
         * sum(counts[name] for counts in counts_by_input.values())

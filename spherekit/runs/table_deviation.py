@@ -94,6 +94,7 @@ def compute_deviations(
             for column in table.columns
             if column.kind == "number" and column.scale != "none"
         ]
+        # The scale of relative errors: the largest reference of all columns with one unit.
         largest_by_unit: dict[str, float] = {}
         for column in compared_columns:
             if not is_absolute(column):

@@ -188,12 +188,13 @@ def trade(
         See `spherekit.run`.
     """
     study, effort = apply_study_options("trade", subject, options, Effort)
-    # The step tolerance is what is traded.
+    # Settings of a simulation have tolerances of their own, instead of that of the study.
     study = replace(study, tolerance=DEFAULT_TOLERANCE)
     chosen = create_analysis(analysis) if isinstance(analysis, str) else analysis
     sweeps = [sweep for sweep in chosen.trades if sweep.applies(study.mechanism)]
     if sweeps:
         return _trade_parameters(study, chosen, sweeps, effort)
+    # A simulation is computed again with each setting, so it gets fewer samples.
     shortened_study = study
     if study.start is not None:
         sample_count = min(study.count, effort.checked or MAX_CHECKED_SAMPLES)
@@ -454,6 +455,7 @@ def _compare_sweep_column(
     """
     from scipy.spatial import cKDTree
 
+    # Numbers (n, columns) by the texts of their rows.
     reference_numbers = _group_numbers(sweep, arrays(reference[sweep.table]))
     numbers = _group_numbers(sweep, arrays(tables[sweep.table]))
     scale = 1.0
@@ -461,6 +463,8 @@ def _compare_sweep_column(
         # The scale is 1 if all numbers are 0.
         sizes = [max_abs(values) for values in reference_numbers.values()]
         scale = max(sizes, default=0.0) or 1.0
+    # Distances to the nearest number, for positions along the circle of a turn. Errors are
+    # not below the rounding error.
     errors = [EPS]
     shared_keys = reference_numbers.keys() & numbers.keys()
     tree_options: Facts = {"boxsize": TURN} if sweep.places else {}
@@ -477,6 +481,7 @@ def _compare_sweep_column(
     # only if the reference has them.
     expected = numbers | reference_numbers if sweep.places else reference_numbers
     missing = sum(len(values) for key, values in expected.items() if key not in shared_keys)
+    # The error that the analysis itself estimates, relative to the largest number.
     estimate = np.nan
     if sweep.error:
         column = tables[sweep.table][sweep.column]

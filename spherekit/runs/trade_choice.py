@@ -91,6 +91,7 @@ def choose(
     """
     check_tolerance(study.mechanism.name, tolerance)
     trades = list(stored)
+    # A run of each analysis whose errors depend on the setting. None of a simulation.
     run_plans: list[RunPlan] = []
     if study.start is None:
         sampling = make_sampling(study)
@@ -100,6 +101,7 @@ def choose(
                 run_plan = make_analysis_plan(sampling, analysis)
                 if not analysis.trades and reads_poles(run_plan):
                     run_plans.append(run_plan)
+    # The choice: from trades, if there are any.
     if not stored and study.count >= MIN_SAMPLES_FOR_TRADE:
         for run_plan in run_plans:
             with suppress(AnalysisError, PluginError):
@@ -112,6 +114,7 @@ def choose(
         reason = f"fewer than {MIN_SAMPLES_FOR_TRADE} samples: no trade was made"
         choice = SettingChoice(ORDINARY, np.nan, reason)
 
+    # The error that the chosen setting reaches at some rows of the run.
     deviations: list[Deviation] = []
     row_count = 0
     for run_plan in run_plans:
@@ -224,10 +227,12 @@ def _choose_from_trades(
     kind
         What the trades are called in the reason.
     """
+    # For each trade: its usable settings with their times and errors.
     measured_by_setting = [
         {item.setting: item for item in record.settings if item.setting and item.counts}
         for record in trades
     ]
+    # The total time and the largest error of each setting over all trades.
     costs: dict[Setting, Cost] = {}
     for setting in measured_by_setting[0]:
         if all(setting in measured for measured in measured_by_setting):

@@ -19,6 +19,7 @@ MIN_LISTED_COMPILE_SECONDS = 1e-3
 
 def as_text(trade: Trade, tolerance: float | None = None) -> str:
     """Return the table for people, the columns' scales, and the recommendation."""
+    # The table of settings.
     front = trade.pareto
     rows: list[Names] = [HEADINGS]
     for measured in trade.settings:
@@ -42,6 +43,7 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
         for measured in trade.settings
         if np.isfinite(measured.own_estimate)
     ]
+    # A line for all columns whose errors have the same scale.
     columns_by_scale: dict[str, list[str]] = {}
     for column, scale_words, scale in trade.columns:
         size = "" if scale_words.startswith("absolute") else f" ({scale:.3g})"

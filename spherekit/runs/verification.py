@@ -243,6 +243,7 @@ class Verifier:
         exact = reference.exact
         # A row has a reference if it has one for every input that moves.
         status = np.max([rows.status for rows in exact], axis=0)
+        # Used by the methods below.
         self._motion = motion
         self._condition = exact[0].condition
         self._has_reference = status == Status.OK
@@ -352,11 +353,16 @@ class Verifier:
         return replace(rows, motion=replace(rows.motion, samples=motion.samples))
 
     def _compare_table(self, pair: _TablePair) -> Iterator[Facts]:
-        """Yield the largest deviation of each column of numbers of a table."""
+        """Yield the largest deviation of each column of numbers of a table.
+
+        See `verify` for the entries. A deviation counts in roundings: it is divided by the
+        rounding error of the value and by the condition number of the row.
+        """
         table = pair.table
         if not table.in_assembly_modes:
             return
         rows = arrays(pair.rows)
+        # The number of the verified row to which each row of the table belongs, else -1.
         row = self._find_rows(rows)
         is_verified = row >= 0
         if not np.any(is_verified):
@@ -366,6 +372,7 @@ class Verifier:
         reference_by_column = {
             name: values[is_verified] for name, values in arrays(pair.reference).items()
         }
+        # Allowed roundings of each verified row. Rows of simulations close less well.
         residual = self._motion.residual
         allowed = MAX_ROUNDINGS + np.where(
             residual > CLOSURE_TOLERANCE, MAX_RESIDUAL_RATIO * residual / EPS, 0.0
@@ -386,9 +393,11 @@ class Verifier:
             roundings = deviation / (rounding * self._condition[row])
             is_compared = bool(np.any(np.isfinite(deviation)))
 
+            # The default values bind the arrays of this column.
             def describe(
                 index: Any, values: Floats = values, reference: Floats = reference
             ) -> Facts:
+                """Return where a row is, and both of its values."""
                 return {
                     "sample": int(values_by_column["sample"][index]),
                     "assembly_mode": int(values_by_column["assembly_mode"][index]),
