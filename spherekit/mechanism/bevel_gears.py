@@ -98,7 +98,7 @@ def check_half_angles(
     shaft_angle: float,
     contact: Literal["external", "internal"],
 ) -> Ends:
-    """Return the half angles (rad) of two cones that touch along a line.
+    """Return the half angles d1 and d2 (rad) of two pitch cones that touch along a line.
 
     Parameters
     ----------
@@ -129,6 +129,7 @@ def check_half_angles(
             "not touch along a single line"
         )
     first = half_angles[0]
+    # In external contact d1 + d2 is the shaft angle, in internal contact d2 - d1.
     sign = 1.0 if contact == "external" else -1.0
     fitting_second = shaft_angle - sign * first
     if len(half_angles) == 1:
@@ -148,6 +149,7 @@ def check_half_angles(
             f"{_degrees_text(second)} deg give {_degrees_text(second + sign * first)} deg; "
             f"they miss by {_degrees_text(gap)} deg. Leave the second out and it follows"
         )
+    # A given half angle that misses by rounding only keeps all its digits.
     return first, second if gap <= HALF_ANGLE_ROUNDING_RAD else fitting_second
 
 
@@ -174,6 +176,11 @@ def find_gear_carrier(
     shafts
         Name of the R pair about which each gear rotates.
 
+    Returns
+    -------
+    The carrier, the R pair at the carrier of each gear, and the angle between both axes. If
+    several links carry both axes, it is the one that the fewest pairs join to the gears.
+
     Raises
     ------
     ModelError
@@ -183,6 +190,7 @@ def find_gear_carrier(
         pair: (axes[first_link][pair], axes[second_link][pair])
         for pair, (first_link, second_link) in links_by_pair.items()
     }
+    # For each gear the links relative to which it rotates about a fixed line, by name.
     coaxial_links: list[dict[str, CoaxialLink[str]]] = [
         find_coaxial_links(
             links_by_pair, axes_by_pair, gear, np.array(axis_in_link(axes, gear, shaft))
@@ -197,12 +205,13 @@ def find_gear_carrier(
             "link, nor does a pair coaxial with one of them; name the pairs whose axes one "
             "link carries, or give each gear its circle under profiles"
         )
-    # Several coaxial links can carry both axes. The one with the fewest pairs is chosen.
     carrier = min(
         carriers, key=lambda link: len(first_links[link].path + second_links[link].path)
     )
     gear_shafts = []
     for links in coaxial_links:
+        # The last pair on the way from the gear to the carrier. The sign of its angle is
+        # the sense of its axis, reversed if the gear is on its first link (side 0).
         pair, near_side = links[carrier].path[-1]
         sense = int(links[carrier].angle_signs[pair] * (2 * near_side - 1))
         gear_shafts.append(GearShaft(pair, sense))

@@ -58,7 +58,8 @@ def redescribe(
 ) -> dict[str, Any]:
     """Return the pairs, outputs, masses and loads of a mechanism in another description.
 
-    The geometry is left to the caller.
+    Links can have other names and other axes, and names in the expressions of loads can be
+    replaced. The geometry is left to the caller.
 
     Parameters
     ----------
@@ -79,6 +80,7 @@ def redescribe(
     -------
     The new parts by the names of the fields of `Mechanism`.
     """
+    # Links that keep their axes keep all their numbers, to the last digit.
     rotations = {
         link: rotation
         for link, rotation in rotations.items()
@@ -98,6 +100,7 @@ def redescribe(
         rotation = ground_rotation if link is None else rotations.get(link)
         is_in_link_axes = getattr(part, "axes", "ground") == "link"
         component_rotation = rotation if is_in_link_axes else ground_rotation
+        # Fields that change, by their kind: names, profiles, vectors, tensors, expressions.
         changes: dict[str, Any] = {}
         for name, kind in field_kinds(part).items():
             match kind, getattr(part, name):
@@ -116,6 +119,7 @@ def redescribe(
                     changes[name] = rotate_vector(rotation, value)
                 case "tensor", rows if rotation is not None:
                     tensor = rotation @ np.array(rows, dtype=float) @ rotation.T
+                    # Rounding errors of the products are not symmetric.
                     changes[name] = as_tensor(0.5 * (tensor + tensor.T))
                 case "texts", texts:
                     texts = tuple(map(replace_names, texts))
@@ -147,6 +151,7 @@ def _rotate_components(rotation: Floats, texts: Names) -> Names:
     texts
         Expressions of the three components in the old axes.
     """
+    # Each new component is a sum of the old ones times a row of the matrix, without zeros.
     sums = (
         [
             f"({factor!r})*({text})"

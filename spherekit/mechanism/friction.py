@@ -113,10 +113,13 @@ class Bearings(BearingFriction):
         # (M_y, -M_x, 0) is therefore the sum of h P over all bearings.
         force_times_distance = moments[..., [1, 0, 2]] * [1.0, -1.0, 0.0]
         first, *others = self.positions
+        # The part of the force across the axis. A couple has none.
         if forces is None:
             radial_force = 0.0 * force_times_distance
         else:
             radial_force = forces * [1.0, 1.0, 0.0]
+        # Two bearings support the force and the moment: both sums, of P and of h P, are
+        # given. A single bearing supports the moment, and the centre the rest of the force.
         if others:
             (second,) = others
             span = second - first
@@ -126,6 +129,7 @@ class Bearings(BearingFriction):
             ]
         else:
             loads = [force_times_distance / first]
+        # Along the axis each bearing supports its share, or an unknown one.
         if forces is not None:
             shares = self.axial or (np.nan,) * len(loads)
             for load, share in zip(loads, shares, strict=True):

@@ -126,6 +126,7 @@ def _separate_nodes(positions: Floats) -> Floats:
     # grows with the number of the node moves them upwards.
     positions = positions + 1e-6 * np.arange(len(positions))[:, None] * [0.0, 1.0]
     for _ in range(MAX_NODE_SHIFTS):
+        # For all pairs of nodes: differences (n, n, 2), and half of the lacking distance.
         differences = positions[:, None] - positions
         distances = np.linalg.norm(differences, axis=2, keepdims=True)
         push = np.where(distances < NODE_GAP, 0.5 * (NODE_GAP - distances) + 1e-3, 0.0)

@@ -131,6 +131,7 @@ def uniform_arc(
     sin(a/2) / (a/2) along e.
     """
     frame = axes_frame(first, second)
+    # The columns of the frame are x across the plane of the arc, y, and z along `first`.
     arc = np.arctan2(second @ frame[:, 1], second @ first)
     half_arc = arc / 2
     middle = np.cos(half_arc) * frame[:, 2] + np.sin(half_arc) * frame[:, 1]
@@ -161,6 +162,8 @@ def check_mass(mass: Mass) -> None:
             raise ModelError(f"{key}.mass: found {mass.mass:g} kg, needs more than 0")
     tensor = np.array(mass.tensor, dtype=np.float64)
     check_tensor(f"{key}.tensor", tensor)
+    # With the mass at its centre, the tensor about the centre of mass is known too, and has
+    # to be that of a body.
     if mass.centre is None:
         return
     if mass.mass is None:

@@ -189,6 +189,8 @@ class Joint(ABC):
         frames = (states.first, states.second)
         finite_values = values if all_finite(values) else np.nan_to_num(values)
         for k, joint in enumerate(joints):
+            # The profile of the first link is side 0, that of the second side 1. The frame
+            # of the contact in each link is the moving frame of its curve there.
             for side, profile in enumerate(joint.contact_profiles):
                 arc_lengths = finite_values[:, k, profile.variable] + profile.start
                 point = profile.curve.evaluate(arc_lengths)
@@ -266,6 +268,10 @@ class Revolute(Joint):
 
     @classmethod
     def evaluate_states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
+        """Return the states of R pairs: frames A_first = first Z(v) and A_second = second.
+
+        Z(v) is the rotation by the variable v (rad) about the axis z.
+        """
         states = PairStates.blank(len(values), len(joints))
         (x, y, axis), second = _stacked_frames(tuple(joints))
         c = np.cos(values)
@@ -415,6 +421,7 @@ class Rolling(Joint):
 
     @property
     def start_ranges(self) -> tuple[Ends, ...]:
+        # One revolution of the longer profile.
         half = 0.5 * max(self.first.length, self.second.length)
         return ((-half, half),)
 
@@ -424,12 +431,17 @@ class Rolling(Joint):
 
         p is the contact point, and k1 and k2 are the curvatures.
         """
+        # The last column of a frame is the contact point.
         return ((curvatures[..., :1] - curvatures[..., 1:]) * frames[..., 2])[:, :, None]
 
     @staticmethod
     def vector_rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
+        """Return the derivative of the sum of both vectors of a sliding contact.
+
+        Rolling is sliding in which both arc lengths grow at the same rate.
+        """
         sliding_rates = Sliding.vector_rates(frames, states, first_w, second_w)
         return np.sum(sliding_rates, axis=2, keepdims=True)
 

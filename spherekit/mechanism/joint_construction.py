@@ -62,6 +62,7 @@ def make_joints_in_pose(
         If the numbers of a profile define no curve, or profiles do not touch in the
         reference pose.
     """
+    # None unless the mechanism is given in a reference pose.
     geometry = mechanism.geometry
     pose = geometry if isinstance(geometry, PoseGeometry) else None
     first_frames, second_frames = pair_frames(mechanism)
@@ -80,9 +81,11 @@ def make_joints_in_pose(
             else pair.start
         )
         if pair.type == "Cr":
+            # The arc length of rolling is counted from the reference pose.
             joints.append(Rolling(*curves, start))
             pose_variables.append(0.0)
         else:
+            # The arc lengths along both profiles are the variables.
             joints.append(Sliding(*curves))
             pose_variables += start
     return tuple(joints), np.array(pose_variables) if pose else None

@@ -91,6 +91,7 @@ class TorqueCallback:
         ModelError
             If the function returns something that is not a number.
         """
+        # The function is called with one number of each, row by row.
         states = (values["t"], values[f"theta_{self.pair}"], values[f"dtheta_{self.pair}"])
         torques = []
         for t, q, dq in np.transpose(np.broadcast_arrays(*states)).tolist():
@@ -245,7 +246,11 @@ class Load(ABC):
                 check_field(field_kind, f"{key}.{name}", value, mechanism)
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return the components of the load."""
+        """Return the components of the load.
+
+        Here it is one torque at its pair, as `torque_template` says with the fields of the
+        load. Other kinds of loads override the method.
+        """
         fields = {
             name: value if isinstance(value, str) else format_number(value)
             for name, value in vars(self).items()
@@ -342,7 +347,8 @@ class TorqueTable(Load):
     def knots(self, start: float, stop: float) -> Iterator[float]:
         """Yield the times (s) at which the slope changes.
 
-        All those from `start` to `stop` (s) are among them.
+        All such times from `start` to `stop` (s) are among them. There may be others, and
+        some may be repeated.
         """
         if not self.periodic:
             yield from self.times

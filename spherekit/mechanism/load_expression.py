@@ -174,7 +174,11 @@ class Expression:
     def _find_steep_arguments(
         self, non_smooth_functions: Sequence[str]
     ) -> "tuple[Expression, ...]":
-        """Return the distinct steep arguments, including those of some functions."""
+        """Return the distinct steep arguments.
+
+        `non_smooth_functions` are those functions with kinks or jumps whose arguments are
+        among them.
+        """
         nodes = dict.fromkeys(_iterate_steep_arguments(self.root, non_smooth_functions))
         return tuple(Expression(self.text, _find_names(node), node) for node in nodes)
 
@@ -199,9 +203,11 @@ class Expression:
         with np.errstate(all="ignore"):
             value: Any = fold(
                 self.root,
-                np.float64,
-                arrays.__getitem__,
-                lambda function, arguments: ARRAY_OPERATIONS[function](*arguments),
+                convert_number=np.float64,
+                convert_name=arrays.__getitem__,
+                convert_call=lambda function, arguments: ARRAY_OPERATIONS[function](
+                    *arguments
+                ),
             )
             return np.array(np.broadcast_to(value, shape))
 
@@ -276,7 +282,8 @@ def _convert_python_tree(
 ) -> Node:
     """Return a syntax tree of Python as a tree of `Node`.
 
-    Calls whose arguments are all numbers are replaced by their value.
+    A `Node` is a number, the name of a variable, or a tuple of an operator or function and
+    its arguments. Calls whose arguments are all numbers are replaced by their value.
 
     Parameters
     ----------
@@ -294,6 +301,7 @@ def _convert_python_tree(
     ModelError
         If the tree contains anything outside the grammar.
     """
+    # Position in the text, for messages.
     column = indentation + node.col_offset
     if depth > MAX_DEPTH:
         raise _syntax_error(column, "too deeply nested", _DEPTH_LIMIT)
@@ -322,6 +330,7 @@ def _convert_python_tree(
     arguments = [
         _convert_python_tree(operand, names, indentation, depth + 1) for operand in operands
     ]
+    # A call of numbers becomes its value, unless that is not finite.
     numbers = [argument for argument in arguments if isinstance(argument, float)]
     if function == "/" and arguments[1] == 0.0:
         fault = "divides by zero"
@@ -409,15 +418,17 @@ def _iterate_steep_arguments(
 ) -> Iterator[Node]:
     """Yield the steep arguments of functions in a tree, the innermost first.
 
-    A function may change suddenly at the zeros and extrema of a steep argument, where a
-    power series need not show it. See `Expression.steep_arguments`.
+    These are the arguments at whose zeros and extrema a function may change suddenly, so
+    that a power series need not show it. Sums, products, sine and cosine have none, and
+    constants are left out.
 
     Parameters
     ----------
     node
         Root of the tree.
     non_smooth_functions
-        The functions with kinks or jumps whose arguments count.
+        Those of the functions with kinks or jumps (abs, sign, min, max) whose arguments are
+        yielded too: all of them, or none.
     """
     if not isinstance(node, tuple):
         return
@@ -425,16 +436,20 @@ def _iterate_steep_arguments(
     for argument in arguments:
         yield from _iterate_steep_arguments(argument, non_smooth_functions)
     is_ignored = name in NON_SMOOTH_FUNCTIONS and name not in non_smooth_functions
+    # The power series of the operations `ENTIRE_OPERATIONS` converge everywhere.
     if name in ENTIRE_OPERATIONS or is_ignored:
         return
     if name in ("min", "max"):
         # The value has a kink where two arguments are equal.
         arguments = [("-", *pair) for pair in combinations(arguments, 2)]
     elif name == "/":
+        # Only the denominator counts.
         arguments = arguments[1:]
     elif name == "**" and isinstance(exponent := arguments[1], float):
+        # A power with a natural exponent is a product; with another one its base counts.
         is_natural = exponent >= 0.0 and exponent.is_integer()
         arguments = [] if is_natural else arguments[:1]
+    # An argument without variables is a constant.
     yield from (argument for argument in arguments if _find_names(argument))
 
 

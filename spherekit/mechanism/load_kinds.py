@@ -115,8 +115,16 @@ class Gravity(Load):
         weights = []
         for mass in mechanism.masses:
             if mass.link != mechanism.ground:
+                # The weight acts at the centre of mass.
                 x, y, z = (mass.mass * component for component in self.acceleration)
-                weights.append(LinkMoment(mass.link, (x, y, z), "ground", mass.centre))
+                weights.append(
+                    LinkMoment(
+                        link=mass.link,
+                        direction=(x, y, z),
+                        axes="ground",
+                        arm=mass.centre,
+                    )
+                )
         return (make_component(mechanism, "1", moments=tuple(weights)),)
 
 

@@ -82,7 +82,11 @@ def lock(mechanism: Mechanism, pairs: Angles, *, angle_unit: AngleUnit) -> Mecha
 
 
 def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
-    """Return the mechanism with one R pair locked.
+    """Return the mechanism with one R pair locked, its two links being one.
+
+    The new link has the name and the axes of one of them, the kept link. The parts of the
+    removed link are moved to it. The geometry stays a reference pose only if the pair is
+    locked at its value there; otherwise it becomes sizes of links.
 
     Parameters
     ----------
@@ -94,6 +98,7 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
         Value (rad) at which its variable is locked.
     """
     where = f"{mechanism.name}: lock: pair {pair.name}"
+    # Whether the reference pose of the mechanism can be kept.
     is_at_reference = _is_at_reference_value(mechanism, pair, value, where)
     kept_link, removed_link = _choose_kept_link(mechanism, pair)
     for parallel in mechanism.pairs:
@@ -102,7 +107,9 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
                 f"{where} joins the same two links as pair {parallel.name}, which could "
                 "not move"
             )
-    # Rotation from the axes of the removed link to those of the kept link.
+    # Rotation from the axes of the removed link to those of the kept link. In a reference
+    # pose the axes of all links coincide. Otherwise the second link is turned relative to
+    # the first by the value of the pair, between the frames of the pair in both links.
     rotation = np.eye(3)
     if not is_at_reference:
         first_frame, second_frame = (
@@ -115,6 +122,7 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
     def rotate_contact_profile(
         profile: Profile, rotation: Floats, contact: Pair
     ) -> Profile:
+        """Return a profile in new axes, if its beginning is not lost by this."""
         if contact.type == "Cr" or profile.kind == "fourier":
             raise ModelError(
                 f"{where}: axes of a link with a profile of {contact.name} change with it, "
@@ -123,6 +131,7 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
             )
         return rotate_profile(profile, rotation, contact)
 
+    # Expressions of loads get the value of the locked pair in place of its name.
     parts = redescribe(
         mechanism,
         link_names={removed_link: kept_link},
@@ -159,7 +168,8 @@ def _lock_pair(mechanism: Mechanism, pair: Pair, value: float) -> Mechanism:
 def _choose_kept_link(mechanism: Mechanism, pair: Pair) -> tuple[str, str]:
     """Return the link of a locked pair whose name and axes are kept, and the other link.
 
-    Profiles of contacts are not rotated if their link is kept.
+    The ground is kept in any case. Otherwise a link with contacts is kept, since the
+    profiles of a kept link are not rotated. Otherwise the first link of the pair is kept.
     """
     links_with_contacts = {
         link
@@ -194,6 +204,7 @@ def _join_link_sizes(
     rotations
         Rotations of the two joined links to the axes of the new link.
     """
+    # A reference pose has no sizes that could be kept.
     sizes = SizeGeometry({})
     if isinstance(mechanism.geometry, SizeGeometry):
         sizes = mechanism.geometry
@@ -210,6 +221,8 @@ def _join_link_sizes(
         and pair != locked
         and not other_links.keys() >= set(pair.links)
     ]
+    # The frames of these pairs in the axes of the new link, from which its sizes follow: in
+    # their first links (end 0), and in their second links (end 1).
     first_frames, second_frames = (
         {
             pair.name: rotations.get(pair.links[end], np.eye(3)) @ frames_of_end[pair.name]
@@ -227,8 +240,8 @@ def _is_at_reference_value(
 ) -> bool:
     """Check that a pair can be locked, and return whether its axes need not change.
 
-    This is so if the mechanism is given in a reference pose and the pair has the value
-    there.
+    They need not change if the mechanism is given in a reference pose, in which the pair
+    has this value.
 
     Parameters
     ----------

@@ -126,6 +126,7 @@ class Mechanism:
     user: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        """Put the ground first, check everything, and fill in the default input."""
         links = sorted(self.links, key=lambda name: name != self.ground)
         object.__setattr__(self, "links", tuple(links))
         _check(self)
@@ -309,6 +310,7 @@ class Mechanism:
         >>> driven = sk.load("four_bar").with_inputs("41")
         >>> half = driven.with_inputs(ranges={"41": (0, 90)}, angle_unit="deg")
         """
+        # Inputs by pair: those that were declared, with the new ranges.
         declared = {item.pair: item for item in self.inputs if not item.is_default}
         old_names = set(declared)
         names = pairs or self.input_pairs
@@ -322,6 +324,7 @@ class Mechanism:
             declared[name] = Input(
                 name, to_radians(start, angle_unit), to_radians(stop, angle_unit)
             )
+        # Pairs without a range are driven through one turn.
         one_turn_inputs = (Input(self.pair(name).name, 0.0, ONE_TURN_RAD) for name in names)
         inputs = tuple(declared.get(item.pair, item) for item in one_turn_inputs)
         if old_names and inputs == self.inputs:
@@ -373,6 +376,7 @@ class Mechanism:
         else:
             form = "axes and values in a pose"
             of_other_form = {"arcs": arcs, "angles": angles, "zeros": zeros}
+        # A mechanism has sizes of links or a reference pose, and keeps this form.
         for key, argument in of_other_form.items():
             if argument is not None:
                 raise ModelError(
@@ -517,6 +521,7 @@ def _check(mechanism: Mechanism) -> None:
                     f"{where}: modes.{mode}.{name}: is a contact pair; a mode is said "
                     "by angles of R pairs"
                 )
+    # Messages of these checks begin with the key in the file; the mechanism is added here.
     try:
         for mass in mechanism.masses:
             check_mass(mass)
@@ -625,6 +630,7 @@ def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
             for field_name, kind in field_kinds(part).items():
                 if kind not in _REFERRED_BY_KIND:
                     continue
+                # A field has one name, or names of both links of a pair.
                 value = getattr(part, field_name)
                 for name in (value,) if isinstance(value, str) else value:
                     # A part without a name is called like what it belongs to.

@@ -48,9 +48,10 @@ arbitrary zero direction. Smaller: a zero direction can consist of rounding erro
 def pair_frames(mechanism: Mechanism) -> tuple[PairFrames, PairFrames]:
     """Return the frames of all R pairs in their first and in their second link.
 
-    If v is the pair variable (rad) and Z(v) the rotation matrix about z, the orientations
-    of the two links are related by R_second = R_first F_first Z(v) F_second^T. The angle at
-    which the variable reads zero is therefore contained in one of the two frames.
+    A frame F (3, 3) has the axes of the pair in its columns, in link axes; z is the axis of
+    the pair. If v is the pair variable (rad), Z(v) the rotation matrix about z and R the
+    rotation from link axes to ground axes, R_second = R_first F_first Z(v) F_second^T. The
+    angle at which the variable reads zero is therefore contained in one of the two frames.
     """
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):
@@ -88,6 +89,7 @@ def pair_frames_from_sizes(
     second_frames = {}
     for pair in pairs:
         if pair.kind.has_axis:
+            # In the first link the frame is rotated by the zero angle of the pair.
             first_link, second_link = pair.links
             first_reference = reference_frame(axes_by_link[first_link], pair.name)
             zero_angle = geometry.zeros.get(pair.name, 0.0)
@@ -125,6 +127,8 @@ def reference_frame(axes: Mapping[str, Floats], name: str) -> Floats:
         is not on the same line, or in an arbitrary direction if there is none.
     """
     axis = axes[name]
+    # The part of the other axis across this one. It is zero for an axis on the same line,
+    # such as this axis itself.
     for other_axis in axes.values():
         toward = cross(cross(axis, other_axis), axis)
         length = np.linalg.norm(toward)

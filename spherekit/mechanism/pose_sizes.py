@@ -50,6 +50,8 @@ def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
         if pair.kind.has_axis and link in pair.links
     ]
     _, first_axis = axes[0]
+    # An arc grows if its end rotates about the normal of its plane, an angle if the end of
+    # its arc rotates about the first axis.
     sizes: list[PoseSize] = []
     first_normal: Floats | None = None  # of the plane of the arc at which angles are zero
     for name, axis in axes[1:]:
@@ -59,12 +61,14 @@ def pose_sizes(mechanism: Mechanism, link: str) -> tuple[PoseSize, ...]:
             continue
         normal = normal / sine
         arc = float(np.arctan2(sine, first_axis @ axis))
-        sizes.append(PoseSize("arcs", name, arc, normal))
+        sizes.append(PoseSize(kind="arcs", pair=name, value=arc, growth_axis=normal))
         if first_normal is None:
             first_normal = normal
         else:
             angle = float(
                 np.arctan2(cross(first_normal, normal) @ first_axis, first_normal @ normal)
             )
-            sizes.append(PoseSize("angles", name, angle, first_axis))
+            sizes.append(
+                PoseSize(kind="angles", pair=name, value=angle, growth_axis=first_axis)
+            )
     return tuple(sizes)

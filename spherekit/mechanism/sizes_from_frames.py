@@ -20,8 +20,9 @@ def sizes_from_frames(
 ) -> SizeGeometry:
     """Return the sizes with which R pairs have given frames in the axes of their links.
 
-    The z axis and the y axis of a link are the first two axes in its list, without a pair.
-    This keeps the axes of the link.
+    Sizes are arcs from the first axis of a link to the others, and angles between these
+    arcs. The first axes in the list of a link are its own z axis and y axis, which carry no
+    pair. So the axes of the link remain as they are.
 
     Parameters
     ----------
@@ -40,13 +41,19 @@ def sizes_from_frames(
                 axes[pair.name] = frames_of_end[pair.name][:, 2]
     links = {}
     for link, axes in axes_by_link.items():
+        # The arc from z to y is a right angle, and angles are measured from it.
         link_axes = (f"{link}_z", f"{link}_y")
         arcs = [0.5 * np.pi]
         angles = []
         for x, y, z in axes.values():
             arcs.append(float(np.arctan2(np.hypot(x, y), z)))
             angles.append(float(np.arctan2(-x, y)))
-        sizes = LinkSizes((*link_axes, *axes), tuple(arcs), tuple(angles), link_axes)
+        sizes = LinkSizes(
+            axes=(*link_axes, *axes),
+            arcs=tuple(arcs),
+            angles=tuple(angles),
+            unpaired=link_axes,
+        )
         links[link] = known_sizes.get(link, sizes)
 
     # The frames from these sizes differ from the given ones by rotations about z. Only the

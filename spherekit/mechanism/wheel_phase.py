@@ -48,16 +48,17 @@ class Wheel(NamedTuple):
     @staticmethod
     def from_curve(curve: Curve, start: float = 0.0) -> "Wheel":
         """Return the wheel whose circle is a curve of constant curvature."""
+        # Tangent, normal and point of the curve where its arc length is zero.
         origin = curve.evaluate(np.zeros(1))
         _, normal, point = origin.frame[0].T
         # The geodesic curvature of a circle is the cotangent of its radius.
         curvature = float(origin.curvature[0])
         size = np.hypot(1.0, curvature)
         return Wheel(
-            (normal + curvature * point) / size,
-            (point - curvature * normal) / size,
-            float(np.arctan2(1.0, curvature)),
-            start,
+            centre=(normal + curvature * point) / size,
+            zero_direction=(point - curvature * normal) / size,
+            radius=float(np.arctan2(1.0, curvature)),
+            start=start,
         )
 
     def arc_length(self, direction: Floats) -> float:
@@ -92,6 +93,9 @@ class WheelShaft(NamedTuple):
 
 def find_contact_start(mechanism: Mechanism, contact: Pair, phase: Angles) -> Ends:
     """Return the arc lengths at which two wheels touch in a configuration of their shafts.
+
+    Wheels are links with circles as profiles. Their shafts are the R pairs about which they
+    rotate, and the carrier is the link at the other end of both shafts.
 
     Parameters
     ----------
@@ -129,6 +133,7 @@ def find_contact_start(mechanism: Mechanism, contact: Pair, phase: Angles) -> En
     wheels = [Wheel.from_curve(curve) for curve in make_contact_curves(mechanism, contact)]
 
     def contact_lengths(angles: Sequence[float]) -> list[float]:
+        """Return the arc lengths (rad) at the contact if the shafts have these angles."""
         rotations = [
             shaft.orientation(angle) for shaft, angle in zip(shafts, angles, strict=True)
         ]
@@ -138,6 +143,7 @@ def find_contact_start(mechanism: Mechanism, contact: Pair, phase: Angles) -> En
     driven_sides = [
         side for side, shaft in enumerate(shafts) if shaft.pair in mechanism.input_pairs
     ]
+    # Roll both wheels until the driven shaft reads zero.
     if driven_sides:
         driven = driven_sides[0]
         other = 1 - driven
@@ -162,6 +168,18 @@ def _find_shaft(
 ) -> WheelShaft:
     """Find the R pair, among those of a phase, about which a wheel of a contact rotates.
 
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    contact
+        The rolling contact of the wheel.
+    wheel
+        Name of the link with the circle.
+    phase
+        Angles (rad) of the two shafts by the names of their R pairs. Only the names are
+        used.
+
     Raises
     ------
     ModelError
@@ -178,6 +196,8 @@ def _find_shaft(
     if contact.profiles is None or contact.profiles[side].round_axis is None:
         raise ModelError(f"the profile of {wheel} is no circle about a shaft")
     first_frames, second_frames = pair_frames(mechanism)
+    # The second link of a pair is turned relative to the first by its angle, about the z
+    # axis of the frames of the pair in both links.
     first = first_frames[shaft.name]
     second = second_frames[shaft.name]
     if shaft.links[1] == wheel:
