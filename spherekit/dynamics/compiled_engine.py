@@ -296,6 +296,7 @@ def coordinates_at(problem: Problem, values: Floats) -> Names:
 
     def sum_rate_squares(variables: tuple[int, ...]) -> float:
         """Return the squares of all rates per unit rates of these variables."""
+        # The smaller the part of these variables, the larger are the rates of the others.
         own_part = velocity_basis[:, list(variables)]
         singular_values = np.linalg.svd(own_part, compute_uv=False)
         return float(np.sum(1.0 / np.maximum(singular_values, MIN_SINGULAR_VALUE) ** 2))
@@ -396,12 +397,13 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
         mechanism = problem.equation.mechanism
         name = mechanism.pairs[mechanism.variable_owners[variable]].name
         return joint_limit_end(run.end_time, name, float(path_states.values[0, variable]))
+    # If the loads have values there, only their series have none.
     if run.end == "not_finite" and _have_loads_values(
         problem,
         run.end_time,
-        path_states.states[0],
-        path_states.frames[0],
-        TURN * path_states.turns[0],
+        state=path_states.states[0],
+        frame=path_states.frames[0],
+        whole_turns=TURN * path_states.turns[0],
     ):
         return SimulationEnd("too_fast", run.end_time, NO_SERIES_MESSAGE)
     why = f"no step is short enough; {JUMP_MESSAGE}"
@@ -424,7 +426,8 @@ def _have_loads_values(
     frame
         (m, variables) the frame of its momenta.
     whole_turns
-        (variables,) angles (rad) by which the variables that loads see exceed its own.
+        (variables,) angles (rad) of the whole turns that the state leaves out, but on which
+        loads may depend.
     """
     with np.errstate(all="ignore"):
         dynamics = problem.equation.evaluate(np.array([t]), state[None], frame, whole_turns)

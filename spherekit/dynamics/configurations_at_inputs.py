@@ -74,6 +74,7 @@ def analysis_covering(
     assembly_mode, search
         See `PositionAnalysis`, for a new one.
     """
+    # The range and all inputs, shifted by whole periods.
     places = np.append(shift_into_range(position_analysis, q), position_analysis.range)
     path = np.array([np.min(places), np.max(places)])
     has_meshes = position_analysis.solver.gear_phases is not None
@@ -108,8 +109,13 @@ def compute_modes_at_inputs(
     """
     if q.shape[1] > 1:
         assert isinstance(mechanism_or_analysis, Mechanism)
+        # Each row of inputs is a sample.
         position_analysis = PositionAnalysis(
-            mechanism_or_analysis, None, assembly_mode, search, path=q
+            mechanism_or_analysis,
+            input_pair=None,
+            assembly_mode=assembly_mode,
+            search=search,
+            path=q,
         )
         return position_analysis, position_analysis.motion()
     if isinstance(mechanism_or_analysis, Mechanism):
@@ -119,6 +125,7 @@ def compute_modes_at_inputs(
     else:
         position_analysis = mechanism_or_analysis
     position_analysis = analysis_covering(position_analysis, q[:, 0], assembly_mode, search)
+    # Computed within the range, and returned with the inputs as they were given.
     motion = position_analysis.at(shift_into_range(position_analysis, q))
     mode_count = len(position_analysis.assembly_modes)
     return position_analysis, replace(motion, inputs=np.tile(q, (mode_count, 1)))

@@ -328,7 +328,14 @@ class EquationOfMotion:
         coriolis_forces = coriolis(masses.dM, speed) if masses else np.zeros_like(momenta)
         motion = replace(motion, values=motion.values + whole_turns)
         forces = self.loads.evaluate_forces(motion, speed, t)
-        dynamics = StateDynamics(motion, masses, roots, forces, speed, coriolis_forces)
+        dynamics = StateDynamics(
+            motion=motion,
+            masses=masses,
+            roots=roots,
+            forces=forces,
+            speed=speed,
+            coriolis_forces=coriolis_forces,
+        )
         if has_friction:
             return self._add_bearing_friction(t, dynamics)
         return dynamics

@@ -481,7 +481,14 @@ def balancing(
         total_forces = np.sum(forces, axis=2)
         torques = driving_torques(masses.M, masses.dM, total_forces, timing.dq, timing.ddq)
     # This also replaces unknown entries of the arrays by NaN.
-    status = judged(rate_status, masses, forces, torques, timing.dq, locked)
+    status = judged(
+        rate_status,
+        masses=masses,
+        forces=forces,
+        torques=torques,
+        rates=timing.dq,
+        locked=locked,
+    )
     return InverseSolution(
         mechanism=mechanism,
         sample=sample,

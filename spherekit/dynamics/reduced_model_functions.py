@@ -89,10 +89,12 @@ def function_scales(labels: Sequence[FunctionLabel], values: Floats) -> Floats:
     kinds = np.array([label.kind for label in labels])
     vectors = np.array([label.vector for label in labels])
     scales = np.array(max_abs(values, axis=0))
+    # The components of a vector share their largest scale.
     for vector in np.unique(vectors[vectors != ""]):
         components = vectors == vector
         scales[components] = np.max(scales[components])
 
+    # The smallest scale that each kind of function allows.
     min_scales = np.zeros(len(labels))
     for kind in set(kinds):
         compared = kinds == kind
@@ -101,6 +103,7 @@ def function_scales(labels: Sequence[FunctionLabel], values: Floats) -> Floats:
         min_scales[kinds == kind] = MIN_RELATIVE_SCALE * np.max(scales[compared])
     scales = np.maximum(scales, min_scales)
 
+    # A derivative has at least a part of the scale of its function.
     index_of_name = {label.name: index for index, label in enumerate(labels)}
     for index, label in enumerate(labels):
         if label.derivative_of:

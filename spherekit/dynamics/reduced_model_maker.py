@@ -111,6 +111,7 @@ def reduced_model(
     labels_of_group = [sampler.label_motion_functions(heading)]
     for pole in heading.poles:
         labels_of_group.append(sampler.label_pole_functions(pole, heading))
+    # Errors of a function are relative to its scale, its largest value at many samples.
     coordinates = np.linspace(
         0.0, heading.high[0], SCALE_SAMPLES, endpoint=not sampler.periodic
     )
@@ -123,6 +124,7 @@ def reduced_model(
     progress = ProgressReporter("fitting functions")
     for group, labels in enumerate(labels_of_group):
         progress.tell(f"{functions_fitted} of {len(scales)}".__str__)
+        # The scales of all groups are in one array, group after group.
         group_scales = scales[functions_fitted : functions_fitted + len(labels)]
         functions_fitted += len(labels)
         series = _fit_curve_group(sampler, group, tolerance, group_scales)
@@ -152,11 +154,11 @@ def _fit_curve_group(
     """
     return PiecewiseChebyshev.fit(
         lambda x: sampler.evaluate_groups([group], x),
-        0.0,
-        float(sampler.high[0]),
-        tolerance,
-        scales,
-        MIN_CELLS,
+        low=0.0,
+        high=float(sampler.high[0]),
+        tolerance=tolerance,
+        scales=scales,
+        first_cells=MIN_CELLS,
         rounding_tolerance=LOSSY_TOLERANCE,
     )
 
@@ -202,6 +204,8 @@ def reduced_grid_model(
         ranges can be fitted.
     """
     mechanism = _check_request(mechanism, tolerance, MIN_BOX_TOLERANCE)
+    # The assembly mode is computed on a coarse grid first. Its configurations are the
+    # starting points of Newton's method.
     input_count = max(len(mechanism.inputs), 1)
     samples_per_input = min(
         MAX_SAMPLES_PER_INPUT, int(MAX_GRID_SAMPLES ** (1.0 / input_count))
@@ -241,6 +245,7 @@ def _measure_box_errors(
     # The seed is fixed, so that a model made again reports the same errors.
     random = np.random.default_rng(1).random((ERROR_SAMPLES, len(series.low)))
     inputs = series.low + (series.high - series.low) * random
+    # Places outside the domain are in no cell.
     inputs = inputs[series.find_cells(inputs) >= 0]
     errors = np.abs(series.evaluate(inputs) - evaluate(inputs))
     return np.max(errors[all_finite(errors, 1)], axis=0, initial=0.0)

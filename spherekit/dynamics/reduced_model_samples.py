@@ -263,6 +263,7 @@ class Sampler:
             Factor of the stored Christoffel symbols: 2 along a curve, where dB/dx is
             stored, and 1 over a box.
         """
+        # For symmetric matrices the entries up to the diagonal are stored, row by row.
         n, m = motion.rates.shape[:2]
         # The derivatives of one variable by all coordinates stand side by side.
         derivatives = np.swapaxes(motion.rates, 1, 2).reshape(n, -1)
@@ -406,7 +407,8 @@ class CurveSampler(Sampler):
         functions = []
         for group in groups:
             if group == 0:
-                functions.append(self._evaluate_motion(motion, 2.0))
+                # Along a curve dB/dx is stored, twice the Christoffel symbol.
+                functions.append(self._evaluate_motion(motion, christoffel_factor=2.0))
             else:
                 pole = self.poles[group - 1]
                 functions.append(_evaluate_pole(motion, pole, directions[pole]))
@@ -577,6 +579,7 @@ class BoxSampler(Sampler):
         (n, function_count) values; NaN where the assembly mode does not exist, or is too
         near to a singularity.
         """
+        # Configurations found from the nearest known ones (nodes).
         closed = self.close_loops(inputs)
         values = closed.linearisation.values
         near = closed.nodes
@@ -600,7 +603,7 @@ class BoxSampler(Sampler):
 
     def evaluate_motion(self, motion: CoordinateMotion) -> Floats:
         """Return all functions (n, F) at n configurations by the inputs."""
-        functions = [self._evaluate_motion(motion, 1.0)]
+        functions = [self._evaluate_motion(motion, christoffel_factor=1.0)]
         for first, second in self.poles:
             relative_w = motion.w[:, :, second] - motion.w[:, :, first]
             functions.append(np.swapaxes(relative_w, 1, 2).reshape(len(relative_w), -1))
@@ -609,6 +612,9 @@ class BoxSampler(Sampler):
 
 def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats]:
     """Return the configuration curve of an assembly mode, and a configuration on it.
+
+    The configuration (variables,), rad, is the first one within the joint limits at inputs
+    evenly spaced over the range. The curve is followed from it, up to joint limits.
 
     Raises
     ------
@@ -622,6 +628,7 @@ def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats
     motion = unwrap_motion(
         position_analysis.at(probed_inputs), position_analysis.angle_unwrapping
     )
+    # Joint limits by the number of their variable; a configuration within all is wanted.
     joint_limits = {}
     for limit in mechanism.joint_limits:
         variable = mechanism.variables_of(mechanism.pair_number[limit.pair])[0]
@@ -684,6 +691,8 @@ def _describe_loads(
     load_velocities
         Names of stored velocities by the index of the load's component.
     """
+    # For each load the functions that its components work on, and their magnitudes. A
+    # torque table has no expression and is stored as numbers.
     stored_loads = []
     for load_index, load in enumerate(loads.mechanism.loads):
         works_on = []

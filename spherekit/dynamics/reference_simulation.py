@@ -103,13 +103,13 @@ def refined(
         return path_states.values + rates * time_after_end, rates
 
     reference = ExactSimulation(
-        arithmetic or Digits(MIN_DIGITS),
-        mechanism,
-        simulation.driven[0],
-        float(q),
-        float(dq),
-        until,
-        approximate_motion,
+        arithmetic=arithmetic or Digits(MIN_DIGITS),
+        mechanism=mechanism,
+        driven=simulation.driven[0],
+        q=float(q),
+        dq=float(dq),
+        until=until,
+        float_solution=approximate_motion,
     )
     if reference.kind != end.kind:
         raise EngineError(

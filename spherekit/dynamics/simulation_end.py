@@ -98,6 +98,9 @@ def no_step_end(
 ) -> SimulationEnd:
     """Return the end of a simulation that cannot continue with any step.
 
+    It is "no_inertia" if the smallest principal inertia vanishes there, compared with the
+    largest so far, otherwise "too_fast" with the given message.
+
     Parameters
     ----------
     equation, path

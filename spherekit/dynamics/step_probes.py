@@ -90,6 +90,9 @@ def _find_critical_places(
 ) -> ProbePlaces:
     """Return zeros and extrema of steep arguments, and the middles between neighbours.
 
+    Steep arguments are those of functions in the loads that change abruptly where the
+    argument is zero or extreme.
+
     Parameters
     ----------
     probe
@@ -138,17 +141,19 @@ def _find_zeros(
     low, high
         (k,) places between which a zero is if the sign changes between values k and k + 1.
     """
+    # For each change of sign the step, the interval between places, and the function.
     steps, brackets, functions = np.nonzero(values[:, :-1] * values[:, 1:] < 0.0)
 
     def evaluate_bracketed(places: Floats, numbers: Indices) -> Floats:
+        """Return for each place the value of the function in the bracket of that number."""
         rows = evaluate(steps[numbers], places)
         return rows[np.arange(len(places)), functions[numbers]]
 
     zeros, _ = find_bracketed_zeros(
         evaluate_bracketed,
-        low[brackets],
-        high[brackets],
-        values[steps, brackets, functions],
-        values[steps, brackets + 1, functions],
+        low=low[brackets],
+        high=high[brackets],
+        values_at_low=values[steps, brackets, functions],
+        values_at_high=values[steps, brackets + 1, functions],
     )
     return ProbePlaces(steps, zeros)
