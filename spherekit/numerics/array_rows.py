@@ -66,7 +66,9 @@ def _transform_fields(
 ) -> Any:
     """Return the combination of the values that one field has in several records.
 
-    Dictionaries and tuples are combined entry by entry.
+    A record is an `ArrayRows` object. Values of other types than arrays and records, which
+    belong to all rows, are taken from the first record. Dictionaries and tuples are
+    combined entry by entry.
 
     Parameters
     ----------

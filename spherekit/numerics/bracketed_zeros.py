@@ -83,6 +83,8 @@ def find_bracketed_zeros(
         a[:, active] = (x, value)
         b[:, active] = new_b
 
+        # A bracket is finished at an exact zero, or if it is narrow compared with the
+        # rounding of the better of its ends, and with the tolerance.
         best = np.where(np.abs(value) < np.abs(new_b[1]), x, new_b[0])
         resolution = 2.0 * EPS * np.abs(best) + 0.5 * tolerance[active] + MIN_BRACKET_WIDTH
         width = np.abs(new_b[0] - x)

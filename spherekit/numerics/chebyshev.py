@@ -41,6 +41,9 @@ the rounding error. Smaller: double zeros are lost. Larger: near-zeros become ze
 class PiecewiseChebyshev:
     """m functions of one variable, given by Chebyshev series on cells.
 
+    On each cell a function is the sum of c_k T_k(x), with the Chebyshev polynomials T_k and
+    the position x in the cell, from -1 to 1.
+
     Attributes
     ----------
     edges
@@ -154,7 +157,8 @@ class PiecewiseChebyshev:
     def evaluate_pointwise(self, x: Floats) -> Floats:
         """Return the functions (m, n) at positions (n,), each with its own coefficients.
 
-        This is faster than `evaluate` for few functions at positions in many cells.
+        Positions outside the range get the value at its nearest end. This method is faster
+        than `evaluate` for few functions at positions in many cells.
         """
         cell = self._find_cells(x)
         low = self.edges[cell]
@@ -183,6 +187,9 @@ class PiecewiseChebyshev:
 @dataclass(frozen=True)
 class CellFits:
     """Chebyshev series of F functions of m variables, fitted to samples in cells.
+
+    A series is a sum of coefficients times products of one Chebyshev polynomial T_k per
+    variable, with the orders k from 0 to the degree.
 
     Attributes
     ----------
@@ -222,6 +229,7 @@ def fit_cells(
         (k, m) reduced positions, from -1 to 1, at which the series are compared with the
         functions.
     """
+    # Samples at a grid of nodes, and at the check positions, in all cells.
     variables = bounds.shape[2]
     grid = grid_points([chebyshev_nodes(degree)] * variables)
     reduced = np.concatenate([grid, check_positions])
@@ -229,6 +237,7 @@ def fit_cells(
     x = bounds[:, None, 0] + half_widths[:, None] * (1.0 + reduced)
     samples = function(x.reshape(-1, variables)).reshape(len(bounds), len(reduced), -1)
 
+    # Variable by variable, values at the nodes become coefficients.
     series = samples[:, : len(grid)].reshape(len(bounds), *[degree + 1] * variables, -1)
     for axis in range(1, variables + 1):
         transformed = np.tensordot(series, fitting_matrix(degree), (axis, 1))
@@ -248,6 +257,10 @@ def evaluate_cells(
 ) -> Floats:
     """Return F functions of m variables at positions in given cells.
 
+    In each cell a function is a sum of coefficients times products of one Chebyshev
+    polynomial per variable. Their argument is the position in the cell, from -1 to 1.
+    Positions outside their cell get the value at its edge.
+
     Parameters
     ----------
     x
@@ -266,6 +279,7 @@ def evaluate_cells(
     # The positions are sorted by cell, so that each cell takes one matrix product.
     order = np.argsort(cell_of, kind="stable")
     values = np.full((len(x), coefficients.shape[-1]), np.nan)
+    # Positions in no cell (-1) come first, before the start of cell 0.
     cell_of = cell_of[order]
     low, high = bounds[cell_of].swapaxes(0, 1)
     reduced = (2.0 * x[order] - low - high) / (high - low)
@@ -340,9 +354,11 @@ def trim_series(series: Floats, threshold: float) -> Floats:
 
 
 def find_real_zeros(series: Floats, limit: float = 1.0) -> Floats:
-    """Return the real zeros of a series in [-limit, limit], rising.
+    """Return the real zeros of a Chebyshev series in [-limit, limit], rising.
 
-    They are eigenvalues of the companion matrix of the series.
+    `series` has the coefficients of T_0, T_1, ... The zeros are eigenvalues of its
+    companion matrix. Double zeros may have small imaginary parts by rounding, which are
+    dropped.
     """
     # Tiny last coefficients would lead to large spurious eigenvalues.
     largest_coefficient = float(np.max(np.abs(series), initial=0.0))

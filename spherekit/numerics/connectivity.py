@@ -35,6 +35,8 @@ def label_components(count: int, links: Indices) -> Indices:
 def order_chains(count: int, links: Indices, directed: bool = False) -> list[Indices]:
     """Return the items of each chain in their order, open chains before closed ones.
 
+    A chain is a connected set of items: a line with two ends, or a ring (closed).
+
     Parameters
     ----------
     count
@@ -63,6 +65,7 @@ def order_chains(count: int, links: Indices, directed: bool = False) -> list[Ind
     order = np.argsort(np.bincount(predecessors, minlength=count), kind="stable")
     _, positions = np.unique(label_components(count, links)[order], return_index=True)
     starts = order[np.sort(positions)].tolist()
+    # From one end (or any item of a ring), a search in depth passes the items in order.
     return [
         depth_first_order(graph, start, directed, False).astype(np.intp) for start in starts
     ]

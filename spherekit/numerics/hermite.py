@@ -16,6 +16,10 @@ def cubic_hermite(
 ) -> Floats:
     """Return the values of cubic Hermite polynomials inside cells.
 
+    The polynomial of a cell has the given values and derivatives at both ends. With the
+    fraction x of the cell, y = 1 - x and the length h, the value is
+    f_0 + x^2 (3 - 2 x) (f_1 - f_0) + x y h (y f_0' - x f_1').
+
     Parameters
     ----------
     start, stop
@@ -45,7 +49,8 @@ def quintic_hermite(
 ) -> Floats:
     """Return the values of quintic Hermite polynomials inside cells.
 
-    Where a second derivative is unknown (NaN), the cubic polynomial is returned.
+    The polynomial of a cell has the given values and derivatives at both ends. Where a
+    second derivative is unknown (NaN), the cubic polynomial is returned.
 
     Parameters
     ----------

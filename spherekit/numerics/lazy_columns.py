@@ -106,7 +106,10 @@ Span = tuple[slice, int]
 
 
 def read(columns: Iterable[Column]) -> list[Array]:
-    """Return columns of equal length as arrays. Columns of one source are read together."""
+    """Return columns of equal length as arrays. Columns of one source are read together.
+
+    Columns that are arrays already are returned as they are.
+    """
     arrays: list[Array] = []
     unread: list[tuple[Column, Array]] = []
     length = 0
@@ -128,6 +131,10 @@ _Target = tuple[Array, int]
 
 def put(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span]) -> None:
     """Copy rows of columns into output arrays.
+
+    A column is an array, a column that a source computes when it is read, or several of
+    these whose rows alternate (one for each subject). All parts of a source are read in one
+    pass.
 
     Parameters
     ----------
@@ -185,6 +192,9 @@ def _match_rows(
     subject_count: int, spans: Sequence[Span], rows: slice
 ) -> list[tuple[slice, slice]]:
     """Return which output rows receive which of the available rows of one subject.
+
+    In the column, the rows of all subjects (such as assembly modes) alternate: row r of
+    subject s is row r * subject_count + s. A source delivers the rows of one subject.
 
     Parameters
     ----------

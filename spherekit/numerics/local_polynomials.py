@@ -58,12 +58,14 @@ def make_local_polynomials(
         powers_of_order[order, : order + 1] = chebyshev.cheb2poly(unit_series)
     # The indices are: cell c, order k, function m, power j.
     powers = np.einsum("ckm,kj->cmj", fine_series.coefficients, powers_of_order)
+    # The argument of T_k is t / half width, with the distance t from the middle.
     powers /= half_widths[:, None, None] ** orders
     inner_edges = fine_series.edges[1:-1].tolist()
     middles = (fine_series.edges[:-1] + half_widths).tolist()
     rows_by_cell = [[(*row,) for row in cell] for cell in powers.tolist()]
 
     def evaluate(x: float) -> list[float]:
+        """Return the values of all functions at x, by Horner's scheme in its cell."""
         cell = bisect_right(inner_edges, x)
         t = x - middles[cell]
         return [

@@ -50,6 +50,8 @@ def find_local_minima(
     positions, values
         (k,) positions of the minima in rising order, and the values there.
     """
+    # All cells are sampled. Three successive samples with the smallest in the middle are a
+    # bracket of a minimum. Comparisons with NaN are false.
     inner = grid[:-1] + np.diff(grid) * FRACTIONS[:-1]
     x = np.append(inner.T.ravel(), grid[-1])
     y = function(x)
@@ -69,6 +71,9 @@ def minimize_in_brackets(
     function: Function, low: Floats, high: Floats, width: float = 1e-14
 ) -> Floats:
     """Return the position (n,) of the smallest value in each of n brackets.
+
+    Each bracket is sampled and replaced by the neighbourhood of its smallest sample, until
+    all are narrow enough.
 
     Parameters
     ----------

@@ -227,6 +227,10 @@ def _examine_cell(
 ) -> _CellContent:
     """Return the zeros and doubtful intervals of a function in a cell.
 
+    The function is known by its polynomial in the cell, a Chebyshev series on [-1, 1]. An
+    interval is doubtful if an extremum in it is zero up to the error of the polynomial, so
+    that the function may have two zeros there, or none.
+
     Parameters
     ----------
     series
@@ -238,6 +242,7 @@ def _examine_cell(
     inherited_error
         Largest rounding error that was measured in the cells that contain this one.
     """
+    # The error of the polynomial, by comparison and by the size of its last coefficients.
     error = max(np.max(deviations), np.max(np.abs(series[-TAIL_LENGTH:])))
     # The comparison is negated because the error is NaN where samples are NaN.
     if not error <= FIT_TOLERANCE * largest_value or not largest_value:
@@ -279,9 +284,10 @@ def _examine_cell(
 def _enclose_touching_extrema(series: Floats, touching: Floats, error: float) -> Floats:
     """Return intervals (k, 2) about extrema (k,) in which a polynomial may be zero.
 
-    An interval ends at the first of `HALF_WIDTHS` at which the polynomial is clearly
-    nonzero on both sides. Near a zero of higher order the polynomial is flat, and the
-    interval is therefore wider.
+    `series` has its Chebyshev coefficients, and `error` is the bound of its error. An
+    interval ends at the first of `HALF_WIDTHS` at which the polynomial is clearly nonzero
+    on both sides. Near a zero of higher order the polynomial is flat, and the interval is
+    therefore wider.
     """
     # The axes are: side of the extremum, half width, extremum.
     offsets = np.multiply.outer([-1.0, 1.0], HALF_WIDTHS)[..., None]
@@ -294,7 +300,10 @@ def _enclose_touching_extrema(series: Floats, touching: Floats, error: float) ->
 
 
 def _merge_intervals(intervals: Floats) -> Floats:
-    """Return intervals (d, 2) in rising order, with those that touch merged."""
+    """Return intervals (d, 2) in rising order, with those that touch merged.
+
+    A gap that is small compared with the length of the next interval counts as touching.
+    """
     starts, stops = intervals[np.argsort(intervals[:, 0])].T
     furthest_stop = np.maximum.accumulate(stops)
     is_first = np.ones(len(intervals), dtype=bool)

@@ -141,7 +141,12 @@ class TensorChebyshev:
         return float(np.sum(volumes) / np.prod(self.high - self.low))
 
     def find_cell(self, x: Sequence[float]) -> int:
-        """Return the cell of a position in the box, -1 outside the domain."""
+        """Return the cell of a position in the box, -1 outside the domain.
+
+        The search follows the tree of cuts from its root (row 0). A positive link leads to
+        another cut, a link of -1 - k to cell k, and 0 to no cell.
+        """
+        # Without a cut, the box is the only cell (0), or there is none (-1).
         if not self._tree:
             return len(self.bounds) - 1
         link = 0
@@ -176,6 +181,8 @@ class TensorChebyshev:
 @dataclass(frozen=True)
 class _PendingCell:
     """A cell that has not been fitted yet, and where the tree is to refer to it.
+
+    The tree consists of splits (cuts of cells), each with links to its two halves.
 
     Attributes
     ----------
@@ -249,6 +256,9 @@ def _spread_positions(count: int, variables: int) -> Floats:
 
 def _worst_direction(series: Floats, width_fractions: Floats) -> int:
     """Return the direction in which a series has the largest coefficients of high order.
+
+    The direction is the number of a variable. Large last coefficients (of the two highest
+    orders) mean that the series converges badly in this variable.
 
     Parameters
     ----------

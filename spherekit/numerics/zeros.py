@@ -130,6 +130,7 @@ def find_zeros(function: DifferentiableFunction, grid: Floats) -> Zeros:
         value = function(x)[0]
         return np.where(np.abs(value) < EXACT_ZERO_RATIO * floor, 0.0, value)
 
+    # The function counts as monotone in a bracket, so a change of sign is a single zero.
     a, b, value_a, value_b = np.concatenate(brackets, axis=1)
     changes = _change_sign(value_a, value_b)
     simple_zeros, _ = find_bracketed_zeros(
@@ -149,10 +150,12 @@ def find_zeros(function: DifferentiableFunction, grid: Floats) -> Zeros:
 def _classify_cells(cells: Floats, margin: Floats) -> tuple[Bools, Bools]:
     """Return whether cells (n,) contain no zero, and whether the function is monotone.
 
-    A cubic polynomial is enclosed by its Bernstein coefficients, and its derivative by
-    their differences. Both have to exceed the margin, which covers the error of the
-    polynomial, all with the same sign.
+    `cells` (6, n) has the ends of each cell, the values and the derivatives at both ends,
+    which determine a cubic polynomial. A cubic polynomial is enclosed by its Bernstein
+    coefficients, and its derivative by their differences. Both have to exceed the margin,
+    which covers the error of the polynomial, all with the same sign.
     """
+    # The outer Bernstein coefficients are the values at the ends.
     a, b, value_a, value_b, slope_a, slope_b = cells
     third = (b - a) / 3.0
     coefficients = np.stack(

@@ -101,14 +101,16 @@ def compile_function(
     inputs: Sequence[ExpressionNode],
     compact: bool = False,
 ) -> ArrayFunction:
-    """Compile expressions to a function that evaluates them on arrays.
+    """Compile expressions by heyoka to a function that evaluates them on arrays.
+
+    The function maps an array (inputs, n) to an array (outputs, n).
 
     Parameters
     ----------
     outputs
         Expressions that contain no other variables than the inputs.
     inputs
-        Variables, in the order of the rows of the argument.
+        Variables, in the order of the first axis of the argument.
     compact
         Whether heyoka writes shorter code, which compiles faster and runs more slowly.
     """
@@ -120,6 +122,7 @@ def compile_function(
     )
 
     def evaluate(inputs_array: Array, out: Array | None = None) -> Any:
+        """Return the outputs, in `out` if given."""
         return compiled_function(np.ascontiguousarray(inputs_array), outputs=out)
 
     return evaluate

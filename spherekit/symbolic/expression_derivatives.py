@@ -39,6 +39,9 @@ def differentiate(
     known_rates |= rates
 
     def differentiate_node(node: ExpressionNode, argument_rates: list[Expr]) -> Expr:
+        """Return the derivative of a node, from the derivatives of its arguments."""
+        # A given derivative has precedence. A node with constant arguments is constant
+        # itself.
         if node in known_rates or not any(argument_rates):
             return known_rates.get(node, 0.0)
         return _CHAIN_RULES[node.operation](node, node.arguments, argument_rates)

@@ -14,12 +14,14 @@ def expression_function(
 ) -> ArrayFunction:
     """Return a function of arrays that evaluates expressions.
 
+    It maps an array (inputs, n), whose columns are n samples, to an array (outputs, n).
+
     Parameters
     ----------
     outputs
-        The expressions to evaluate.
+        The expressions to evaluate, which contain no other variables than `inputs`.
     inputs
-        The variables, in the order of the rows of the argument.
+        The variables, in the order of the first axis of the argument.
     compiled
         Whether heyoka compiles the expressions. Otherwise NumPy evaluates them operation by
         operation. Without outputs there is nothing to compile, and NumPy is used.

@@ -95,7 +95,9 @@ def _make_operator_methods(
 ) -> tuple[_BinaryOperation, _BinaryOperation]:
     """Return the methods for ``node + x`` and ``x + node``, with `operation` as the +.
 
-    Operands of other types, such as NumPy arrays, are left to their own operators.
+    Python calls the second one if the first operand x has no such operator for nodes.
+    Operands of other types, such as NumPy arrays, are left to their own operators: this is
+    what `NotImplemented` tells Python.
     """
 
     def node_first(node: Any, operand: Any) -> Expr:
@@ -259,7 +261,7 @@ def rewrite(
 ) -> list[Any]:
     """Return expressions converted to another form, such as text or derivatives.
 
-    Each node is converted once, after its arguments.
+    Each node is converted once, after its arguments, even if it occurs several times.
 
     Parameters
     ----------
@@ -274,6 +276,7 @@ def rewrite(
     converted: dict[ExpressionNode, Any] = {}
 
     def convert(expression: Expr) -> Any:
+        """Return the other form of a number, or of a node that is converted already."""
         if isinstance(expression, ExpressionNode):
             return converted[expression]
         return convert_number(float(expression))
@@ -298,6 +301,7 @@ def substitute(
     replacements
         The expression that replaces a node, by node. Nodes may be variables or others.
     """
+    # These simplify, for example if a replacement is zero.
     operators = {"+": add, "-": subtract, "*": multiply, "/": divide}
 
     def convert_node(node: ExpressionNode, arguments: list[Any]) -> Expr:
@@ -326,8 +330,11 @@ def separate_constant_parts(
 
     Returns
     -------
-    The expressions in which new variables replace the constant parts, and the part that
-    each new variable replaces. Parts are as large as possible.
+    replaced
+        The expressions, in which new variables replace the constant parts. These parts are
+        as large as possible.
+    part_by_variable
+        The part that each new variable replaces.
     """
     moving_nodes = set(moving)
     nodes = list(iterate_nodes(expressions))
@@ -335,6 +342,7 @@ def separate_constant_parts(
         if any(x in moving_nodes for x in node.arguments if isinstance(x, ExpressionNode)):
             moving_nodes.add(node)
 
+    # Constant nodes that are arguments of moving ones, or whole expressions.
     used_by_moving = [x for node in nodes if node in moving_nodes for x in node.arguments]
     constant_parts = dict.fromkeys(
         x

@@ -116,6 +116,9 @@ def _rotate_by_size_changes(
 ) -> Exprs:
     """Return the frame of a pair in a link whose sizes differ from the reference pose.
 
+    Each size (an arc or its angle) that is replaced turns the frame about an axis by the
+    change of the size.
+
     Parameters
     ----------
     mechanism, design

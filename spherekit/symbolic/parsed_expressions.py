@@ -44,6 +44,7 @@ def convert_to_graph(
     """
 
     def form_maximum(a: Expr, b: Expr) -> Expr:
+        """Return the maximum. If `sign` is given, it decides which of the two it is."""
         if sign is None:
             return function("maximum", a, b)
         difference = a - b

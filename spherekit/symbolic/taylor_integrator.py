@@ -175,7 +175,9 @@ class Integrator:
     ) -> Callable[[Any, int], bool]:
         """Return heyoka's callback at a switch, which says whether a run may continue.
 
-        heyoka calls it with the integrator and the new sign of the event function.
+        A switch is a zero at which the equations change: a parameter takes the new sign of
+        the event function. heyoka calls the callback with the integrator and this sign. The
+        run ends if the motion would switch back at once, or after too many events.
 
         Parameters
         ----------
@@ -186,10 +188,12 @@ class Integrator:
         """
 
         def set_sign(adaptive: Any, sign: int) -> bool:
+            """Note the event, set the parameter, and return whether the run continues."""
             time = float(adaptive.time)
             self.seen_events.append((index, time))
             if sign:
                 adaptive.pars[event.switch] = sign
+            # Copies, because both are views of the integrator's own arrays.
             sticks = event.sticks and event.sticks(
                 adaptive.state.copy(), time, adaptive.pars.copy()
             )
@@ -212,7 +216,8 @@ class Integrator:
         self.state[:] = state
         self._adaptive.time = time
         self.parameters[:] = parameters[: len(self.parameters)]
-        # Otherwise an event that was close to the end of the last run could be ignored.
+        # For a short time after an event (its cooldown) heyoka ignores the same event.
+        # Without the reset, this could concern an event at the end of the last run.
         if self._terminal_indices:
             self._adaptive.reset_cooldowns()
         self.seen_events.clear()

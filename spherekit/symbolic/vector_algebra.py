@@ -65,13 +65,15 @@ def constants(matrix: Floats | Exprs) -> Exprs:
 
 
 def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
-    """Return the determinant of a square matrix by expansion along rows.
+    """Return the determinant of a square matrix by expansion along rows (Laplace).
 
-    Each minor is formed once. For the last k rows it is identified by its k columns.
+    A minor is the determinant of the last k rows in some k columns. It is identified by
+    these columns and formed once.
     """
     minors: dict[tuple[int, ...], Expr] = {(): 1.0}
 
     def form_minor(columns: tuple[int, ...]) -> Expr:
+        """Return the minor of the last rows in these columns, by its first row."""
         if columns not in minors:
             row = rows[len(rows) - len(columns)]
             total: Expr = 0.0
@@ -120,6 +122,7 @@ def singular_values(columns: Sequence[Exprs]) -> list[Expr]:
     for first, second in pairs * sweeps:
         a = columns[first]
         b = columns[second]
+        # With this angle the rotated columns are orthogonal, and the first is the longer.
         angle = 0.5 * function("atan2", 2.0 * dot(a, b), dot(a, a) - dot(b, b))
         c = cosine(angle)
         s = sine(angle)

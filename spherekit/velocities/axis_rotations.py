@@ -166,6 +166,10 @@ def append_profile_columns(
 ) -> Array:
     """Return the values of variables with the values of the profile columns below them.
 
+    The columns of a profile are its tangent and point in link axes, its curvature and the
+    derivative of the curvature, at the contact. The place of the contact, an arc length, is
+    the value of a variable plus a start.
+
     Parameters
     ----------
     values
@@ -203,7 +207,11 @@ def pair_rotations(
     any_profile: bool = False,
     as_columns: bool = False,
 ) -> PairRotations:
-    """Return the pairs of a mechanism as rotations.
+    """Return the pairs of a mechanism as chains of rotations.
+
+    An R pair is a single rotation about its axis. At a contact, the frames (tangent,
+    normal, point) of both profiles coincide, so the chain leads from the first link to this
+    frame and on to the second link.
 
     Parameters
     ----------
@@ -212,9 +220,10 @@ def pair_rotations(
     design
         Expressions for some of its sizes. By default all sizes are numbers.
     any_profile
-        Whether profiles other than circles are allowed. They then have columns.
+        Whether profiles other than circles are allowed. Their tangent, point and curvature
+        at the contact are then symbols, the columns of the profile.
     as_columns
-        Whether all profiles have columns, circles too.
+        Whether all profiles have such columns, circles too.
 
     Raises
     ------
@@ -234,7 +243,8 @@ def pair_rotations(
                 for end, track in enumerate(tracks[number])
             )
             sides[number] = first_side, second_side
-            # The moving frames of both profiles coincide at the contact.
+            # Both chains have two constants, with rotations between them. The inner
+            # constants become one.
             to_contact = first_side.chain
             from_contact = second_side.chain.reversed()
             first, before = to_contact.constants
@@ -260,6 +270,11 @@ def _profile_side(
     as_columns: bool,
 ) -> ProfileSide:
     """Return the profile of a contact on one of its two links, as expressions.
+
+    A profile is the curve along which the contact point moves on the link. At the contact
+    it has the moving frame (t, n, p): tangent, normal and point. A circle is written as a
+    rotation about its centre. Any other profile has *columns*: the components of t and p,
+    the curvature k and its derivatives are symbols, whose values are computed elsewhere.
 
     Parameters
     ----------

@@ -84,6 +84,11 @@ def carried_vectors(
 ) -> tuple[list[CarriedVector], dict[int, CarriedVector]]:
     """Return the vectors of all variables, and the contact lines of rolling contacts.
 
+    The vector of a variable is the angular velocity of the second link of its pair relative
+    to the first, per unit rate of the variable. Of an R pair it is the axis. Of a contact
+    that moves along a profile, it is +-(n + k p), with the normal n, the contact point p
+    and the curvature k of the profile. For rolling profiles it is (k1 - k2) p.
+
     Parameters
     ----------
     mechanism, pairs
@@ -161,7 +166,10 @@ def absolute(item: Expr) -> Expr:
 
 
 def largest(items: Iterable[Expr]) -> Expr:
-    """Return the largest of numbers and expressions, none of which is negative."""
+    """Return the largest of numbers and expressions, none of which is negative.
+
+    The numbers are compared at once. Equal expressions are compared only once.
+    """
     items = list(items)
     maximum: Expr = max(
         (x for x in items if not isinstance(x, ExpressionNode)), default=0.0
@@ -182,6 +190,10 @@ def _rolling_vector(
     sides: tuple[ProfileSide, ProfileSide], curvature: Expr, contact_line: CarriedVector
 ) -> CarriedVector:
     """Return the vector (k1 - k2) p of a rolling contact.
+
+    It is the angular velocity of the second link relative to the first, per unit of arc
+    length s. Because dp/ds = t and dt/ds = k n - p on the unit sphere, the vector slides on
+    its link. A prime is a derivative by s, n the normal and t the tangent.
 
     Parameters
     ----------

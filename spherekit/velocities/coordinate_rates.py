@@ -80,6 +80,11 @@ class CoordinateRates(VelocityEquations):
     ) -> tuple[list[Expr], Expr]:
         """Return the rates of all variables times a scale, and this scale.
 
+        Groups are sets of bodies whose loops are closed together, one group after another.
+        The equations of each group are solved by Cramer's rule without its division, so the
+        rates are multiplied by the determinant. The scale is the product of the
+        determinants of all groups.
+
         Parameters
         ----------
         driven_rates
@@ -94,6 +99,7 @@ class CoordinateRates(VelocityEquations):
         for group in self.structure.groups:
             variable_count = len(self.vectors)
             solved_rates = [rate_by_variable.get(v, 0.0) for v in range(variable_count)]
+            # Rates that are not solved yet count as zero here.
             known_velocities = self.pair_velocities(solved_rates)
             for pair, offset in (offsets or {}).items():
                 known_velocities[pair] = known_velocities[pair] - offset * scale
@@ -136,7 +142,10 @@ class CoordinateRates(VelocityEquations):
     def closure_residual_rates(self, size: ExpressionNode) -> dict[int, Exprs]:
         """Return the derivatives (3,) of `closure_residuals` by a size of the mechanism.
 
-        The variables are held constant, and the loops are closed at this configuration.
+        The closure residual of a loop is the rotation vector between the two frames of the
+        pair that closes it, which are reached along both sides of the loop. The variables
+        are held constant, and the loops are closed at this configuration. The keys are the
+        closing pairs.
         """
         residual_rates: dict[int, Exprs] = {}
         for pair, frames in self._closing_frames.items():
@@ -157,6 +166,9 @@ class CoordinateRates(VelocityEquations):
     def link_velocity(self, input_index: int, link: int) -> Exprs:
         """Return the homogeneous angular velocity of a link, along the link's basis.
 
+        Homogeneous velocities are those at the rate 1 of one input, while the others rest,
+        times the determinant of the equations. They are regular where it vanishes.
+
         Parameters
         ----------
         input_index
@@ -172,6 +184,7 @@ class CoordinateRates(VelocityEquations):
         orientation = self.placed[link]
         parts: list[Exprs] = []
         for variable, sense in enumerate(self.tree.paths[link]):
+            # 0: the path from the ground to the link does not contain the variable.
             if not sense:
                 continue
             fixed_vectors = self.structure.fixed_vectors(variable)
@@ -183,7 +196,11 @@ class CoordinateRates(VelocityEquations):
         return vector_sum(parts)
 
     def motion_rates(self, speeds: Sequence[Expr]) -> MotionRates:
-        """Return the rates of all variables and links at given rates of the inputs."""
+        """Return the rates of all variables and links at given rates of the inputs.
+
+        They are sums over the inputs. `tau` and `w` are the rates and angular velocities by
+        each input times the scale, so the rates of the inputs are divided by it.
+        """
         scaled_speeds = [speed * (1.0 / self.scale) for speed in speeds]
         return MotionRates(
             scaled_speeds=scaled_speeds,

@@ -240,9 +240,9 @@ def _rows_of_modes(
 ) -> Iterator[tuple[AssemblyMode, Indices]]:
     """Yield each assembly mode with the rows (k,) of the motion that belong to it.
 
-    A mode (a way to assemble the links) that passes from one solution to another where they
-    meet has `pieces`: ranges of the input, each with a mode that holds within it. It is
-    replaced by the modes of its pieces, each with the rows at its inputs.
+    A mode (a way to assemble the links) that follows its smooth curve to other modes where
+    they meet has `pieces`: ranges of the input, each with the mode on the curve there. It
+    is replaced by the modes of its pieces, each with the rows at its inputs.
     """
     for mode in modes:
         rows = np.flatnonzero(motion.assembly_mode == mode.number)

@@ -149,7 +149,11 @@ class EquivalentLinkage:
 def find_equivalent_linkage(
     mechanism: Mechanism, input_pairs: Sequence[str], max_gap_rad: float = SAME_AXIS_RAD
 ) -> EquivalentLinkage | None:
-    """Return the linkage that moves like a mechanism with contacts of circles.
+    """Return the linkage of R pairs that moves like a mechanism with contacts of circles.
+
+    Two circles that slide on each other keep the distance of their centres, so a link that
+    is hinged at both centres replaces the contact. Circles that roll on a common carrier
+    turn their pairs at constant ratios, so these contacts are left out.
 
     Parameters
     ----------
@@ -181,6 +185,7 @@ def find_equivalent_linkage(
     except EngineError:
         # Profiles that are no circles have no rotation about a fixed axis.
         return None
+    # From here on, n is the number of a pair of the mechanism.
     rolling = [n for n in contacts if mechanism.pairs[n].rolls]
     sliding = [n for n in contacts if n not in rolling]
     for n in sliding:
@@ -193,6 +198,7 @@ def find_equivalent_linkage(
                 f"{mechanism.name}: pairs.{mechanism.pairs[n].name}: the profiles curve "
                 "into each other, or alike"
             )
+    # The ratios of the pairs that follow the inputs through wheels.
     train = None
     if rolling:
         inputs = [mechanism.pair_number[name] for name in input_pairs]
@@ -235,8 +241,10 @@ def _replace_contacts(
 ) -> Mechanism:
     """Return a mechanism in which sliding contacts are links between the centres.
 
-    The parameters are attributes of `EquivalentLinkage`. Joint limits and named modes are
-    left out.
+    Each sliding contact of two circles is replaced by a link with two R pairs, about the
+    centres of the circles. Its two axes are those of the second of the three constant
+    rotations of the contact. The parameters are attributes of `EquivalentLinkage`. Joint
+    limits and named modes are left out.
     """
     links = list(mechanism.links)
     pairs: list[Pair] = []
@@ -245,6 +253,7 @@ def _replace_contacts(
     second_frames: dict[str, Floats] = {}
 
     def add_pair(pair: Pair, first_frame: Floats, second_frame: Floats) -> None:
+        """Add an R pair with its frames in its first and second link."""
         pairs.append(pair)
         first_frames[pair.name] = first_frame
         second_frames[pair.name] = second_frame
@@ -259,7 +268,7 @@ def _replace_contacts(
         first_link, second_link = pair.links
         centre_link = f"centres_{pair.name}"
         while centre_link in links:
-            centre_link += "_"
+            centre_link += "_"  # until no link has this name
         links.append(centre_link)
         first_pair = Pair(f"{centre_link}_{first_link}", "R", (first_link, centre_link))
         second_pair = Pair(f"{centre_link}_{second_link}", "R", (centre_link, second_link))

@@ -22,6 +22,10 @@ def find_group_loops(
 ) -> list[LoopPath]:
     """Return independent loops of a group: one for each leaf, then the others.
 
+    A leaf is a body that two pairs join to two different other bodies. One loop passes
+    through it, so the variables of both pairs occur in this loop only. The other loops are
+    closed by pairs outside a spanning tree of the bodies that are no leaves.
+
     Parameters
     ----------
     mechanism, group
@@ -59,6 +63,7 @@ def find_group_loops(
     for closing_pair, further_pairs, sense in closings:
         pair = group.pairs[closing_pair]
         loop_pairs = [group.pairs[k] for k in (*tree, *further_pairs)]
+        # The closing pair leads from `start` to `end`, the path back to `start`.
         start, end = mechanism.ends[pair][::sense]
         path = _find_path(mechanism.ends, [*closed_pairs, *loop_pairs], end, start)
         loops.append((*path, (pair, sense)))
@@ -68,8 +73,9 @@ def find_group_loops(
 def _find_leaves(group: Group) -> dict[int, list[int]]:
     """Return the leaves of a group, each with its two pairs.
 
-    No two leaves are neighbours, and the bodies that are no leaves stay connected. Bodies
-    and pairs are positions in the group.
+    A leaf is a body that two pairs join to two different other bodies. No two leaves are
+    neighbours, and the bodies that are no leaves stay connected. Bodies and pairs are
+    positions in the group.
     """
     leaves: dict[int, list[int]] = {}
     body_count = len(group.bodies)
@@ -78,6 +84,7 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
         neighbours = {end for k in body_pairs for end in group.ends[k]} - {body}
         if not len(body_pairs) == len(neighbours) == 2 or neighbours & leaves.keys():
             continue
+        # Are the other bodies still connected? Then a tree has one pair less than bodies.
         left_out = {*leaves, body}
         inner_pairs = [k for k, ends in enumerate(group.ends) if not left_out & set(ends)]
         inner_bodies = [k for k in range(body_count) if k not in left_out]

@@ -117,8 +117,10 @@ class InputMoments:
     ) -> list[Expr]:
         """Return the moments, times D, at inputs that move without accelerating.
 
-        With y_i = D w_ji, s_i = u_i / D for the rates u_i of the inputs, the angular
-        momentum h = I w and w = sum of s_k y_k, the two parts of moment i are
+        D is the determinant of the velocity equations, I the inertia tensor of a link, and
+        w_ji the angular velocity of link j per unit rate of input i. The rates u_i
+        of the inputs are divided by the scale, s_i = u_i / D, and y_i = D w_ji. With the
+        angular momentum h = I w and w = sum of s_k y_k, the two parts of moment i are
 
             y_i . I b = I y_i . b,
             y_i . (w x h) = sum over k of s_k h . (y_i x y_k).
@@ -156,6 +158,8 @@ class InputMoments:
     ) -> Expr:
         """Return the moment (N m) at an input that the motion of all links requires.
 
+        It is the moment of the inertia forces alone. Loads are not counted.
+
         Parameters
         ----------
         input_index
@@ -172,6 +176,7 @@ class InputMoments:
         velocity_moments = self.velocity_moments(
             bias_accelerations, motion_rates.scaled_speeds
         )
+        # All velocities and moments by an input have a scale, so they are divided by it.
         scaled_accelerations = [x * inverse_scale for x in accelerations]
         inertia_moment = dot(self.matrix[input_index], scaled_accelerations)
         total = inertia_moment + velocity_moments[input_index]

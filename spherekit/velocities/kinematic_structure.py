@@ -151,7 +151,12 @@ class KinematicStructure:
         return structure
 
     def _refuse_coincident_axes(self) -> None:
-        """Raise `EngineError` if two private variables of a loop have the same axis."""
+        """Raise `EngineError` if two private variables of a loop have the same axis.
+
+        Private variables occur in no other loop and are eliminated from its equations
+        together. This is not possible if their axes coincide in a link for all
+        configurations.
+        """
         for group in self.groups:
             for private_variables in group.private_variables:
                 if not private_variables:

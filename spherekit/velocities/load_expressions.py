@@ -98,6 +98,10 @@ def component_forces(
 ) -> list[Expr]:
     """Return the power of load components per unit of the rate of each coordinate.
 
+    These are the generalised forces. The coordinates are the inputs, and their rates are
+    homogeneous: all velocities are multiplied by the determinant of the equations. A
+    component has a magnitude, which acts on the variable of a pair or as moments on links.
+
     Parameters
     ----------
     components
@@ -122,6 +126,7 @@ def component_forces(
             key = (moment.link, moment.axes, moment.arm)
             scaled = vector([magnitude * part for part in moment.direction])
             moment_sums[key] = moment_sums[key] + scaled if key in moment_sums else scaled
+    # The power of a moment is its scalar product with the angular velocity of the link.
     for (link, axes, arm), components_sum in moment_sums.items():
         number = load_state.mechanism.link_number[link]
         # Moments on the ground, and forces at the centre, do no work.

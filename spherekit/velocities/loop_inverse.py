@@ -18,6 +18,9 @@ from spherekit.velocities.elimination_order import Pivot
 def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
     """Return a left inverse of the loop equations by Gauss-Jordan elimination.
 
+    A pivot is a loop with the variables, at most three, for which its three equations are
+    solved. Its solution is then inserted into all other loops.
+
     Parameters
     ----------
     equations
@@ -33,6 +36,7 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
     loops, _, variable_count = equations.shape
     # The identity matrix beside the equations becomes the inverse.
     unit = np.eye(3 * loops).reshape(loops, 3, 3 * loops)
+    # For each loop the three equations, with the columns of the variables and of the unit.
     rows = [*np.concatenate([equations, unit], axis=2)]
     inverse = np.zeros((variable_count, loops, 3)).astype(object)
     for loop, variables in pivots:

@@ -110,8 +110,11 @@ class PlannedPoles:
     def _choose_great_circles(self, step: LinePole) -> CircleIntersection:
         """Return the two great circles from which a pole is computed.
 
-        The possible great circles pass through two known poles each, or are those in the
-        contact planes of sliding pairs.
+        The pole of bodies i and j lies on the great circle through the poles of i and k and
+        of j and k, for any third body k, and in the contact plane of a sliding pair between
+        i and j. The route "first" takes the first two great circles. Otherwise the one with
+        the smallest error is chosen at each row, and then the one that has the most
+        accurate intersection with it.
         """
         i, j = step.pole
         n = len(self.motion)
@@ -145,10 +148,16 @@ class PlannedPoles:
         )
 
     def _solve_block(self, step: BlockPoles) -> None:
-        """Add the poles of an irreducible part, from the null vector of its equations."""
+        """Add the poles of an irreducible part, from the null vector of its equations.
+
+        The poles of such a part do not follow from great circles alone. The part has one
+        degree of freedom, so its velocity equations determine the rates of all its pairs up
+        to a factor, and with them the direction of each pole.
+        """
         # Bodies of the part are counted from 0 in its tree.
         body_index = {link: k for k, link in enumerate(step.links)}
         ends = [self.plan.ends[pair] for pair in step.pairs]
+        # The index of the pair in the part, by variable of the mechanism.
         pair_of_variable = {
             variable: k
             for k, pair in enumerate(step.pairs)
@@ -214,10 +223,12 @@ class PlannedPoles:
         return {body: rates - w[0] for body, rates in w.items()}, error
 
     def great_circles(self, pole: Pole) -> Floats:
-        """Return the unit normals (n, 2, 3) of two great circles through a pole of links.
+        """Return the unit normals (n, 2, 3) of two great circles that meet in a pole.
 
-        If the plan computes the pole in another way, the great circles pass through the
-        known poles of third links. The result is NaN if there are fewer than two.
+        `pole` is two links. Their pole is the axis about which they turn relative to each
+        other. If the plan computes the pole in another way, the great circles pass through
+        the computed poles that each of the two has with a third body. The result is NaN if
+        there are fewer than two, or if both links belong to one body.
         """
         no_circles = nans((len(self.motion), 2, 3))
         body_pole = self.plan.pole(*pole)
@@ -270,6 +281,8 @@ class NullMotion:
 def solve_null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
     """Return the motion of a part with one degree of freedom, up to its scale.
 
+    The rates of its variables are the null vector of its loop equations.
+
     Parameters
     ----------
     tree
@@ -279,8 +292,9 @@ def solve_null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
     """
     jacobian = tree.jacobian(vectors)
     n, _, count = jacobian.shape
-    # One more equation fixes the scale. Its first coefficients are arbitrary numbers. The
-    # null vector that follows from them gives the better conditioned second equation.
+    # One more equation, border . rates = 1, fixes the scale. Its first coefficients are
+    # arbitrary numbers. The null vector (last column of the inverse) that follows from them
+    # is the border of the second pass, which is better conditioned.
     border = np.broadcast_to(np.cos(1.0 + np.arange(count)), (n, count))
     for _ in range(2):
         inverse = left_inverse(np.concatenate([jacobian, border[:, None, :]], axis=1))

@@ -79,6 +79,8 @@ def place_link(
     """
     basis = start.basis
     within = start.within
+    # The chain is: constant, rotation, constant, ..., constant. The last constant has no
+    # rotation after it and becomes the constant factor of the result.
     for constant, rotation in zip(chain.constants, chain.rotations, strict=False):
         basis = basis @ constants(within @ constant)
         within = np.eye(3)

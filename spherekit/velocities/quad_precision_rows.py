@@ -62,7 +62,7 @@ class QuadPrecisionRows:
 
 
 def recompute_in_quad(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
-    """Return all columns of rows by quad precision.
+    """Return all columns (quantities) of rows, computed in quad precision.
 
     Parameters
     ----------
@@ -84,15 +84,17 @@ def recompute_in_quad(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
 
 
 def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
-    """Return at most `BATCH_ROWS` rows by quad precision.
+    """Return at most `BATCH_ROWS` rows, computed in quad precision.
 
     The parameters are those of `recompute_in_quad`. Newton's method first closes the loops.
+    A row whose steps do not become small, or that moves far, keeps its variables.
     """
     passive = list(kernel.passive_variables)
     start = values.astype(quad())
     x = start.copy()
     for _ in range(MAX_NEWTON_STEPS):
         extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
+        # The passive variables after a step. Inputs are not changed.
         passive_values = kernel.newton_step.function(extended)
         step_sizes = max_abs((passive_values - x[passive]).astype(float), axis=0)
         x[passive] = passive_values

@@ -107,7 +107,11 @@ class RowExpressions(VelocityEquations):
         self._set_error_bounds()
 
     def _set_error_bounds(self) -> None:
-        """Set the bounds of the errors of variables, orientations and axes."""
+        """Set the bounds of the errors of variables, orientations and axes.
+
+        All bounds are expressions, which follow from the inverse of the loop equations by
+        norms: the movement of variables is at most its norm times the opening of the loops.
+        """
         tree = self.tree
         inverse_squares = [dot(row.flat, row.flat) for row in self.inverse]
         self.variable_shifts = [root(square) for square in inverse_squares]
@@ -138,6 +142,8 @@ class RowExpressions(VelocityEquations):
         jacobian_square = sum(
             (self.loop_counts[v] * length_squares[v] for v in self.passive_variables), 0.0
         )
+        # Product of the Frobenius norms. A variable occurs in the equations of each loop
+        # that contains it, with its vector.
         self.condition_number = inverse_norm * root(jacobian_square)
 
         second_derivative = float(tree.longest_loop) * largest(length_squares)
@@ -154,8 +160,16 @@ class RowExpressions(VelocityEquations):
     ) -> tuple[Expr, Expr]:
         """Return bounds of the errors of a carried vector and of its slide.
 
-        `variable_shift` bounds the movement of the variable along which the vector slides,
-        per unit opening of all loops.
+        A carried vector turns with a link. At a contact it also slides on this link as a
+        variable changes; its slide is its derivative with respect to this variable. Because
+        the loops stay open by rounding, the link is turned and the variable is shifted.
+
+        Parameters
+        ----------
+        carried
+            The vector.
+        variable_shift
+            Bound of the movement of the variable per unit opening of all loops (rad).
         """
         turn = self.link_turns[carried.link] * self.opening_rad + self.tilt_rad
         shift = variable_shift * self.opening_rad
@@ -201,9 +215,9 @@ class RowExpressions(VelocityEquations):
 def curvature_uncertainties(rows: RowExpressions) -> list[Expr]:
     """Return for each contact a number that exceeds 1 if its profiles nearly fit.
 
-    It is 2 `EQUAL_CURVATURE` / (k1 - k2). It is NaN if the second profile is more curved
-    than the first, because the two then overlap. Contacts of two circles have no number:
-    their curvatures do not change.
+    The number is 2 `EQUAL_CURVATURE` / (k1 - k2), with the curvatures k1 and k2 of the two
+    profiles. It is NaN if the second profile is more curved than the first, because the two
+    then overlap. Contacts of two circles have no number: their curvatures do not change.
     """
     differences = (
         first.curvature - second.curvature for first, second in rows.pairs.sides.values()

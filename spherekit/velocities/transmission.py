@@ -133,6 +133,12 @@ class Transmission:
     def measure(self, vectors: Floats, directions: Floats | None = None) -> Floats:
         """Return the transmission (n,), from 0 at a singularity of type II to 1.
 
+        At a singularity of type II the output can move although the inputs are locked. The
+        transmission is 1 / sqrt(1 + |A J^+|^2 / rho). J x are the misfits of the loops if
+        the passive pairs move at the rates x, and A x is the motion of the output. rho is
+        the sum of the squares of the `_path_currents`. The transmission is NaN where an
+        argument is not finite.
+
         Parameters
         ----------
         vectors
@@ -159,11 +165,15 @@ class Transmission:
             loops = np.pad(loops, ((0, 0), (0, missing), (0, 0)))
             # A: the motion of the output per unit rate of each passive variable.
             output_motion = path[passive_pairs] * columns
+            # A rotation about the direction of the output does not count.
             if directions is not None:
                 axes = directions[rows][:, :, None]
                 output_motion -= axes * np.sum(axes * output_motion, axis=1, keepdims=True)
+            # A J^+. If J is nearly singular, rounding errors would count as equations, so
+            # these rows are computed by singular values.
             inverse = left_inverse(loops)
             motion_per_misfit = output_motion @ inverse
+            # Negated, so that NaN counts as too large.
             is_weak = ~(max_abs(inverse, (1, 2)) < MAX_INVERSE_ENTRY)
             motion_per_misfit[is_weak] = _motion_by_singular_values(
                 output_motion[is_weak], loops[is_weak]
@@ -193,9 +203,10 @@ def passive_equations(
 ) -> tuple[Floats, Floats]:
     """Return the loop equations of the passive variables, on orthonormal bases.
 
-    Cycles of the graph and vectors of the variables are orthonormal. The singular values of
-    the equations are therefore sines of the angles between two spaces: that of the rates
-    which the passive pairs allow, and that of the rates which bodies can have.
+    Passive variables are those that no input locks. Cycles of the graph and vectors of the
+    variables are orthonormal. The singular values of the equations are therefore sines of
+    the angles between two spaces: that of the rates which the passive pairs allow, and that
+    of the rates which bodies can have.
 
     Parameters
     ----------
@@ -220,6 +231,9 @@ def passive_equations(
 
 def input_authority(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> Floats:
     """Return how certainly locked inputs hold all links.
+
+    It is judged by the singular values of the loop equations of the passive variables,
+    those that no input locks. A singular value of 0 means that they can move.
 
     Parameters
     ----------
@@ -268,8 +282,9 @@ def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
 def _motion_by_singular_values(output_motion: Floats, loops: Floats) -> Floats:
     """Return the motion of the output per unit misfit if equations are nearly singular.
 
-    A motion of the passive pairs that rounding alone opposes makes the result practically
-    infinite if it moves the output. Otherwise it does not count.
+    A misfit is the part of a relative angular velocity that pairs do not allow. A motion of
+    the passive pairs that rounding alone opposes makes the result practically infinite if
+    it moves the output. Otherwise it does not count.
 
     Parameters
     ----------
