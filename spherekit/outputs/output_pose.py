@@ -141,7 +141,12 @@ class PoseCandidates(ArrayRows):
         return len(self.values)
 
     def number_of(self, mode: str) -> int:
-        """Return the number of the candidate that a number or signs name.
+        """Return the number of the candidate that a text names.
+
+        Parameters
+        ----------
+        mode
+            The signs of the configuration, such as ``+-+``, or its number.
 
         Raises
         ------
@@ -160,16 +165,19 @@ class PoseCandidates(ArrayRows):
 
 @dataclass(frozen=True)
 class EndOrientation:
-    """The orientation (3, 3) at the end of a rotation, and which of several it is.
+    """The orientation at the end of a rotation, and which of several it is.
 
     Attributes
     ----------
     orientation
-        Of the output link, seen from its other link.
+        (3, 3) rotation from the axes of the output link to those of the link that the
+        output is relative to.
     number, count
-        Its number among those that the end has, and how many there are.
+        Number of this orientation among those of the configurations that the mechanism has
+        at the end pose, and how many there are.
     has_start_mode
-        Whether it was chosen because it is in the start's assembly and working mode.
+        Whether it was chosen because its configuration has the same signs of dyads as that
+        at the start.
     """
 
     orientation: Floats
@@ -202,7 +210,10 @@ class PoseFinder:
         return self.solver.mechanism
 
     def candidates(self, pose: Pose) -> PoseCandidates:
-        """Return every configuration found at a pose.
+        """Return every configuration found at a pose, in all assembly modes.
+
+        With a mid-plane symmetric architecture they come from its closed forms. Otherwise
+        inputs are solved by the position analysis, and poses by the inverse kinematics.
 
         Raises
         ------
@@ -238,17 +249,21 @@ class PoseFinder:
         return self._make_candidates(solutions.values, [*map(label_of, solutions.signs)])
 
     def _make_candidates(self, values: Floats, labels: Sequence[str]) -> PoseCandidates:
-        """Return configurations as candidates, singular ones last.
+        """Return configurations as candidates for the start or end of a rotation.
+
+        A configuration is singular if its loops do not determine the links, if the inputs
+        do not determine the output, or if the output link cannot turn in as many ways as
+        there are inputs. Singular ones come last.
 
         Parameters
         ----------
         values
             (k, variables) closed configurations (rad).
         labels
-            Signs of their modes.
+            The signs of the dyads of each, as text.
         """
         output_link = OutputLink.from_output(self.mechanism, self.output)
-        # The target does not matter here.
+        # Only the conditioning is read, which does not depend on the target orientation.
         deviation = output_link.compare(values, np.eye(3)[None])
         conditioning = np.minimum(
             deviation.output_singular_value, deviation.loop_conditioning
@@ -301,14 +316,22 @@ class PoseFinder:
     def _find_mid_plane(
         self, form: MidPlaneArchitecture, pose: Pose
     ) -> tuple[Floats, Floats | None]:
-        """Return the mid-plane of a pose.
+        """Return the mid-plane, in which base and end effector mirror each other at a pose.
+
+        Parameters
+        ----------
+        form
+            The mid-plane symmetric architecture.
+        pose
+            The pose, in any description.
 
         Returns
         -------
         normals
             (1, 3) unit normal of the mid-plane, in mirror axes.
         driven_signs
-            (2,) signs of the driven legs, if the pose determines them, otherwise None.
+            (2,) signs of the driven legs if the pose is given by its inputs, which
+            determine the elbows of these legs; otherwise None.
 
         Raises
         ------
@@ -348,7 +371,16 @@ class PoseFinder:
                 return upward(normals), None
 
     def _find_at_mid_plane(self, form: MidPlaneArchitecture, pose: Pose) -> PoseCandidates:
-        """Return the configurations at a pose in all modes of a mid-plane architecture."""
+        """Return the configurations at a pose in all modes of a mid-plane architecture.
+
+        A mode is a sign, 1 or -1, for each leg, which chooses one of its two elbows. If the
+        pose is given by inputs, only modes with the signs of these are returned.
+
+        Raises
+        ------
+        SolveError
+            If the pose does not determine a mid-plane, or a leg does not reach it.
+        """
         normals, driven_signs = self._find_mid_plane(form, pose)
         form.check_reach(normals[0])
         modes = [
@@ -366,18 +398,21 @@ class PoseFinder:
     def resolve_end(
         self, start: PoseCandidates, number: int, end: Pose | AtRotation, mode: str
     ) -> EndOrientation | AtRotation:
-        """Return the orientation at the end of a rotation; an axis and an angle unchanged.
+        """Return the orientation at the end of a rotation.
+
+        An end that is given by an axis and an angle is returned unchanged.
 
         Parameters
         ----------
         start, number
-            Configurations, and which of them to start from.
+            Candidates for the start, and the number of the one to start from.
         end
-            The pose. It has several orientations if the mechanism can be assembled in
-            several ways there.
+            The pose at the end. It has several orientations if the mechanism can be
+            assembled in several ways there.
         mode
-            Which of them, in the order of their angles from the start, by number or signs.
-            Empty for the nearest of those in the start's modes, or else the nearest.
+            Which of them: signs such as ``+-+``, or a number in the order of their angles
+            from the start, singular ones last. If it is empty, the nearest one with the
+            same signs of dyads as the start is chosen, or, without one, the nearest of all.
 
         Raises
         ------
@@ -387,7 +422,7 @@ class PoseFinder:
         if isinstance(end, AtRotation):
             return end
         if isinstance(end, AtOrientation):
-            return EndOrientation(end.orientation, 0, 1, False)
+            return EndOrientation(end.orientation, number=0, count=1, has_start_mode=False)
         try:
             ends = self.candidates(end)
             angles = angles_between(start.orientations[number][None], ends.orientations)
@@ -396,7 +431,12 @@ class PoseFinder:
             ends = ends.rows(np.lexsort((rounded_angles, ends.singular)))
             if mode:
                 chosen = ends.number_of(mode)
-                return EndOrientation(ends.orientations[chosen], chosen, len(ends), False)
+                return EndOrientation(
+                    ends.orientations[chosen],
+                    number=chosen,
+                    count=len(ends),
+                    has_start_mode=False,
+                )
         except SolveError as problem:
             raise SolveError(f"end: {problem}") from None
         (start_mode,) = self._find_modes(start.rows(np.array([number])))
@@ -413,9 +453,12 @@ class PoseFinder:
         )
 
     def _find_modes(self, candidates: PoseCandidates) -> list[tuple[str, str]]:
-        """Return the label of each configuration, and the label of its working mode.
+        """Return the signs of each configuration in forward and in inverse kinematics.
 
-        The second label is empty if the inverse kinematics has no closed form.
+        The first text is the label of the assembly mode: the signs of the dyads while the
+        inputs are given. The second one is the label of the working mode: the signs of the
+        dyads while the output is held. It is empty if the inverse kinematics has no closed
+        form, or does not meet the configuration.
         """
         labels = candidates.labels.tolist()
         without_working_modes = [(label, "") for label in labels]
@@ -448,10 +491,13 @@ class PoseFinder:
     ) -> FollowedRotation:
         """Return the rotation from a configuration to an orientation, or by an angle.
 
+        With a mid-plane symmetric architecture, and if both poses belong to it, the closed
+        form gives the start of the path, also where it is singular.
+
         Parameters
         ----------
         start, number
-            Configurations, and which of them to start from.
+            Candidates for the start, and the number of the one to start from.
         end
             An orientation of `resolve_end`, or an axis and an angle.
 
@@ -463,6 +509,7 @@ class PoseFinder:
         form = self.form
         start_values = start.values[number]
         start_orientation = start.orientations[number]
+        # With a mid-plane architecture a label has one sign for each leg.
         signs = np.array([1.0 if sign == "+" else -1.0 for sign in start.labels[number]])
         if isinstance(end, AtRotation):
             if form is not None:

@@ -88,7 +88,7 @@ class LegSpan(NamedTuple):
 
 @dataclass(frozen=True)
 class AngleLimit:
-    """A limit of an angle, at n poses in one mode.
+    """A limit of an angle that depends on the pose of an output.
 
     Attributes
     ----------
@@ -99,9 +99,10 @@ class AngleLimit:
     at_least
         Whether the angle may not be smaller than the limit; otherwise not larger.
     cosine
-        Function that returns the cosine (n,) of the angle.
+        Function that returns the cosine (n,) of the angle at n poses in one working mode.
     unit
-        Change (rad) of the quantity that is reported, per rad of the angle.
+        Change (rad) of the quantity that is reported, per rad of the angle: 0.5 if the
+        angle is the double of this quantity.
     """
 
     name: str
@@ -139,6 +140,9 @@ class InterferenceLimit:
 class Constraints:
     """Constraints of a workspace in addition to the reach of the legs.
 
+    At a singularity of type I an input moves while the output rests, at one of type II the
+    output can move although the inputs are locked. The measures are 0 there.
+
     Attributes
     ----------
     limits
@@ -146,8 +150,8 @@ class Constraints:
     apart
         Limits of angles between axes.
     near
-        Least distance (rad) to a singularity: the angle whose sine is the measure, of
-        type I of every input, and of type II.
+        Least distance (rad) to a singularity: the angle whose sine is the measure, both of
+        type I for every input and of type II. 0 for no limit.
     width, radius
         Width of the links and radius of the sphere that they are on, in one unit of
         length: the outer axes of a leg that can fold stay so far apart, along the
@@ -226,6 +230,7 @@ def find_least_margin(
     limiting
         (n,) number of this limit, -1 if it is not known.
     """
+    # (n, limits) margins as angles, for the report, and as differences of cosines.
     angle_margins = np.stack([bound.left(rows) for bound in bounds], axis=1)
     cosine_margins = np.stack([bound.column(rows) for bound in bounds], axis=1)
     margin = np.fmin.reduce(angle_margins, axis=1)
@@ -268,9 +273,15 @@ class _AngleRange:
 def _collect_axis_ranges(
     kinematics: LimitedOutput, constraints: Constraints
 ) -> dict[tuple[int, int], list[_AngleRange]]:
-    """Return all ranges of the angle between two axes, by the numbers of their pairs.
+    """Return all ranges that constraints set for angles between two axes.
 
-    The smaller number comes first. The first range of each list is the whole half circle.
+    They come from the reach of the legs, from the width of links that can lie over each
+    other, and from the ranges in `constraints.apart`.
+
+    Returns
+    -------
+    The ranges by the numbers of the two pairs, the smaller number first. The first range of
+    each list is 0 to pi, which says nothing.
     """
     mechanism = kinematics.carrying
     least_link_angle = _find_least_link_angle(mechanism, constraints)
@@ -324,7 +335,7 @@ def _limit_axis_angles(
             """Return the cosine (n,) of the angle between both axes."""
             return rows.cosine(*axes)
 
-        # Limits of 0 and pi are always kept.
+        # A lower limit of 0 and an upper limit of pi are always kept.
         if COLLINEAR_SINE < low < np.pi - COLLINEAR_SINE:
             title = f"axes {name} at least {_format_degrees(low)} ({strictest_low.source})"
             bounds.append(AngleLimit(title, low, at_least=True, cosine=cosine))
@@ -337,7 +348,9 @@ def _limit_axis_angles(
 def _is_always_kept(
     mechanism: Mechanism, limit: InterferenceLimit, pair: int, other_pair: int
 ) -> bool:
-    """Return whether both axes are on one link, so that their angle is constant.
+    """Return whether both axes are on one link and their constant angle keeps a limit.
+
+    Otherwise the angle depends on the pose. Limits without meaning are refused.
 
     Parameters
     ----------
@@ -382,7 +395,8 @@ def _is_always_kept(
 def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> float:
     """Return the least angle (rad) between the outer axes of a leg of wide links.
 
-    An `AnalysisError` says if the width does not fit the radius.
+    It is width / radius: at it, the edges of two links on a sphere touch. 0 for links
+    without width. An `AnalysisError` says if the width does not fit the radius.
     """
     width = constraints.width
     radius = constraints.radius
@@ -419,6 +433,8 @@ def _limit_pairs(
         *((limit, "joint_limit") for limit in mechanism.joint_limits),
         *((limit, "limit") for limit in limits),
     ]
+    # Angles are compared modulo whole turns: two ranges overlap if the distance of their
+    # middles is at most the sum of their half widths.
     previous_limits: dict[str, JointLimit] = {}
     bounds = []
     for limit, kind in named_limits:
@@ -444,9 +460,10 @@ def _limit_pairs(
                 "contradict each other",
             )
         previous_limits[limit.pair] = limit
-        if half_width >= np.pi:
+        if half_width >= np.pi:  # a range of a whole turn allows every angle
             continue
 
+        # The default values bind the numbers of this pass of the loop.
         def cosine(
             rows: ModeAtPoses, number: int = number, middle: float = middle
         ) -> Floats:
@@ -461,8 +478,10 @@ def _limit_pairs(
 def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]:
     """Return the limits of the measures of type I of every input, and of type II.
 
-    A measure is the sine of an angle. The limit is that of the double angle, whose cosine
-    1 - 2 measure^2 is smooth where the measure is 0.
+    The measure of type I is 0 where an input moves while the output rests, that of type II
+    where the output can move although the inputs are locked. A measure is the sine of an
+    angle. The limit is that of the double angle, whose cosine 1 - 2 measure^2 is smooth
+    where the measure is 0.
 
     Parameters
     ----------
@@ -499,9 +518,13 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
             return 1.0 - 2.0 * np.minimum(rows.type_1_square[:, number], 1.0)
 
         title = f"type I of {name} at least {_format_degrees(near)} away"
-        bounds.append(AngleLimit(title, 2.0 * near, True, type_1_cosine, unit=0.5))
+        bounds.append(
+            AngleLimit(title, 2.0 * near, at_least=True, cosine=type_1_cosine, unit=0.5)
+        )
     title = f"type II at least {_format_degrees(near)} away"
-    bounds.append(AngleLimit(title, 2.0 * near, True, type_2_cosine, unit=0.5))
+    bounds.append(
+        AngleLimit(title, 2.0 * near, at_least=True, cosine=type_2_cosine, unit=0.5)
+    )
     return tuple(bounds)
 
 

@@ -14,6 +14,8 @@ from spherekit.outputs.dyad_chain import invert_output_rates, reciprocal_vectors
 def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     """Return the output's angular velocity per unit rate of each input.
 
+    They are the columns of the inverse of the matrix of rates.
+
     Parameters
     ----------
     rates
@@ -35,8 +37,9 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
 def sense_of(rates: Floats, directions: Floats | None) -> Integers:
     """Return the sign (k,) of the determinant of the rates, 0 if there is none.
 
-    It changes at singularities only. Connected poses of one mode and one sign form an
-    aspect.
+    It changes at singularities only. Connected poses of one working mode (one choice of the
+    two positions of each leg) with one sign form an aspect: the mechanism can move between
+    them without passing a singularity.
 
     Parameters
     ----------

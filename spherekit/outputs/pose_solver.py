@@ -26,15 +26,19 @@ from spherekit.positions.assembly_mode import label_of
 def output_kinematics(
     mechanism: Mechanism, output: str | None = None, graph: bool = False
 ) -> OutputKinematics:
-    """Return what solves the poses of an output.
+    """Return an output with the best way to solve its poses.
+
+    A closed form is preferred: dyads, wheels on dyads, or a mid-plane symmetric
+    architecture. Otherwise each pose is solved on the graph of all links. If there are
+    neither two nor three inputs, only the poses at inputs can be computed.
 
     Parameters
     ----------
     mechanism, output
         The mechanism, and the name of its output if there are several.
     graph
-        Whether to solve the graph of all links, though there is a mid-plane symmetric
-        architecture.
+        Whether to solve on the graph of all links although wheels or a mid-plane symmetric
+        architecture give a closed form. Dyads are solved in closed form all the same.
 
     Raises
     ------
@@ -95,6 +99,7 @@ class GraphKinematics(OutputKinematics):
     """
 
     def __init__(self, inverse: InverseKinematics) -> None:
+        """Keep the inverse kinematics, and find out whether there is a mid-plane."""
         super().__init__(inverse.own, inverse.wrist.output, inverse.wrist.points)
         self.kinematics = inverse
         self.modes = inverse.modes
@@ -119,6 +124,7 @@ class GraphKinematics(OutputKinematics):
             Numbers of the pairs whose variables are returned.
         """
         solutions = self.kinematics.solutions(poses)
+        # The last label, "", is for poses without a solution.
         labels = np.array([*map(label_of, solutions.signs), ""])
         chosen = np.flatnonzero(np.isin(labels[:-1], modes))
         unsolved_poses = np.setdiff1d(np.arange(len(poses)), solutions.row[chosen])
@@ -138,6 +144,7 @@ class GraphKinematics(OutputKinematics):
         if self.points and solutions.directions is not None:
             directions = select(solutions.directions)
         rates, type_1 = invert_output_rates(output_rates, directions)
+        # The number of the first variable of each pair asked for.
         variables = [self.mechanism.variable_owners.index(pair) for pair in pairs]
         rows = InverseRows(
             pose=np.append(solutions.row[chosen], unsolved_poses),
@@ -153,4 +160,5 @@ class GraphKinematics(OutputKinematics):
             values=values[:, variables],
             limits=(),
         )
+        # `joined` sorts the rows by pose.
         return InverseRows.joined([rows.with_status()])

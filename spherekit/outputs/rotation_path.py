@@ -200,7 +200,9 @@ class PathNodes(ArrayRows):
     def extrapolate(self, distance: Floats) -> Floats:
         """Return the variables (n, variables) at distances (n,) from the only node.
 
-        The distances are in rad of theta, and the error is of third order.
+        They follow from its first and second derivatives by theta. The distances are in rad
+        of theta, and the error is of third order. A second derivative that is NaN counts
+        as 0.
         """
         distance = distance[:, None]
         bend = 0.5 * distance**2 * np.nan_to_num(self.second)
@@ -224,6 +226,7 @@ class PathNodes(ArrayRows):
         """
         if len(self.theta) == 1:
             return np.repeat(self.values, len(theta), axis=0), np.zeros(len(theta))
+        # Cell k lies between the nodes k and k + 1.
         cell = np.clip(np.searchsorted(self.theta, theta) - 1, 0, len(self.theta) - 2)
         start = (self.values[cell], self.first[cell], self.second[cell])
         stop = (self.values[cell + 1], self.first[cell + 1], self.second[cell + 1])
@@ -299,20 +302,30 @@ class RotationPath:
         targets = self.target_orientations(theta)
 
         def newton_step(values: Floats, rows: Indices) -> Floats:
+            """Return the steps (k, variables) at values (k, variables) of some rows."""
             deviation = self.output_link.compare(values, targets[rows])
+            # A step that is NaN becomes 0, which ends the iteration of its row.
             return np.nan_to_num(deviation.newton_step(self.exact))
 
         values, step_sizes = newton(
             newton_step,
-            guess,
-            MAX_TARGET_STEPS,
-            CORRECTOR_STEP_TOLERANCE_RAD,
-            MAX_TARGET_STEP_RAD,
+            values=guess,
+            max_steps=MAX_TARGET_STEPS,
+            last_step=CORRECTOR_STEP_TOLERANCE_RAD,
+            longest_step=MAX_TARGET_STEP_RAD,
         )
         return self.output_link.compare(values, targets), step_sizes
 
     def make_nodes(self, theta: Floats, deviation: TargetDeviation) -> PathNodes:
-        """Return nodes at angles (n,) in rad, from their nearest configurations."""
+        """Return nodes of the path from the configurations nearest to their targets.
+
+        Parameters
+        ----------
+        theta
+            (n,) angles of the target (rad).
+        deviation
+            The nearest configurations at these angles.
+        """
         rates = deviation.rates(self.axis)
         norm = np.linalg.norm(deviation.system, axis=(1, 2))
         inverse_norm = np.linalg.norm(deviation.system_inverse, axis=(1, 2))
@@ -336,10 +349,21 @@ class RotationPath:
         return self.make_nodes(theta, deviation), step_sizes
 
     def step(self, node: PathNodes, goal: float) -> PathNodes | None:
-        """Return the node at the angle `goal` (rad), None if the step fails a test.
+        """Return the next node of the path, None if the step to it fails a test.
 
-        The middle of the step is computed too, as a check of the interpolation.
+        A node is predicted from the derivatives at the last one and corrected by Newton's
+        method. The middle of the step is computed too. The tests are that the corrections
+        are small, that no singular configuration lies between, and that the interpolation
+        agrees with the middle.
+
+        Parameters
+        ----------
+        node
+            The last node of the path.
+        goal
+            Angle (rad) of the next node.
         """
+        # Distances from the node to the middle and to the end of the step.
         distances = STEP_PARTS * (goal - node.theta)
         guess = node.extrapolate(distances)
         if not all_finite(guess):
@@ -375,6 +399,10 @@ class RotationPath:
     def leap(self, node: PathNodes, end: float) -> tuple[PathNodes, float] | None:
         """Step over a singular configuration shortly ahead of a node.
 
+        Leaps of several lengths are tried. A leap is accepted if the node behind it is
+        regular, if the configurations within it lie on a smooth curve through both ends,
+        and if one of them is singular.
+
         Parameters
         ----------
         node
@@ -389,6 +417,7 @@ class RotationPath:
         not continue smoothly.
         """
         for length in LEAP_LENGTHS_RAD:
+            # A leap may pass the end only if the node is close to the end.
             goal = node.theta + length
             if end < goal and node.theta < end - LEAP_BELOW_STEP_RAD:
                 return None
@@ -436,7 +465,9 @@ class RotationPath:
     def track(self, first_node: PathNodes, end: float) -> TrackedPath:
         """Track the path from a node to the angle `end` (rad), or as far as steps succeed.
 
-        A step that fails is halved, and the step after a success is twice as long.
+        A step that fails is halved, and the step after a success is twice as long. When
+        steps have become short, a leap over a singular configuration is tried. If that
+        fails too, halving goes on until the smallest step, where the path ends.
         """
         nodes = [first_node]
         step = FIRST_ROTATION_STEP_RAD
@@ -472,7 +503,12 @@ class RotationPath:
 
 
 def _longest_step(node: PathNodes) -> float:
-    """Return the longest step (rad of theta) that the curvature of the path allows."""
+    """Return the longest step (rad of theta) that the curvature of the path allows.
+
+    The second-order part of the change, bend step^2 / 2, may be `CURVED_PART_RAD`. Near a
+    limit of the reach, where the second derivative exceeds the first, the step is also
+    limited in proportion to the distance from the limit.
+    """
     # The tiny summand prevents a division by zero on a straight path.
     bend: float = max_abs(np.nan_to_num(node.second)) + 1e-300
     limited_step: float = MAX_PART_OF_BEND_DISTANCE * max_abs(node.first) / bend
@@ -481,7 +517,12 @@ def _longest_step(node: PathNodes) -> float:
 
 
 def _end_reason(node: PathNodes) -> Status:
-    """Return why the path ends at a node from which every step fails."""
+    """Return why the path ends at a node from which every step fails.
+
+    OUT_OF_REACH if the output link does not follow the target or hardly turns with the
+    inputs, AT_SINGULARITY if the equations nearly fail to determine the links, MODE_LOST
+    otherwise.
+    """
     if not node.follows[0] or node.reach[0] < NAMED_REASON_CONDITION:
         return Status.OUT_OF_REACH
     if node.condition[0] < NAMED_REASON_CONDITION:
