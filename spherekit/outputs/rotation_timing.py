@@ -252,7 +252,11 @@ class TimeScaling:
     def table(self, samples: int) -> Trajectory:
         """Return rows at equally spaced times, both ends included.
 
-        With a cycle there is one row for each cycle, and `samples` is not used.
+        Parameters
+        ----------
+        samples
+            Number of rows, at least 2. With a cycle time of the controller there is one row
+            for each cycle instead.
         """
         if self.cycle is not None:
             ticks = np.arange(round(self.duration / self.cycle) + 1)
@@ -272,16 +276,22 @@ def time_optimal(
 ) -> TimeScaling:
     """Return the shortest schedule of a law shape that keeps to the limits of the drives.
 
+    A law shape says which part of the angle is reached at which part of the duration. The
+    largest speeds and accelerations are found for the duration of 1 s. Speeds are
+    proportional to 1 / duration, accelerations to its square, which gives the shortest
+    duration.
+
     Parameters
     ----------
     rotation
-        Of a mechanism that follows it all the way.
+        A rotation about a fixed axis that the mechanism follows all the way.
     speed, acceleration
         Limits (rad/s, rad/s2) of the inputs: one for all, or one for each; None for none.
     shape
         A name in `SHAPES`, or a law from 0 at t = 0 to 1 at t = 1.
     cycle
-        That of the controller (s): the duration is the shortest whole number of cycles.
+        Cycle time (s) of the controller. The duration is then the shortest whole number of
+        cycles. None for no cycles.
 
     Raises
     ------
@@ -309,7 +319,8 @@ def time_optimal(
     # The values come from the rotation itself. Row k is at the time of the largest value of
     # column k.
     unit_values = np.diagonal(_evaluate_unit_motion(rotation, law, parts)[1])
-    # A value is proportional to duration^(-1) or duration^(-2).
+    # A value is proportional to duration^(-1) or duration^(-2), that is to
+    # duration^(-1 / power).
     powers = np.repeat([1.0, 0.5], input_count)
     duration = float(np.max((np.abs(unit_values) / limits) ** powers))
     if cycle is not None:
@@ -462,6 +473,7 @@ def _evaluate_unit_motion(
             + (f", as input {dead_input} is at a dead centre" if dead_input else "")
             + "; choose another start or end"
         )
+    # theta = angle s(t), and the inputs are functions of theta: chain rule.
     theta_rate = (angle * ds)[:, None]
     theta_acceleration = (angle * dds)[:, None]
     speeds = samples.rates * theta_rate

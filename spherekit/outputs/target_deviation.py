@@ -76,7 +76,11 @@ class OutputLink:
 
     @staticmethod
     def from_output(mechanism: Mechanism, output: Output) -> "OutputLink":
-        """Return the output link of a declared output."""
+        """Return the output link of a declared output.
+
+        The link that the output is relative to becomes the ground, so that the rotation of
+        the output link in ground axes is its orientation.
+        """
         grounded = replace(mechanism, ground=output.relative_to)
         return OutputLink(
             closure=Closure.of_mechanism(grounded, make_joints(grounded)),
@@ -96,6 +100,8 @@ class OutputLink:
         """
         linearisation = self.closure.at(values)
         orientations = linearisation.rotations[:, self.number]
+        # For each variable 1 or -1 if its pair is on the path from body 0 to the output
+        # link, 0 otherwise.
         path_senses = self.closure.tree.paths[self.number]
         return TargetDeviation(
             output_link=self,
@@ -181,7 +187,11 @@ class TargetDeviation:
 
     @cached_property
     def _jacobian_split(self) -> JacobianSplit:
-        """The closure Jacobian, split by its singular values."""
+        """The closure Jacobian, split by its singular values.
+
+        The first ones, as many as the rank at regular configurations, belong to the loops.
+        The remaining right singular vectors are the motions with closed loops.
+        """
         rank = self.values.shape[1] - self.output_link.degrees_of_freedom
         left, singular_values, right = np.linalg.svd(self.linearisation.jacobian)
         regular = singular_values[:, :rank]
@@ -233,10 +243,12 @@ class TargetDeviation:
 
     @cached_property
     def _pulls(self) -> Floats:
-        """(n, variables, 3) pulls f_v of the remaining rotation, see `_combine_pulls`.
+        """(n, variables, 3) vectors f_v by which the remaining rotation d pulls variables.
 
-        The gradient by variable v of the first equation of the module is the product of f_v
-        and the vector of the variable. The pulls are zero where the link is on the target.
+        With the Jacobian G of the output link, the Jacobian J of the loops and multipliers
+        m, the nearest configuration satisfies G^T d + J^T m = 0. Its component for the
+        variable v is the product of f_v and the axis vector of the variable. The pulls are
+        zero where the link is on the target. `_combine_pulls` computes them.
         """
         pulls = self._combine_pulls(
             output_pull=self.remaining_rotation,
@@ -301,7 +313,8 @@ class TargetDeviation:
     def _gradient_rates(self, rates: Floats) -> Floats:
         """Return the change (n, variables) of the gradient of a^2 / 2.
 
-        The variables move at rates (n, variables) and the target is fixed.
+        a is the angle between the output link and its target. The variables move at rates
+        (n, variables) and the target is fixed.
         """
         output_velocity = np.matvec(self.output_jacobian, rates)
         rotation_rate = log_rate(-self.remaining_rotation, output_velocity)
@@ -310,14 +323,21 @@ class TargetDeviation:
 
     @cached_property
     def stiffness(self) -> Floats:
-        """(n, freedoms, freedoms) second derivative of a^2 / 2 along the configurations."""
+        """(n, freedoms, freedoms) second derivative of a^2 / 2 along the configurations.
+
+        a is the angle between the output link and its target. The motions are those of the
+        null space of the closure Jacobian, which keep the loops closed.
+        """
         null_space = self._jacobian_split.null_space
         columns = [self._gradient_rates(motion) for motion in np.moveaxis(null_space, 2, 0)]
         return transpose(null_space) @ np.stack(columns, axis=2)
 
     @cached_property
     def least_eigenvalue(self) -> Floats:
-        """(n,) smallest eigenvalue of the `stiffness`; -1 where it is not finite."""
+        """(n,) smallest eigenvalue of the `stiffness`; -1 where it is not finite.
+
+        If it is positive, the configuration is nearer to the target than those around it.
+        """
         symmetric_stiffness = 0.5 * (self.stiffness + transpose(self.stiffness))
         is_finite = all_finite(symmetric_stiffness, (1, 2))
         least = np.full(len(symmetric_stiffness), -1.0)
@@ -351,6 +371,9 @@ class TargetDeviation:
     def newton_step(self, can_follow: bool) -> Floats:
         """Return the Newton step (n, variables), in rad, towards the nearest configuration.
 
+        The nearest configuration has closed loops and the smallest angle a between the
+        output link and its target.
+
         Parameters
         ----------
         can_follow
@@ -375,8 +398,10 @@ class TargetDeviation:
     def error(self, can_follow: bool) -> Floats:
         """Return by how much (n,), in rad, the configurations are not the nearest ones.
 
-        The error is the larger of the closure residual and of the remaining rotation, or,
-        if the target cannot be reached, of the gradient of a^2 / 2.
+        The error is the larger one of the closure residual and of the remaining rotation to
+        the target. If the target cannot be reached (`can_follow` is false), the gradient of
+        a^2 / 2 along the configurations, with the angle a to the target, takes the place of
+        the remaining rotation.
         """
         if can_follow:
             output_error = self.remaining_rotation
@@ -398,11 +423,14 @@ class TargetDeviation:
             (3,) unit vector in the axes of body 0. The configurations have to be nearest
             ones.
         """
+        # 1. Velocity equations: the loops stay closed, and the output link turns at 1
+        # rad per rad of theta about the axis.
         velocity_right = np.zeros(self.system.shape[:2])
         velocity_right[:, -3:] = axis
         first = np.matvec(self.system_inverse, velocity_right)
         velocity_misfit = np.matvec(self.system, first) - velocity_right
 
+        # 2. Acceleration equations: system @ second + (its change) @ first = 0.
         loop_bias, output_bias = self._velocity_biases(first, self._vector_rates(first))
         acceleration_right = -np.concatenate([loop_bias, output_bias], axis=1)
         second = np.matvec(self.system_inverse, acceleration_right)
@@ -411,6 +439,7 @@ class TargetDeviation:
         # therefore taken relative to their size.
         acceleration_misfit /= 1.0 + max_abs(acceleration_right, axis=1)[:, None]
 
+        # 3. Where these equations have no solution, the nearest configurations move.
         misfit = max_abs(np.hstack([velocity_misfit, acceleration_misfit]), axis=1)
         follows = ~self._is_off_target & (misfit < ON_TARGET_RAD)
         if not np.all(follows):
@@ -435,8 +464,10 @@ class TargetDeviation:
     def _nearest_rates(self, axis: Floats) -> tuple[Floats, Floats]:
         """Return the first and second derivatives (n, variables) of nearest configurations.
 
-        They follow from differentiating the condition of the module once and twice, while
-        the target turns about the `axis` (3,). They hold on and off the target.
+        With the remaining rotation d to the target, the Jacobian G of the output link, the
+        closure Jacobian J and multipliers m, the nearest configuration satisfies
+        G^T d + J^T m = 0. This is differentiated once and twice by theta while the target
+        turns about the `axis` (3,). The derivatives hold on and off the target.
         """
         d = self.remaining_rotation
         # Change of d if only the target turns.
@@ -448,7 +479,7 @@ class TargetDeviation:
         )
 
         vector_rates = self._vector_rates(first)
-        w = np.matvec(self.output_jacobian, first)
+        w = np.matvec(self.output_jacobian, first)  # angular velocity of the output link
         # Change of d if the target and the output link turn.
         d_rate = target_rate - log_rate(-d, w)
         gradient_rate = np.vecdot(vector_rates, self._pulls)

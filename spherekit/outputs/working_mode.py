@@ -148,12 +148,15 @@ def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result
 class WorkingMode:
     """The dyads of a chain at n poses of the output, in one working mode.
 
+    A dyad is two links that can be placed in two ways between their neighbours. A working
+    mode is a choice of one of both, a sign, for each dyad.
+
     Attributes
     ----------
     chain
         The dyads in solving order.
     signs
-        The sign of each dyad.
+        The sign, 1 or -1, of each dyad.
     posed_axes
         Axes (3, n) of pairs of the posed link, by the number of the pair.
     posed_rotation
@@ -353,7 +356,8 @@ class WorkingMode:
         """Return the variable (n,) of a pair in (-pi, pi] rad, NaN out of reach.
 
         It is the angle about the axis from a vector of the first link to a vector of the
-        second link, less the angle between both vectors at the variable 0.
+        second link, less the angle between both vectors at the variable 0. The difference
+        is computed from cosines and sines, by the addition theorem.
         """
         first_link, second_link = self.chain.ends[pair]
         first_vector, first_components = self._vector_off_axis(pair, first_link)
@@ -423,6 +427,8 @@ class WorkingMode:
         dyad = self.chain.dyads[dyad_number]
         a, c = self._outer_axes(dyad_number)
         b, triple_product = self.signed_middle_axis(dyad_number)
+        # `normal` is the product of the axes whose rates are to drop out. The rate is
+        # counted as that of `link` relative to the link on the other side of the pair.
         if pair == dyad.near_pair:
             normal = cross_columns(b, c)
             link = dyad.near_link
@@ -448,6 +454,10 @@ class WorkingMode:
         self, vector: Floats, link: int, normal_pair: int | None
     ) -> RateFraction:
         """Return the scalar product of a vector and the angular velocity of a link.
+
+        The result is linear in the angular velocity of the output. From a link of a dyad,
+        the outer pair leads to its support, and so on to the base or to the posed link. The
+        angular velocity of the base is 0, that of the posed link is that of the output.
 
         Parameters
         ----------
@@ -518,8 +528,10 @@ class WorkingMode:
     def _output_speed_square(self, pair: int) -> Floats:
         """Return the square (n,) of `output_speed`, continued out of reach.
 
-        The continuation is smooth if the dyad of the pair stands on the base and on the
-        posed link.
+        If the dyad of the pair stands on the base and on the posed link, the square is the
+        squared triple product of the axes of the dyad, over the squared sine of the arc of
+        its other link. Out of reach this number is negative and is returned. The
+        continuation is then smooth.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         square = self.output_speed(pair) ** 2

@@ -89,7 +89,7 @@ def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
     values = np.array(
         [[_parse_number(x) for x in row] for row in cells.itertuples(index=False)]
     )
-    values = values.reshape(-1, len(names))
+    values = values.reshape(-1, len(names))  # also if there are no rows
     places = [f"{row_word} {index + first_number}" for index in cells.index]
     bad_cells = [
         f"{places[row]}, column {names[k]}: {_describe_bad_cell(cells.iat[row, k])}"
@@ -102,6 +102,7 @@ def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
             f"{path}: {'; '.join(bad_cells[:MAX_BAD_CELLS_SHOWN])}{more}; every cell has "
             "to be a number"
         )
+    # A unit in the header, as in ``q [deg]``, replaces the unit that the folder states.
     for name in names:
         if unit_in_header := _UNIT_IN_HEADER.search(name):
             units = units | {name: unit_in_header[1]}

@@ -113,17 +113,19 @@ class Column:
         return IN_DEGREES.get(self.unit, self.unit) if degrees else self.unit
 
     def header(self, degrees: bool) -> str:
-        """Return the header in files; it contains the unit if that is not SI: ``q [deg]``.
+        """Return the header of the column in files.
 
-        The argument says whether angles of the table are in degrees.
+        It contains the unit if that is not the SI unit, as in ``q [deg]``. `degrees` says
+        whether angles of the table are in degrees.
         """
         unit = self.unit_in(degrees)
         return self.name if unit == self.unit else f"{self.name} [{unit}]"
 
     def stated_unit(self, degrees: bool) -> str:
-        """Return the unit as files state it: ``1`` for a pure number, empty for a name.
+        """Return the unit as it is written in files.
 
-        The argument says whether angles of the table are in degrees.
+        It is ``1`` for a pure number, and empty for texts, statuses and whole numbers
+        without a unit. `degrees` says whether angles of the table are in degrees.
         """
         return self.unit_in(degrees) or ("1" if self.kind == "number" else "")
 
@@ -149,8 +151,10 @@ class Table:
     def of(self, mechanism: Mechanism) -> "Table":
         """Return the table as it is for a mechanism.
 
-        Columns that are declared `per_input` or `per_passive` are replaced by the columns
-        for which they stand.
+        A column that is declared `per_input` is replaced by one for each input, with the
+        name of the pair appended, if there are several inputs. A column that is declared
+        `per_passive` is replaced by one for each variable of the pairs that are not driven,
+        called like the variable.
         """
         driven_pairs = mechanism.input_pairs
         pair_of_variable = dict(
@@ -162,6 +166,7 @@ class Table:
         )
         columns: list[Column] = []
         for column in self.columns:
+            # Names of the new columns, and what is appended to the meaning of each.
             meaning_suffix_by_name = {column.name: ""}
             if column.per_passive:
                 meaning_suffix_by_name = {
@@ -188,7 +193,7 @@ class Table:
     def units(self, degrees: bool) -> dict[str, str]:
         """Return the unit of every column by its header in files.
 
-        The argument says whether angles of the table are in degrees.
+        `degrees` says whether angles of the table are in degrees.
         """
         return {c.header(degrees): c.stated_unit(degrees) for c in self.columns}
 
@@ -219,6 +224,7 @@ class Table:
         for part in parts:
             if undeclared := part.keys() - pieces.keys():
                 raise AnalysisError(f"table {self.name} has no {listing(undeclared)}")
+            # Number of rows of the part, by its first column that is no single value.
             count = next((len(values) for values in part.values() if np.ndim(values)), 1)
             complete_part = {**blanks, **part}
             for c in columns:
@@ -251,6 +257,8 @@ class Table:
         """
         if MODE_NAME not in self.columns:
             return data
+        # A lazy column may repeat each number, for several subjects. The texts are made
+        # once for each number.
         mode_numbers, repeats = once(data[ASSEMBLY_MODE.name])
         mode_count = np.max(mode_numbers, initial=-1) + 1
         texts = np.array([names.get(k, "") for k in range(mode_count)], str)[mode_numbers]

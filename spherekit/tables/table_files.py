@@ -257,11 +257,13 @@ def read_chunks(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any
     import pyarrow as pa
 
     def to_arrays(rows: pa.Table) -> Mapping[str, Any]:
+        """Return columns by name: arrays of numbers, texts as columns of Arrow."""
         return {
             name: column if pa.types.is_string(column.type) else column.to_numpy()
             for name, column in zip(rows.column_names, rows.columns, strict=True)
         }
 
+    # Row groups that were read and not yet yielded.
     pending: list[pa.Table] = []
     for path, group in groups:
         with _open_parquet_file(path) as file:
@@ -459,10 +461,13 @@ def open_part_tables(
     """
     import pyarrow as pa
 
+    # By the stem of the table: rows that are not yet written, and the open file.
     pending: defaultdict[str, list[pa.Table]] = defaultdict(list)
     writers: dict[str, pq.ParquetWriter] = {}
 
+    # `open_files` is set below, before these functions are called.
     def write_pending(stem: str) -> None:
+        """Write the rows of a table that are not yet written; open its file if needed."""
         rows = pa.concat_tables(pending.pop(stem))
         if stem not in writers:
             path = make_folder(folder / stem) / name
@@ -472,6 +477,7 @@ def open_part_tables(
         writers[stem].write_table(rows)
 
     def append_rows(design: int, stem: str, table: Table, data: TableArrays) -> None:
+        """Append the rows of one design; they are written in pieces of `CHUNK_ROWS`."""
         rows = _make_arrow_table(table, convert_columns(table, data), degrees)
         rows = rows.add_column(0, DESIGN_COLUMN, pa.array(np.full(len(rows), design)))
         schema = _add_notes(rows.schema, {"units": table.units(degrees), **notes})
@@ -586,6 +592,7 @@ class ParquetColumns(Mapping[str, Array]):
     """
 
     def __init__(self, path: Path, table: Table, degrees: bool) -> None:
+        """Keep the path and the declarations; nothing is read yet."""
         self._path = path
         self._degrees = degrees
         self._columns = {column.name: column for column in table.columns}

@@ -61,6 +61,7 @@ class JoinedBlocks(Mapping[str, Array]):
     """
 
     def __init__(self, blocks: Sequence[TableData], table: Table) -> None:
+        """Keep the blocks; their order is found when the first column is read."""
         self._blocks = [dict(block) for block in blocks]
         self._table = table
         self._dtypes = {c.name: DTYPE_BY_KIND.get(c.kind) for c in table.columns}
@@ -69,7 +70,7 @@ class JoinedBlocks(Mapping[str, Array]):
         self._spans: list[list[Span]] = []
 
     def join(self, names: Iterable[str]) -> dict[str, Array]:
-        """Return some columns, joined anew and not stored."""
+        """Return the columns with given names, joined anew and not stored."""
         if not self._spans:
             self._order_rows()
         joined: dict[str, Array] = {}
@@ -79,13 +80,19 @@ class JoinedBlocks(Mapping[str, Array]):
                 sum(map(len, columns)),
                 dtype=self._dtypes[name] or np.result_type(*(x.dtype for x in columns)),
             )
+        # Write the rows of each block to their places in the joined columns.
         for block, spans in zip(self._blocks, self._spans, strict=True):
             put([(block[name], column) for name, column in joined.items()], spans)
         return joined
 
     def _order_rows(self) -> None:
-        """Sort the rows of each block by mode, and find where they belong."""
+        """Sort the rows of each block by assembly mode, and find where they belong.
+
+        It sets `_spans`: for each block the slices of its rows and the first row of each in
+        the joined column. The rows of a mode come from one block after another.
+        """
         has_several = len(self._blocks) > 1 and self._table.in_assembly_modes
+        # Number of the mode, number of the block, and the slice of rows in the block.
         mode_spans = []
         for number, block in enumerate(self._blocks):
             ordered_rows = sort_by_mode(block, has_several)
