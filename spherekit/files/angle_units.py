@@ -49,7 +49,15 @@ def to_radians(number: float, unit: AngleUnit) -> float:
 
 
 def to_text(angle: float, unit: AngleUnit) -> str:
-    """Return the shortest decimal that `to_radians` converts to this angle (rad)."""
+    """Return the shortest decimal that `to_radians` converts to exactly this angle (rad).
+
+    Parameters
+    ----------
+    angle
+        The angle (rad).
+    unit
+        Unit of the decimal.
+    """
     if unit == "rad" or not math.isfinite(angle) or angle == 0.0:
         return repr(float(angle))
     degrees = _EXACT.divide(Decimal(angle), _DEGREE)
@@ -61,10 +69,10 @@ def to_text(angle: float, unit: AngleUnit) -> str:
 
 
 def unit_vector(xyz: Vector) -> Vector:
-    """Return a vector of nearly unit length, normalized.
+    """Return a vector of nearly unit length, as given in a file, with the length 1.
 
-    A vector that is normalized already is returned unchanged. A file therefore reads back
-    as exactly the mechanism that was written.
+    A vector whose length is 1 up to rounding is returned unchanged. A file therefore reads
+    back as exactly the mechanism that was written.
 
     Raises
     ------

@@ -144,6 +144,7 @@ def _pack(entry: EntryPoint) -> Pack:
     """Return the pack of an entry point, with the files in the folder of its package."""
 
     def broken_pack(fault: str) -> Pack:
+        """Return the pack without files, with the reason why it cannot be used."""
         return Pack(entry.name, fault=fault)
 
     try:

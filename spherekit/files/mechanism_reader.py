@@ -146,7 +146,7 @@ def loads(text: str, name: str = "text") -> Mechanism:
 
 
 def read(document: Document) -> Mechanism:
-    """Check a document and return the mechanism that it states.
+    """Check a document against the format and return its mechanism.
 
     Raises
     ------
@@ -184,7 +184,7 @@ def mechanism_from_document(document: Document) -> Mechanism:
 def replace_actions(mechanism: Mechanism, document: Document) -> Mechanism:
     """Return a mechanism with the masses, loads and joint limits of a document.
 
-    The rest of the document has to state the mechanism as it is.
+    All else in the document has to agree with the mechanism, since it is not read again.
     """
     tables = {name: document.data[name] for name in _ACTION_TABLES if name in document.data}
     reader = _MechanismReader(document, convert_to_model(document, tables))
@@ -214,7 +214,20 @@ class _MechanismReader:
     def call_model(
         self, path: KeyPath, function: Callable[..., Answer], *arguments: Any
     ) -> Answer:
-        """Call a function of the model; its `ModelError` becomes an error about a key."""
+        """Return the result of a function of the model.
+
+        Parameters
+        ----------
+        path
+            Path of the key in the file that an error of the function is about.
+        function, arguments
+            The function and its positional arguments.
+
+        Raises
+        ------
+        FileError
+            If the function raises a `ModelError`, with the same message, the line and key.
+        """
         try:
             return function(*arguments)
         except ModelError as error:
@@ -269,7 +282,10 @@ class _MechanismReader:
         )
 
     def load(self, name: str, item: Table) -> Load:
-        """Return a load of the kind that its table states."""
+        """Return a load from its table; without the key "kind" it is a torque at a pair.
+
+        Fields that the table lacks get the defaults of their kind.
+        """
         kind: Any = LOADS[item.get("kind", PairTorque.kind)]
         fields = {key: item[key] for key in kind.field_kinds if key in item}
         return kind(name, **{**kind.defaults_in_files, **fields})  # type: ignore[no-any-return]
@@ -346,7 +362,12 @@ class _MechanismReader:
         return Mass(link, symmetric_tensor, mass, centre)
 
     def with_start(self, mechanism: Mechanism, pair: Pair) -> Pair:
-        """Return a contact pair with the start that its phase means, if it states one."""
+        """Return a pair; a phase in its table becomes the start of the contact.
+
+        The phase is the angles of the shafts of two wheels in a configuration in which they
+        mesh. The start is the arc lengths along both circles at which they then touch.
+        Pairs without a phase are returned unchanged.
+        """
         item = self.data["pairs"][pair.name]
         path = ("pairs", pair.name, "phase")
         if "phase" not in item:
@@ -358,7 +379,10 @@ class _MechanismReader:
 
     @cached_property
     def geometry(self) -> SizeGeometry | PoseGeometry:
-        """The sizes of links, or the axes of all pairs in one pose."""
+        """The sizes of links, or the axes of all pairs in one pose.
+
+        A file gives one of the two forms. Keys of both, or of none, are refused.
+        """
         pairs = self.data["pairs"]
         links = self.data["links"]
         size_paths = self.paths_of("links", _SIZE_KEYS) + self.paths_of("pairs", ("zero",))
@@ -373,6 +397,7 @@ class _MechanismReader:
                 "the other; keep the sizes (axes, arcs, angles in links, zero in "
                 "pairs) or the reference pose (xyz or lonlat and value in pairs)",
             )
+        # Reference pose: the axes of the pairs that have one, and their variables.
         if pose_paths:
             axes: dict[str, Vector] = {}
             for name, item in pairs.items():
@@ -386,6 +411,7 @@ class _MechanismReader:
                 "no geometry: give axes and arcs in every link, or xyz or lonlat in "
                 "every R pair",
             )
+        # Sizes of links. A link has one path for each of its keys, and may come repeatedly.
         sizes: dict[Any, LinkSizes] = {}
         for _, link, _ in self.paths_of("links", _SIZE_KEYS):
             if "axes" not in links[link]:
@@ -397,7 +423,7 @@ class _MechanismReader:
         return SizeGeometry(sizes, _numbers(pairs, "zero"))
 
     def paths_of(self, table: str, keys: Sequence[str]) -> list[KeyPath]:
-        """Return the paths of all given keys that the entries of a table have."""
+        """Return the paths (table, entry, key) of all of the keys that entries have."""
         return [
             (table, name, key)
             for name, item in self.data[table].items()
@@ -406,7 +432,11 @@ class _MechanismReader:
         ]
 
     def axis(self, name: str, item: Table) -> Vector | None:
-        """Return the axis of a pair in the reference pose, if its table states one."""
+        """Return the axis (unit vector) of a pair in the reference pose, None without one.
+
+        The axis of a P pair, which slides along a great circle, is the pole of the circle
+        through the two points in its table.
+        """
         for key in _ARC_PAIR_KEYS:
             if key in item:
                 return self.call_model(("pairs", name, key), arc_pole, *item[key])
@@ -435,7 +465,11 @@ class _MechanismReader:
         return link_axes(mechanism)
 
     def output(self, name: str, item: Table) -> Output:
-        """Return an output with its direction in axes of its link."""
+        """Return an output with its direction in axes of its link.
+
+        The direction is that of a pair ("axis"), a vector ("xyz") or two angles ("lonlat");
+        without any of these keys it is None.
+        """
         path: KeyPath = ("outputs", name)
         stated_keys = [key for key in ("axis", "xyz", "lonlat") if key in item]
         if len(stated_keys) > 1:
@@ -448,7 +482,9 @@ class _MechanismReader:
         return Output(name, item["link"], relative_to, direction)
 
     def axis_or_vector(self, path: KeyPath, item: Table, prefix: str = "") -> Vector | None:
-        """Return a direction in axes of a link, stated by an R pair or by its components.
+        """Return a direction in axes of a link: the axis of an R pair, or a vector.
+
+        None if the table has neither.
 
         Parameters
         ----------
@@ -457,7 +493,7 @@ class _MechanismReader:
         item
             A table with the key ``link``, and ``axis`` or a vector.
         prefix
-            Beginning of the keys of a vector.
+            Beginning of the keys of a vector, such as "centre_" for ``centre_xyz``.
         """
         if "axis" not in item:
             return _vector(item, prefix)
@@ -466,7 +502,10 @@ class _MechanismReader:
         )
 
     def pair(self, name: str) -> Pair:
-        """Return a pair; a contact has the curves of both its links."""
+        """Return a pair from its table; a contact has the curves of both its links.
+
+        P pairs become R pairs: sliding along a great circle is turning about its pole.
+        """
         item = self.data["pairs"][name]
         path = ("pairs", name)
         if name in self.joined_links:
@@ -564,7 +603,16 @@ class _MechanismReader:
         return tuple(curve_of_link[link] for link in links)
 
     def follower(self, path: KeyPath, item: Table) -> Profile:
-        """Return the circle of a roller, or the great circle of a flat face."""
+        """Return the curve of a follower: a circle of a roller, a great circle of a face.
+
+        Parameters
+        ----------
+        path
+            Path of the table, for messages.
+        item
+            The table of the follower, with the key "flat", or with "roller" (angular
+            radius, rad) and a centre.
+        """
         if "flat" in item:
             return Profile("great_circle", _vector(item, "pole_"))
         radius = item["roller"]
@@ -579,13 +627,16 @@ class _MechanismReader:
 
 
 def _vector(item: Table, prefix: str = "") -> Vector | None:
-    """Return the direction that a table states, by components or two angles; or None."""
+    """Return the unit vector under ``xyz`` or ``lonlat`` with a prefix, None without both.
+
+    Both are unit vectors in converted data.
+    """
     vector: Vector | None = item.get(f"{prefix}xyz", item.get(f"{prefix}lonlat"))
     return vector
 
 
 def _numbers(tables: Table, key: str) -> dict[str, float]:
-    """Return the numbers that some entries of a table have under a key, by entry."""
+    """Return the numbers under a key by entry, for the entries of a table that have it."""
     return {name: item[key] for name, item in tables.items() if key in item}
 
 

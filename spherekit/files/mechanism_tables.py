@@ -40,7 +40,7 @@ def build(
     source: Tables | None = None,
     user: Tables | None = None,
 ) -> Mechanism:
-    """Return a mechanism stated in code, in the tables and keys of mechanism files.
+    """Return a mechanism from data in code, in the tables and keys of mechanism files.
 
     Parameters
     ----------

@@ -61,7 +61,11 @@ def document_of(
 
 
 def _with_lonlat(document: Document) -> Document:
-    """Return a document whose unit vectors are replaced by longitude and latitude."""
+    """Return a document whose unit vectors are replaced by longitude and latitude.
+
+    These are the axes of pairs, the directions of outputs, and the points of profiles. The
+    given document is not changed.
+    """
     tables = {
         name: copy.deepcopy(document.data[name])
         for name in ("pairs", "outputs")
@@ -70,6 +74,7 @@ def _with_lonlat(document: Document) -> Document:
     to_unit = math.degrees if document.data["angle_unit"] == "deg" else float
 
     def lonlat(direction: Sequence[float]) -> list[LiteralNumber]:
+        """Return longitude and latitude, in the unit of the file, of a vector (3,)."""
         x, y, z = map(float, direction)
         longitude = math.atan2(y, x)
         latitude = math.atan2(z, math.hypot(x, y))
@@ -105,6 +110,7 @@ def number_path(document: Document, key: str) -> KeyPath:
     FileError
         If there is no such number.
     """
+    # The empty text stands for the name of the entry if the key has one part only.
     table, name, *_ = *key.split("."), ""
     paths = _number_paths(document, table, name)
     if key in paths:
@@ -146,12 +152,14 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
     with suppress(AttributeError, KeyError, TypeError):
         entry = document.data[table][name]
     paths: dict[KeyPath, KeyPath] = {}  # by names within the entry
+    # `paths[key,]` has the index (key,): a path of one part.
     if table == "pairs" and entry:
         for key in _OPTIONAL_PAIR_KEYS:
             paths[key,] = (table, name, key)
     for inner_path, value in values_in(entry if isinstance(entry, Mapping) else {}):
         if isinstance(value, bool) or not isinstance(value, int | float):
             continue
+        # The plain name of the number, then its further names.
         path = (table, name, *inner_path)
         paths.setdefault(inner_path, path)
         *outer, last = inner_path
@@ -168,7 +176,7 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
                 if axis < len(axes):
                     paths[key, axes[axis]] = path
                 if len(entry[key]) == 1:
-                    paths[key[:-1],] = path
+                    paths[key[:-1],] = path  # "arc" or "angle"
     return {
         ".".join((table, name, *map(str, inner_path))): path
         for inner_path, path in paths.items()
@@ -186,7 +194,15 @@ def number_at(document: Document, path: KeyPath) -> float:
 def with_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> Document:
     """Return a document with other numbers at some paths.
 
-    The tables that hold no number of these are shared with the given document.
+    The given document is not changed. Tables on the way to a new number are copied, the
+    others are shared by both documents.
+
+    Parameters
+    ----------
+    document
+        The document.
+    numbers
+        The new numbers by their paths.
     """
     data = dict(document.data)
     copied_paths: set[KeyPath] = set()

@@ -184,6 +184,9 @@ def validator(kind: Kind = "mechanism") -> Any:
 def convert_values(data: Table, converters: Converters, kind: Kind = "mechanism") -> Any:
     """Return data that fits the format with converted values.
 
+    The schema declares what each value is. Data and schema are walked through together,
+    from the outermost table inwards.
+
     Parameters
     ----------
     data
@@ -199,11 +202,13 @@ def convert_values(data: Table, converters: Converters, kind: Kind = "mechanism"
 
     def convert(part: Any, value: Any, path: KeyPath) -> Any:
         """Return a value, converted by the part of the schema that declares it."""
+        # A part may refer to a named definition, such as "angle".
         name = part.get("$ref", "").removeprefix(_DEFINITIONS)
         if name in converters:
             return converters[name](path, value)
         part = declaration["$defs"].get(name, part)
 
+        # Tables. A table of several kinds has rules "if ... then" that choose its part.
         if isinstance(value, Mapping):
             for choice in part.get("allOf", ()):
                 if "$ref" in choice.get("then", ()) and _is_met(choice["if"], value):
@@ -217,6 +222,7 @@ def convert_values(data: Table, converters: Converters, kind: Kind = "mechanism"
                 for key, item in value.items()
             }
 
+        # Arrays, then single values.
         item_part = part.get("items")
         if isinstance(value, Sequence | np.ndarray) and not isinstance(value, str):
             return tuple(
@@ -245,7 +251,7 @@ def _is_met(condition: Table, table: Table) -> bool:
 
 
 def _check_format_version(document: Document) -> None:
-    """Raise `FileError` unless a document states the format that this version reads."""
+    """Raise `FileError` unless this version reads the format that a document names."""
     if "format" not in document.data:
         raise FileError(
             f"{document.name}:1: format: missing; files start with format = {FORMAT}"
@@ -269,7 +275,7 @@ def _unusable_numbers(data: Table) -> Iterator[_Fault]:
 
 
 def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
-    """Yield the faults that one error of `jsonschema` stands for.
+    """Yield the faults, a key path and a message each, that one error stands for.
 
     Parameters
     ----------
@@ -278,6 +284,7 @@ def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
     kind
         The kind of file.
     """
+    # The faulty value, the rule of the schema that it breaks, and what the rule demands.
     path: KeyPath = tuple(error.absolute_path)
     value = error.instance
     rule = error.validator

@@ -123,7 +123,7 @@ class _StudyReader:
         return load(path)
 
     def locked(self, mechanism: Mechanism) -> Mechanism:
-        """Return the mechanism with the pairs locked that the study locks."""
+        """Return the mechanism with the pairs locked under the study's key ``lock``."""
         if not self.data.get("lock"):
             return mechanism
         try:
@@ -132,7 +132,11 @@ class _StudyReader:
             raise self.document.fault(("lock",), str(error)) from None
 
     def with_inputs(self, mechanism: Mechanism) -> Mechanism:
-        """Return the mechanism with the inputs of the study and their ranges."""
+        """Return the mechanism with the inputs of the study and their ranges.
+
+        Inputs of the mechanism stay if the study names no other pairs. A range, or an end
+        of it, that the study does not give is that of the mechanism.
+        """
         input_tables = self.data.get("inputs", {})
         for pair in input_tables:
             if pair not in mechanism.pair_number:
@@ -172,9 +176,10 @@ class _StudyReader:
         return samples
 
     def input_path(self, mechanism: Mechanism) -> Floats | None:
-        """Return the inputs at every sample (samples, inputs) in rad, or None.
+        """Return the inputs at every sample (samples, inputs) in rad.
 
-        The study states them as a list ``values`` for every input.
+        They are the lists ``values`` of the inputs in the study, which have to be equally
+        long. None if no input has such a list.
         """
         input_tables = self.data.get("inputs", {})
         fault = self.document.fault
@@ -206,11 +211,25 @@ class _StudyReader:
         return np.array(columns).T
 
     def law(self, path: KeyPath, item: Table) -> Law:
-        """Return the time law of an input from its table, whose path is for messages."""
+        """Return the time law of an input from its table.
+
+        Parameters
+        ----------
+        path
+            Path of the table, for messages.
+        item
+            The table, with the kind of the law and its numbers.
+
+        Raises
+        ------
+        FileError
+            If the numbers are no such law, or a table of the law is shorter than the study.
+        """
         kind: Callable[..., Law] = KINDS[item["kind"]]
         try:
             law = construct_element(kind, item)
         except ModelError as error:
+            # Messages of time laws begin with the name of the field, which is the key.
             key, _, message = str(error).partition(": ")
             raise self.document.fault((*path, key), message) from None
         duration = self.data.get("duration")

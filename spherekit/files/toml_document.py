@@ -302,6 +302,7 @@ def _syntax_message(text: str, name: str, parser_message: str) -> str:
     parser_message
         The message of `tomllib`, which ends with the position of the fault.
     """
+    # The message without its position, and the line and column as numbers.
     lines = text.split("\n")
     match = _PARSER_MESSAGE.fullmatch(parser_message)
     problem = match[1] if match else parser_message
@@ -312,6 +313,8 @@ def _syntax_message(text: str, name: str, parser_message: str) -> str:
         line = len(text.rstrip("\n").split("\n"))
         position = "at the end: "
 
+    # A table that is given twice: name its first line too. The message has the path as a
+    # tuple of quoted keys.
     repeated = _REPEATED_TABLE.search(problem)
     if repeated:
         path = tuple(re.findall(r"'([^']*)'", repeated[1]))

@@ -128,7 +128,9 @@ def convert_to_model(document: Document, data: Table, kind: Kind = "mechanism") 
     """
     unit: AngleUnit = document.data.get("angle_unit", "rad")
 
+    # Each converter takes the path of the key, for messages, and the value in the file.
     def convert_angle(path: KeyPath, number: float) -> float:
+        """Return an angle in rad; refuse numbers that look like degrees."""
         if unit == "rad" and abs(number) > MAX_PLAUSIBLE_RAD:
             raise document.fault(
                 path,
@@ -138,15 +140,18 @@ def convert_to_model(document: Document, data: Table, kind: Kind = "mechanism") 
         return to_radians(number, unit)
 
     def convert_unlimited_angle(path: KeyPath, number: float) -> float:
+        """Return an angle or a rate in rad, of any size."""
         return to_radians(number, unit)
 
     def convert_xyz(path: KeyPath, components: Any) -> Vector:
+        """Return the unit vector with three components."""
         try:
             return unit_vector(as_vector(components))
         except ValueError as error:
             raise document.fault(path, str(error)) from None
 
     def convert_lonlat(path: KeyPath, angles: Any) -> Vector:
+        """Return the unit vector at a longitude and a latitude."""
         longitude, latitude = (
             convert_angle((*path, index), angle) for index, angle in enumerate(angles)
         )
@@ -156,8 +161,10 @@ def convert_to_model(document: Document, data: Table, kind: Kind = "mechanism") 
             raise document.fault(path, str(error)) from None
 
     def convert_series(path: KeyPath, numbers: Any) -> tuple[float, ...]:
+        """Return an array of plain numbers without units."""
         return tuple(map(float, numbers))
 
+    # By the names of the parts of the schema that declare the values.
     converters: Converters = {
         "angle": convert_angle,
         "travel": convert_unlimited_angle,  # ranges of inputs may have many turns
@@ -170,7 +177,15 @@ def convert_to_model(document: Document, data: Table, kind: Kind = "mechanism") 
 
 
 def convert_to_file(data: Table, unit: AngleUnit) -> Any:
-    """Return data of the model with angles and rates as numbers of a mechanism file."""
+    """Return data of the model with angles and rates in the unit of a mechanism file.
+
+    Parameters
+    ----------
+    data
+        Tables with angles in rad.
+    unit
+        The unit of angles in the file.
+    """
 
     def convert_angle(path: KeyPath, angle: float) -> LiteralNumber:
         return LiteralNumber(to_text(angle, unit))

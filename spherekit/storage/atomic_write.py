@@ -39,7 +39,7 @@ _REASONS = {
 
 @contextmanager
 def _raise_output_error(path: AnyPath, what: str) -> Iterator[None]:
-    """Convert the errors of a ``with`` block into `OutputError`.
+    """Convert the errors `OSError` and `ValueError` of a ``with`` block into `OutputError`.
 
     Impossible names are refused before the block runs.
 
@@ -79,6 +79,7 @@ def check_folder(path: AnyPath) -> None:
         If it cannot be created, or cannot be changed.
     """
     with _raise_output_error(path, "made"):
+        # The innermost part of the path that exists. The rest is created in it.
         folders = (Path(path), *Path(path).parents)
         existing = next(folder for folder in folders if folder.exists())
         is_target = existing == Path(path)
@@ -194,6 +195,8 @@ def open_for_writing(path: AnyPath) -> Iterator[BinaryIO]:
     with _raise_output_error(path, "written"):
         target = Path(path).resolve()
         _check_replaceable(target)
+        # The random part keeps programs apart that write the same file. The name is cut
+        # because the length of file names is limited.
         unfinished = target.with_name(f".{target.name[:100]}.{os.urandom(4).hex()}.part")
         descriptor = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         try:

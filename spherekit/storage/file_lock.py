@@ -21,15 +21,20 @@ NO_LOCKS_ERRORS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 
 
 def acquire_lock(path: Path) -> BaseFileLock | str:
-    """Lock a file and return the lock; if another program has it, return who that is.
+    """Lock a file, or find out which other program has locked it.
 
-    The program that has the lock writes its name into the file. A file that is left behind
-    by an ended program locks nothing.
+    The program that has the lock writes its process number into the file. A file that is
+    left behind by an ended program locks nothing.
 
     Parameters
     ----------
     path
         The lock file, which is created with the folders around it.
+
+    Returns
+    -------
+    The lock, which has to be released or ends with the program. If another program has it,
+    a text that names this program.
 
     Raises
     ------
@@ -42,7 +47,8 @@ def acquire_lock(path: Path) -> BaseFileLock | str:
             f"{str(path)!r} is not the lock of spherekit that belongs there; choose "
             "another folder, or move it away"
         )
-    lock = FileLock(path, 0.1, fallback_to_soft=False, on_acquired=_write_owner)
+    # Another program may have the lock for a moment only, so 0.1 s are waited.
+    lock = FileLock(path, timeout=0.1, fallback_to_soft=False, on_acquired=_write_owner)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock.acquire(poll_interval=0.01)

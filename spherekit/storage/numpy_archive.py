@@ -72,7 +72,7 @@ def write_archive(
     heading: Mapping[str, Any],
     arrays: Mapping[str, Any],
 ) -> None:
-    """Write a heading and arrays to an archive.
+    """Write a heading and arrays to a NumPy archive (.npz) that ends with its checksum.
 
     Parameters
     ----------
@@ -98,6 +98,8 @@ def write_archive(
     stream = io.BytesIO()
     header = np.array(json.dumps(entries, indent=1))
     np.savez_compressed(stream, header=header, **arrays)
+    # The comment is the last part of a zip file. It is written with zeros in the place of
+    # the checksum, so that the length is right, and the zeros are then replaced.
     with zipfile.ZipFile(stream, "a") as archive:
         archive.comment = CHECKSUM_MARK + bytes(CHECKSUM_LENGTH)
     content = stream.getvalue()[:-CHECKSUM_LENGTH]
@@ -114,7 +116,7 @@ def read_archive(
     archive_format: ArchiveFormat,
     construct: Callable[[dict[str, Any], dict[str, Array]], Content],
 ) -> Content:
-    """Return the content of an archive.
+    """Return the content of an archive that `write_archive` wrote.
 
     Parameters
     ----------
