@@ -107,7 +107,9 @@ class Crossing(NamedTuple):
 def find_crossing(closure: Closure, values: Floats) -> Crossing | None:
     """Return the crossing near a configuration (variables,), None if there is none.
 
-    The largest possible number of independent motions is tried first.
+    At a crossing, several curves of configurations meet: the closure Jacobian has a lower
+    rank, so that the loops allow several independent motions. The largest possible number
+    of these is tried first.
     """
     _, singular_values, _ = np.linalg.svd(closure.at(values[None]).jacobian[0])
     rank = int(np.sum(singular_values > MAX_NULL_RATIO * singular_values[0]))
@@ -138,6 +140,8 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
     rank = int(
         np.sum(singular_values >= MOTION_RATIO * max(singular_values[0], MOTION_RATIO))
     )
+    # Motions that keep the loops closed to first order. The curves are searched on a small
+    # sphere in the space of these motions.
     motions = right_vectors[rank:]
     if not len(motions):
         return motions
@@ -176,6 +180,10 @@ def _spread_unit_vectors(count: int) -> Floats:
 def _solve_crossing(closure: Closure, start: Floats, freedoms: int) -> Crossing | None:
     """Solve the equations of a crossing with the Gauss-Newton method.
 
+    With the closure residual F and its Jacobian J at x, they are F(x) = 0 and l J(x) T = 0
+    for every l. The columns of T are the k independent motions (right singular vectors),
+    and l are the left singular vectors, whose singular values are zero at the crossing.
+
     Parameters
     ----------
     closure
@@ -200,8 +208,8 @@ def _solve_crossing(closure: Closure, start: Floats, freedoms: int) -> Crossing 
         left_vectors, singular_values, right_vectors = np.linalg.svd(jacobian)
         left_null_vectors = left_vectors[:, rank:]
         motions = right_vectors[rank:]
-        # b is the variable of the derivative, m an equation, l a left null vector, k a
-        # motion and a its variable.
+        # Derivatives of l J T by x. In the sum, b is the variable of the derivative, m an
+        # equation, l a left null vector, k a motion and a its variable.
         rates = compute_jacobian_rates(closure, x)
         bends = np.einsum("bma,ml,ka->lkb", rates, left_null_vectors, motions)
         if has_converged or iteration == MAX_CROSSING_STEPS:
@@ -223,6 +231,7 @@ def _solve_crossing(closure: Closure, start: Floats, freedoms: int) -> Crossing 
     miss = float(max_abs(np.append(residual, singular_values[rank:])))
     if miss > CROSSING_TOLERANCE or error > MAX_LAST_CORRECTION_RAD:
         return None
+    # The second-order terms decide in which directions real curves leave the crossing.
     forms = bends @ motions.T
     directions = _find_directions(0.5 * (forms + np.swapaxes(forms, 1, 2)))
     is_resolved = directions is not None
@@ -269,7 +278,9 @@ def _find_directions(forms: Floats) -> Floats | None:
     _, singular_values, right_vectors = np.linalg.svd(forms[:, *upper])
     if singular_values[0] < MIN_SECOND_ORDER or size not in (2, 3):
         return None
-    # k - 1 independent forms have finitely many common zeros on the unit sphere.
+    # The singular values show how many forms are independent, and the right singular
+    # vectors are independent forms with the same zeros. k - 1 of them have finitely many
+    # common zeros on the unit sphere.
     if np.sum(singular_values > MIN_SECOND_ORDER * singular_values[0]) != size - 1:
         return None
     independent_forms = np.zeros((size - 1, size, size))
@@ -279,10 +290,15 @@ def _find_directions(forms: Floats) -> Floats | None:
 
 
 def _find_common_zeros(forms: Floats) -> Floats | None:
-    """Return the unit vectors (n, k) at which k - 1 forms (k - 1, k, k) vanish.
+    """Return the unit vectors y (n, k) at which k - 1 quadratic forms y . B y vanish.
 
     Newton's method starts from vectors spread over the sphere. A vector and its opposite
     are one. The result is None if two zeros coincide, or nearly.
+
+    Parameters
+    ----------
+    forms
+        (k - 1, k, k) the symmetric matrices B.
     """
     y = _spread_unit_vectors(forms.shape[1])
     for _ in range(MAX_CROSSING_STEPS):

@@ -150,7 +150,11 @@ def bordered_reciprocal_condition(equations: Floats, inverse: Floats) -> Floats:
 def curve_points(
     closure: Closure, values: Floats, borders: Floats
 ) -> tuple[CurvePoints, Linearisation]:
-    """Return the configuration curves at closed configurations.
+    """Return the tangents and second derivatives of the curves at closed configurations.
+
+    Both follow from the closure Jacobian J with a border row b (the bordered Jacobian): the
+    tangent t from J t = 0, the second derivative from J dt/ds + bias = 0, where the bias is
+    dJ/ds t.
 
     Parameters
     ----------
@@ -219,6 +223,9 @@ def correct(
 def bordered_step(linearisation: Linearisation, borders: Floats, misses: Floats) -> Floats:
     """Return Newton's steps (n, variables) for the closure and a linear equation.
 
+    The linear equation, border . values = target, selects a point of the curve of closed
+    configurations.
+
     Parameters
     ----------
     linearisation
@@ -228,6 +235,7 @@ def bordered_step(linearisation: Linearisation, borders: Floats, misses: Floats)
     misses
         (n,) by how much border . values has to grow.
     """
+    # The last column of the inverse belongs to the linear equation.
     inverse = left_inverse(bordered(linearisation.jacobian, borders))
     steps = np.einsum("nij,nj->ni", inverse[:, :, :-1], -linearisation.residual)
     return steps + inverse[:, :, -1] * misses[:, None]

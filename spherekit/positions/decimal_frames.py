@@ -53,6 +53,9 @@ def _frames_from_pose(
 ) -> dict[int, Frames]:
     """Return the frames of pairs whose axes are given in a reference pose.
 
+    The frames have quad precision and follow from the decimal numbers of the file, not from
+    the nearest float64 numbers. The z axis of a frame is the pair axis.
+
     Parameters
     ----------
     mechanism
@@ -62,6 +65,10 @@ def _frames_from_pose(
         that float64 numbers print as the decimals of the file.
     document
         The mechanism as a file in degrees, with the values of pairs in the pose.
+
+    Returns
+    -------
+    For the number of each pair its frames (3, 3) in the first and in the second link.
     """
     values = _angles_of_pairs(document, "value")
     frames: dict[int, Frames] = {}
@@ -82,6 +89,9 @@ def _frames_from_sizes(
 ) -> dict[int, Frames]:
     """Return the frames of pairs from the arcs and angles of the links.
 
+    The frames have quad precision and follow from the decimal numbers of the file, not from
+    the nearest float64 numbers. The z axis of a frame is the pair axis.
+
     Parameters
     ----------
     mechanism
@@ -90,6 +100,10 @@ def _frames_from_sizes(
         Its links with their sizes, in rad.
     document
         The mechanism as a file in degrees.
+
+    Returns
+    -------
+    For the number of each pair its frames (3, 3) in the first and in the second link.
     """
     links = geometry.links
     float_axes = {link: axes_from_sizes(sizes) for link, sizes in links.items()}
@@ -103,6 +117,8 @@ def _frames_from_sizes(
             name: np.asarray(axis, dtype=quad())
             for name, axis in axes_from_sizes(exact_sizes).items()
         }
+    # The zero of a pair is the angle from the x axis of its first frame at which its
+    # variable is zero.
     zeros = _angles_of_pairs(document, "zero")
     frames: dict[int, Frames] = {}
     for number, pair in enumerate(mechanism.pairs):

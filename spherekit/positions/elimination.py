@@ -64,8 +64,11 @@ class EliminationResult:
 def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
     """Compute all real solutions of the arc equations of a group at one sample.
 
-    Elimination orders are tried until the checks of one succeed. If all of them fail, the
-    solutions of all orders are returned together.
+    The group becomes a tree of bodies if some links with two pairs are removed. Each of
+    these links gives an arc equation in the angles of the tree. An elimination order says
+    which links are removed, and in which order the angles are eliminated. Orders are tried
+    until the checks of one succeed. If all of them fail, the solutions of all orders are
+    returned together.
 
     Parameters
     ----------

@@ -98,10 +98,14 @@ def has_elimination(group: Group) -> bool:
 
 @lru_cache
 def find_binary_links(group: Group) -> tuple[BinaryLink, ...]:
-    """Return the binary links of a group, by rising position of the body."""
+    """Return the binary links of a group, by rising position of the body.
+
+    A binary link is a body with two pairs that join it to two different bodies.
+    """
     binary_links = []
     for body in range(len(group.bodies)):
         pairs = [pair for pair, ends in enumerate(group.ends) if body in ends]
+        # The sum of both ends less one end is the other one.
         neighbours = [sum(group.ends[pair]) - body for pair in pairs]
         if len(pairs) == len(set(neighbours)) == 2:
             binary_links.append(
@@ -114,8 +118,10 @@ def find_binary_links(group: Group) -> tuple[BinaryLink, ...]:
 def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
     """Return the elimination orders with the fewest complex solutions.
 
-    At most `MAX_ORDERS` are returned, the same ones each time; none if the group has no
-    elimination.
+    An order consists of links with two pairs, one for each loop, whose removal makes the
+    group a tree, and of the sequence in which their equations are solved for the angles of
+    the tree. At most `MAX_ORDERS` are returned, the same ones each time; none if the group
+    has no elimination.
     """
     orders = []
     for removed_links in combinations(find_binary_links(group), group.loops):
@@ -135,6 +141,7 @@ def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
             link: find_tree_path(group, tree_pairs, *link.neighbours)
             for link in removed_links
         }
+        # All sequences of the unknown angles, and of the equations of the removed links.
         for ordered_pairs in permutations(tree_pairs):
             for ordered_links in permutations(removed_links):
                 # The elimination treats the last two equations alike, so only one of their

@@ -48,7 +48,8 @@ MAX_STEPS = 4
 def bound_by_newton(sensitivity: Floats, gap: Floats, curvature: Floats) -> Floats:
     """Return bounds (n,) in rad of the errors of variables by Kantorovich's theorem.
 
-    The first step of Newton's method is at most `sensitivity` times `gap`, and the path to
+    J is the derivative of the loop residuals by the variables that are not inputs. The
+    first step of Newton's method is at most `sensitivity` times `gap`, and the path to
     the solution is at most twice as long. The bound is infinite if the theorem does not
     apply.
 
@@ -111,6 +112,10 @@ def place_at_folds(
 ) -> FoldPlacement:
     """Improve configurations at folds, and bound their errors.
 
+    At a fold two configurations meet at one input, where the input has a dead centre. Loops
+    that are moved from the configuration along the nearly free direction open by a
+    quadratic function. Its nearest root is the improved configuration.
+
     Parameters
     ----------
     closure
@@ -138,6 +143,7 @@ def place_at_folds(
     equations = 3 * len(closure.tree.chords)
     if not len(rows) or not 0 < len(free) <= equations:
         return placement
+    # Steps to the nearest root of the quadratic function, which is updated each time.
     closure = closure.take(rows)
     stepped = values[rows]
     for _ in range(MAX_STEPS):
@@ -150,6 +156,8 @@ def place_at_folds(
     fold = _FoldModel(linearisation, free)
     values[rows] = stepped
 
+    # Bounds: by Newton's theorem where it applies, otherwise by the quadratic function. The
+    # gaps are components by which loops may be open, the second one by rounded inputs.
     gap = linearisation.closure_residual + rounding_of_loops(linearisation)
     newton_error = bound_by_newton(fold.sensitivity, gap, curvature_bound(linearisation))
     input_rounding = INPUT_ROUNDING * np.maximum(1.0, max_abs(stepped[:, driven], axis=1))
@@ -181,9 +189,11 @@ class _FoldModel:
     """
 
     def __init__(self, linearisation: Linearisation, free: Indices) -> None:
-        """Compute the coefficients of the quadratic model.
+        """Compute the coefficients of the quadratic f(x) = e + s x + h x^2 / 2.
 
-        `free` are the numbers of the variables that are not inputs.
+        J is the closure Jacobian by the variables that are not inputs, with the numbers
+        `free`. s is its smallest singular value, v (`_direction`) and u (`_side`) are the
+        right and left singular vectors. Loops moved by x along v are open along u by f.
         """
         self._linearisation = linearisation
         self._free = free
@@ -209,6 +219,7 @@ class _FoldModel:
     def _close_other_equations(self, residual: Floats) -> Floats:
         """Return the step (n, free) that closes the loops in all directions but u.
 
+        u is the left singular vector of the smallest singular value of the Jacobian.
         `residual` (n, equations) is that of the loops, in rad.
         """
         sizes = self._sizes[:, :-1]
@@ -227,6 +238,11 @@ class _FoldModel:
 
     def bound_errors(self, closure: Closure, gap: Floats) -> Floats:
         """Return bounds (n,) in rad of the distance of both roots from the configurations.
+
+        Loops moved by x along v (`_direction`) are open along u (`_side`) by
+        f(x) = e + s x + h x^2 / 2, where s is the slope and h the curvature. If e is known
+        to g only, a simple root is known to g / s, and both roots near a fold to about the
+        root of 2 g / |h|. The bound is checked with the residuals at its two ends.
 
         Parameters
         ----------

@@ -110,6 +110,7 @@ def make_gear_phases(
     -------
     The rolled lengths; None if the mechanism has no rolling contact.
     """
+    # Variables that count how far two wheels have rolled on each other.
     rolling = [variable for variable, _ in list_rolling_variables(closure.joints)]
     if not rolling:
         return None
@@ -123,6 +124,7 @@ def make_gear_phases(
             periods=nans(len(anchor)),
             all_known=False,
         )
+    # `owners` has the pair of each variable.
     variables = [v for v in rolling if closure.tree.owners[v] in train.contacts]
     ratios = train.length_ratios
     all_known = len(variables) == len(rolling)
@@ -159,6 +161,8 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
     """
     # Keys are rounded lengths, so that equal lengths occur once.
     lengths = {round(length / SAME_ROLLED_LENGTH_RAD): length}
+    # A joint of two wheels has the lengths of both circles. Laps of the shorter one are
+    # tried over half of the longer one in each direction.
     for lap_length in joint.closed_lengths:
         least = length - lap_length * round(length / lap_length)
         max_laps = int(np.ceil(0.5 * max(joint.closed_lengths) / lap_length))
@@ -189,6 +193,7 @@ def _find_input_period(lap_lengths: Floats, ratios: Floats) -> float:
     never_returns = np.isinf(lap_lengths) & (np.abs(ratios) > GEAR_RATIO_TOLERANCE)
     if np.any(never_returns):
         return np.inf
+    # If a contact makes p / q laps in one revolution of the input, it needs q revolutions.
     revolutions = 1
     for laps_per_revolution in TURN * ratios / lap_lengths:
         fraction = Fraction(float(laps_per_revolution)).limit_denominator(MAX_TEETH)

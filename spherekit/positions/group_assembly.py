@@ -64,6 +64,9 @@ class AssemblyState:
     ) -> "AssemblyState":
         """Return the state in which only the inputs are placed.
 
+        A body is a set of links whose relative orientations are known. At first these are
+        the links that inputs join.
+
         Parameters
         ----------
         mechanism, joints
@@ -142,6 +145,8 @@ class AssemblyState:
     def merge(self, group: Group, rotations: Floats) -> None:
         """Merge the bodies of a group into its first body, in place.
 
+        A body is a set of links whose orientations are given in the axes of the body.
+
         Parameters
         ----------
         group
@@ -206,8 +211,8 @@ def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floa
         group.dyad_parity * sign,
         state.slack,
     )
-    # Near a dead centre, errors grow by the reciprocal of the sine, and at it to their
-    # square root.
+    # The slack is the error of the axes that were placed. Near a dead centre it grows by
+    # the reciprocal of the sine, and at it to its square root.
     grown_slack = state.slack / np.maximum(closure.sine, np.sqrt(REACH_SLACK))
     state.slack = np.minimum(grown_slack, np.sqrt(REACH_SLACK))
     state.slenderness = np.minimum(state.slenderness, closure.slenderness)
@@ -233,7 +238,11 @@ def group_tree(group: Group, joints: Sequence[Joint]) -> LoopTree:
 
 
 def group_closure(state: AssemblyState, group: Group) -> Closure:
-    """Return the loop closure of a group's bodies, at the samples of a state."""
+    """Return the loop closure of a group's bodies, at the samples of a state.
+
+    The bodies are sets of links that are placed already. For each pair of the group, the
+    closure needs the rotations from its two links to their bodies.
+    """
     body_from_first, body_from_second = (
         np.stack([state.within[state.ends[pair][side]] for pair in group.pairs], axis=1)
         for side in (0, 1)
@@ -274,7 +283,7 @@ def find_train_paths(
     Parameters
     ----------
     group
-        The train.
+        The train. Its first body is placed already.
     fixed_pairs
         Numbers of the R pairs whose angles are known from the inputs.
 
@@ -301,7 +310,7 @@ def place_train_bodies(
     Parameters
     ----------
     group
-        The train.
+        The train: bodies (sets of links) that R pairs and rolling contacts join.
     within
         Rotations (..., 3, 3) from the axes of each link to those of its body, by the number
         of the link. They are real, or complex for complex assembly modes.

@@ -48,6 +48,8 @@ def _equalise_directions(jacobians: Floats) -> Floats:
     components across it by the second. All loops are scaled alike, so that the rank of the
     Jacobian does not change.
     """
+    # Axes of `loops`: sample, loop, component of the vector, variable. In `vectors`, the
+    # columns are the vectors of all loops and variables.
     n, rows, count = jacobians.shape
     loops = jacobians.reshape(n, rows // 3, 3, count)
     vectors = np.moveaxis(loops, 2, 1).reshape(n, 3, rows // 3 * count)

@@ -104,6 +104,7 @@ def find_group_configurations(
             configurations = sorted(distinct.values, key=mode_sort_key)
             return configurations, SolutionMethod(description, doubt)
         description = f"{SEARCH.description} ({problem})"
+    # No elimination, or a doubtful one: the search adds to what elimination has given.
     statistics = search_group(closure, distinct, start_values)
     description = f"{description}: {statistics.describe('modes')}"
     if distinct.is_truncated or len(distinct.values) >= MAX_MODES:

@@ -55,7 +55,8 @@ class InputGrid:
         (2 axes, n) indices of samples. Row 2 a is the next sample along axis a, and row
         2 a + 1 the previous one. At a border of the grid the index is -1.
         """
-        # A border of -1 around the grid, which is shifted along each axis in both senses.
+        # The numbers of the samples with a border of -1 around the grid. Shifted by one
+        # along an axis, the array has the neighbour of each sample in the place of it.
         padded = np.pad(np.arange(len(self)).reshape(self.shape), 1, constant_values=-1)
         interior = (slice(1, -1),) * len(self.shape)
         rows = []

@@ -93,8 +93,9 @@ def nodes_at(
 ) -> InputPathNodes:
     """Return closed configurations with their derivatives as the inputs move.
 
-    The closure equations give the derivatives: J v' = 0, and J v'' + bias = 0, where v are
-    all variables and J is the closure Jacobian.
+    The derivatives are by the distance that the inputs move. The closure equations give the
+    derivatives: J v' = 0, and J v'' + bias = 0, where v are all variables and J is the
+    closure Jacobian.
 
     Parameters
     ----------
@@ -190,6 +191,12 @@ def _try_steps(
         (k,) lengths of the steps (rad). A step that would pass the goal is shortened.
     q
         (k, inputs) goals of the inputs (rad).
+
+    Returns
+    -------
+    The ends of the steps, and which steps passed all tests: Newton's method starts near its
+    solution, the determinant with locked inputs keeps its sign, contacts stay within their
+    profiles, and the direction of motion turns little.
     """
     inputs = nodes.values[:, driven]
     rest = np.vecdot(q - inputs, nodes.direction)
@@ -209,6 +216,7 @@ def _try_steps(
     predicted_move = max_abs(prediction - nodes.values, axis=1)
     predicted_move = np.minimum(LARGEST_PREDICTED_MOVE_RAD, predicted_move)
     is_verified &= INPUT_STEP_TESTS.accepts_correction(step_sizes, predicted_move)
+    # `sign` is that of the determinant of the closure Jacobian with locked inputs.
     new_nodes = nodes_at(linearisation, driven, nodes.direction)
     is_verified &= (new_nodes.sign == nodes.sign) & all_finite(new_nodes.slope, 1)
     is_verified &= np.all(linearisation.states.inside, axis=1)
@@ -251,7 +259,8 @@ def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Sta
     states = linearisation.states
     limits = CurveLimits.of_mechanism(closure, {})
     margins, _ = limits.margins(values, states.curvatures, states.curvature_rates)
-    # Equal curvatures come last in the limits, and are examined first.
+    # The limits are ends of profiles, then equal curvatures of two profiles in contact. The
+    # latter are examined first. A margin is the distance from the limit.
     for status, margin in zip(reversed(limits.statuses), reversed(margins[0]), strict=True):
         is_contact_limit = status == Status.CURVATURE
         if margin < (
@@ -309,12 +318,17 @@ def follow_inputs(
         All nodes after the first ones are appended to this list.
     smallest_step
         A path ends where not even such a step (rad) is verified.
+
+    Returns
+    -------
+    The last configuration of each path, and why it ended.
     """
     displacement = q - values[:, driven]
     length = np.linalg.norm(displacement, axis=1)
     direction = displacement / np.maximum(length, 1e-300)[:, None]
     nodes = nodes_at(closure.at(values.copy()), driven, direction)
     status = np.full(len(q), Status.OK, dtype=np.int8)
+    # The first steps are limited only by what `_limit_steps` allows.
     steps = np.full(len(q), np.inf)
     tried_steps = np.zeros(len(q), dtype=np.intp)
     active = np.flatnonzero(length > 0.0)

@@ -30,6 +30,8 @@ def into_range(
     period
         Growth of the input (rad) after which configurations repeat.
     """
+    # `above` is the smallest shifted input that is not below the range, but for rounding,
+    # and `below` the one before it, which may be nearer to the range.
     is_periodic = np.isfinite(period)
     period = np.where(is_periodic, period, TURN)
     above = low + np.mod(q - low + RANGE_TOLERANCE_RAD, period) - RANGE_TOLERANCE_RAD
@@ -86,6 +88,8 @@ def turns_in_range(
     first = into_range(q, low, high, period)
     if not np.isfinite(period):
         return first, np.arange(len(first))
+    # In a range of k whole periods each input occurs k times. `whole_periods` is 0 if the
+    # length of the range is no whole number of periods: then only its length limits them.
     max_repeats = (whole_periods(low, high, period) or np.inf) - 1
     repeats = np.floor((high - first + RANGE_TOLERANCE_RAD) / period)
     repeats = np.clip(repeats, 0.0, max_repeats)

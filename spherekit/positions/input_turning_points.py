@@ -92,7 +92,8 @@ class InputTurningPoints(NamedTuple):
         """Return the inputs (n,) in rad at which all modes should be computed.
 
         There is one between two neighbouring inputs at which modes meet. In doubtful
-        intervals there are more, at most `step` (rad) apart.
+        intervals, in which such inputs may have been missed, there are more, at most `step`
+        (rad) apart.
         """
         crossed = np.clip(self.crossing_inputs, self.low, self.high)
         borders = [self.low, *self.places, *crossed, *self.doubtful.ravel(), self.high]
@@ -108,7 +109,11 @@ class InputTurningPoints(NamedTuple):
         return np.array(probes or [0.5 * (self.low + self.high)])
 
     def claim(self, step: float) -> Completeness:
-        """Return how complete the modes are that pass through ``probes(step)``."""
+        """Return how complete the modes are that pass through ``probes(step)``.
+
+        All modes are known if they were computed once between any two inputs at which modes
+        meet. Otherwise modes in intervals narrower than the `gap` may be missing.
+        """
         if self.low == self.high:
             return Completeness(Guarantee.COMPLETE, "all modes at the only input")
         gap = self.gap(step)
@@ -162,6 +167,11 @@ def find_input_turning_points(
         loops. If it takes longer, the whole range is doubtful.
     max_time_s
         Approximate time (s) after which the remaining intervals are doubtful.
+
+    Returns
+    -------
+    The inputs at which a function of the input changes its sign. There is one function for
+    each group of the mechanism, which does so where two modes of the group meet.
     """
     coalescence = make_mode_coalescence(solver, max_cost_s) if low < high else None
     if coalescence is None:

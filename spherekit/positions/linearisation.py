@@ -78,6 +78,7 @@ class Linearisation:
         """(n, bodies, 3, 3) rotations from body axes to the axes of body 0."""
         if self.known_rotations is not None:
             return self.known_rotations
+        # Bodies are placed along the pairs of a spanning tree, from body 0.
         rotations = np.empty((len(self.values), self.tree.count, 3, 3))
         rotations[:, 0] = _IDENTITY
         # Rotation from the axes of the second body of each pair to those of the first.
@@ -142,9 +143,10 @@ class Linearisation:
     def residual(self) -> Floats:
         """(n, equations) closure residuals (rad), zero if all loops are closed.
 
-        First come three components for each loop: the rotation vector from the frame of
-        the chord in its second body to its frame in the first body. Then follow the
-        differences of locked variables from the values at which they are locked.
+        A chord is a pair that is not in the spanning tree by which bodies are placed; it
+        closes one loop. First come three components for each loop: the rotation vector from
+        the frame of the chord in its second body to its frame in the first body. Then
+        follow the differences of locked variables from the values at which they are locked.
         """
         chords, firsts, seconds = self.tree.closing
         first_frames = self.rotations[:, firsts] @ self.states.first[:, chords]

@@ -195,7 +195,10 @@ class Closure:
         values = values.copy()
 
         def compute_steps(passive_values: Floats, rows: Indices) -> Floats:
-            """Return the Newton steps of the variables that are not fixed."""
+            """Return the Newton steps of the variables that are not fixed.
+
+            They are zero for rows that are closed up to rounding.
+            """
             all_values = values[rows]
             all_values[:, passive] = passive_values
             steps = np.zeros_like(passive_values)

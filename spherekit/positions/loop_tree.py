@@ -182,7 +182,8 @@ def rank_mobility(
     tree
         The loops.
     vectors
-        (n, variables, 3) velocity vector of each variable.
+        (n, variables, 3) velocity vector of each variable: the angular velocity of the
+        second body of its pair relative to the first one at unit rate.
     rank_tolerance
         Singular values below this part of the largest count as zero.
     """
@@ -199,7 +200,8 @@ def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
     tree
         The loops.
     vectors
-        (variables, 3) velocity vector of each variable in one configuration.
+        (variables, 3) velocity vector of each variable in one configuration: the angular
+        velocity of the second body of its pair relative to the first one at unit rate.
 
     Returns
     -------
