@@ -194,6 +194,9 @@ class Assembly(NamedTuple):
 def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     """Return the groups of a mechanism whose input pairs are locked.
 
+    A group is a set of bodies that become one rigid body when its pairs are closed. Groups
+    come in solving order: each uses bodies that earlier groups have formed.
+
     Parameters
     ----------
     mechanism
@@ -209,6 +212,7 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
         independent freedom, or a part is rigid.
     """
     inputs = driven_pairs(mechanism)
+    # The pebble game counts degrees of freedom. It is None if counting does not decide.
     _, pebble_game = check_mobility(mechanism, inputs, inputs[1:], by_rank)
     body_of_link = merge_locked_links(mechanism, inputs)
     open_pairs = [n for n in range(len(mechanism.pairs)) if n not in inputs]
@@ -267,6 +271,7 @@ def split_into_groups(
             "pairs are no structure that can just be assembled"
         )
 
+    # The smallest rigid part is a group, and becomes one body. Then the next one follows.
     groups: list[Group] = []
     while open_pairs:
         part = _find_smallest_part(pebble_game, open_pairs, body_of_link)
@@ -322,6 +327,7 @@ def _make_group(
         body: tuple(link for link, owner in enumerate(body_of_link) if owner == body)
         for body in chain(*bodies_of_pairs)
     }
+    # The base body first, the others in the order of their links.
     bodies = sorted(
         links_of_body, key=lambda body: (body != base_body, links_of_body[body])
     )
@@ -343,6 +349,16 @@ def _find_smallest_part(
     """Return the smallest rigid part that contains both bodies of a pair.
 
     Parts of equal size are taken in the order of the two bodies of the pair.
+
+    Parameters
+    ----------
+    pebble_game
+        Counts the degrees of freedom of all parts. With three free ones gathered on a body,
+        constraints lead from it to the bodies of its rigid part.
+    open_pairs
+        For the number of each pair that is not closed yet, its two links.
+    body_of_link
+        For each link the smallest link of its body.
     """
     couples = [sorted(body_of_link[link] for link in ends) for ends in open_pairs.values()]
     parts = []

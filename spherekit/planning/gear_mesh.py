@@ -123,6 +123,9 @@ def find_carried_contact(
 ) -> CarriedContact | None:
     """Find the carrier of a rolling contact that is reached by the fewest pairs.
 
+    A carrier is a link relative to which both wheels rotate, each about the centre of its
+    circle.
+
     Parameters
     ----------
     mechanism
@@ -151,6 +154,8 @@ def find_carried_contact(
         for track in joints[number].contact_profiles
     )
     allowed_pairs = range(len(joints)) if pairs is None else pairs
+    # R pairs with their axes in both links, by number of the pair. For each wheel, the
+    # links relative to which it rotates about its centre.
     hinges = {n: revolute(joints[n]) for n in allowed_pairs if joints[n].has_axis}
     axes = {n: (hinge.first[:, 2], hinge.second[:, 2]) for n, hinge in hinges.items()}
     first_link, second_link = mechanism.ends[number]

@@ -109,6 +109,7 @@ def find_gear_train(
     The train. None if the mechanism has no rolling contacts, or if the contacts do not
     determine the angles that they relate.
     """
+    # Contacts of two wheels that rotate on a common link, the carrier.
     joints = make_joints(mechanism)
     numbers = rolling_contacts(joints)
     carried = [
@@ -182,7 +183,10 @@ def _solve_train(
 ) -> GearTrain | None:
     """Return the train of contacts whose relations determine the angles of all followers.
 
-    Some contacts may repeat others. They are assembled as the others require.
+    Each contact makes a sum of pair variables with constant factors constant. Followers are
+    the pairs in these sums that are not driven. With the factors F of the followers and G
+    of the inputs, the derivatives of the follower angles by the inputs are -F^-1 G. Some
+    contacts may repeat others. They are assembled as the others require.
 
     Parameters
     ----------
@@ -212,6 +216,7 @@ def _solve_train(
     length_ratios = -(first_slopes @ ratios + relations.first_factors[:, inputs])
     contact_numbers = [contact.mesh.contact for contact in contacts]
     rolled = np.full((len(contacts), 2), np.nan)
+    # The constants: from the reference pose, or so that wheels have rolled least.
     if reference is not None:
         reference_inputs, reference_angles, reference_lengths = (
             reference[[mechanism.variables_of(pair)[0] for pair in pairs]]
@@ -233,8 +238,10 @@ def _solve_train(
         if turns is None:
             return None
         rolled[independent] += turns * circumferences[independent]
+        # Angles at inputs of zero. Points of contact are equally far along both circles.
         differences = rolled[independent, 0] - rolled[independent, 1]
         offsets = np.linalg.solve(matrix, differences)
+        # Contacts that repeat others have to fit to these angles.
         for k in set(range(len(contacts))) - set(independent):
             fitting = _find_fitting_lengths(
                 rolled[k], circumferences[k], follower_factors[k] @ offsets

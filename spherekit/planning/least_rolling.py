@@ -96,5 +96,7 @@ def index_of_least_rolled(rolled: Floats) -> Indices:
         (n, m) rolled lengths (rad) of m contacts in n assemblies. The sum of their absolute
         values decides, and then the lengths one after the other, the largest first.
     """
+    # Lengths are rounded, so that equal ones do not decide. `lexsort` takes the last key
+    # first.
     keys = np.column_stack([np.sum(np.abs(rolled), axis=1), -rolled])
     return np.lexsort(np.round(keys / SAME_ROLLED_LENGTH_RAD).T[::-1])[0]

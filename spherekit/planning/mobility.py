@@ -52,11 +52,14 @@ class PebbleGame:
     """
 
     def __init__(self, body_count: int) -> None:
+        """Start with bodies that no constraint joins."""
         self.free_pebbles = [BODY_FREEDOMS] * body_count
         self.constraint_targets: list[list[int]] = [[] for _ in range(body_count)]
 
     def gather_pebbles(self, body: int, count: int, keep: Sequence[int] = ()) -> int:
         """Move free pebbles to a body until it has enough of them, if possible.
+
+        A free pebble is a degree of freedom of a body that no constraint has taken.
 
         Parameters
         ----------
@@ -79,8 +82,10 @@ class PebbleGame:
     def _fetch_pebble(self, body: int, visited: set[int]) -> bool:
         """Move one free pebble to a body along constraints, and reverse these.
 
-        The search is depth first and does not enter bodies that were visited. The result is
-        False if no free pebble can be reached.
+        A constraint of the body holds one of its pebbles and points to another body. If
+        that body gives a free pebble instead, the constraint points back. The search is
+        depth first and does not enter bodies in `visited`, which is changed in place. The
+        result is False if no free pebble can be reached.
         """
         for target in self.constraint_targets[body]:
             if target in visited:
@@ -140,7 +145,10 @@ class PebbleGame:
         return self.reachable_bodies([body_a, body_b])
 
     def merge_bodies(self, part: set[int], into: int) -> None:
-        """Replace a rigid part by one of its bodies, which has three free pebbles then."""
+        """Replace a rigid part by one of its bodies, which has three free pebbles then.
+
+        A pebble is a degree of freedom of a body. The other bodies of the part lose theirs.
+        """
         self.gather_pebbles(into, BODY_FREEDOMS)
         for body, targets in enumerate(self.constraint_targets):
             if body in part:
@@ -285,6 +293,9 @@ def play_on_bodies(
 ) -> tuple[PebbleGame, bool]:
     """Play the pebble game with bodies that consist of links, and some of the pairs.
 
+    The game counts degrees of freedom: each body begins with three, and each constraint of
+    a pair removes one of them unless it is redundant.
+
     Parameters
     ----------
     mechanism
@@ -320,6 +331,15 @@ def _play_with_locked_inputs(
     mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]
 ) -> tuple[tuple[int, ...], PebbleGame]:
     """Play the pebble game with locked inputs, and merge the parts that are rigid then.
+
+    The game counts degrees of freedom of all parts of the chain.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    driven, locked
+        Numbers of all driven pairs, and of those that are locked.
 
     Returns
     -------

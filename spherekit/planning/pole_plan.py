@@ -316,8 +316,11 @@ def roman_numeral(number: int) -> str:
 def table_cells(plan: Plan) -> list[list[str]]:
     """Return the entries of the pole table, row by row, without the names of the bodies.
 
-    A primary pole has an x, another one the Roman number of its pass. A star marks poles
-    that follow from the equations of an irreducible part. Poles outside the plan are empty.
+    The table has a row and a column for each body. The pole of two bodies is the axis of
+    their relative rotation. A primary pole, which is the axis or contact line of a pair,
+    has an x, another one the Roman number of the pass that finds it. A star marks poles
+    that follow from the velocity equations of an irreducible part. Poles outside the plan
+    are empty.
     """
     starred_poles = {
         pole

@@ -30,6 +30,9 @@ def plan(
 ) -> Plan:
     """Return the plan for some poles (all by default) while one input moves.
 
+    A pole is the axis of the relative rotation of two links. The plan lists the steps by
+    which poles follow from each other.
+
     Parameters
     ----------
     mechanism
@@ -119,8 +122,10 @@ def plans(mechanism: Mechanism, by_rank: bool = False) -> tuple[Plan, ...]:
 def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
     """Return the plan with only those steps from which the requested poles follow.
 
-    For each pole the two lines that need the fewest other poles are kept, and every further
-    line whose poles are in the plan anyway.
+    A pole P_ij (the axis of the relative rotation of two bodies) lies on lines: the great
+    circles through P_ik and P_jk for third bodies k, and contact planes. For each pole the
+    two lines that need the fewest other poles are kept, and every further line whose poles
+    are in the plan anyway.
 
     Parameters
     ----------
@@ -162,8 +167,10 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
 def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
     """Return the poles from which each pole of a plan follows.
 
-    A secondary pole has the sources of the lines with the fewest ancestors. The poles of an
-    irreducible part have the primary poles of its pairs.
+    A primary pole is the axis or contact line of a pair and needs no other. A secondary
+    pole has the sources of the lines with the fewest ancestors, which are the poles that
+    have to be computed before it. The poles of an irreducible part have the primary poles
+    of its pairs.
     """
     # The ancestors of a pole are the poles to be computed until it is known, with itself.
     # Primary poles cost nothing.
@@ -191,6 +198,9 @@ def _choose_cheapest_lines(
     coaxial: Sequence[tuple[frozenset[int], int]],
 ) -> tuple[tuple[int, ...], frozenset[Pole]]:
     """Return the third bodies of the great circles that need the fewest other poles.
+
+    A third body k gives the great circle through the poles P_ik and P_jk, on which P_ij
+    lies. Two lines determine P_ij: such circles, or contact planes.
 
     Parameters
     ----------

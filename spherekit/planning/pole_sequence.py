@@ -50,6 +50,7 @@ class KnownPoles:
     """
 
     def __init__(self, partners: Iterable[Iterable[int]]) -> None:
+        """Begin with known poles: for each body, the bodies with which it has one."""
         self.partners = [set(bodies) for bodies in partners]
 
     def copy(self) -> "KnownPoles":
@@ -76,6 +77,11 @@ class KnownPoles:
 def find_all_steps(chain: Plan, pebble_game: PebbleGame | None) -> list[Step]:
     """Return the steps that give all poles of a chain.
 
+    A pole is the axis of the relative rotation of two bodies. First come the primary poles,
+    which are axes and contact lines of pairs. Each pass then adds the poles that lie on two
+    lines given by earlier poles. If there are none, a part of the chain is solved from its
+    velocity equations.
+
     Parameters
     ----------
     chain
@@ -92,6 +98,7 @@ def find_all_steps(chain: Plan, pebble_game: PebbleGame | None) -> list[Step]:
         if a == b:
             continue
         pole = pole_of(a, b)
+        # A sliding contact gives no pole, but a plane in which the pole lies.
         if pair.kind.pole_line is None:
             contacts_by_pole.setdefault(pole, []).append(number)
         else:
@@ -145,6 +152,9 @@ def _find_line_poles(
     round_number: int,
 ) -> list[LinePole]:
     """Return a step for each pole that lies on at least two different known lines.
+
+    The lines of a pole P_ij are the great circles through P_ik and P_jk for third bodies k,
+    and the contact planes of sliding pairs between i and j.
 
     Parameters
     ----------
@@ -217,7 +227,8 @@ def _find_smallest_block(
     chain
         The plan without steps.
     pebble_game
-        The pebble game on the bodies. If it is None, the part is the whole chain.
+        Counts the degrees of freedom of all parts. If it is None, the part is the whole
+        chain.
     part_by_pole
         The bodies of the smallest part for each pole that was examined. Results are added,
         so that later calls need not find them again.
@@ -252,7 +263,9 @@ def _choose_opening(
 ) -> BlockPoles:
     """Return a part with the opening pole from which passes find the most other poles.
 
-    If several find as many, the one that needs the fewest passes is chosen.
+    The part is solved from its velocity equations, which give all its poles. The opening
+    pole and the passes show how they also follow from each other as intersections of great
+    circles. If several find as many, the one that needs the fewest passes is chosen.
 
     Parameters
     ----------

@@ -210,6 +210,9 @@ class ModeCoalescence:
     def _place_links(self, group_count: int, q: Floats) -> list[Complexes]:
         """Place the first groups in all their complex modes.
 
+        A complex mode is one of the real or complex solutions of the equations of a group.
+        A body is a set of links whose relative orientations are known.
+
         Parameters
         ----------
         group_count

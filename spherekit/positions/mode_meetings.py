@@ -261,6 +261,11 @@ def _compare_modes(
         The crossings at the input, one or more.
     distance
         Distance (rad) from the input at which modes are evaluated, below and above it.
+
+    Returns
+    -------
+    The meeting. It is resolved if the best continuation of every mode that meets is much
+    better than all others, in both directions.
     """
     q = float(np.mean([crossing.values[solver.input_variable] for crossing in crossings]))
     below = _evaluate_modes(solver, assembly_modes, q - distance)

@@ -255,6 +255,8 @@ def _follow_from_nodes(
 ) -> list[ModeCurve]:
     """Return the assembly modes through nodes at which the input moves.
 
+    A node is a verified configuration with its derivatives by the input.
+
     Parameters
     ----------
     closure, driven, low, high
@@ -303,6 +305,9 @@ def sheets_through(
     closure: Closure, driven: Sequence[int], input_grid: InputGrid, values: Floats
 ) -> list[ModeOverGrid | None]:
     """Spread configurations over the samples of an input grid, by verified paths.
+
+    A sheet is the set of configurations that are reached from one start, at most one at
+    each sample. It is an assembly mode, or a part of one.
 
     Parameters
     ----------

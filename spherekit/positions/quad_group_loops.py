@@ -144,12 +144,17 @@ class GroupLoops:
     """
 
     def __init__(self, group: Group, pair_frames: Sequence[tuple[Array, Array]]) -> None:
+        """Find the spanning tree by which bodies are placed; other pairs close loops."""
         self.group = group
         self.pair_frames = pair_frames
         self.tree = LoopTree(len(group.bodies), group.ends, tuple(range(len(group.pairs))))
 
     def evaluate(self, values: Array) -> LoopEvaluation:
-        """Evaluate the loop equations at variables (n, pairs), in rad."""
+        """Evaluate the loop equations at variables (n, pairs), in rad.
+
+        Bodies are placed along the pairs of a spanning tree. Each other pair, a chord,
+        closes a loop. Its two bodies give its frame, and the residual is the difference.
+        """
         turned_frames = [
             multiply_matrices(frame_in_first, rotate_about_z(values[:, k]))
             for k, (frame_in_first, _) in enumerate(self.pair_frames)
@@ -225,8 +230,10 @@ class GroupLoops:
     def find_fold(self, values: Array) -> GroupFold:
         """Find the fold near variables (n, pairs), in rad.
 
-        There the slope of f is zero and the loops close in all other directions. Both
-        conditions are solved by Newton's method.
+        v and u are the right and left singular vectors of the smallest singular value of
+        the Jacobian. Loops moved by x along v are open along u by f(x). At the fold the
+        slope of f is zero and the loops close in all directions but u. Both conditions are
+        solved by Newton's method.
         """
         values = values.copy()
         start = values.copy()

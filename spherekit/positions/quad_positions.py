@@ -146,6 +146,7 @@ class QuadAssembly:
     """
 
     def __init__(self, mechanism: Mechanism, assembly: Assembly) -> None:
+        """Keep the mechanism and its groups. The frames are computed when first needed."""
         self.mechanism = mechanism
         self.assembly = assembly
 
@@ -265,8 +266,9 @@ class QuadAssembly:
     def _place_dyad(self, bodies: _Bodies, group: Group, sign: int) -> None:
         """Place the two free bodies of a dyad, and unite them with the first body.
 
-        The symbols a, b, c and t are those of `spherekit.geometry.dyad_axis`: b is the
-        middle axis, a and c are the outer axes, and t is the triple product. `bodies` is
+        A dyad has three R pairs: outer pairs join two free bodies to the first body, and
+        the middle pair joins these to each other. b is the middle axis, a and c are the
+        outer axes, and t is their triple product, zero at the dead centre. `bodies` is
         updated: rotations, variables, error bound and the two flags.
 
         Parameters
@@ -363,8 +365,11 @@ class QuadAssembly:
     ) -> None:
         """Close the loops of a group that is not a dyad, and unite its bodies.
 
-        `bodies` is updated: rotations, variables, error bound and the two flags. Near a
-        dead centre, the sign of the residual at the fold tells whether the group closes.
+        `bodies` is updated: rotations, variables, error bound and the two flags. A fold is
+        a dead centre, where two configurations of the group meet. Near it, the loops open
+        by the quadratic function e + h x^2 / 2 of the distance x from it, with the residual
+        e and the curvature h. It has no root if both have the same sign: then the group
+        does not close.
 
         Parameters
         ----------

@@ -230,9 +230,11 @@ class DistinctConfigurations:
     """
 
     def __init__(self, closure: Closure) -> None:
+        """Start without configurations."""
         self.closure = closure
         self.values: list[Floats] = []
-        # Rotations (bodies, 3, 3) and the tolerance of each configuration.
+        # Rotations (bodies, 3, 3) of each configuration, and the difference of rotations up
+        # to which another configuration is the same.
         self._rotations = list[Floats]()
         self._tolerances = list[float]()
         self._singular_count = 0
@@ -265,6 +267,7 @@ class DistinctConfigurations:
         singular_values = np.linalg.svd(linearisation.jacobian, compute_uv=False)
         smallest = singular_values[:, -1]
         is_singular = smallest < SINGULAR_MODE_RATIO * singular_values[:, 0]
+        # First-order error of a solution. Copies of one solution may differ by some errors.
         error = np.maximum(linearisation.closure_residual, EPS) / np.maximum(smallest, EPS)
         tolerance = np.clip(ERROR_SPREAD * error, SAME_MODE, SAME_DEAD_CENTRE)
         rolled_sum = np.sum(np.abs(values[:, self._rolling_variables]), axis=1)

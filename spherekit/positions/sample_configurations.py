@@ -254,7 +254,8 @@ def _eliminate_distinct_rows(
     The configurations at the k rows. In this result, `sample` are rows of `closure`, and
     `is_complete` has one value per row.
     """
-    # First row of the sample of each row.
+    # First row of the sample of each row. A row needs no solution of its own if its pair
+    # frames are those of this first row.
     first = np.searchsorted(sample, sample)
     assert closure.body_from_links is not None
     differences = [
@@ -300,6 +301,11 @@ def _eliminate_samples(group: Group, closure: Closure) -> SampleConfigurations:
         A group that has an elimination.
     closure
         The loop equations of the group at n samples.
+
+    Returns
+    -------
+    The configurations, sorted by sample and then by angles, whether those of each sample
+    are certainly all, and the first reason why not.
     """
     assert closure.body_from_links is not None
     count = len(closure.body_from_links[0])
