@@ -44,8 +44,10 @@ def make_mode_coalescence(
 ) -> "ModeCoalescence | None":
     """Return the functions of a mechanism whose signs change where modes meet.
 
-    They are known for mechanisms with one input whose groups are trains of wheels, dyads
-    and triads, or a single group of three loops.
+    An assembly mode is one of the ways in which the mechanism can be put together at an
+    input. Two modes meet at an input where their configurations coincide. The functions are
+    known for mechanisms with one input whose groups are trains of wheels, dyads and triads,
+    or a single group of three loops.
 
     Parameters
     ----------

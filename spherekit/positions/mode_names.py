@@ -80,7 +80,7 @@ def _find_named_mode(
     assembly_modes: Sequence[AssemblyMode],
     angles_by_pair: Mapping[str, float],
 ) -> tuple[int, str]:
-    """Find the mode that has given angles.
+    """Find the mode that has given angles, and is clearly nearer to them than the others.
 
     Parameters
     ----------

@@ -131,7 +131,9 @@ class ModeSearch:
 
     def _find_modes_over_samples(self, search: bool, independent: bool) -> None:
         """Find the modes of a mechanism with several inputs at the samples."""
-        modes = SampledModes(self.solver, self.input_grid, search, independent)
+        modes = SampledModes(
+            self.solver, self.input_grid, search=search, shares_numbers=independent
+        )
         self.assembly_modes = modes.assembly_modes
         self.methods = modes.methods
         self.claim = modes.claim
@@ -232,6 +234,8 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
         f"{pair} in [{low:.6g}, {high:.6g}] deg"
         for pair, low, high in zip(inputs, lows, highs, strict=True)
     )
+    # Place the first groups as long as they are dyads, at some of the samples. Both signs
+    # close at the same inputs.
     state = solver.start(input_grid.q[spread_rows(len(input_grid), PROBED_RANGE_INPUTS)])
     with np.errstate(invalid="ignore", divide="ignore"):
         for group in solver.assembly.groups:

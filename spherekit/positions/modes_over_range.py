@@ -246,7 +246,8 @@ class ModesOverRange:
         curve
             The curve, None if there is none.
         family
-            Number of the family of the mode, None for a new family.
+            Number of the family of the mode, which is the set of modes that lie on one
+            configuration curve. None for a new family.
         """
         if curve is None:
             return False
@@ -271,7 +272,11 @@ class ModesOverRange:
         return True
 
     def _search_all_modes(self) -> Completeness:
-        """Search further modes in the whole range, and return how complete they are."""
+        """Search further modes in the whole range, and return how complete they are.
+
+        By elimination if it applies to all groups, otherwise from random starts. If wheels
+        have rolled lengths that do not follow from the input, only one curve is followed.
+        """
         solver = self.solver
         q = self.input_grid.q
         if solver.gear_phases is not None:
@@ -382,6 +387,8 @@ class ModesOverRange:
         -------
         (n,) number of the family of each configuration; -1 if its mode is not in the range.
         """
+        # -1 marks a configuration on no mode so far. Some of them are followed together in
+        # advance, and the results are used one by one.
         families = self._find_families(values, first_mode=0)
         followed: dict[int, tuple[Floats, ModeCurve | None]] = {}
         for row in np.flatnonzero(families < 0).tolist():
@@ -484,7 +491,8 @@ class ModesOverRange:
 
         Returns
         -------
-        How often the starts led to each family of modes.
+        How often the starts led to each family, which is the set of modes that lie on one
+        configuration curve.
         """
         low, high = self.input_grid.range
         rounds = random_starts(self.solver, np.array([low]), np.array([high]))

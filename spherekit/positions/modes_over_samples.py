@@ -154,8 +154,9 @@ class SampledModes:
     def _enumerate(self) -> None:
         """Compute all configurations at all samples, add them to the graph, and join them.
 
-        Sets `methods`, `claim` and `probes`. At some of the samples at which configurations
-        may be missing, random starts are tried as well.
+        A node of the graph is one configuration at one sample. Joined nodes become an
+        assembly mode. Sets `methods`, `claim` and `probes`. At some of the samples at which
+        configurations may be missing, random starts are tried as well.
         """
         q = self.input_grid.q
         configurations = enumerate_configurations(self.solver, q)
@@ -206,7 +207,8 @@ class SampledModes:
     def _reach_reference(self, is_enumerated: bool) -> int | None:
         """Return a node of the graph that belongs to the mode of the reference pose.
 
-        Verified steps lead from the reference pose to the samples.
+        A node is one configuration at one sample. Verified steps lead from the reference
+        pose to the samples; the configurations that they reach are a sheet.
 
         Parameters
         ----------
@@ -278,7 +280,8 @@ class SampledModes:
     def _add_sheets(self, values: Floats, samples: Indices) -> Indices:
         """Follow and add the sheets of configurations that are not in the graph yet.
 
-        No further sheet is followed once there are `MAX_ASSEMBLY_MODES`.
+        A sheet is the set of configurations that verified steps over the samples reach from
+        one configuration. No further sheet is followed once there are `MAX_ASSEMBLY_MODES`.
 
         Parameters
         ----------
@@ -317,11 +320,12 @@ class SampledModes:
     def _search_modes(self) -> Completeness:
         """Search modes if the configurations at the samples were not enumerated.
 
-        Without rolling contacts, or if all rolled lengths follow from the inputs, random
-        starts are made at all samples. With rolling contacts, samples are probed before:
-        the first one, and if not all rolled lengths follow from the inputs, up to
-        `MAX_SEARCHED_SAMPLES` samples instead of random starts. This ends with the first
-        sheet, so nothing is probed if there is a sheet of the reference pose.
+        Each configuration gives a sheet, the set of configurations that verified steps
+        reach from it. Without rolling contacts, or if all rolled lengths follow from the
+        inputs, random starts are made at all samples. With rolling contacts, samples are
+        probed before: the first one, and if not all rolled lengths follow from the inputs,
+        up to `MAX_SEARCHED_SAMPLES` samples instead of random starts. This ends with the
+        first sheet, so nothing is probed if there is a sheet of the reference pose.
 
         Returns
         -------
@@ -400,8 +404,9 @@ class SampledModes:
     ) -> list[AssemblyMode]:
         """Return the assembly modes, from the modes of the graph.
 
-        If there are more modes than `_mode_limit`, those with the most samples are kept,
-        and `claim` is changed to state this.
+        A mode of the graph lists its node (configuration) at each sample, or -1. If there
+        are more modes than `_mode_limit`, those with the most samples are kept, and `claim`
+        is changed to state this.
 
         Parameters
         ----------

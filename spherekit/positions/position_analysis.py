@@ -217,6 +217,7 @@ class PositionAnalysis:
                     f"{name}: {meeting.describe(self.inputs[0], True)}; narrow the range "
                     'to one side of that input, or leave crossings at "end"'
                 )
+        # The anchor is the input of the reference pose, if there is one.
         low, high = self.input_grid.range
         self.numbering_input = low + MIN_CROSSING_DISTANCE_RAD
         anchor = float(self.solver.anchor[0])

@@ -117,6 +117,7 @@ def _fit_splines(
     """
     from scipy.interpolate import make_interp_spline
 
+    # Solve the nodes in blocks. The rows of a motion are mode after mode.
     last_sample = len(position_analysis.input_grid) - 1
     mode_count = len(position_analysis.assembly_modes)
     nodes = np.append(np.arange(0, last_sample, samples_per_node), last_sample)
