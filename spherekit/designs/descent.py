@@ -449,14 +449,21 @@ def is_better(
 def select_unbeaten(
     optima: Sequence[LocalOptimum], tolerance: Floats
 ) -> list[LocalOptimum]:
-    """Return the optima than which none of the same mode is better.
+    """Return the optima than which none of the same assembly mode is better.
+
+    An optimum is better if one of its objectives is smaller by more than the tolerance, and
+    none is larger by more.
 
     Parameters
     ----------
     optima
-        The optima.
+        Ends of descents, in one or several modes.
     tolerance
         (k,) differences of objectives that do not count.
+
+    Returns
+    -------
+    The optima that remain, in their order.
     """
     unbeaten = []
     for optimum in optima:

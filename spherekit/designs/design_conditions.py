@@ -68,6 +68,11 @@ def parse_condition(text: str, names: Collection[str]) -> Condition:
     names
         Names that the expressions may contain.
 
+    Returns
+    -------
+    The condition. One with ``>`` or ``>=`` is turned round, so that the smaller side comes
+    first.
+
     Raises
     ------
     DesignError

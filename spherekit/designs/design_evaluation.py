@@ -448,8 +448,14 @@ class DesignEvaluator:
             A kernel in closed form.
         sizes
             (sizes, n) sizes of the designs.
+
+        Returns
+        -------
+        A row for each design and mode in which it closes, and one for a design that never
+        closes.
         """
         parts = []
+        # What depends on the sizes alone is computed once for all modes and samples.
         prepared = kernel.prepare(sizes)
         dyad_count = len(kernel.position_arguments)
         shape = dyad_count, len(self.figures.rows), sizes.shape[1]
@@ -707,6 +713,13 @@ class DesignEvaluator:
         inputs are tracked from sample to neighbouring sample, so that points must be
         samples. Points are the given inputs of some figures of merit.
 
+        Returns
+        -------
+        input_grid
+            The inputs (rad) with their neighbours.
+        row_indices
+            (samples + points,) index, in `input_grid`, of each sample and of each point.
+
         Raises
         ------
         DesignError
@@ -717,6 +730,7 @@ class DesignEvaluator:
         if input_count == 1:
             q, row_indices = np.unique(self.figures.rows[:, 0], return_inverse=True)
             return InputGrid(q[:, None], (len(q),)), row_indices
+        # (samples, points) distance of each point from each sample.
         points = self.figures.points[:, :input_count]
         distances = max_abs(points - input_grid.q[:, None], axis=2)
         for point in points[np.min(distances, axis=0) > POINT_TOLERANCE_RAD]:

@@ -268,7 +268,19 @@ class RedundantKernel:
         return np.empty((0, sizes.shape[1]))
 
     def evaluate(self, rows: Floats) -> Floats:
-        """Return the columns (columns, n) at arguments (arguments, n)."""
+        """Return the columns at arguments, each from the kernel that suits it best.
+
+        Parameters
+        ----------
+        rows
+            (arguments, n) arguments as of `DesignKernel`, without prepared numbers: the
+            sample, the variables of pairs, and revolution offsets.
+
+        Returns
+        -------
+        (columns, n) columns. Those that follow from rates are NaN where every kernel
+        violates the equations of some loop by more than `MAX_LOOP_RESIDUAL`.
+        """
         count = rows.shape[1]
         columns = np.full((len(self._follows_from_rates), count), np.nan)
         smallest_residual = np.full(count, np.inf)

@@ -222,6 +222,10 @@ class DesignRuns:
         values
             (variables,) values of the variables, in the units of the file.
 
+        Returns
+        -------
+        The run, in which all analyses have succeeded.
+
         Raises
         ------
         SpherekitError
@@ -334,7 +338,8 @@ class DesignRuns:
         modes
             (n,) the mode of the run to which each row belongs.
         figures
-            The figures of the run.
+            The figures of the run: name -> mode -> number. Figures that a mode does not
+            have become NaN.
         """
         merits = {name: nans(len(modes)) for name in self._kernel_names} | dict(rows.merits)
         for name in self.units:
@@ -363,7 +368,8 @@ class DesignRuns:
         mode
             A mode of the run of this design.
         assembly_modes
-            The modes of the run as in its summary, by their numbers.
+            The modes of the run as in its summary, by their numbers. The entry "mode" of
+            each is the text of its signs, such as "+-".
         """
         evaluator = self.kernel_evaluator
         if evaluator is None or evaluator.tracks_solutions or mode.column != ASSEMBLY:
@@ -371,6 +377,7 @@ class DesignRuns:
         if evaluator.kernel and evaluator.varied_mechanism.equivalent_linkage:
             return None  # signs of links between centres are not those of the run
         signs = str(assembly_modes[mode.label]["mode"])
+        # Kernels label a mode by its signs, or by its number and signs.
         possible_labels = [signs, f"{mode.label} {signs}"]
         rows = np.flatnonzero(np.isin(kernel_rows.mode.astype(str), possible_labels))
         return rows[0] if len(rows) == 1 else None

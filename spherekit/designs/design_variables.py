@@ -99,6 +99,11 @@ def design_variable(document: Document, key: str) -> DesignVariable:
     key
         Key of a number in it, such as ``"links.2.arc"``.
 
+    Returns
+    -------
+    The variable, with its value in the file. It counts as an angle if it is a size of a
+    kernel, since all such sizes are angles.
+
     Raises
     ------
     FileError
@@ -120,12 +125,20 @@ def design_variable(document: Document, key: str) -> DesignVariable:
 def _kernel_slot(document: Document, path: KeyPath) -> tuple[str, Any] | None:
     """Return the kind and location of a size of kernels, or None for other numbers.
 
+    Kernels compute many designs at once, and take some numbers of the file as sizes.
+
     Parameters
     ----------
     document
         The mechanism file.
     path
-        Location of the number in it.
+        Location of the number in it: the table, then keys, such as
+        ``("pairs", "41", "zero")``.
+
+    Returns
+    -------
+    The kind, such as "arcs", and a location that depends on the kind: link and axis, a
+    pair, or an output and the index of its longitude (0) or latitude (1).
     """
     match path:
         case ("links", str(link), "arcs" | "angles" as kind, int(k)):
@@ -154,7 +167,7 @@ def is_angle_of_load(document: Document, key: str) -> bool:
 def make_design(
     document: Document, variables: Sequence[DesignVariable], values: Iterable[float]
 ) -> Mechanism:
-    """Return the mechanism of a design.
+    """Return the mechanism of a design: that of the file with other numbers.
 
     Parameters
     ----------
@@ -191,9 +204,9 @@ def check_variables(document: Document, variables: Sequence[DesignVariable]) -> 
 def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
     """Return the arcs and angles of links that follow from a reference pose, by key.
 
-    The keys are those of a file that states sizes instead of a pose. The dictionary is
-    empty if the file states sizes, or if there are contacts: their profiles are stated in
-    the axes of the pose.
+    A file gives either the sizes of the links or the axes of all pairs in a reference pose.
+    The keys are those of a file with sizes. The dictionary is empty if the file has sizes,
+    or if there are contacts, because their profiles are given in the axes of the pose.
     """
     if not isinstance(mechanism.geometry, PoseGeometry) or mechanism.has_contacts:
         return {}
@@ -255,9 +268,10 @@ def coaxial_links(geometry: SizeGeometry) -> Names:
 def default_quantities(mechanism: Mechanism) -> Names:
     """Return the quantities whose sensitivities are computed by default.
 
-    They are the angles of passive pairs between an output and the link from which it is
-    seen. If there are none, they are the angles of all passive pairs. If there are no such
-    pairs either, they are the velocity coefficients of the outputs.
+    They are the angles of passive pairs (which are not driven) between the link of an
+    output and the link relative to which its motion is wanted. If there are none, they are
+    the angles of all passive pairs. If there are no such pairs either, they are the
+    velocity coefficients of the outputs.
     """
     driven = mechanism.input_pairs
     # The two links of each output, in any order.

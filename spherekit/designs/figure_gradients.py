@@ -146,7 +146,11 @@ class FigureGradients:
         values
             (n,) values, NaN where the mode does not close.
         figure
-            The figure.
+            The figure, by which the derivatives of a root mean square are divided.
+
+        Returns
+        -------
+        (n,) derivatives, zero at samples that do not count.
         """
         weights = np.zeros(len(values))
         closes = np.isfinite(values)

@@ -85,6 +85,8 @@ class DesignSamples:
     def from_study(study: Study) -> "DesignSamples":
         """Return the samples of a study, which follow its time laws if it has some.
 
+        Without time laws the inputs move at 1 rad/s.
+
         Raises
         ------
         DesignError
@@ -110,7 +112,7 @@ class DesignSamples:
             }
             q, timing = evaluate_time_laws(names, {**laws, **study.laws}, t)
             rows = np.column_stack([q, timing.dq, timing.ddq, t])
-            return DesignSamples(names, rows, (len(t),), study.crossings)
+            return DesignSamples(names, rows, shape=(len(t),), crossings=study.crossings)
         # Without time laws, samples are a path or grid of the inputs.
         input_grid = make_input_grid(mechanism, study.samples, study.grid, study.path)
         start, sense = np.array([(x.start, x.sense) for x in mechanism.inputs]).T
@@ -120,7 +122,7 @@ class DesignSamples:
             start = np.min(input_grid.q, axis=0) if single else input_grid.q[0]
             sense = np.ones(len(names))
         samples = DesignSamples.at_unit_speed(
-            names, input_grid.q, start, sense, input_grid.shape
+            names, input_grid.q, start=start, sense=sense, shape=input_grid.shape
         )
         return replace(samples, crossings=study.crossings)
 
@@ -259,7 +261,9 @@ def failed_design(problem: SpherekitError, names: Sequence[str]) -> DesignTable:
     Parameters
     ----------
     problem
-        The error. Its class determines the status, its message is the reason.
+        The error. Its message is the reason. An error of the file, the mechanism or its
+        degrees of freedom means that the design is impossible, an error of the solver that
+        it never closes, and any other one that an analysis failed.
     names
         Names of the figures of merit, which are NaN.
     """
@@ -334,6 +338,8 @@ class KernelFigures:
         """Raise `DesignError` if a figure refers to inputs that the mechanism lacks."""
         count = len(self.inputs)
         for merit in self.merits:
+            # `merit.point` are the given inputs of "at", `merit.place` is the name of the
+            # input whose value "argmin" and "argmax" return.
             fault = ""
             if merit.point and len(merit.point) != count:
                 fault = (

@@ -156,7 +156,10 @@ def track_solutions(
     is_real_path = not np.iscomplexobj(start)
 
     def equations_at(paths: Indices, parameters: Floats) -> tuple[Array, ClosureEquations]:
-        """Return the inputs (inputs, m) and the equations at path parameters (m,)."""
+        """Return the inputs (inputs, m) and the equations at path parameters (m,).
+
+        `paths` (m,) are the numbers of the paths.
+        """
         start_sizes, end_sizes, start_inputs, end_inputs = (
             end[:, paths] if end.shape[1] > 1 else end for end in (*sizes, *inputs)
         )
@@ -335,7 +338,12 @@ def are_distinct(solutions: Array) -> Bools:
     ----------
     solutions
         (variables, designs, m) the m solutions (rad) of each design.
+
+    Returns
+    -------
+    (designs,) False if a solution is NaN, or if two are nearer than `SAME_SOLUTION_RAD`.
     """
+    # Finite over all variables (axis 0) and solutions (axis 2).
     distinct: Bools = all_finite(solutions, (0, 2))
     first, second = np.triu_indices(solutions.shape[2], 1)
     for design in np.flatnonzero(distinct):

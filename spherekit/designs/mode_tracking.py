@@ -359,6 +359,7 @@ class _SolutionTracker:
         columns
             (n,) columns that are tested.
         """
+        # Solutions near the real axis are corrected by Newton's method on their real parts.
         imaginary_part = max_abs(solutions[:, columns].imag, axis=0)
         is_near = (imaginary_part > 0.0) & (imaginary_part < NEAR_REAL_RAD)
         near_columns = columns[is_near]

@@ -276,7 +276,7 @@ class PathKernel:
         return ["".join(column) for column in signs.T]
 
     def newton_step(self, values: Array, numbers: Floats) -> NewtonStep:
-        """Return a step of Newton's method.
+        """Return a step of Newton's method that closes the loops to first order.
 
         Parameters
         ----------
@@ -285,6 +285,11 @@ class PathKernel:
         numbers
             (k, n) columns of profiles, if there are some, followed by what `prepare`
             returns for the designs.
+
+        Returns
+        -------
+        The changes of the variables, with the inputs held; the determinant of the
+        equations; and the square of the closure residual.
         """
         if np.iscomplexobj(values):
             outputs = self._evaluate_complex(values, numbers)

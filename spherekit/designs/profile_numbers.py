@@ -224,6 +224,9 @@ class DesignProfiles:
     def _curve_derivatives(self) -> list[dict[int, CurveDerivative]]:
         """For each variable the derivatives of the profiles that change with it, by index.
 
+        Difference quotients give the derivatives of the numbers that define the profiles,
+        from which those of the curves follow exactly.
+
         Raises
         ------
         DesignError

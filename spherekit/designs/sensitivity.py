@@ -162,7 +162,7 @@ class Sensitivity:
         return tuple(link for link in coaxial_links(geometry) if link not in named_links)
 
     def _make_variable(self, key: str) -> DesignVariable:
-        """Return the design variable of a key.
+        """Return the design variable of a key: a number of the file with its location.
 
         Raises
         ------
@@ -172,6 +172,7 @@ class Sensitivity:
         if key in self._pose_sizes:
             return self._pose_sizes[key]
         variable = design_variable(self.document, key)
+        # `path[0]` is the table of the file, here that of masses or that of loads.
         if variable.path[0] in ACTIONS:
             return variable
         is_contact_number = variable.path[0] == "pairs" and (

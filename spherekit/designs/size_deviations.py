@@ -84,14 +84,20 @@ class SizeDeviations:
         ----------
         sizes
             Number of sizes.
+
+        Returns
+        -------
+        (sizes, count) deviations in the units of `size`, of its distribution.
         """
         from scipy.special import ndtri
         from scipy.stats import qmc
 
-        # Sobol sequences are balanced if their length is a power of 2.
+        # Points of the unit cube. Sobol sequences are balanced if their length is a power
+        # of 2, so that the next power is computed and cut.
         power = (self.count - 1).bit_length()
         unit = qmc.Sobol(sizes, rng=self.seed).random_base2(power).T[:, : self.count]
         size = np.reshape(self.size, (-1, 1))
         if self.distribution == "uniform":
             return size * (2.0 * unit - 1.0)
+        # The inverse of the normal distribution turns probabilities into deviations.
         return size * ndtri(np.clip(unit, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY))

@@ -147,6 +147,7 @@ class Sweep:
     mode_labels: Names = ()
 
     def __post_init__(self) -> None:
+        """Check that there is something to compute, and that column names differ."""
         if not self.merits and not self.tables:
             raise DesignError(
                 f"{self.mechanism.name}: no figure of merit is asked for: give --reduce, "
@@ -236,8 +237,9 @@ class Sweep:
     def definition(self) -> Facts:
         """Return everything on which the results depend, by name.
 
-        It is stored in the folder of the sweep. A folder whose definition differs has parts
-        of another sweep. It includes the versions of the software.
+        The definition is stored in the folder of the sweep. A folder whose definition
+        differs has parts of another sweep. The versions of the software are included. Long
+        contents, such as the file and the samples, are represented by checksums.
         """
         text = json.dumps(as_json(self.document.data), sort_keys=True)
         return code_identity() | {

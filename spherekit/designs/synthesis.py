@@ -244,12 +244,13 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
 
 
 def _require_gradients(specification: Specification) -> DesignEvaluator:
-    """Return the evaluator of the designs, which has gradients.
+    """Return the evaluator of the designs, if it can compute gradients of figures.
 
     Raises
     ------
     DesignError
-        If there are no gradients, or a front is wanted and the modes have no signs.
+        If there are no gradients. Also if a Pareto front (of several objectives) is wanted
+        and the assembly modes have no signs that identify them in every design.
     """
     sweep = specification.sweep
     evaluator = sweep.evaluator

@@ -325,10 +325,10 @@ class VariedMechanism:
         )
 
     def _output_directions(self) -> dict[str, str | Exprs]:
-        """Return the directions of outputs that vary, by name of the output.
+        """Return the directions of outputs that may vary, by name of the output.
 
-        A direction is the name of the pair along whose axis the output points, or an
-        expression (3,) in the axes of its link.
+        A direction is the name of the pair along whose axis the output points. If longitude
+        or latitude are varied, it is an expression (3,) in the axes of the link.
         """
         outputs = self.document.data.get("outputs", {})
         # Outputs along the axis of a pair, whose direction may follow varied sizes.
@@ -338,6 +338,7 @@ class VariedMechanism:
         # Longitude and latitude of the other outputs; angles that vary become symbols.
         angles_by_output: dict[str, list[Any]] = {}
         for variable in self.variables:
+            # The location is the output, and 0 for its longitude or 1 for its latitude.
             kind, location = variable.slot or ("", None)
             if location is not None and kind == POINTED:
                 output, index = location
