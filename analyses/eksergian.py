@@ -325,10 +325,11 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
 
 
 def _solve_torque(batch: Batch) -> InverseSolution:
-    """Return inertia, loads and torque of a batch, from its rates by the input.
+    """Return inertia, loads and torque of a batch.
 
-    Friction needs the whole motion. Without it, rows whose rates of links are not accurate
-    enough get the status ILL_CONDITIONED.
+    Without friction they follow from the rates per unit input rate that the batch has. Rows
+    whose rates are not accurate enough get the status ILL_CONDITIONED. Friction depends on
+    the forces in the pairs, so that the whole motion is computed.
     """
     if Loads(batch.mechanism).friction_components:
         return needed_torques(continue_load_angles(batch))

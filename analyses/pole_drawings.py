@@ -117,7 +117,9 @@ def draw_axodes(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
 
 @dataclass(frozen=True)
 class ConstructionStep:
-    """A step of the construction of pole axes.
+    """A step of the construction of pole axes from those of the pairs.
+
+    A pole axis is the axis about which two links turn relative to each other.
 
     Attributes
     ----------
@@ -135,10 +137,12 @@ class ConstructionStep:
 
 
 def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
-    """Return the steps in which the plan of a batch determines the poles.
+    """Return the steps in which the pole axes of a batch are constructed.
 
-    The first step has the axes of all pairs. A block of poles, which are determined
-    together, has further steps for the poles that great circles then pass.
+    A pole axis is the axis about which two links turn relative to each other. The first
+    step has the axes of all pairs. A block of poles that are determined together by linear
+    equations is one step. Each pole that then follows as the intersection of two great
+    circles is a further step.
     """
     plan = batch.plans[0]
     pair_steps = [
@@ -186,6 +190,7 @@ def draw_construction(batch: Batch, row: int) -> Scene:
     normals = np.full((len(steps), 2, 3), np.nan)
     for number, step in enumerate(steps):
         for pole in step.poles:
+            # A pole is visible from its step on, its great circles in this step only.
             directions[number:, poles.index(pole)] = batch.direction(*pole)[row]
             if step.uses_circles:
                 normals[number] = batch.planes(*pole)[row]

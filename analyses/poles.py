@@ -261,7 +261,11 @@ class Poles(AbstractAnalysis):
     def _draw_mode(
         self, batch: Batch, rows: slice, input_number: int
     ) -> Iterator[Primitive]:
-        """Yield the drawing of one assembly mode while one input moves.
+        """Yield the drawing of one assembly mode while one input moves, the others locked.
+
+        A pole is the axis about which two links turn relative to each other. The drawing
+        has an arrow along each pole and plots of its coefficients; axodes, which are the
+        paths of poles; and the chart and the two great circles that construct one pole.
 
         Parameters
         ----------
@@ -314,7 +318,10 @@ class Poles(AbstractAnalysis):
     def _draw_arrow(
         self, batch: Batch, rows: slice, input_number: int, pole: Pole
     ) -> Iterator[Arrow]:
-        """Yield the arrow along a pole axis; axes of pairs have one for all inputs.
+        """Yield the arrow along the axis about which two links turn relative to each other.
+
+        The axis of a pair does not depend on the moving input and has one arrow for all
+        inputs. In mechanisms of many links only some arrows are visible at first.
 
         Parameters
         ----------
@@ -352,7 +359,10 @@ class Poles(AbstractAnalysis):
     ) -> Iterator[Series]:
         """Yield plots of the velocity and acceleration coefficients of a pole.
 
-        Nothing is yielded for the input itself, and for links that the locked inputs join.
+        The velocity coefficient is the angular velocity of the two links relative to each
+        other per unit rate of the moving input; the acceleration coefficient is its
+        derivative by this input. Nothing is yielded for the input itself, and for links
+        that the locked inputs join.
 
         Parameters
         ----------

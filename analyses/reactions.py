@@ -149,7 +149,11 @@ class ReactionAnalysis(AbstractAnalysis):
         return Needs(time=True, tracer=True, continued_values=used_pairs(mechanism))
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
-        """Return the tables of reactions and of bearings."""
+        """Return the tables of reactions and of bearings.
+
+        The table of reactions has a row for each row of the batch and each pair, in this
+        order. Arrays (n, pairs, ...) are therefore flattened.
+        """
         result = self._reactions(batch)
         pair_names = [pair.name for pair in batch.mechanism.pairs]
         moments = result.moments.reshape(-1, 3)
@@ -181,7 +185,9 @@ class ReactionAnalysis(AbstractAnalysis):
     def findings(self, batch: Batch) -> Findings:
         """Return the largest moments and loads, contacts that lift off, and open reactions.
 
-        A reaction is open if redundant constraints leave it undetermined.
+        A reaction is open if redundant constraints leave it undetermined. A contact lifts
+        off where it would have to pull. The summary also says which information in the file
+        would determine the forces.
         """
         mechanism = batch.mechanism
         result = self._reactions(batch)

@@ -268,7 +268,12 @@ class SensitivityAnalysis(AbstractAnalysis):
         return batch.once("sensitivity", lambda: self._compute_result(batch))
 
     def _compute_result(self, batch: Batch) -> SensitivityResult:
-        """Return derivatives and tolerances of a batch."""
+        """Return derivatives of quantities by sizes, and what deviations of sizes do.
+
+        To first order the variance of a quantity is the sum over all sizes of (derivative
+        times standard deviation)^2. In addition random mechanisms, the draws, are computed.
+        Rows that failed are NaN.
+        """
         sensitivity = self._sensitivity(batch.mechanism)
         deviations = self._size_deviations(sensitivity)
         samples = _input_samples(batch, sensitivity)
@@ -283,6 +288,7 @@ class SensitivityAnalysis(AbstractAnalysis):
             variance = np.sum(squares, axis=0)
             is_dependent = np.sqrt(variance) > self._zero_spread
             shares = np.where(is_dependent, squares / variance, np.nan)
+        # Standard deviation, largest deviation, and part of the draws that do not close.
         drawn_moments = np.full((3, *variance.shape), np.nan)
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):

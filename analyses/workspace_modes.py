@@ -215,8 +215,8 @@ class WorkspaceModes:
     def _size_columns(self, workspace: Workspace) -> Columns:
         """Return the size of the whole, and of each part and hole of directions.
 
-        A part is listed with a sample that is well within it. The whole set of directions
-        has no such sample.
+        Each is one row of the table. A part is listed with a sample that is well within it.
+        The whole set of directions has no such sample, but the set of orientations has.
         """
         kinds = ["whole"]
         numbers = [0]
@@ -396,9 +396,10 @@ class WorkspaceModes:
         return tuple(pages)
 
     def _draw_directions(self, workspace: DirectionWorkspace, mode: str) -> list[Scene]:
-        """Return the page of the margin and that of the singularity measures.
+        """Return two pages with maps of the directions that the output reaches.
 
-        `mode` is added to the titles of the pages.
+        The first map shows the margin, which is the angle to the nearest limit, the second
+        one the angle to the nearest singularity. `mode` is added to the titles.
         """
         region = workspace.region
         directions = region.surface_points

@@ -202,7 +202,9 @@ class RotationResult:
     def _draw_output_arcs(self) -> Iterator[SphereCurves]:
         """Yield the arcs of directions of the output, with singularities of type II.
 
-        The directions are that of the output, or all axes of its link.
+        The directions are that of the output, or all axes of its link. At type II the
+        output can move while the inputs rest. Samples that the mechanism does not reach are
+        left out.
         """
         link = self.mechanism.link_number[self.output.link]
         directions = link_axes(self.mechanism)[self.output.link]

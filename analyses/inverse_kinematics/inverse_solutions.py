@@ -171,7 +171,14 @@ class InverseSolutions:
         return columns
 
     def findings(self) -> Findings:
-        """Return how many poses have how many solutions, and how well they close."""
+        """Return how many poses have how many solutions, and how well the loops close.
+
+        The summary has counts, the largest closure residual of some configurations, and for
+        each working mode the least measures of singularities: 0 at type I, where an input
+        moves while the output rests, and at type II, where the output can move while the
+        inputs rest. Warnings concern poses without a configuration and singular rows.
+        """
+        # Summary.
         solutions = self.solutions
         pose_count = len(self.poses)
         row_count = len(solutions)
@@ -197,6 +204,8 @@ class InverseSolutions:
             ),
         }
 
+        # Warnings. Only a closed form has named limits of its reach. A search without them
+        # does not always prove that a pose has no configuration.
         warnings = []
         without_solution = np.sum(self.solution_counts == 0)
         if without_solution:
@@ -207,6 +216,7 @@ class InverseSolutions:
         at_singularity = np.sum(solutions.status == Status.AT_SINGULARITY)
         if at_singularity:
             warnings.append(f"{counted(at_singularity, 'row')} at a singularity")
+        # Rows at a singularity have a configuration, so they are not out of reach.
         out_of_reach = np.sum(~solutions.solved)
         has_closed_form = isinstance(self.solver, ClosedKinematics)
         if has_closed_form and self.nearest_count < out_of_reach:
@@ -269,7 +279,8 @@ class InverseSolutions:
         parts = (solution_map, *self._draw_solutions(drawn_rows), legend)
         solution_axis = Axis("solution", "", np.arange(float(len(drawn_rows))))
 
-        # The measure of a pose is that of its best mode.
+        # The smaller measure of types I and II says how near a mode is to a singularity: 0
+        # at one. The measure of a pose is that of its best mode.
         least_measure = np.fmin(np.min(solutions.type_1, axis=1), solutions.type_2)
         best_measure = np.zeros(len(self.poses))
         np.maximum.at(best_measure, solutions.pose, np.nan_to_num(least_measure))

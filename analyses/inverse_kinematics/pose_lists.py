@@ -96,7 +96,10 @@ def read_poses(
     unit: str = "deg",
     parameter: str = "poses",
 ) -> PoseList:
-    """Return the poses of a list, of a file, or of a window.
+    """Return the poses of a list, of a file, or of a window, or inputs instead.
+
+    Exactly one of the three sources is given. If the names of the numbers are those of the
+    driven pairs, the numbers are inputs whose poses are wanted.
 
     Parameters
     ----------
@@ -150,6 +153,7 @@ def read_poses(
             solver.inverse(np.zeros((0, 3, 3)), ())
         raise
     gives_inputs = table.terms == solver.mechanism.input_pairs
+    # Columns of angles are converted to rad. The unit of the file comes first.
     is_in_degrees = [
         (gives_inputs or term in ANGULAR_TERMS) and (table.units.get(term) or unit) == "deg"
         for term in table.terms

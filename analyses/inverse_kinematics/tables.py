@@ -131,6 +131,7 @@ def forward_columns(
 ) -> Columns:
     """Return the table of the poses at inputs, each with its working mode if known.
 
+    The working mode is given by the signs of the legs. Rows are in the order of the inputs.
     Inputs without a pose have one row with status OUT_OF_REACH.
 
     Parameters
