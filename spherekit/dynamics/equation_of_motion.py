@@ -130,10 +130,10 @@ class StateDynamics:
     Attributes
     ----------
     motion
-        Configurations by m coordinates; angles include the whole turns that loads see. Its
-        derivatives are of first order with one coordinate, without bearing friction and
-        unless more was asked for, otherwise of second order. The status is NOT_CONVERGED
-        where bearings lock.
+        Configurations by m coordinates; angles include whole turns, on which loads may
+        depend. Derivatives are of first order with one coordinate and without friction of
+        bearings, unless more was asked for; otherwise they are of second order. The status
+        is NOT_CONVERGED where bearings lock.
     masses
         Inertia with its derivatives; None if `motion` is of first order.
     roots

@@ -201,7 +201,8 @@ class Collocation:
     problem, equation, tolerance
         The problem, its equation of motion, and the tolerance of the pair variables (rad).
     frame
-        (m, variables) frame of the momenta at the end of the last step.
+        (m, variables) the coefficients of the pair variables in the coordinates to which
+        the momenta belong, at the end of the last step; along a curve its tangent.
     steps
         The accepted steps.
     events
@@ -212,7 +213,8 @@ class Collocation:
         (states,) sizes of the state, by which errors are divided: 1 rad for variables, and
         the momentum and the energy at unit speed.
     orientation
-        The largest orientation so far, with the sign of that at the last node.
+        The largest size so far of the determinant whose sign changes where curves of
+        configurations cross, with the sign that it has at the last node.
     is_careful
         Whether steps are made with at most `MAX_CROSSING_TOLERANCE_RAD`, because a crossing
         of curves may be near.

@@ -52,6 +52,9 @@ def find_coaxial_links(
 ) -> dict[LinkName, CoaxialLink[PairName]]:
     """Find all links that coaxial R pairs join to a wheel, breadth first.
 
+    Relative to each of them the wheel rotates about one line, by the signed sum of the
+    angles of the pairs between.
+
     Parameters
     ----------
     links_by_pair
@@ -76,6 +79,7 @@ def find_coaxial_links(
         for pair, axes in axes_by_pair.items():
             if link not in links_by_pair[pair]:
                 continue
+            # The link that is reached already is on the near side of the pair (0 or 1).
             near_side = links_by_pair[pair].index(link)
             far_side = 1 - near_side
             next_link = links_by_pair[pair][far_side]
@@ -83,6 +87,7 @@ def find_coaxial_links(
                 axes[near_side], coaxial_link.line
             ):
                 continue
+            # 1 if the axis of the pair has the sense of the line, otherwise -1.
             sense = float(np.sign(axes[near_side] @ coaxial_link.line))
             # The pair variable moves the second link relative to the first. It counts with
             # the opposite sign where the wheel is on the side of the first link.

@@ -72,6 +72,7 @@ def component_labels(count: int, couples: Iterable[tuple[int, int]]) -> list[int
     -------
     (count,) the smallest node of the component, for each node.
     """
+    # At first each node is a component. An edge joins two of them under the smaller label.
     labels = list(range(count))
     for couple in couples:
         low, high = sorted(labels[node] for node in couple)

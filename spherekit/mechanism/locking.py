@@ -301,7 +301,8 @@ def _merge_masses(masses: Iterable[Mass]) -> tuple[Mass, ...]:
 def _merge_two_masses(first: Mass, second: Mass) -> Mass:
     """Return the inertia of two bodies of one link together.
 
-    Mass and centre are known only if they are for both bodies.
+    Tensors about the centre of the sphere add up. Mass and centre of mass are known only if
+    those of both bodies are.
     """
     mass = None
     centre = None

@@ -733,6 +733,7 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
             if not (0.0 <= arc <= math.pi or is_signed):
                 raise ModelError(f"{key}.arcs[{index}]: {_describe_wrong_arc(arc)}")
         check_finite(f"{key}.angles", sizes.angles)
+        # The first axis has no arc, and the first two axes have no angle.
         for kind, axes_without, what in (
             ("arcs", 1, "the arcs from the first axis to each of the others"),
             ("angles", 2, "at the first axis, from the first arc to each further arc"),
