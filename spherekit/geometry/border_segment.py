@@ -114,7 +114,13 @@ def interpolation_matrix(order: int, u: Floats) -> Floats:
 
 @dataclass
 class BorderSegments(ArrayRows):
-    """Segments of the border, n in all.
+    """Segments of the border of a region, n in all.
+
+    A chord is the arc of a great circle between two points of the border in a triangle of a
+    mesh. Its segment is the border beside it: a curve whose height, the angle to the left
+    of the chord, is a polynomial along the chord. The region is to the left. Margins are
+    the functions that are at least 0 in the region. A crossing is a point at which the
+    border crosses an edge of the mesh.
 
     Attributes
     ----------

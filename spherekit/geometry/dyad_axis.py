@@ -56,9 +56,10 @@ class HalfAngle:
 def triple_square(
     first_arc: HalfAngle, second_arc: HalfAngle, sum_square: Any, difference_square: Any
 ) -> Any:
-    """Return t^2, the square of the triple product b . (a x c).
+    """Return t^2, the square of the triple product b . (a x c) of the axes of a dyad.
 
-    It is negative if the arcs are too short or too long for the outer axes.
+    t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)). It is negative if the arcs are too
+    short or too long for the outer axes.
 
     Parameters
     ----------
@@ -81,7 +82,10 @@ def middle_axis(
     difference_square: Any,
     root: Any,
 ) -> tuple[Any, Any, Any]:
-    """Return the factors of a + c, a - c and a x c in the middle axis b.
+    """Return the factors of a + c, a - c and a x c in the middle axis b of a dyad.
+
+    The dyad is a chain of two bodies between the outer axes a and c, both unit vectors. The
+    axis b of the pair between its bodies is the sum of the three vectors times the factors.
 
     Parameters
     ----------

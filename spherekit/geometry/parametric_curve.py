@@ -33,7 +33,9 @@ of files.
 
 @dataclass(frozen=True)
 class PathFrames:
-    """Frames and geodesic curvatures of a path at n parameters.
+    """Frames and geodesic curvatures of a path on the unit sphere at n parameters.
+
+    p is the point of the path, t the unit tangent there.
 
     Attributes
     ----------

@@ -49,7 +49,9 @@ can put the end itself outside.
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """A curve at n arc lengths.
+    """A curve on the unit sphere at n arc lengths s.
+
+    p is the point of the curve, t the unit tangent there.
 
     Attributes
     ----------

@@ -128,6 +128,9 @@ def vertex_angles(
 class DyadClosure:
     """Orientations of the two bodies of n dyads, and measures of their quality.
 
+    A dyad is a chain of two bodies and three R pairs. The arcs of its bodies lead from two
+    given outer axes to the middle axis, in which they meet.
+
     Attributes
     ----------
     first_rotation, second_rotation

@@ -55,7 +55,10 @@ class TriangleClass(IntEnum):
 
 @dataclass(frozen=True)
 class MarginBounds:
-    """Bounds of k margins in n triangles.
+    """Bounds of k margins in n triangles of a mesh.
+
+    Margins are functions that are at least 0 inside a region. They are interpolated in the
+    triangle.
 
     Attributes
     ----------

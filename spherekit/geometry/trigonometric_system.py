@@ -112,7 +112,10 @@ MAX_STEP_RAD = 0.3
 
 @dataclass(frozen=True)
 class EliminantRoots:
-    """Roots of the eliminants of n systems.
+    """Roots of the eliminants of n systems of equations.
+
+    The eliminant is the trigonometric polynomial in the first angle that remains when the
+    other angles are eliminated. Each of its roots belongs to a solution of the system.
 
     Attributes
     ----------
@@ -133,6 +136,9 @@ class EliminantRoots:
 @dataclass(frozen=True)
 class RemainingForms:
     """Forms that remain of n systems at r values of the first angle.
+
+    A form (c0, c1, c2) in an angle is the equation c0 + c1 cos + c2 sin = 0. The systems
+    have two equations in the angles x and z, or three in x, y and z.
 
     Attributes
     ----------

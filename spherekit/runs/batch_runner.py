@@ -502,6 +502,10 @@ def find_stops(
 class PendingPoles:
     """What is known of the poles of a block before they are asked for.
 
+    A block has n rows: samples of all assembly modes. A row is certified if the error
+    bounds that the kernel computes for it are small enough. A pole is the axis about which
+    one link rotates relative to another.
+
     Attributes
     ----------
     is_certified

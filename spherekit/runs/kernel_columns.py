@@ -36,7 +36,7 @@ RowSlice = tuple[int, slice]
 
 
 class ColumnKey(NamedTuple):
-    """Identifies a column of the poles of a block.
+    """Identifies a column: one number of a pole or link at all rows of a block.
 
     Attributes
     ----------
@@ -57,7 +57,10 @@ class ColumnKey(NamedTuple):
 
 
 class UnsignedPoles(NamedTuple):
-    """Poles in some rows, with directions whose sense is not chosen yet.
+    """Poles in k rows, with directions whose sense is not chosen yet.
+
+    A pole is the axis about which one link rotates relative to another. It is a line, and
+    either of its two senses can be its direction.
 
     Attributes
     ----------

@@ -182,6 +182,9 @@ class ProvenPoles:
 class PoleKey(NamedTuple):
     """Identifies a row of the table of poles.
 
+    A pole is the axis about which one link rotates relative to another, while one input
+    (the moving one) moves and the others are locked.
+
     Attributes
     ----------
     sample, assembly_mode
@@ -202,6 +205,10 @@ def prove_poles(
     mechanism: Mechanism, motion: TableArrays, poles: TableArrays
 ) -> ProvenPoles:
     """Return the poles of a run, enclosed in balls about the mechanism as it is written.
+
+    A ball is a number of many digits with a proven error bound. The mechanism has the
+    decimal numbers of its file, without rounding to float64. Rows of the run that failed,
+    or whose configuration is not proven, get no enclosure.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ EvaluatedBlock = tuple[Motion, PoleFields, ContinuedAngles]
 
 @dataclass(frozen=True)
 class DeclaredNeeds:
-    """The needs of the analyses of a run.
+    """The needs of the analyses of a run: the quantities that each of them reads.
 
     Attributes
     ----------

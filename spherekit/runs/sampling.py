@@ -379,7 +379,20 @@ def _simulate_study(
     engine: EngineChoice,
     on_progress: Callable[[Sampling], None] | None,
 ) -> Sampling:
-    """Solve and check the simulation of a study, and return it at times t (n,) s."""
+    """Solve and check the simulation of a study, and return it at times t (n,) s.
+
+    Parameters
+    ----------
+    study, mechanism
+        The study, and its mechanism with the inputs of the run.
+    t
+        (n,) times of the samples, s.
+    engine
+        The solver; see `simulate`.
+    on_progress
+        Called while the simulation is solved, with all samples and with the part of the
+        simulation that is solved. None if nobody follows the progress.
+    """
     assert study.start is not None and study.duration is not None
     check_engine_and_tolerance(mechanism, engine, study.tolerance)
     # The position analysis only finds the assembly modes at the start. A single input has

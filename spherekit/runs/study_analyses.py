@@ -145,6 +145,7 @@ def _read_parameters(
         return study.fault(("analyses", cls.name, *path), message)
 
     def read_list(value: Any) -> list[Any]:
+        """Return an array of a file, or raise `ValueError`."""
         if not isinstance(value, list):
             raise ValueError(value)
         return value

@@ -35,7 +35,7 @@ Smaller: the recommendation changes from one measurement to the next.
 
 @dataclass(frozen=True)
 class Measured:
-    """The times and errors of one setting.
+    """The times and errors of one setting of a run, or of one value of a parameter.
 
     Attributes
     ----------

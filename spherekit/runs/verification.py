@@ -64,7 +64,17 @@ Such rows close no better than the tolerance of the simulation, which is no faul
 
 @dataclass(frozen=True)
 class _BlockRows(ArrayRows):
-    """Rows that analyses read: configurations, their poles, and continued angles."""
+    """Rows that analyses read: configurations, their poles, and continued angles.
+
+    Attributes
+    ----------
+    motion
+        The configurations.
+    pole_fields
+        The poles, for each input that moves while the others are locked.
+    continued_angles
+        Variables (rad) without jumps of whole revolutions, by pair.
+    """
 
     motion: Motion
     pole_fields: tuple[PoleField, ...]
@@ -476,9 +486,18 @@ class Verifier:
 def _pole_errors(
     exact: ExactRows, pole_field: PoleField, reference_field: PoleField, pole: Pole
 ) -> dict[str, Floats]:
-    """Return the errors (n,) of each quantity of a pole with an error bound.
+    """Return the errors (n,) of each quantity of a pole that has an error bound.
 
     Vectors are compared by the length of their difference.
+
+    Parameters
+    ----------
+    exact
+        Values in many digits.
+    pole_field, reference_field
+        The poles of the run, and those of the float64 numbers nearest to exact values.
+    pole
+        The two links.
     """
     # Float64 has not enough digits for the difference of directions.
     with exact.arithmetic.within():

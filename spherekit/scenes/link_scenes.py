@@ -224,6 +224,8 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
         # The third column of the curve's frame is the point.
         points = curve.evaluate(arc_lengths).frame[:, :, 2]
         curves.append(points)
+        # The supporting arc ends at the point of the profile nearest to the first joint, or
+        # at the centre of the profile.
         if len(joints):
             profile = pair.profiles[side]
             arc_end = points[np.argmax(points @ joints[0])]

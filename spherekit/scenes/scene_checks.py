@@ -328,6 +328,9 @@ def _check_numbers(
 ) -> Array:
     """Return a field as an array of numbers of a given shape, or refuse it.
 
+    A letter in the shape stands for a length that several fields share, such as the number
+    of samples. The first field that has it decides.
+
     Parameters
     ----------
     where
@@ -344,6 +347,7 @@ def _check_numbers(
     except ValueError:
         # Rows of unequal length are no array; they are named below.
         array = np.array(None)
+    # The shape as Python writes it, with a comma after a single length.
     needed = "(" + ", ".join(map(str, shape)) + ("," if len(shape) == 1 else "") + ")"
     # Floats, integers, unsigned integers and bools.
     if array.dtype.kind not in "fiub":
