@@ -55,6 +55,7 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
         raise OutputError(
             f"{mechanism.name}: the file would not be readable: {error}"
         ) from None
+    # Compare the text with that of the mechanism that was read back.
     lines = text.split("\n")
     lines_read_back = canonical_text(read_back, angle_unit).split("\n")
     for line, line_read_back in zip_longest(lines, lines_read_back):
@@ -118,7 +119,11 @@ def _tables(mechanism: Mechanism) -> dict[str, _Table]:
 
 
 def _pair_table(mechanism: Mechanism, pair: Pair) -> _Table:
-    """Return the table of a pair with its share of the geometry and its profiles."""
+    """Return the table of a pair: type, links, its part of the geometry, and profiles.
+
+    In a reference pose the part is the axis and the variable. If the geometry is given by
+    sizes, it is the angle at which the variable is zero.
+    """
     table: _Table = {"type": pair.type, "links": pair.links}
     geometry = mechanism.geometry
     geometry_by_key: Mapping[str, Table] = (
@@ -139,7 +144,7 @@ def _pair_table(mechanism: Mechanism, pair: Pair) -> _Table:
 
 
 def _load_table(load: Load) -> _Table:
-    """Return the table of a load.
+    """Return the table of a load, without the kind for a torque at a pair.
 
     Raises
     ------

@@ -33,10 +33,14 @@ Locate = Callable[[tuple[str | int, ...], str], SpherekitError]
 @checked_class(ModelError, "each")
 @dataclass(frozen=True)
 class Start:
-    """The variable (rad) and the rate (rad/s) of the input at the start of a simulation.
+    """The state of the inputs at the start of a simulation.
 
-    For several inputs both are one number for each, in their order. A rate of 0 applies to
-    all of them.
+    Attributes
+    ----------
+    q
+        Variable (rad) of the input; for several inputs a number for each, in their order.
+    dq
+        Rate (rad/s) of the input, or of each input. The number 0 applies to all inputs.
     """
 
     q: float | Numbers
@@ -64,6 +68,7 @@ class Start:
         if isinstance(given, Start):
             return given
         if isinstance(given, str):
+            # "q=0.4,dq=1.2" becomes the mapping {"q": "0.4", "dq": "1.2"}.
             parts = (part.partition("=") for part in given.split(","))
             given = {key.strip(): text for key, _, text in parts}
         state: dict[str, float | Numbers] = {}

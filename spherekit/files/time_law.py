@@ -87,6 +87,7 @@ class Cycloidal:
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape."""
+        # Part of the duration; 0 before the start and 1 after the end.
         x = np.clip(np.asarray(t, dtype=np.float64) / self.duration, 0.0, 1.0)
         rise = self.stop - self.start
         turn = 2 * math.pi

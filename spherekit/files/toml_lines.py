@@ -72,13 +72,18 @@ class _KeyScanner:
     line: int = 1
 
     def read_token(self, token: str) -> None:
-        """Read the next token of the text."""
+        """Read the next token of the text, and change the state accordingly.
+
+        A token is a string, a comment, a punctuation mark, the end of a line, or a word.
+        """
+        # The innermost open bracket, and the path of its next item or of itself.
         bracket, path = self.brackets[-1] if self.brackets else ("", self.table)
         if bracket == "[" and token[0] not in "],\n#":
             # An item of an array begins, or continues.
             self.key_path = path
             self.lines.setdefault(path, self.line)
 
+        # Ends of lines, brackets of arrays and inline tables, and commas.
         if token == "\n" and not self.brackets:
             self.is_value = False
             self.header_depth = 0
@@ -96,8 +101,10 @@ class _KeyScanner:
             if bracket == "[":
                 next_index = int(path[-1]) + 1
                 self.brackets[-1] = (bracket, (*path[:-1], next_index))
+        # Values and comments say nothing about keys.
         elif self.is_value or bracket == "[" or token[0] in "#\n.":
             pass
+        # Headers and keys.
         elif token == "[":
             self.header_depth += 1
         elif token == "=":

@@ -549,10 +549,24 @@ class InverseKinematics:
         )
 
     def _check_starts(self, near: ArrayLike | None, count: int) -> Floats:
-        """Return orientations (count, 3, 3) next to which turns are searched.
+        """Return orientations near which the turn of a pointing output is searched.
 
-        They are (count, 0) if there is no closing link, which alone needs them. A
-        `SolveError` says if they are missing or if their shape is wrong.
+        Parameters
+        ----------
+        near
+            What the user gave: (3, 3) or (count, 3, 3) orientations of the output link.
+        count
+            Number of poses.
+
+        Returns
+        -------
+        (count, 3, 3) orientations; an array (count, 0) if there is no closing link, which
+        alone needs them.
+
+        Raises
+        ------
+        SolveError
+            If they are missing or if their shape is wrong.
         """
         if self._closing_link is None:
             return np.empty((count, 0))
@@ -620,6 +634,9 @@ def _close_mode(
     closing_link: DyadsWithClosingLink, directions: Floats, near: Floats, signs: Signs
 ) -> WorkingMode:
     """Return one mode with the output turned so that the closing link closes.
+
+    The output link can turn about its direction. The turn is the root of the residual of
+    the closing link: the cosine between the axes of its pairs less that of its arc.
 
     Parameters
     ----------

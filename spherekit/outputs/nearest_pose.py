@@ -172,6 +172,7 @@ class NearestPoseSearch:
         The nearest pose (3 or 4,), for which `is_inside` is true, and the angle (rad)
         between it and the target. The result is None if no reachable pose was found.
         """
+        # Coordinates v around the target: the distance of a pose is the length of v.
         chart = NormalCoordinates.around(target_pose)
         starts = _choose_spread_starts(chart.coordinates(reachable))
         nearest: Floats | None = None
@@ -216,11 +217,13 @@ class NearestPoseSearch:
     def _find_local_minimum(
         self, chart: NormalCoordinates, starts: Floats
     ) -> Floats | None:
-        """Improve several starts by SQP, and return the best reachable result.
+        """Improve several starts, and return the best reachable result.
 
-        In each step, the margins of all active starts are linearised. The linearised
-        problem gives a step, and a line search with an exact penalty function decides how
-        much of it is used.
+        The method is sequential quadratic programming (SQP): minimise |v|^2 / 2 with
+        margins >= 0, where v are the coordinates around the target and a margin is negative
+        beyond a limit of the mechanism. In each step, the margins of all active starts are
+        linearised. The linearised problem gives a step, and a line search with an exact
+        penalty function decides how much of it is used.
 
         Parameters
         ----------
@@ -461,7 +464,7 @@ def _merit(v: Floats, values: Floats, penalty: Floats) -> Floats:
 
 
 def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Floats, float]:
-    """Compute one SQP step from a point.
+    """Compute one step of sequential quadratic programming (SQP) from a point.
 
     The step solves: minimise ``|v + step|^2 / 2`` subject to
     ``values + gradients @ step >= 0``. If no step satisfies all linearised margins, the
