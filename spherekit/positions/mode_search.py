@@ -234,8 +234,8 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
         f"{pair} in [{low:.6g}, {high:.6g}] deg"
         for pair, low, high in zip(inputs, lows, highs, strict=True)
     )
-    # Place the first groups as long as they are dyads, at some of the samples. Both signs
-    # close at the same inputs.
+    # Place the first groups as long as they are dyads, at some of the samples. Which sign a
+    # dyad has does not matter for the question whether it closes.
     state = solver.start(input_grid.q[spread_rows(len(input_grid), PROBED_RANGE_INPUTS)])
     with np.errstate(invalid="ignore", divide="ignore"):
         for group in solver.assembly.groups:
