@@ -28,6 +28,9 @@ Pole = tuple[int, int]
 class PrimaryPole:
     """A pole that is the axis or the contact line of a pair.
 
+    A pole is the axis of the relative rotation of two bodies. Poles are found in passes, of
+    which each uses the poles of earlier ones.
+
     Attributes
     ----------
     pole
@@ -53,8 +56,9 @@ class PrimaryPole:
 class LinePole:
     """A pole at the intersection of great circles.
 
-    Any two of its great circles determine the pole. The two with the best-conditioned
-    intersection are chosen at each configuration.
+    A pole P_ij is the axis of the relative rotation of the bodies i and j. Any two of its
+    great circles determine it. The two with the best-conditioned intersection are chosen at
+    each configuration.
 
     Attributes
     ----------
@@ -93,8 +97,9 @@ class LinePole:
 class BlockPoles:
     """All poles of an irreducible part with one degree of freedom, solved together.
 
-    The rates of the pairs of the part are the null vector of its loop-closure velocity
-    equations.
+    A pole is the axis of the relative rotation of two bodies. The part is irreducible if
+    its poles do not follow one by one from great circles through known poles. The rates of
+    the pairs of the part are the null vector of its loop-closure velocity equations.
 
     Attributes
     ----------
@@ -140,9 +145,9 @@ Step = PrimaryPole | LinePole | BlockPoles
 class Plan:
     """Ordered steps that give every requested pole while one input moves.
 
-    If there are several inputs, the others are locked. Links that cannot move relative to
-    each other then form one body. A body has the number of its smallest link, and poles are
-    those of bodies.
+    A pole is the axis of the relative rotation of two bodies. If there are several inputs,
+    the others are locked. Links that cannot move relative to each other then form one body.
+    A body has the number of its smallest link, and poles are those of bodies.
 
     Attributes
     ----------

@@ -69,6 +69,8 @@ one mode may be found as two.
 class ConfigurationsAtInput(NamedTuple):
     """The k closed configurations of a mechanism that were found at one choice of inputs.
 
+    The mechanism is placed group by group. A dyad closes in two ways, told by its sign.
+
     Attributes
     ----------
     signs

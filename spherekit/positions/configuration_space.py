@@ -196,7 +196,8 @@ class Configurations(NamedTuple):
         The curves that were found.
     claim
         What is guaranteed: that no curve is missing; that none is missing along which the
-        pair `drive` turns by more than a box; or only that these are what a search found.
+        pair `drive` turns by more than a stated width; or only that these are what a search
+        found.
     drive
         Name of the pair by whose values the curves were searched.
     inputs, counts

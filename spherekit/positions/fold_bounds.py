@@ -91,6 +91,9 @@ def rounding_of_loops(linearisation: Linearisation) -> float:
 class FoldPlacement:
     """Configurations at n rows that are at a fold or near one.
 
+    At a fold two configurations of the mechanism meet at one input. Near it, the loops are
+    open by a quadratic function of the distance along one direction.
+
     Attributes
     ----------
     values

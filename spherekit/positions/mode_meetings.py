@@ -72,8 +72,9 @@ def find_crossings(
 ) -> list[Crossing]:
     """Return the crossings of curves in a short interval of the only input.
 
-    The search starts from all configurations at one input below the interval and one above
-    it.
+    At a crossing, two or more curves of configurations meet, and the closure Jacobian has
+    further singular values that are zero. The search starts from all configurations at one
+    input below the interval and one above it.
 
     Parameters
     ----------
@@ -362,6 +363,9 @@ def follow_smooth_curves(
     start: float,
 ) -> tuple[AssemblyMode, ...]:
     """Return assembly modes that follow smooth curves through all crossings.
+
+    An assembly mode has constant signs of its dyads. Where curves of two modes cross, the
+    smooth curve on which a mode lies belongs to the other mode afterwards.
 
     Parameters
     ----------

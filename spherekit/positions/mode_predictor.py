@@ -56,6 +56,8 @@ RANGE_END_TOLERANCE = 1e-14
 class ModePrediction(NamedTuple):
     """Predicted configurations of an assembly mode at n samples.
 
+    They are interpolated between nodes, which are verified configurations of the mode.
+
     Attributes
     ----------
     values

@@ -367,6 +367,7 @@ def _solve_batch(
     Configurations only of the samples that pass. `is_complete` (n,) is True for these
     samples.
     """
+    # At zero angles the pair states are the frames of the pairs in their bodies.
     states = closure.at(np.zeros((count, len(group.pairs)))).states
     frames = np.stack([states.first, states.second])
     geometry = GroupGeometry(group, pair_frames=np.moveaxis(frames, 1, 2))
@@ -376,6 +377,8 @@ def _solve_batch(
     for link in find_binary_links(group):
         is_clear &= geometry.arc_sines(link) >= MIN_ARC_SINE
     is_real = all_finite(tree_angles, 2)
+    # Close the group by Newton's method from the angles of all pairs. `number` counts the
+    # solutions of a sample.
     sample, number = np.nonzero(is_real & is_clear[:, None])
     placed = geometry.place_bodies(order, np.where(is_real[..., None], tree_angles, 0.0))
     start_values = geometry.measure_pair_angles_at(placed[sample, number], sample)
