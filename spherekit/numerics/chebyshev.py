@@ -106,6 +106,7 @@ class PiecewiseChebyshev:
         check_positions = np.cos(np.arange(degree + 2)[:, None] * np.pi / (degree + 1))
 
         def call_in_rising_order(x: Floats) -> Floats:
+            """Return the values (n, m) at positions (n, 1) in any order."""
             # Rounding may move the last position beyond the range.
             order = np.argsort(x[:, 0])
             return function(np.minimum(x[order, 0], high))[np.argsort(order)]

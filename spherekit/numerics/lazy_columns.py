@@ -42,8 +42,8 @@ class LazyColumn:
     ----------
     source
         Has a method `read(keys, reader)`. It computes the columns with these keys, and
-        calls the reader with slices of rows until all rows were passed. The slices may come
-        in any order and from several threads at once.
+        calls the reader with a slice of rows and the values of the columns there, until all
+        rows were passed. The slices may come in any order and from several threads at once.
     key
         Identifies the column in the source.
     count
@@ -77,6 +77,7 @@ class Interleaved:
     ndim = 1
 
     def __init__(self, parts: Sequence[Array | LazyColumn]) -> None:
+        """Make the column of one part (n,) for each subject."""
         self.parts: tuple[Array | LazyColumn, ...] = tuple(
             part if isinstance(part, LazyColumn) else np.asarray(part) for part in parts
         )
@@ -193,8 +194,8 @@ def _match_rows(
 ) -> list[tuple[slice, slice]]:
     """Return which output rows receive which of the available rows of one subject.
 
-    In the column, the rows of all subjects (such as assembly modes) alternate: row r of
-    subject s is row r * subject_count + s. A source delivers the rows of one subject.
+    In the column, the rows of all subjects (such as poles) alternate: row r of subject s is
+    row r * subject_count + s. A source delivers the rows of one subject.
 
     Parameters
     ----------

@@ -72,6 +72,10 @@ class TensorChebyshev:
     ) -> "TensorChebyshev":
         """Return the interpolant of F functions on a box.
 
+        A cell whose error is too large is halved. If this is not possible, because the cell
+        is narrow, there are too many cells, or no sample is finite, it is left out of the
+        domain.
+
         Parameters
         ----------
         function
@@ -106,11 +110,14 @@ class TensorChebyshev:
                 series = fits.coefficients[number]
                 width_fractions = (cell.bounds[1] - cell.bounds[0]) / (high - low)
                 axis = _worst_direction(series / scales, width_fractions)
+                # An accurate cell k has the link -1 - k.
                 if is_accurate[number]:
                     cell_bounds.append(cell.bounds)
                     cell_series.append(series)
                     cell.set_link(-len(cell_bounds))
                     continue
+                # Halves must not be narrower than allowed. Widths are halved exactly, so
+                # any factor between 1 and 2 distinguishes them.
                 is_wide = width_fractions[axis] > 1.5 * MIN_CELL_FRACTION
                 # The largest value is NaN, and not positive, if no sample is finite.
                 exists = fits.largest_values[number] >= 0.0
@@ -123,6 +130,7 @@ class TensorChebyshev:
                     lower_bounds[1, axis] = middle
                     upper_bounds = cell.bounds.copy()
                     upper_bounds[0, axis] = middle
+                    # In a split, the links to the halves have the indices 2 and 3.
                     halves.append(_PendingCell(lower_bounds, split, 2))
                     halves.append(_PendingCell(upper_bounds, split, 3))
             pending = halves
@@ -221,7 +229,11 @@ class CellSums:
         self._middles_and_scales = np.stack([middles, scales], axis=2).tolist()
 
     def evaluate(self, cell: int, x: Sequence[float]) -> Floats:
-        """Return the sums (K,) at a position (m,) in a cell."""
+        """Return the sums (K,) at a position (m,) in a cell.
+
+        `cell` is its number, as `TensorChebyshev.find_cell` returns it. A position outside
+        the cell gets the value at its edge.
+        """
         # Each pass sums over the orders of one variable, which is the first axis. The sum
         # is a dot product with T_k = cos(k angle), where cos(angle) is the reduced
         # position.

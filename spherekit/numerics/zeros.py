@@ -125,6 +125,7 @@ def find_zeros(function: DifferentiableFunction, grid: Floats) -> Zeros:
     double_zeros = extrema[~is_nonzero]
 
     def flattened_function(x: Floats, _: Indices) -> Floats:
+        """Return the values at positions, with tiny ones replaced by zero."""
         # Near a zero of high order the function is below the rounding errors in a wide
         # range, and no bracket would become narrow. There it counts as exactly zero.
         value = function(x)[0]

@@ -101,11 +101,13 @@ def _make_operator_methods(
     """
 
     def node_first(node: Any, operand: Any) -> Expr:
+        """Return ``node + operand``."""
         return (
             operation(node, operand) if isinstance(operand, _OPERANDS) else NotImplemented
         )
 
     def node_second(node: Any, operand: Any) -> Expr:
+        """Return ``operand + node``."""
         return (
             operation(operand, node) if isinstance(operand, _OPERANDS) else NotImplemented
         )
@@ -305,6 +307,7 @@ def substitute(
     operators = {"+": add, "-": subtract, "*": multiply, "/": divide}
 
     def convert_node(node: ExpressionNode, arguments: list[Any]) -> Expr:
+        """Return the replacement of a node, or the node with replaced arguments."""
         if node in replacements or node.operation == "variable":
             return replacements.get(node, node)
         if node.operation in operators:

@@ -98,6 +98,7 @@ def cofactors(rows: Sequence[Sequence[Expr]]) -> list[list[Expr]]:
     indices = range(len(rows))
 
     def form_cofactor(i: int, j: int) -> Expr:
+        """Return the cofactor of entry (i, j)."""
         remaining = [
             [rows[row][column] for column in indices if column != j]
             for row in indices

@@ -170,7 +170,7 @@ class GeometryRounding:
             norm_columns(self.link_rotations[:, j] - self.link_rotations[:, i]), axis=0
         )
         v_tilt_error = self._first_misfit * turn + 2.0 * self.axis_error * self._speed
-        # The direction.
+        # The direction. The axis of a pair has no error by v.
         direction = self.gap * spreads["direction"] + self.axis_error
         if not is_pair_axis:
             direction = direction + v_tilt_error / speed

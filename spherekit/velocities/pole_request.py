@@ -26,6 +26,10 @@ of the poles. They return a status for poles that are ill-conditioned on this ro
 class Request:
     """The poles to compute while one input moves, and the plan that gives them.
 
+    A pole is the axis about which two links turn relative to each other. A body of the plan
+    is a set of links that do not move relative to each other while the other inputs are
+    locked. The plan says from which other poles each pole of two bodies follows.
+
     Attributes
     ----------
     plan
@@ -58,6 +62,7 @@ class MechanismKey:
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
+        """Make the key of this object."""
         self.mechanism = mechanism
 
     def __hash__(self) -> int:

@@ -137,8 +137,9 @@ class VelocityEquations(ABC):
     def closure_residuals(self) -> dict[int, Exprs]:
         """(3,) rotation vector (rad, to first order) by which each loop is open.
 
-        By the pair that closes the loop: the rotation from the frame by the pair to the
-        frame of the second link.
+        A loop is closed by a pair, whose frame is reached along both sides of the loop: in
+        its second link, and from its first link by the rotation of the pair. By this pair,
+        the residual is the rotation from the latter frame to the former.
         """
         return {
             pair: rotation_between(frames.by_pair, frames.by_second_link)
@@ -170,6 +171,10 @@ class VelocityEquations(ABC):
     ) -> tuple[list[Expr], list[Exprs]]:
         """Return the accelerations while no input accelerates.
 
+        The relative angular velocity of a pair is the sum of a_v x_v over its variables v,
+        with their vectors a_v and rates x_v. Its derivative is the sum of a_v dx_v (solved
+        from the loops) and da_v x_v (the bias, which follows from velocities alone).
+
         Parameters
         ----------
         rates
@@ -193,6 +198,7 @@ class VelocityEquations(ABC):
             vector_sum(vector_derivatives[v] for v in variables)
             for variables in self.pair_variables
         ]
+        # Offsets are subtracted from relative velocities, hence the sign.
         variable_accelerations = self.solve_loops(
             {pair: part * -1.0 for pair, part in enumerate(bias)}
         )
