@@ -129,7 +129,11 @@ class Dynamics(AbstractAnalysis):
         )
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
-        """Return the tables of torques, of the inertia matrix and of the loads."""
+        """Return the tables of torques, of the inertia matrix and of the loads.
+
+        For each of the n rows of the batch the first table has one row, the second one a
+        row for each two inputs, and the third one a row for each load, in this order.
+        """
         solution = self._inverse_solution(batch)
         mechanism = batch.mechanism
         inputs = batch.moving_inputs
@@ -162,6 +166,7 @@ class Dynamics(AbstractAnalysis):
                 **input_columns(
                     mechanism, entry_derivatives.reshape(-1, input_count), "dM"
                 ),
+                # A finite entry has status OK, also in a row whose torques failed.
                 "status": of_parts(entries, solution.status).ravel(),
             },
             "loads": {

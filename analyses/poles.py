@@ -291,7 +291,8 @@ class Poles(AbstractAnalysis):
         if pole_with_circles is None:
             return
         normals = batch.planes(*pole_with_circles, input_number)[rows]
-        # Poles of pairs are drawn last, on top of the others; poles to the ground first.
+        # Poles of pairs are drawn last, on top of the others. In both sets poles relative
+        # to the ground (link 0) come first.
         charted_poles = sorted(
             poles, key=lambda pole: (pole in mechanism.pole_pairs, pole[0] != 0)
         )

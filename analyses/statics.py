@@ -152,7 +152,11 @@ class Statics(AbstractAnalysis):
         return np.broadcast_to(stiffness, (len(inputs),))
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
-        """Return the tables of torques and of the outputs."""
+        """Return the tables of torques and of the outputs.
+
+        The table of outputs has, for each row of the batch, a row for each output: the
+        mechanical advantage of each input, and three principal stiffnesses with their axes.
+        """
         solution = self._holding_solution(batch)
         mechanism = batch.mechanism
         row_identity = row_columns(batch)
@@ -164,6 +168,8 @@ class Statics(AbstractAnalysis):
         )
         stiffness = _interleave([result.stiffness for result in results], (row_count, 3))
         axes = _interleave([result.axes for result in results], (row_count, 3, 3))
+        # Arrays with a row for each row of the batch and output; axes: row, principal axis,
+        # component.
         principal_columns: dict[str, NDArray[Any]] = {}
         for number in range(3):
             principal_columns[f"stiffness_{number + 1}"] = stiffness[:, number]

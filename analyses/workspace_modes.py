@@ -322,7 +322,11 @@ class WorkspaceModes:
         return record, ""
 
     def examine_poses(self) -> PoseFindings:
-        """Return which poses are reached in which modes, and the nearest reachable ones."""
+        """Return which poses are reached in which working modes, and how far others are.
+
+        A working mode is given by the signs of the legs. For a pose outside, the nearest
+        reachable pose is given.
+        """
         findings = PoseFindings([], [], [])
         if not len(self.poses):
             findings.warnings.append("pose: the mechanism does not close at these inputs")
@@ -434,6 +438,8 @@ class WorkspaceModes:
         It shows the rotation that is possible about each direction of the z axis, and the
         margins in the space of tilt and torsion, with tilts as polar coordinates.
         """
+        # All torsions at each direction of the z axis. The part of them that is inside is
+        # the possible rotation about this direction.
         directions, triangles = sphere_mesh(DRAWN_AZIMUTHS, DRAWN_TILTS)
         torsions = 2.0 * np.pi * np.arange(DRAWN_TORSIONS) / DRAWN_TORSIONS
         tilts = np.repeat(azimuth_tilt(directions), DRAWN_TORSIONS, axis=0)
@@ -455,6 +461,7 @@ class WorkspaceModes:
         samples = self.samples[workspace.signs]
         is_inside = samples.judged.inside
         if np.any(is_inside):
+            # The samples inside are points without triangles.
             rotations = from_quaternion(samples.poses[is_inside])
             azimuth, tilt, torsion = tilt_torsion(rotations).T
             points = [tilt * np.cos(azimuth), tilt * np.sin(azimuth), torsion]

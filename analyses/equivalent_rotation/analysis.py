@@ -227,12 +227,17 @@ class EquivalentRotation(AbstractAnalysis):
         return self._result(batch).scenes("\n\n".join(paragraphs))
 
     def findings(self, batch: Batch) -> Findings:
-        """Return axis, angle, feasibility, positions of type II, and the duration."""
+        """Return axis, angle, feasibility, positions of type II, and the duration.
+
+        A rotation is feasible if the mechanism follows to its end, about a fixed axis. At
+        type II the inputs do not hold the output.
+        """
         result = self._result(batch)
         rotation = result.rotation
         samples = result.samples
         start = result.start
         orientation_error = _largest_finite(samples.orientation_error)
+        # Singular samples have a configuration.
         has_failed = ~np.isin(samples.status, (Status.OK, Status.AT_SINGULARITY))
         keeps_axis = orientation_error < FIXED_AXIS_TOLERANCE_RAD
         is_feasible = rotation.end == Status.OK and keeps_axis and not np.any(has_failed)
@@ -310,6 +315,10 @@ class EquivalentRotation(AbstractAnalysis):
 
     def _compute_result(self, batch: Batch) -> RotationResult:
         """Return the rotation and its schedule.
+
+        The start and the end are given as texts. The rotation is followed from one
+        configuration of the start. A schedule needs a limit of speed or acceleration, and a
+        mechanism that follows to the end.
 
         Raises
         ------

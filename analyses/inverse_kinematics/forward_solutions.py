@@ -75,7 +75,9 @@ class ForwardSolutions:
     def _describe_poses(self, has_pose: NDArray[np.bool_]) -> list[str]:
         """Return a sentence for each pose with all its modes.
 
-        `has_pose` (rows,) are the rows of the table that have a pose.
+        A mode is the working mode (signs of the legs) if it is known, otherwise the
+        assembly mode (signs of the groups of links). `has_pose` (rows,) are the rows of the
+        table that have a pose.
         """
         columns = self.columns
         modes_of_sentence: dict[tuple[str, str], list[str]] = {}
