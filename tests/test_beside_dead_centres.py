@@ -15,10 +15,10 @@ from spherekit.errors import SpherekitError
 from spherekit.mechanism.elements import Input
 from spherekit.positions.decimal_frames import decimal_frames
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.positions.quad_positions import LARGEST_ANGLE_ERROR_RAD
 from spherekit.proof.balls import Digits
 from spherekit.proof.decimal_mechanism import read_decimals
 from spherekit.status import Status
+from spherekit.tolerances import MAX_SINGULAR_ANGLE_ERROR_RAD
 
 
 def beside_folds(seed):
@@ -55,7 +55,7 @@ def test_angles_beside_folds_are_right_or_left_out(seeds):
         assert np.all(np.isfinite(bound))
         is_judged = np.isfinite(away)
         assert np.all(away[is_judged] <= bound[is_judged])
-        assert np.all(bound <= LARGEST_ANGLE_ERROR_RAD)
+        assert np.all(bound <= MAX_SINGULAR_ANGLE_ERROR_RAD)
         judged += np.sum(np.isfinite(away))
     assert judged > 10 * len(seeds)
 

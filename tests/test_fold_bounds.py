@@ -12,8 +12,8 @@ from folding_mechanisms import folding_mechanism, inputs_beside_folds
 
 from spherekit.errors import SpherekitError
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.positions.quad_positions import LARGEST_ANGLE_ERROR_RAD
 from spherekit.status import Status
+from spherekit.tolerances import MAX_SINGULAR_ANGLE_ERROR_RAD
 
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 
@@ -34,7 +34,7 @@ def judged_rows(made, path):
         return 0, left_out
     rows = motion.rows(known)
     bound = rows.configuration_error
-    assert np.all(bound <= LARGEST_ANGLE_ERROR_RAD)
+    assert np.all(bound <= MAX_SINGULAR_ANGLE_ERROR_RAD)
     away = deviations(rows)
     has_root = np.isfinite(away)
     assert np.all(away[has_root] <= bound[has_root])

@@ -23,7 +23,8 @@ from spherekit.singularities.several_inputs import coefficients, what_vanishes
 from spherekit.singularities.singularity_report import SingularityReport
 from spherekit.singularities.slices import solver_of
 from spherekit.singularities.stationarity import output_of
-from spherekit.velocities.transmission import SINGULAR_TRANSMISSION, Transmission
+from spherekit.tolerances import SINGULAR_TRANSMISSION
+from spherekit.velocities.transmission import Transmission
 
 NAME = "singularities"
 FIVE = joints("1-2 2-3 3-4 4-5 1-5")

@@ -20,7 +20,8 @@ from spherekit.positions.position_solver import PositionSolver
 from spherekit.singularities.several_inputs import RowType, coefficients
 from spherekit.singularities.stationarity import output_of
 from spherekit.status import Status
-from spherekit.velocities.transmission import SINGULAR_TRANSMISSION, Transmission
+from spherekit.tolerances import SINGULAR_TRANSMISSION
+from spherekit.velocities.transmission import Transmission
 
 CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")
 DISTANCES = [0.0, 1e-12, 1e-10, 1e-8, 1e-5, 1e-3, 0.1]

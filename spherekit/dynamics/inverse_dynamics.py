@@ -32,16 +32,10 @@ from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.timing import Timing, evaluate_time_laws
 from spherekit.status import Status
+from spherekit.tolerances import SINGULAR_INPUT_DETERMINACY
 from spherekit.velocities.pole_evaluation import evaluate_unsigned
 from spherekit.velocities.pole_request import request
 from spherekit.wording import counted, listing
-
-MIN_INPUT_DETERMINACY = 1e-6
-"""Smallest `determinacy` of the inputs in a row that is OK.
-
-Rows in which the inputs determine the motion less well are AT_SINGULARITY. About half of
-the digits of their rates are lost. Larger: rows farther from dead centres have no torques.
-"""
 
 MAX_ZERO_TORQUE = 1e-13
 """Largest torque, relative to the sum of the sizes of its terms, that counts as zero.
@@ -406,7 +400,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
     coordinates = motion_by_variables(closure, motion.values, input_variables)
     # Rows are singular where the inputs do not determine the motion. The negated comparison
     # is also true for NaN.
-    is_singular = ~(determinacy(coordinates.rates) >= MIN_INPUT_DETERMINACY)
+    is_singular = ~(determinacy(coordinates.rates) >= SINGULAR_INPUT_DETERMINACY)
     has_configuration = ~motion.failed
     # Where assembly modes nearly cross, the derivatives depend on rounding errors of the
     # configuration. The evaluation of poles finds such rows.

@@ -9,17 +9,12 @@ from spherekit.dynamics.simulated_path import STATES_PER_BLOCK
 from spherekit.dynamics.simulation import Event, Simulation
 from spherekit.dynamics.simulation_end import SimulationEnd
 from spherekit.errors import SolveError
+from spherekit.tolerances import MAX_SIMULATED_PULL
 
 PROBES_PER_STEP = 8
 """Number of times in each step at which the pushes of contacts are computed.
 
 Larger: more time. Smaller: a contact that lifts off for a short time is missed.
-"""
-
-MAX_RELATIVE_PULL = 1e-9
-"""Largest pull of a contact, relative to the largest reaction, that counts as rounding.
-
-Larger: contacts lift off late. Smaller: rounding ends simulations.
 """
 
 FIRST_STEPS = 8
@@ -87,7 +82,7 @@ def end_at_lift_off(simulation: Simulation) -> Simulation:
     # of the first steps.
     scale = np.fmax.accumulate(reactions)
     scale = np.maximum(scale, scale[: FIRST_STEPS * PROBES_PER_STEP][-1])
-    is_pulling = np.any(pushes < -MAX_RELATIVE_PULL * scale[:, None], axis=1)
+    is_pulling = np.any(pushes < -MAX_SIMULATED_PULL * scale[:, None], axis=1)
     pulling_rows = np.flatnonzero(is_pulling)
     if not len(pulling_rows):
         return simulation

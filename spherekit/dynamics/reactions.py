@@ -32,12 +32,7 @@ from spherekit.geometry.vectors import max_abs, nans
 from spherekit.mechanism.friction import Bearings
 from spherekit.positions.motion import Motion
 from spherekit.status import Status
-
-MAX_RELATIVE_PULL_OF_CONTACTS = 1e-12
-"""Largest pull of a contact, relative to the largest reaction, that counts as rounding.
-
-Rows with a larger pull have the status LIFT_OFF. Larger: small pulls are not noticed.
-"""
+from spherekit.tolerances import MAX_ROW_PULL
 
 
 @dataclass(frozen=True)
@@ -225,6 +220,6 @@ def reactions(motion: Motion) -> Reactions:
         status=np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1),
     )
     largest_moment = max_abs(np.nan_to_num(result.moments), axis=(1, 2))
-    is_pulling = result.push < -MAX_RELATIVE_PULL_OF_CONTACTS * largest_moment[:, None]
+    is_pulling = result.push < -MAX_ROW_PULL * largest_moment[:, None]
     result.status[is_pulling] = Status.LIFT_OFF
     return result

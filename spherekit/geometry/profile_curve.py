@@ -29,7 +29,7 @@ from spherekit.geometry.profile_checks import (
 from spherekit.geometry.triangle import arc
 from spherekit.geometry.vectors import all_finite
 from spherekit.numerics.complex_step import add_complex_step, extract_derivative
-from spherekit.tolerances import EPS
+from spherekit.tolerances import PROFILE_END_ROUNDING
 
 SPLINE_REFITS = 4
 """Number of times a spline is fitted again, with knots at the arc lengths of the last fit.
@@ -37,13 +37,6 @@ SPLINE_REFITS = 4
 The first knots are sums of the arcs between the points. Larger: the parameter is closer to
 the arc length. Smaller: curvatures between unevenly spaced points vary more. The number is
 part of the meaning of files.
-"""
-
-ROUNDING_OF_LENGTH = 4.0 * EPS
-"""Arc length, relative to the whole length, by which a point may be beyond an open end.
-
-Larger: points beyond the end count as its end. Smaller: the rounding error of an arc length
-can put the end itself outside.
 """
 
 
@@ -116,7 +109,7 @@ class Curve:
         if self.closed:
             arcs = np.mod(arcs, self.length)
         else:
-            slack = ROUNDING_OF_LENGTH * self.length
+            slack = PROFILE_END_ROUNDING * self.length
             inside = (arcs >= -slack) & (arcs <= self.length + slack)
             arcs = np.clip(arcs, 0.0, self.length)
         return arcs if self.table is None else self.table.invert(arcs), inside

@@ -29,6 +29,7 @@ from spherekit.planning.assembly_plan import Assembly, split_into_groups
 from spherekit.planning.mobility import merge_locked_links
 from spherekit.positions.loop_closure import newton
 from spherekit.positions.position_solver import PositionSolver
+from spherekit.tolerances import CLOSING_RESIDUAL
 
 TURN_SAMPLES = 120
 """Number of turns between which roots of the residual are bracketed.
@@ -53,14 +54,6 @@ TURN_STEP_TOLERANCE_RAD = 1e-11
 
 The next step would be below the rounding error. Larger: turns with larger errors count as
 converged. Smaller: rounding errors are reported as NOT_CONVERGED.
-"""
-
-CLOSING_RESIDUAL = 1e-7
-"""Largest residual f at a root.
-
-At the limit of a dyad's reach the slope of f is infinite, and a step from there is too, so
-the step alone does not show a root. Larger: turns at which f only jumps count as roots.
-Smaller: roots near the limit of the reach are lost because of rounding errors.
 """
 
 SAME_TURN_RAD = 1e-7

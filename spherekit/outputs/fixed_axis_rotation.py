@@ -25,9 +25,7 @@ from spherekit.mechanism.output_choice import chosen_output
 from spherekit.numerics.minima import minimize_in_brackets
 from spherekit.outputs.rotation_path import (
     LEAP_LENGTHS_RAD,
-    NEAREST_TOLERANCE_RAD,
     STEP_VERIFICATION,
-    UNDETERMINED_CONDITION,
     PathNodes,
     RotationPath,
 )
@@ -35,8 +33,17 @@ from spherekit.outputs.target_deviation import OutputLink, TargetDeviation
 from spherekit.positions.assembly_mode import has_configuration
 from spherekit.positions.linear_equations import condition_numbers
 from spherekit.status import Status
-from spherekit.tolerances import EPS, SINGULAR_RATIO, USABLE_DIRECTION
-from spherekit.velocities.transmission import SINGULAR_TRANSMISSION, Transmission
+from spherekit.tolerances import (
+    EPS,
+    MODE_CHANGE_RAD,
+    MODE_CHANGE_RATIO,
+    NEAREST_TOLERANCE_RAD,
+    SINGULAR_RATIO,
+    SINGULAR_TARGET_CONDITION,
+    SINGULAR_TRANSMISSION,
+    USABLE_DIRECTION,
+)
+from spherekit.velocities.transmission import Transmission
 
 LEAP_NEIGHBOURHOOD_RAD = 0.08
 """Distance (rad of theta) from a leap within which rates are interpolated.
@@ -71,20 +78,6 @@ START_RESIDUAL_RAD = 1e-6
 
 Larger: configurations that are far from closed are accepted and may be closed in another
 mode. Smaller: values that were rounded in a table are refused.
-"""
-
-MODE_CHANGE_RATIO = 10.0
-"""Largest change of a sample by Newton's method, in parts of the verified error of a cell.
-
-Larger: samples of another mode can be accepted. Smaller: samples are reported as MODE_LOST
-although they are correct.
-"""
-
-MODE_CHANGE_RAD = 1e-8
-"""Change of a sample by Newton's method (rad) that never counts as a change of the mode.
-
-Larger: samples of another mode can be accepted between close nodes. Smaller: rounding
-errors near singular configurations are reported as MODE_LOST.
 """
 
 UNIT_ORIENTATION_TOLERANCE = 1e-9
@@ -239,7 +232,9 @@ class FollowedRotation(RotationPath):
             conditioning = np.minimum(
                 deviation.least_eigenvalue, deviation.loop_conditioning
             )
-        is_undetermined = (status == Status.OK) & ~(conditioning > UNDETERMINED_CONDITION)
+        is_undetermined = (status == Status.OK) & ~(
+            conditioning > SINGULAR_TARGET_CONDITION
+        )
         if np.any(is_undetermined):
             # Newton's method returns arbitrary values there. The interpolated ones are
             # accurate, since the path continues smoothly.
@@ -612,14 +607,14 @@ def _close_start(
     # The Jacobian has the rank variables - inputs if the inputs are all degrees of freedom.
     # The remaining singular values, in falling order, are then 0.
     excess = singular_values[variable_count - input_count :]
-    has_higher_rank = np.any(excess > UNDETERMINED_CONDITION * largest)
-    if has_higher_rank or not deviation.loop_conditioning[0] > UNDETERMINED_CONDITION:
+    has_higher_rank = np.any(excess > SINGULAR_TARGET_CONDITION * largest)
+    if has_higher_rank or not deviation.loop_conditioning[0] > SINGULAR_TARGET_CONDITION:
         raise SolveError(
             f"{mechanism_name}: the configuration to start from is singular, or the "
             f"mechanism has other freedoms than its {input_count} inputs; start from "
             "another one"
         )
-    if not deviation.output_singular_value[0] > UNDETERMINED_CONDITION:
+    if not deviation.output_singular_value[0] > SINGULAR_TARGET_CONDITION:
         raise SolveError(
             f"{mechanism_name}: at the start the output link cannot turn in as many ways "
             f"as there are inputs ({input_count}): it is at the limit of its reach, or "

@@ -28,7 +28,6 @@ from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.geometry.tilt_torsion import azimuth_tilt, euler_zyz
 from spherekit.mechanism.joint import revolutes
 from spherekit.outputs.closing_link import (
-    CLOSING_RESIDUAL,
     TURN_STEP_TOLERANCE_RAD,
     DyadsWithClosingLink,
     find_closing_link,
@@ -43,7 +42,7 @@ from spherekit.positions.loop_closure import Closure
 from spherekit.positions.pair_states import measure_pair_angles
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.status import Status
-from spherekit.tolerances import SINGULAR_DYAD_SINE
+from spherekit.tolerances import CLOSING_RESIDUAL, SINGULAR_DYAD_SINE
 from spherekit.velocities.transmission import Transmission
 
 POSES_PER_BLOCK = 8192

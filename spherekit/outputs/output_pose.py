@@ -32,13 +32,13 @@ from spherekit.outputs.mid_plane_architecture import (
     MidPlaneArchitecture,
     describe_mid_plane,
 )
-from spherekit.outputs.rotation_path import UNDETERMINED_CONDITION
 from spherekit.outputs.target_deviation import OutputLink
 from spherekit.outputs.virtual_output import COORDINATES, with_wrist
 from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.assembly_mode import label_of
 from spherekit.positions.position_solver import PositionSolver
-from spherekit.velocities.transmission import SINGULAR_TRANSMISSION, Transmission
+from spherekit.tolerances import SINGULAR_TARGET_CONDITION, SINGULAR_TRANSMISSION
+from spherekit.velocities.transmission import Transmission
 from spherekit.wording import listing
 
 SAME_ORIENTATION_RAD = 1e-7
@@ -270,7 +270,7 @@ class PoseFinder:
         )
         transmission = Transmission.from_mechanism(self.mechanism, self.output)
         type_2 = transmission.measure_configurations(self.solver.closure, values)
-        is_regular = (conditioning > UNDETERMINED_CONDITION) & (
+        is_regular = (conditioning > SINGULAR_TARGET_CONDITION) & (
             type_2 > SINGULAR_TRANSMISSION
         )
         candidates = PoseCandidates(

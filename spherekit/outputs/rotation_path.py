@@ -22,7 +22,12 @@ from spherekit.outputs.target_deviation import OutputLink, TargetDeviation
 from spherekit.positions.loop_closure import newton
 from spherekit.positions.verified_steps import STEP_PARTS, Verification
 from spherekit.status import Status
-from spherekit.tolerances import CLOSURE_TOLERANCE
+from spherekit.tolerances import (
+    CLOSURE_TOLERANCE,
+    END_AT_SINGULARITY_CONDITION,
+    NEAREST_TOLERANCE_RAD,
+    SINGULAR_TARGET_CONDITION,
+)
 
 LARGEST_ROTATION_STEP_RAD = 0.2
 """Longest step (rad of theta).
@@ -92,13 +97,6 @@ A larger tolerance leaves errors that torques magnify near crossings. A smaller 
 steps without effect.
 """
 
-NEAREST_TOLERANCE_RAD = 1e-11
-"""Largest error (rad) with which a configuration counts as the nearest one.
-
-Larger: less accurate samples are OK. Smaller: samples near singular configurations become
-NOT_CONVERGED because of rounding errors.
-"""
-
 LEAP_LENGTHS_RAD = (0.004, 0.01, 0.02, 0.04)
 """Lengths (rad of theta) of the leaps that are tried, in this order.
 
@@ -136,25 +134,11 @@ Larger: a leap may pass a configuration that is not singular. Smaller: leaps ove
 configurations are refused if the interpolated path misses them slightly.
 """
 
-UNDETERMINED_CONDITION = 1e-7
-"""Reciprocal condition number below which equations do not determine the links.
-
-Larger: more samples around a singular configuration are AT_SINGULARITY. Smaller: samples
-with half their digits or less count as regular.
-"""
-
-COMPARABLE_CONDITION = 100.0 * UNDETERMINED_CONDITION
+COMPARABLE_CONDITION = 100.0 * SINGULAR_TARGET_CONDITION
 """Reciprocal condition number above which configurations within a leap are compared.
 
 Larger: fewer configurations are left to show that the path is smooth. Smaller: rounding
 errors of nearly singular configurations prevent leaps.
-"""
-
-NAMED_REASON_CONDITION = 1e-3
-"""Conditioning of the last node below which it is the reason why the path ends.
-
-Larger: other reasons are reported as a limit of the reach or a singularity. Smaller: the
-end of the path is reported as MODE_LOST more often.
 """
 
 
@@ -387,7 +371,7 @@ class RotationPath:
             eigenvalues = np.abs(np.linalg.eigvals(relative_change))
             is_regular = STEP_VERIFICATION.accepts_change(eigenvalues)
         else:
-            is_regular = nodes.stability > UNDETERMINED_CONDITION
+            is_regular = nodes.stability > SINGULAR_TARGET_CONDITION
 
         interpolated, _ = PathNodes.joined([node, next_node]).interpolate(middle_node.theta)
         middle_error = max_abs(interpolated - middle_node.values)
@@ -523,8 +507,8 @@ def _end_reason(node: PathNodes) -> Status:
     inputs, AT_SINGULARITY if the equations nearly fail to determine the links, MODE_LOST
     otherwise.
     """
-    if not node.follows[0] or node.reach[0] < NAMED_REASON_CONDITION:
+    if not node.follows[0] or node.reach[0] < END_AT_SINGULARITY_CONDITION:
         return Status.OUT_OF_REACH
-    if node.condition[0] < NAMED_REASON_CONDITION:
+    if node.condition[0] < END_AT_SINGULARITY_CONDITION:
         return Status.AT_SINGULARITY
     return Status.MODE_LOST

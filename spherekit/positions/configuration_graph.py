@@ -44,7 +44,7 @@ SAME_CONFIGURATION_RAD = 1e-6
 """Configurations of one sample whose angles all differ by less are one node. Larger:
 different modes near a meeting are taken for one; smaller: one configuration can become two
 nodes."""
-SINGULAR_RATIO = 1e-8
+SINGULAR_NODE_RATIO = 1e-8
 """A configuration is singular if its smallest singular value, relative to the largest, is
 smaller. These are of the closure Jacobian without the inputs. No path starts from a
 singular node. Larger: more nodes remain alone; smaller: signs of determinants can be
@@ -141,7 +141,7 @@ class ConfigurationGraph:
         linearisation = self.solver.closure.at(values[missing])
         square = np.delete(linearisation.jacobian, self._driven, axis=2)
         signs = determinant_sign(square)
-        is_regular = ~is_nearly_singular(linearisation, self._driven, SINGULAR_RATIO)
+        is_regular = ~is_nearly_singular(linearisation, self._driven, SINGULAR_NODE_RATIO)
         representative = self._find_equal(
             sample[missing], values[missing], np.where(is_regular, signs, 0.0)
         )

@@ -73,7 +73,7 @@ MAX_CURVES = 64
 """Curves up to which a random search continues. A chain of many dyads can have more."""
 NEAR_TURN_RAD = 1e-6
 """Inputs nearer to the end of a piece are not checked, because of rounding errors."""
-NEAR_CROSSING_RAD = 1e-3
+UNCHECKED_CROSSING_DISTANCE_RAD = 1e-3
 """Distance from a crossing of curves at which nothing is checked.
 
 Inputs nearer to that of a crossing are not checked, and failures of curves that start
@@ -395,7 +395,7 @@ class _CurveSearch:
         for start, message in failures:
             # Near a crossing no curve can be followed; the curves that cross end there.
             is_near_crossing = any(
-                max_abs(curve.wrapped(start - end)) < NEAR_CROSSING_RAD
+                max_abs(curve.wrapped(start - end)) < UNCHECKED_CROSSING_DISTANCE_RAD
                 for curve in self.curves
                 for end in _crossing_ends([curve])
             )
@@ -491,7 +491,10 @@ class _CurveSearch:
         for q, mode_count in self.mode_counts:
             turn_distance = np.min(np.abs([lowest - q, highest - q]), initial=np.inf)
             crossing_distance = np.min(np.abs(wrap(crossing_inputs - q)), initial=np.inf)
-            if turn_distance < NEAR_TURN_RAD or crossing_distance < NEAR_CROSSING_RAD:
+            if (
+                turn_distance < NEAR_TURN_RAD
+                or crossing_distance < UNCHECKED_CROSSING_DISTANCE_RAD
+            ):
                 continue
             piece_count = np.sum((lowest < q) & (q < highest))
             is_wrong = piece_count < mode_count

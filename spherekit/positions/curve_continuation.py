@@ -32,7 +32,12 @@ from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure, newton
 from spherekit.positions.verified_steps import STEP_PARTS, Verification, extrapolate
 from spherekit.status import Status
-from spherekit.tolerances import CLOSURE_TOLERANCE, EPS
+from spherekit.tolerances import (
+    CLOSURE_TOLERANCE,
+    END_AT_SINGULARITY_CONDITION,
+    EPS,
+    SINGULAR_CURVE_CONDITION,
+)
 
 MAX_CURVE_LENGTH_RAD = 500.0
 """Length after which a curve that does not close is ended."""
@@ -45,16 +50,7 @@ MAX_STEP_ROTATION_RAD = 0.4
 
 Larger: more steps fail. Smaller: more steps are necessary.
 """
-CROSSING_RECIPROCAL_CONDITION = 1e-6
-"""A node whose bordered Jacobian has a smaller reciprocal condition is a crossing.
 
-Nearer to a crossing, rounding errors move points by more than a small part of the remaining
-steps. Four-bars whose arcs differ from those of a folding one by less than about 1e-11 rad
-reach such a node. Larger: curves that pass each other end. Smaller: a curve may continue on
-another one.
-"""
-NEAR_CROSSING_RECIPROCAL_CONDITION = 1e-3
-"""A node from which no step is verified is near a crossing if its value is smaller."""
 SAME_START_RAD = 1e-9
 """A lap ends where it started up to this distance.
 
@@ -345,7 +341,7 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
     row, _ = correct(closure, row, border, np.vecdot(border, row))
     points, linearisation = curve_points(closure, row, border)
     node = _ArcNodes.of(linearisation, points, limits)
-    if not node.reciprocal_condition[0] > CROSSING_RECIPROCAL_CONDITION:
+    if not node.reciprocal_condition[0] > SINGULAR_CURVE_CONDITION:
         raise SolveError(SINGULAR_START)
     for number, margin in enumerate(node.margins[0]):
         if margin < -CLOSURE_TOLERANCE:
@@ -404,7 +400,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
     def end_finished_curves(self, rows: Indices) -> None:
         """End curves (k,) at crossings, and at limits that they approach."""
         nodes = self.last_nodes
-        is_crossing = nodes.reciprocal_condition[rows] < CROSSING_RECIPROCAL_CONDITION
+        is_crossing = nodes.reciprocal_condition[rows] < SINGULAR_CURVE_CONDITION
         self.end_status[rows[is_crossing]] = Status.AT_SINGULARITY
         # Axes: curve, limit.
         reaches = nodes.margins[rows] < NEAR_END_RAD
@@ -520,7 +516,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         equations are nearly singular; otherwise the curve is lost.
         """
         reciprocal_condition = self.last_nodes.reciprocal_condition[row]
-        is_near_crossing = reciprocal_condition < NEAR_CROSSING_RECIPROCAL_CONDITION
+        is_near_crossing = reciprocal_condition < END_AT_SINGULARITY_CONDITION
         self.end_status[row] = (
             Status.AT_SINGULARITY if is_near_crossing else Status.MODE_LOST
         )

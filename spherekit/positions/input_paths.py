@@ -19,7 +19,12 @@ from spherekit.positions.linearisation import Linearisation
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.verified_steps import Verification, extrapolate
 from spherekit.status import Status
-from spherekit.tolerances import CLOSURE_TOLERANCE
+from spherekit.tolerances import (
+    CLOSURE_TOLERANCE,
+    END_AT_EQUAL_CURVATURE,
+    END_AT_PROFILE_END_RAD,
+    END_AT_SINGULARITY_CONDITION,
+)
 
 LARGEST_INPUT_STEP_RAD = 0.2
 """Longest step of the inputs.
@@ -52,12 +57,7 @@ SMALLEST_INPUT_STEP_RAD = 4e-13
 Larger: paths end farther from dead centres. Smaller: steps are rounding errors of the
 inputs.
 """
-NEARLY_SINGULAR_RATIO = 1e-3
-"""A last node of smaller relative singular value is named as near a dead centre."""
-NEARLY_EQUAL_CURVATURE = 1e-3
-"""A last node whose profiles' curvatures differ by less ends for that reason."""
-NEARLY_OFF_PROFILE_RAD = 1e-6
-"""A last node nearer to the end of an open profile ends for that reason."""
+
 ARRIVAL_TOLERANCE = 1e-9
 """A step is extended to the goal if the rest, relative to the step, is smaller."""
 MAX_CORRECTION_ITERATIONS = 6
@@ -264,10 +264,10 @@ def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Sta
     for status, margin in zip(reversed(limits.statuses), reversed(margins[0]), strict=True):
         is_contact_limit = status == Status.CURVATURE
         if margin < (
-            NEARLY_EQUAL_CURVATURE if is_contact_limit else NEARLY_OFF_PROFILE_RAD
+            END_AT_EQUAL_CURVATURE if is_contact_limit else END_AT_PROFILE_END_RAD
         ):
             return status
-    is_singular = is_nearly_singular(linearisation, driven, NEARLY_SINGULAR_RATIO)
+    is_singular = is_nearly_singular(linearisation, driven, END_AT_SINGULARITY_CONDITION)
     return Status.OUT_OF_REACH if is_singular else Status.MODE_LOST
 
 

@@ -38,11 +38,15 @@ from spherekit.positions.loop_closure import Closure
 from spherekit.positions.loop_tree import RANK_TOLERANCE, rank_mobility
 from spherekit.positions.mode_predictor import ModeCurve
 from spherekit.positions.pair_states import has_penetration
-from spherekit.positions.quad_positions import LARGEST_ANGLE_ERROR_RAD, QuadAssembly
+from spherekit.positions.quad_positions import QuadAssembly
 from spherekit.status import Status
 from spherekit.tolerances import (
     CLOSURE_TOLERANCE,
     EPS,
+    EXACT_DISTANCE_RAD,
+    MAX_SINGULAR_ANGLE_ERROR_RAD,
+    PREDICTION_RATIO,
+    PREDICTION_SLACK_RAD,
     REACH_SLACK,
     SINGULAR_DYAD_SINE,
     SINGULAR_GROUP_CONDITION,
@@ -57,16 +61,6 @@ SAME_INPUT_TOLERANCE = 1e-15
 """Deviation (rad, relative above 1 rad) of an input that is caused by rounding only."""
 EXACT_ERROR_RAD = 16.0 * EPS
 """Error bound of the variables of an exact configuration."""
-EXACT_DISTANCE_RAD = 1e-5
-"""A singular configuration nearer to an exact one is replaced by it.
-
-Larger: the configuration of another mode may be replaced. Smaller: a closed form, which
-has half the digits at a dead centre, is no longer recognised.
-"""
-PREDICTION_RATIO = 0.25
-"""Newton's method may end this part of the distance of two nodes from the prediction."""
-PREDICTION_SLACK_RAD = 1e-6
-"""Deviation from the prediction that is always accepted."""
 
 
 @dataclass(frozen=True)
@@ -531,7 +525,7 @@ class PositionSolver:
         centre. R pairs are therefore placed in quad precision. Contacts and loops with
         redundant equations keep float64 values. So do rows of status OK for which the quad
         placement has no error bound: in a long chain of dyads, bounds multiply. Angles
-        that are not known to `LARGEST_ANGLE_ERROR_RAD` are set to NaN.
+        that are not known to `MAX_SINGULAR_ANGLE_ERROR_RAD` are set to NaN.
 
         Parameters
         ----------
@@ -558,7 +552,7 @@ class PositionSolver:
             values = placed.values
             error = placed.error
             new_status = placed.status
-            is_unknown = ~(error <= LARGEST_ANGLE_ERROR_RAD)
+            is_unknown = ~(error <= MAX_SINGULAR_ANGLE_ERROR_RAD)
             in_float64 = np.flatnonzero((status[rows] == Status.OK) & is_unknown)
         else:
             values = state.values[rows]
@@ -579,7 +573,7 @@ class PositionSolver:
                 [Status.OK, Status.OUT_OF_REACH],
                 Status.AT_SINGULARITY,
             )
-        has_angles = error <= LARGEST_ANGLE_ERROR_RAD
+        has_angles = error <= MAX_SINGULAR_ANGLE_ERROR_RAD
         state.values[rows] = np.where(has_angles[:, None], values, np.nan)
         # Samples that were out of reach stay so unless their angles are known now.
         was_out = status[rows] == Status.OUT_OF_REACH

@@ -45,14 +45,12 @@ from spherekit.positions.quad_rotations import (
     transpose_matrices,
 )
 from spherekit.status import Status
-from spherekit.tolerances import EPS
+from spherekit.tolerances import EPS, MAX_SINGULAR_ANGLE_ERROR_RAD
 
 ROUNDING_RAD = 1e3 * QUAD_EPS
 """Error bound of a body that is placed by inputs alone: some hundred rounding errors in
 quad."""
-LARGEST_ANGLE_ERROR_RAD = 1e-5
-"""Configurations with a larger error bound have the status AT_SINGULARITY, and
-`PositionSolver.evaluate` returns NaN for their variables."""
+
 FOLD_SAFETY = 2.0
 """Error bounds at a fold are enlarged by this factor, for terms of third order."""
 LARGEST_FLAT_DYAD_ERROR_RAD = 0.1
@@ -202,7 +200,7 @@ class QuadAssembly:
         error = 4.0 * EPS + bodies.error
         error = np.where(np.all(np.isfinite(values), axis=1), error, np.inf)
         status = np.full(len(q), Status.OK, dtype=np.int8)
-        is_doubtful = bodies.is_at_dead_centre | ~(error <= LARGEST_ANGLE_ERROR_RAD)
+        is_doubtful = bodies.is_at_dead_centre | ~(error <= MAX_SINGULAR_ANGLE_ERROR_RAD)
         status[is_doubtful] = Status.AT_SINGULARITY
         status[bodies.is_out_of_reach] = Status.OUT_OF_REACH
         # There is one body now. Its axes are replaced by those of the ground, link 0.

@@ -36,17 +36,10 @@ from spherekit.proof.linkage import (
     largest_in_rows,
 )
 from spherekit.status import Status
-from spherekit.tolerances import CLOSURE_TOLERANCE
+from spherekit.tolerances import CLOSURE_TOLERANCE, SAME_SOLUTION_AS_ROW_RAD
 from spherekit.velocities.pole_field import PoleField
 from spherekit.velocities.pole_request import Request
 from spherekit.wording import listing
-
-SAME_SOLUTION_RAD = 1e-6
-"""Distance (rad) of a solution from its row up to which it is taken for the one meant.
-
-Rows with a larger error bound may be farther away. Larger: a neighbouring solution may be
-taken. Smaller: inaccurate rows get the status MODE_LOST.
-"""
 
 DIRECTION_ROUNDING_RATIO = 1e6
 """Length of a vector, over its rounding, above which it gives a direction.
@@ -286,7 +279,7 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
     # A row may be off by its error bound. Twice the bound leaves room for its estimate.
     error = motion.configuration_error
     largest_distance = np.maximum(
-        np.where(np.isfinite(error), 2.0 * error, 0.0), SAME_SOLUTION_RAD
+        np.where(np.isfinite(error), 2.0 * error, 0.0), SAME_SOLUTION_AS_ROW_RAD
     )
     is_other_mode = closure.is_ambiguous | (closure.distance > largest_distance)
     status[is_converged & is_other_mode] = Status.MODE_LOST

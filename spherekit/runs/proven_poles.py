@@ -38,6 +38,7 @@ from spherekit.tables.table import (
     TableArrays,
 )
 from spherekit.tables.table_rows import split_into_chunks
+from spherekit.tolerances import SAME_PROVEN_CONFIGURATION_RAD
 
 PROOF_PRECISION_BITS = 80
 """Precision (bits) of the arithmetic.
@@ -48,13 +49,6 @@ refuted.
 
 PROVEN_ANALYSIS = "poles"
 """Name of the analysis whose rows are enclosed."""
-
-SAME_CONFIGURATION_RAD = 1e-6
-"""Distance (rad) up to which a proven configuration is that of the run.
-
-Larger: the poles of a neighbouring mode may be compared. Smaller: rows whose configuration
-has a large error are not compared.
-"""
 
 HOLDS = "holds"
 """Finding: the error is proven to be within its bound."""
@@ -294,7 +288,7 @@ def _enclose_run_poles(
             distance = centres - run_values[: len(centres)]
             # Angles that follow from the inputs are known up to whole revolutions.
             distance[independent_count:] = wrap(distance[independent_count:])
-            if max_abs(distance) > SAME_CONFIGURATION_RAD:
+            if max_abs(distance) > SAME_PROVEN_CONFIGURATION_RAD:
                 continue
             for pole in enclose_poles(equations, variables):
                 if pole.direction is None:

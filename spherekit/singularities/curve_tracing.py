@@ -21,6 +21,7 @@ from spherekit.singularities.singular_curve import (
 )
 from spherekit.status import Status
 from spherekit.time_limit import TimeLimit
+from spherekit.tolerances import END_AT_SINGULARITY_CONDITION
 
 MAX_CURVE_STEP_RAD = 0.3
 """Longest step in arc length. Larger: faster where curves are straight; smaller: nodes are
@@ -32,10 +33,7 @@ CURVE_FREEDOMS = 2
 """Degrees of freedom of the mechanisms whose loci are curves."""
 FIRST_CURVE_STEP_RAD = 0.05
 """The first step that is tried. It affects the time only."""
-NEAR_CROSSING_CONDITION = 1e-3
-"""If no step from a node succeeds and the reciprocal condition of its equations is below
-this, the curve ends at a crossing of curves. Larger: other failures are called
-crossings."""
+
 SAME_LAP_COSINE = 0.8
 """Least size of the cosine between the singular motions at the start and at the end of a
 lap. Smaller: a lap may close at another sheet of the locus."""
@@ -283,7 +281,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def end_stuck_curve(self, row: int) -> None:
         """End a curve from whose last node no step succeeds."""
         reciprocal_condition = self.last_nodes.points.reciprocal_condition[row]
-        is_crossing = reciprocal_condition < NEAR_CROSSING_CONDITION
+        is_crossing = reciprocal_condition < END_AT_SINGULARITY_CONDITION
         self.end_status[row] = Status.AT_SINGULARITY if is_crossing else Status.MODE_LOST
 
     def join_halves(self, ahead: int, behind: int) -> SingularCurve | None:

@@ -17,7 +17,7 @@ from spherekit.positions.configuration_curve import ArcCurve
 from spherekit.singularities.input_output_relation import Type
 from spherekit.singularities.sampled_singularities import SampledSingularities
 from spherekit.status import Status
-from spherekit.velocities.transmission import SINGULAR_TRANSMISSION
+from spherekit.tolerances import SINGULAR_TRANSMISSION
 
 EQUAL_EXTREMUM_INPUT_RAD = 1e-7
 """Inputs of an extremum that differ by less are the same: rounding leaves half the digits

@@ -27,15 +27,13 @@ from spherekit.singularities.input_output_relation import Form, Type
 from spherekit.singularities.placing_part import find_placing_part
 from spherekit.singularities.single_freedom import SingleFreedomSingularities
 from spherekit.status import Status
+from spherekit.tolerances import NEAR_CROSSING_RAD
 from spherekit.velocities.transmission import (
     MIN_OUTPUT_MOTION,
     Transmission,
     input_authority,
 )
 
-NEAR_CROSSING_RAD = 1e-4
-"""A configuration on no curve that is as near to a crossing has status AT_SINGULARITY.
-Curves end a little before crossings. Larger: MODE_LOST is reported as AT_SINGULARITY."""
 AT_CROSSING_RAD = 1e-8
 """A configuration as near to a crossing is the crossing, as far as it can be known."""
 PIECE_END_TOLERANCE_RAD = 1e-6

@@ -24,13 +24,10 @@ from spherekit.singularities.input_output_relation import FourLinks, make_relati
 from spherekit.singularities.locus import adjugate
 from spherekit.singularities.stationarity import OutputStationary
 from spherekit.singularities.tangent_space import TangentSpace, decompose, tangent_space
+from spherekit.tolerances import SINGULAR_TRANSMISSION
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
-from spherekit.velocities.transmission import (
-    SINGULAR_TRANSMISSION,
-    Transmission,
-    input_authority,
-)
+from spherekit.velocities.transmission import Transmission, input_authority
 
 ALONE_SINGULAR_FACTOR = 10.0
 """The mechanism in which one input moves alone counts as singular if one of its unit rates

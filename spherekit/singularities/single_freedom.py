@@ -20,7 +20,6 @@ from spherekit.geometry.vectors import cross, max_abs, nans
 from spherekit.planning.pole_plan import Plan, Pole, ordered_pole, pole_of
 from spherekit.planning.pole_planner import plan
 from spherekit.positions.configuration_curve import ArcCurve
-from spherekit.positions.curve_continuation import CROSSING_RECIPROCAL_CONDITION
 from spherekit.positions.curve_crossing import Crossing, find_crossing
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.singularities.curve_velocities import (
@@ -42,7 +41,7 @@ from spherekit.singularities.input_output_relation import (
 )
 from spherekit.singularities.singular_point import SingularPoint
 from spherekit.status import Status
-from spherekit.tolerances import CLOSURE_TOLERANCE
+from spherekit.tolerances import CLOSURE_TOLERANCE, SINGULAR_CURVE_CONDITION
 
 UNDECIDED_GAP_FACTOR = 100.0
 """Successive singularities of different types are undecided if they are nearer than this
@@ -530,7 +529,7 @@ class SingleFreedomSingularities:
             closed_values = np.concatenate([reference, closed_values])
         least = min(
             (
-                solver.compute_mobility(values, CROSSING_RECIPROCAL_CONDITION)
+                solver.compute_mobility(values, SINGULAR_CURVE_CONDITION)
                 for values in closed_values
             ),
             default=0,

@@ -19,11 +19,7 @@ from spherekit.completeness import Completeness
 from spherekit.errors import SolveError
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.singularities.curve_starts import LocusPointSearch
-from spherekit.singularities.curve_tracing import (
-    CURVE_FREEDOMS,
-    NEAR_CROSSING_CONDITION,
-    trace_curves,
-)
+from spherekit.singularities.curve_tracing import CURVE_FREEDOMS, trace_curves
 from spherekit.singularities.locus import LocusPoints
 from spherekit.singularities.singular_curve import SingularCurve
 from spherekit.singularities.singularity_report import (
@@ -34,6 +30,7 @@ from spherekit.singularities.singularity_report import (
 from spherekit.singularities.slices import LockedInputSection, solver_of
 from spherekit.singularities.stationarity import output_of
 from spherekit.time_limit import TimeLimit
+from spherekit.tolerances import END_AT_SINGULARITY_CONDITION
 
 CURVES_AT_ONCE = 16
 """Curves that are followed at the same time, from different starts. Larger: more curves are
@@ -182,7 +179,7 @@ def singular_curves(
             # Newton's method from random starts may leave the ranges.
             points = points.rows(search.report.points(points).inside)
         # Where curves cross, no single curve can be followed.
-        is_irregular = points.reciprocal_condition < NEAR_CROSSING_CONDITION
+        is_irregular = points.reciprocal_condition < END_AT_SINGULARITY_CONDITION
         stray.append(points.values[is_irregular])
         stray += _follow_new_curves(search, points.rows(~is_irregular), curves)
     curve_parts: list[CurveSeen] = []

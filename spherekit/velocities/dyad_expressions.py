@@ -18,6 +18,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, Group
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, dot, function, symbols
 from spherekit.symbolic.vector_algebra import Exprs, constants, cross
+from spherekit.tolerances import MAX_UNREACHED_SQUARE
 from spherekit.velocities.axis_rotations import Entries, pair_rotations
 from spherekit.velocities.kinematic_structure import KinematicStructure
 from spherekit.velocities.pose_expressions import (
@@ -25,14 +26,6 @@ from spherekit.velocities.pose_expressions import (
     LinkOrientation,
     place_by_variables,
 )
-
-MAX_UNREACHED_SQUARE = -1e-4
-"""Largest square of a triple product for which a dyad certainly does not close.
-
-Rounding errors of its outer axes do not make a square this negative. Larger: dyads at
-their dead centres can count as out of reach. Smaller: more rows are solved by the position
-analysis, only to be found out of reach there.
-"""
 
 MIN_RELIABLE_SQUARE = 1e-16
 """Smallest square of a triple product of a dyad whose bodies are placed to 1e-8 rad.

@@ -21,7 +21,14 @@ from spherekit.mechanism.pair_frames import SAME_AXIS_SINE
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
 from spherekit.status import Status
-from spherekit.tolerances import EPS, NO_MOTION, SINGULAR_RATIO, USABLE_DIRECTION
+from spherekit.tolerances import (
+    EPS,
+    MAX_RATE_ERROR,
+    MAX_RATE_RESIDUAL,
+    NO_MOTION,
+    SINGULAR_RATIO,
+    USABLE_DIRECTION,
+)
 from spherekit.velocities.decimal_rates import DecimalRates
 from spherekit.velocities.elimination_order import (
     MAX_AMPLIFICATION,
@@ -49,21 +56,6 @@ from spherekit.velocities.row_kernel import (
     RowKernel,
     row_kernel,
 )
-
-MAX_RELATIVE_RESIDUAL = 1e-10
-"""Largest residual of solved velocity or acceleration equations, relative to their terms.
-
-Equations with a larger residual contradict each other. Such rows are AT_SINGULARITY.
-Larger: rows with contradicting equations are accepted. Smaller: rounding counts as a
-contradiction.
-"""
-
-MAX_RELATIVE_ERROR = 1e-2
-"""Largest relative error bound of w and dw in a row that has rates.
-
-Rows with a larger bound are AT_SINGULARITY. Larger: rates are returned nearer to
-singularities, with fewer correct digits.
-"""
 
 SECOND_ORDER_FACTOR = 4.0
 """Bound of the terms of second order in an error, relative to those of first order and to
@@ -344,8 +336,8 @@ class RowVelocities:
         )
         # The rates are accurate if their bound is small, if they satisfy all equations, and
         # if the equations are not singular.
-        is_accurate = rounding.relative_error_bound <= MAX_RELATIVE_ERROR
-        is_accurate &= relative_residual < MAX_RELATIVE_RESIDUAL
+        is_accurate = rounding.relative_error_bound <= MAX_RATE_ERROR
+        is_accurate &= relative_residual < MAX_RATE_RESIDUAL
         is_accurate &= self._bound("condition_number")[rows] * SINGULAR_RATIO <= 1.0
         self.relative_error_bound[rows] = np.where(
             is_accurate, rounding.relative_error_bound, np.inf
@@ -481,7 +473,7 @@ class RowVelocities:
         if decimal_rates is None:
             return
         has_rates = decimal_rates.is_known & (
-            decimal_rates.relative_error_bound <= MAX_RELATIVE_ERROR
+            decimal_rates.relative_error_bound <= MAX_RATE_ERROR
         )
         # From here on only the rows with rates.
         rows = rows[has_rates]

@@ -38,13 +38,6 @@ from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.loop_tree import LoopTree
 
-SINGULAR_TRANSMISSION = 1e-6
-"""Transmission below which a configuration is a singularity of type II.
-
-There the output is known to less than half of the digits of the inputs. Larger: more
-configurations near singularities have the status AT_SINGULARITY.
-"""
-
 MAX_INVERSE_ENTRY = 1e10
 """Largest entry of the inverse of the loop equations that is trusted.
 
