@@ -316,9 +316,9 @@ class _MechanismReader:
         ModelError
             If no body can have the tensor.
         """
-        # The centre of mass; None if the file does not give it.
-        centre = item.get("centre")
+        # Mass and centre of mass; None if the file does not give them.
         mass = item.get("mass")
+        centre = item.get("centre")
 
         def from_two_axes(key: str, function: Callable[..., Answer], *args: Any) -> Answer:
             """Call a function with the axes of the two R pairs that a key names.
