@@ -192,6 +192,9 @@ class CoaxialHinges(NamedTuple):
 class BevelEquation:
     """The equation u x + v y = 0 of two links that turn about crossing axes of a carrier.
 
+    The carrier turns by x about the first axis relative to the first link, and the second
+    link by y about the second axis relative to the carrier.
+
     Attributes
     ----------
     equation
@@ -218,8 +221,9 @@ class BevelEquation:
 class CoaxialEquation:
     """The equation u x + v y = 0 of two links that turn about one axis of a carrier.
 
-    Two gears with one axis do not touch. An idler wheel whose axis is at right angles to
-    theirs rolls on both.
+    x and y are the rotations of the first and the second link relative to the carrier. Two
+    gears with one axis do not touch. An idler wheel whose axis is at right angles to theirs
+    rolls on both.
 
     Attributes
     ----------
@@ -247,15 +251,20 @@ class CoaxialEquation:
     def construct_gears(self, idler_link: int) -> tuple[BevelGears, BevelGears]:
         """Return the gears of first link and idler, and of idler and second link.
 
+        The equation of the links is u x + v y = 0, or y = ratio x with ratio = -u / v. x
+        and y are their rotations relative to the carrier. The idler wheel turns by
+        sqrt(|ratio|) x, up to the sign, so that both meshes have the same share in the
+        ratio and no gear is smaller than it has to be.
+
         Parameters
         ----------
         idler_link
             Number of the link that is the idler wheel.
         """
-        # y = ratio x. The idler wheel turns by the root of the ratio times x, so that both
-        # meshes have the same share in it and no gear is smaller than it has to be.
-        # In `construct_bevel_gears` the first rotation of each mesh is that of the carrier
-        # relative to the gear. Both meshes change the sign, so that it cancels.
+        # Factors (a, -1) of a mesh mean: the second wheel turns relative to the carrier by
+        # a times the rotation of the carrier relative to the first wheel. With the rotation
+        # z of the idler, z = idler_rate * (-x) and y = ratio / idler_rate * (-z).
+        # Both signs cancel: y = ratio x.
         ratio = -self.factors[0] / self.factors[1]
         idler_rate = float(np.sqrt(abs(ratio)))
         return (

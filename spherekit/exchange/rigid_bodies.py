@@ -123,8 +123,8 @@ def construct_rigid_bodies(
     values
         (variables,) a closed configuration.
     tree_pairs
-        Pairs that close no loop if that is possible, the most important first. Inputs and
-        pairs of links without mass go before all.
+        Names of pairs that close no loop if that is possible, the most important first.
+        Inputs and pairs of links without mass go before all.
 
     Raises
     ------
@@ -168,6 +168,7 @@ def construct_rigid_bodies(
         value = values[mechanism.angles[name]]
         return Hinge(name, links[parent], links[child], axis, value)
 
+    # The tree: a hinge and a body for each link but the ground.
     hinges: list[Hinge] = []
     bodies: list[BodyInertia] = []
     for branch in branches:
@@ -177,6 +178,7 @@ def construct_rigid_bodies(
         bodies.append(
             make_body_inertia(link_inertias, link, rotations[branch.child], light_ratio)
         )
+    # The other pairs: hinges that close loops, gears, and circles that slide.
     tree_pair_numbers = [branch.pair for branch in branches]
     loop_hinges: list[Hinge] = []
     gear_equations: dict[str, Mapping[str, float]] = {}

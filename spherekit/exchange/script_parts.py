@@ -49,6 +49,8 @@ def write_series(
 class SmoothModeTexts:
     """The parts of the function of places on smooth curves that differ between sources.
 
+    Places are the values that select an assembly mode: signs of dyads or variables.
+
     Attributes
     ----------
     fields
@@ -68,6 +70,9 @@ def smooth_mode_texts(
     source: Source, nan_literal: str, infinity_literal: str, moved_template: str
 ) -> SmoothModeTexts:
     """Return the parts of the function of places on smooth curves.
+
+    In the source this function returns, for an input, the values that select an assembly
+    mode there (the places): signs of dyads or variables.
 
     Parameters
     ----------

@@ -58,7 +58,7 @@ KINEMATIC_UNITS = ("rad", "", "1/rad")
 
 
 def check_numbers_are_followed(varied: VariedMechanism) -> None:
-    """Check that the formulas depend correctly on each size.
+    """Check that the formulas depend correctly on each size, an argument of the formulas.
 
     Arcs, angles, axes and directions are symbols in the formulas. Masses and loads
     follow the sizes. If contacts of circles are replaced by links between their centres
@@ -166,6 +166,7 @@ def idle_arguments(formula_sets: Iterable[Formulas]) -> Names:
     formula_sets
         One or more formulas with the same sizes.
     """
+    # Idle in all formulas, in the order of the sizes.
     idle_by_formulas = [_idle_arguments(formulas) for formulas in formula_sets]
     common = set.intersection(*map(set, idle_by_formulas))
     return tuple(key for key in idle_by_formulas[0] if key in common)
@@ -193,6 +194,7 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
     evaluate = formulas.numpy_function(outputs)
     values_before = evaluate(motion, places, formulas.size_values)
     units = [*formulas.results.values(), *("" for _ in formulas.step)]
+    # The least change of each result that counts as an effect of a size.
     floor = np.where([unit in KINEMATIC_UNITS for unit in units], MIN_KINEMATIC_SCALE, 0.0)
     scale = np.maximum(np.max(np.abs(np.nan_to_num(values_before)), axis=1), floor)
     noise = _estimate_noise(evaluate, (motion, places, formulas.size_values))

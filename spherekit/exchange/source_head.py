@@ -55,7 +55,11 @@ def _head_lines(source: Source) -> Iterator[str]:
 
 
 def _argument_lines(source: Source) -> Iterator[str]:
-    """Yield a list of the elements of each argument and of the result, with units."""
+    """Yield a list of the elements of each argument and of the result, with units.
+
+    Places are the values that select the assembly mode: signs of dyads, or, if positions
+    are found by steps of Newton's method, the variables from which it starts.
+    """
     formulas = source.formulas
     place_note = "rad" if formulas.step else "+1 or -1: the side of a dyad"
     notes_by_array = {
@@ -75,16 +79,21 @@ def _argument_lines(source: Source) -> Iterator[str]:
 
 
 def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
-    """Yield the lines on an assembly mode, and on its changes along a smooth curve.
+    """Yield the lines on an assembly mode: its number, name, places and a known input.
+
+    Places are the values that the source takes to select the mode: the signs of its dyads,
+    or the pair variables (rad) from which Newton's method starts. If modes follow smooth
+    curves through crossings, the places may change with the input. A further line then
+    gives the places of each interval of the input.
 
     Parameters
     ----------
     source
-        The source.
+        The source code that is written, with its formulas and modes.
     position
         Position of the mode in the table of modes.
     mode
-        The mode.
+        The mode, with the inputs (rad) at which its places are known.
     """
     place_text = ", ".join(f"{value:.9g}" for value in mode.values) or "none"
     input_text = ", ".join(f"{q:.6g}" for q in mode.at)
@@ -95,6 +104,7 @@ def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
     if source.smooth_modes is None:
         return
     pieces = source.smooth_modes.pieces(position)
+    # Intervals of the input with other places: start, an input with known places, places.
     if len(pieces) < 2:  # The mode has the same places everywhere.
         return
     for start, known_input, places in pieces:

@@ -14,9 +14,9 @@ UNARY_FUNCTIONS = (*CIRCULAR_FUNCTIONS, "sqrt", "exp", "log", "tanh", "cosh", "s
 
 @dataclass(frozen=True)
 class Language:
-    """The rules of a programming language.
+    """The rules by which a programming language writes formulas.
 
-    Formats have the arguments ``{0}``, ``{1}`` or the names stated below.
+    Formats have the arguments ``{0}``, ``{1}`` or the names given below.
 
     Attributes
     ----------
@@ -27,8 +27,8 @@ class Language:
     assignment_format
         An assignment of the value {1} to the new name {0}.
     table_format
-        A call that assigns the series of table {k}, of the source {name}, at {place}. The
-        number of its columns is {columns}.
+        A call that evaluates the stored functions of table {k} of the source {name} at the
+        value {place} of their variable, and assigns the {columns} results.
     comment_prefix
         Begins the lines of a comment.
     escape_comment

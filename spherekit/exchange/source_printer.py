@@ -60,12 +60,14 @@ class Source:
     result_names
         Names of the results in their order, in letters that identifiers allow.
     mode_argument
-        Name of the argument that selects the assembly mode: ``mode`` in closed form,
-        otherwise ``variables``.
+        Name of the argument that selects the assembly mode: ``mode`` in closed form, with
+        the signs of the dyads, otherwise ``variables``, from which Newton's method starts.
     arguments
-        Names of the three arguments, in the order of `Formulas.variables`.
+        Names of the three arguments, in the order of `Formulas.variables`: the motion,
+        `mode_argument`, and the sizes.
     smooth_function
-        Name of the function that returns the places of a mode on its smooth curve.
+        Name of the function that returns at an input the values of `mode_argument` for a
+        mode on its smooth curve.
     """
 
     def __init__(self, formulas: Formulas, language: Language) -> None:
@@ -89,7 +91,10 @@ class Source:
         return functions
 
     def _write_function(self, name: str, outputs: Sequence[Expr]) -> SourceFunction:
-        """Return a function of some expressions.
+        """Return a function of some expressions, as assignments of the language.
+
+        Expressions are graphs. Each node of an operation is assigned to a new name t0, t1,
+        ... once. Symbols are elements of arguments, or columns of stored series.
 
         Parameters
         ----------
@@ -124,6 +129,7 @@ class Source:
                 value = language.operation_formats[node.operation].format(*operands)
                 lines.append(language.assignment_format.format(text_by_node[node], value))
                 continue
+            # A symbol: of an argument, or of a series, whose variable is an argument.
             argument_node = node
             if node in table_by_term:
                 table_number = table_by_term[node]

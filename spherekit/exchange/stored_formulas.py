@@ -20,10 +20,12 @@ from spherekit.velocities.axis_rotations import ProfileSide
 
 
 def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
-    """Return a reduced model of one coordinate as formulas.
+    """Return a reduced model of one coordinate as formulas, for export as source code.
 
-    The results are the functions of its series, such as inertia, its derivative and
-    variables, and the driving torque.
+    A reduced model stores the inertia, its derivative and the pair variables of one
+    configuration curve as series of one coordinate. The results of the formulas are these
+    functions, and the torque of the motion that a user gives: coordinate, rate,
+    acceleration, time, and torques of loads that tables give.
 
     Parameters
     ----------
@@ -32,9 +34,13 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
     model
         The reduced model, along one configuration curve.
     """
+    # Group 0 has the functions of the motion: their names and units in the heading, their
+    # series in the model. Further groups are of poles, which are not exported.
     heading = model.heading
     series: Any = model.groups[0]
     unit_by_result = {function.name: function.unit for function in heading.groups[0]}
+    # The arguments: coordinate, its two derivatives by time, time, and a torque for each
+    # load that a table gives.
     (coordinate,) = symbols(heading.by)
     motion_symbols = (coordinate, *heading.motion_symbols)
     motion_units = ("rad", "rad/s", "rad/s2", "s", *["N m"] * len(heading.tables))
@@ -42,6 +48,7 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
         Argument(symbol.arguments[0], unit)
         for symbol, unit in zip(motion_symbols, motion_units, strict=True)
     )
+    # In the formulas a symbol stands for each function; the table gives their values.
     series_symbols = tuple(symbols(unit_by_result))
     table = SeriesTable(
         terms=series_symbols,
@@ -51,6 +58,8 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
         length=heading.high[0] - heading.low[0],
         closed=heading.periodic,
     )
+    # The model belongs to one mode and one set of sizes, so there are no arguments that
+    # select the mode (places) or change sizes, and nothing is iterated (step).
     mode = Mode(heading.assembly_mode, name="", at=heading.low, values=())
     return Formulas(
         mechanism=mechanism,
@@ -72,6 +81,9 @@ def profile_table(
 ) -> SeriesTable:
     """Return the functions of a contact profile, and the derivative of the last one.
 
+    The functions of the arc length are coordinates of the profile and its curvature. They
+    are stored as piecewise Chebyshev series of the pair variable that is the arc length.
+
     Parameters
     ----------
     profile
@@ -82,7 +94,8 @@ def profile_table(
     profile_series = profile.series
     track = profile.track
     series = profile_series.series
-    # The derivative has one order less, so its highest coefficient is zero here.
+    # Axes of the coefficients: cells, orders, functions. The derivative has one order less,
+    # so a highest coefficient of zero is added.
     last_derivative = series.derivative.coefficients[:, :, -1:]
     padded_derivative = np.pad(last_derivative, ((0, 0), (0, 1), (0, 0)))
     coefficients = np.concatenate([series.coefficients, padded_derivative], axis=2)

@@ -97,8 +97,8 @@ def read_transmissions(
     Raises
     ------
     FileError
-        If a transmission has too few actuators or joints, a reduction that is no number or
-        zero, or drives two joints of which neither carries the other.
+        If a transmission has too few actuators or joints, a reduction (a ratio of angles)
+        that is no number or zero, or drives two joints of which neither carries the other.
     """
     links_by_joint = _find_joined_links(root)
     driven: list[DrivenJoint | DrivenWheel] = []
@@ -116,6 +116,7 @@ def read_transmissions(
                     f"{counted(len(actuators), 'actuator')} and "
                     f"{counted(len(joints), 'joint')}"
                 )
+            # For each actuator the factors of both joint angles in its angle.
             rows = _equations(kind, actuators, joints)
             inner = _find_inner_joint(joints, links_by_joint, where)
             driven += [
@@ -144,6 +145,10 @@ def _equations(
     kind: str, actuators: Sequence[TransmissionEnd], joints: Sequence[TransmissionEnd]
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the factors of both joint angles in the angle of each actuator.
+
+    With the reductions n_a and n_j of actuators and joints: for a differential
+    a1 = n_a1 (n_j1 q1 + n_j2 q2) and a2 = n_a2 (n_j1 q1 - n_j2 q2), for a four-bar linkage
+    a1 = n_a1 n_j1 q1 and a2 = n_a2 (q1 + n_j2 q2).
 
     Parameters
     ----------

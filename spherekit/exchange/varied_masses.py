@@ -89,6 +89,8 @@ def _express_mass(
         side = mechanism.ends[pair].index(link)
         return constants(pair_rotations.axes(pair)[side])
 
+    # The file gives a uniform arc, or a tensor about the centre of the sphere ("tensor") or
+    # of mass ("tensor_at_centre"), perhaps in the frame of two axes.
     kilograms: Any = read("mass") if "mass" in table else None
     tensor: Any
     centre: Any = None

@@ -370,9 +370,9 @@ def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
 def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
     """Return the part of a certificate with the singularities over a range of the input.
 
-    Each found one has its place, the values (rad) of all variables, with the error bound
-    (rad) "off". Outputs without a pair to their reference link have no variable, so that
-    only a stationary input (type II) is found for them.
+    Each has its place, the values (rad) of all variables, with the error bound (rad) "off".
+    Outputs without a pair to their reference link have no variable, so that only type II,
+    where the input is stationary, is listed for them.
     """
     return {
         "undecided_parts": located.undecided,

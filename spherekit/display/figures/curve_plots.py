@@ -55,18 +55,21 @@ Curve = tuple[Scene, Series]
 def draw_curves(
     marks: Sequence[tuple[Page, InputMarks]], curves: Sequence[Curve], sheet: Sheet
 ) -> Figure:
-    """Return a figure of series of one group: a panel for each, a colour for each mode.
+    """Return a figure of series of one unit: a panel for each label, a look for each page.
 
-    If there is one mode or page only, a few series share one panel.
+    A page shows one assembly mode, or one analysis. Series of several pages with one label
+    are the same quantity in several modes: they share a panel, and the legend names the
+    pages. If all series are of one page and have few labels, they share one panel, and the
+    legend names the labels.
 
     Parameters
     ----------
     marks
         Marked inputs, with the pages on which they are.
     curves
-        Series over one axis, with their scenes.
+        Pairs of a scene, which has the axis and the page, and a series of numbers over it.
     sheet
-        Size of the figure, and titles of modes.
+        Size of the figure, and titles of pages.
     """
     labels = list(dict.fromkeys(series.label for _, series in curves))
     has_several_pages = len({scene.page for scene, _ in curves}) > 1
@@ -80,6 +83,7 @@ def draw_curves(
         longest_title = max(map(len, titles))
         figure, panels = sheet.make_panels(len(titles), PANEL_RATIO, longest_title)
         for panel, title in zip(panels, titles, strict=True):
+            # curve[1] is the series, curve[0] its scene.
             panel_curves = [
                 curve for curve in curves if share_panel or curve[1].label == title
             ]
@@ -114,7 +118,8 @@ def _draw_panel(
     scale
         Scale of the quantities of the figure, by which rounding is judged.
     looks
-        For each curve how it is drawn.
+        For each curve how it is drawn. The line styles of coinciding curves and the labels
+        of empty ones are changed here.
     """
     first_scene, first_series = curves[0]
     axis = first_scene.over[0]
@@ -204,7 +209,7 @@ def _find_coinciding(values_by_curve: Sequence[Floats], span: float) -> list[Das
     span
         Height of the frame, in the unit of the values.
     """
-    # The first curve of those that coincide, for each curve.
+    # For each curve so far the first one of those that coincide with it, itself if none.
     leaders: list[int] = []
     for curve, values in enumerate(values_by_curve):
         leader = curve
