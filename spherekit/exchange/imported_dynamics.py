@@ -168,7 +168,10 @@ class ImportedDynamics:
         return tables
 
     def _list_loads(self, has_masses: bool) -> Iterator[tuple[str, Table]]:
-        """Yield all loads with their names, which may occur twice."""
+        """Yield the name and table of each load; a name may occur twice.
+
+        Loads are gravity, those of joints, and actuators without control.
+        """
         gravity = self._linkage.foreign_model.gravity
         if gravity is not None and has_masses:
             acceleration = [shorten(component, 1.0) for component in gravity]
@@ -186,7 +189,10 @@ class ImportedDynamics:
                 )
 
     def _list_joint_loads(self, pair: ImportedPair) -> Iterator[tuple[str, Table]]:
-        """Yield the spring, friction and damper of the joint of a pair."""
+        """Yield the name and table of the spring, friction and damper of a pair's joint.
+
+        The damping is a part of the friction if there is dry friction too.
+        """
         mj_model = self._mj_model
         joint = pair.joint
         name = pair.name
@@ -226,7 +232,7 @@ class ImportedDynamics:
             yield f"damper_{name}", {"kind": "damper", "pair": name, "damping": viscous}
 
     def _list_actuator_loads(self) -> Iterator[tuple[str, Table]]:
-        """Yield the actuators without control as loads.
+        """Yield the actuators without control as loads: name and table of each.
 
         Actuators with control are inputs if they drive a hinge. Notes are added on other
         actuators, and on feedback of drives.
@@ -238,6 +244,7 @@ class ImportedDynamics:
             transmission = mj_model.actuator_trntype[actuator]
             is_at_joint = transmission == kinds.mjTRN_JOINT
             is_at_site = transmission == kinds.mjTRN_SITE
+            # The force is gain * control + bias[0] + bias[1] * length + bias[2] * rate.
             bias = mj_model.actuator_biasprm[actuator][:3]
             is_controlled = np.any(mj_model.actuator_gainprm[actuator])
             if is_controlled:
@@ -295,7 +302,11 @@ class ImportedDynamics:
         return bool(not has_feedback and is_reference_fixed)
 
     def _write_wrench(self, actuator: int) -> Iterator[Table]:
-        """Yield the constant force and moment of an actuator at a site, if not zero."""
+        """Yield the tables of the constant force and moment of an actuator at a site.
+
+        What is zero is left out. Both are in the axes of the link, or of the ground if the
+        actuator has a reference site.
+        """
         mj_model = self._mj_model
         site, reference_site = mj_model.actuator_trnid[actuator]
         is_in_link_axes = reference_site < 0

@@ -122,9 +122,9 @@ def _find_half_width(
 
 
 def _velocity_equations(linkage: ImportedLinkage) -> Floats:
-    """Return the equations (m, pairs) between the rates of all pairs.
+    """Return the factors (m, pairs) of all pair rates in m equations: sums that are 0.
 
-    These are three for each closed loop, and one for each coupling.
+    There are three equations for each closed loop, and one for each coupling.
     """
     pairs = linkage.pairs
     # The loops are those of bodies without gaps in their numbers: positions in `links`.

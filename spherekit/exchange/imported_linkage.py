@@ -75,7 +75,7 @@ class ImportedLinkage:
     pair_comments
         Comments on pairs, by name.
     loop_points
-        For each two links the points at which they are held together.
+        By two links, the points at which they are held together.
     centre
         (3,) centre of the sphere (m, world axes).
     centre_distance
@@ -165,7 +165,8 @@ class ImportedLinkage:
     def _merge_bodies(self) -> list[int]:
         """Return the link of each body.
 
-        Bodies are one link if they are welded, or joined by locked joints or by none.
+        Bodies are one link if they are welded, or joined by locked joints or by none. The
+        number of the link is that of one of its bodies.
         """
         mj_model = self._mj_model
         turning_bodies = {0, *mj_model.jnt_bodyid[self._turning_joints].tolist()}
@@ -176,6 +177,7 @@ class ImportedLinkage:
         ]
         link_by_body = [*range(mj_model.nbody)]
         for couple in [*fixed_couples, *self.foreign_model.welded_bodies]:
+            # Bodies of the link `merged` are given the number of the link `remaining`.
             remaining, merged = (link_by_body[body] for body in couple)
             if merged == 0:  # The ground keeps its number.
                 remaining, merged = merged, remaining
@@ -290,6 +292,8 @@ class ImportedLinkage:
 
     def _remove_free_ball_joints(self) -> set[int]:
         """Return the hinges, by number, of ball joints that constrain nothing.
+
+        A ball joint was replaced by three hinges of one body.
 
         Links of a spherical mechanism without a pair between them turn freely about the
         centre, and so they do with a ball joint. The joint is left out if other pairs

@@ -122,8 +122,10 @@ class CoefficientFormulas:
     def _write_poles(self, input_index: int) -> dict[Pole, Expr]:
         """Return the unit vectors of all poles while an input moves, by their bodies.
 
-        A pole that is no axis of a pair is the line common to two planes. Each plane is
-        spanned by the poles of the two bodies relative to a third body.
+        The other inputs are locked; a body is a set of links that are then rigid. The pole
+        of two bodies is the axis of their relative rotation. If it is no axis of a pair, it
+        is the line common to two planes. Each plane is spanned by the poles of the two
+        bodies relative to a third body. The formulas are added to the list.
         """
         formula_list = self._formula_list
         pole_plan = self._pole_plans[input_index]
@@ -175,9 +177,11 @@ class CoefficientFormulas:
     def _write_velocities(self, input_index: int) -> None:
         """Write the velocity coefficients and angular velocities of all bodies.
 
-        The coefficient of body j follows from that of a body t, m_j = m_t N / D, with
-        c = u_j x u_t, N = c . (u_jt x u_t) and D = c . (u_jt x u_j). This is the equation
-        m_j u_j = m_t u_t + m_jt u_jt, multiplied by u_jt and then by c.
+        Body j has the angular velocity m_j u_j relative to the ground, with the direction
+        u_j of its pole and its velocity coefficient m_j. The coefficient follows from that
+        of a body t, m_j = m_t N / D, with c = u_j x u_t, N = c . (u_jt x u_t) and
+        D = c . (u_jt x u_j). This is the equation m_j u_j = m_t u_t + m_jt u_jt, multiplied
+        by u_jt and then by c.
         """
         formula_list = self._formula_list
         pole_plan = self._pole_plans[input_index]
@@ -278,7 +282,10 @@ class CoefficientFormulas:
     def _name_coefficients(self, input_index: int) -> None:
         """Name angular velocities, poles and coefficients of all links for users.
 
-        Coefficients between two moving links are written here.
+        Those of two links a and b are of a relative to b, and 0 if both are rigid with each
+        other. If one of them rests, its coefficients are known already. Otherwise they are
+        written here: the components of the relative angular velocity, and of its
+        derivative, along the pole.
         """
         formula_list = self._formula_list
         links = self._mechanism.links

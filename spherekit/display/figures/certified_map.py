@@ -43,6 +43,9 @@ def draw_certified_map(
 ) -> Figure:
     """Return a figure of boxes of two inputs, in degrees.
 
+    A box is regular if it is proven to have no configuration that is singular with locked
+    inputs (type II). It then has one number of assembly modes.
+
     Parameters
     ----------
     areas

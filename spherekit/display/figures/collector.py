@@ -40,6 +40,9 @@ class LoggedBlock(NamedTuple):
 class Collector:
     """A recorder that keeps all heads and blocks of a run.
 
+    A head has the titles of the assembly modes and the scenes that do not move. A block has
+    a scene at some successive samples.
+
     Attributes
     ----------
     another
@@ -99,7 +102,11 @@ class Collector:
 
 
 def _join_scenes(parts: Sequence[Scene]) -> Scene:
-    """Return one scene of the scenes of successive blocks."""
+    """Return one scene of the scenes of successive blocks.
+
+    Primitives of one class and path belong together; their rows, and those of the axes, are
+    joined.
+    """
     primitive_parts: dict[tuple[type, str], list[Primitive]] = {}
     for scene in parts:
         for primitive in scene.primitives:

@@ -65,7 +65,7 @@ class Figures(Mapping[str, Figure]):
     Parameters
     ----------
     draw_by_name
-        For each figure the function that draws it.
+        For each figure, by its name ``analysis/subject``, the function that draws it.
     """
 
     def __init__(self, draw_by_name: Mapping[str, Callable[[], Figure]]) -> None:
@@ -166,6 +166,9 @@ def _plan_series(
 ) -> Iterator[PlannedFigure]:
     """Yield curves over one axis, or maps over a grid of two inputs, of each group.
 
+    Series (a number for each sample) of one group are the same kind of quantity, and share
+    a figure. An axis is what the samples run over: an input, the time, or another quantity.
+
     Parameters
     ----------
     source_scenes
@@ -241,9 +244,9 @@ def _divide(
     subject
         Name of the figure.
     items
-        The primitives with their scenes.
+        The primitives (curves, maps, arrows, ...) with their scenes.
     panel_of
-        Returns the panel of an item.
+        Returns for an item the key of its panel: items of equal keys share one.
     draw
         Draws a figure of items.
     sheet
@@ -346,7 +349,8 @@ def _group_items(
 ) -> dict[tuple[str, Any], list[ShownItem]]:
     """Return primitives of a kind with their scenes, by page and one attribute.
 
-    Modes share figures, so all of them have the page "".
+    A page is that of an assembly mode, by number, or one with a title. Modes share figures,
+    so all of them have the page "".
 
     Parameters
     ----------

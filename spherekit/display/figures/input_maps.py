@@ -70,11 +70,14 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
     """Return a figure of one quantity over two inputs, in every mode.
 
     With more inputs there is a map at the first, the middle and the last value of each.
+    Quantities with both signs have colours that are symmetrical about zero, and a line of
+    zeros.
 
     Parameters
     ----------
     maps
-        The quantity in each mode, with the scenes of the modes. Their rows are a grid.
+        For each mode its scene, and the series of the quantity. Their rows are a grid of
+        the inputs.
     sheet
         Size of the figure, and titles of modes.
     """

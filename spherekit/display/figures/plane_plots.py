@@ -42,6 +42,8 @@ def is_path(item: PlaneItem) -> bool:
 def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
     """Return one figure of a portrait in all pages: their curves, marks and rows.
 
+    A portrait shows one quantity against another. Its rows are the samples of a mode.
+
     Parameters
     ----------
     items

@@ -72,6 +72,9 @@ def draw_sphere(
 ) -> Figure:
     """Return a figure of maps and curves, equal-area and stereographic side by side.
 
+    The maps are about the ground axis nearest to the directions that are shown, and reach
+    as far as these. If that is too far, two hemispheres are drawn.
+
     Parameters
     ----------
     maps
@@ -150,7 +153,7 @@ def draw_paths(arrows: Sequence[tuple[Scene, Arrow]], sheet: Sheet) -> Figure:
 
 
 def _draw_graticule(panel: Any, view: SphereView, title: str) -> None:
-    """Draw circles about the centre, with their angles, and name the ground axes.
+    """Draw circles about the centre of a map, with their angles, and name the ground axes.
 
     Parameters
     ----------
@@ -239,7 +242,7 @@ def _draw_sphere_maps(
 def _draw_sphere_map(
     panel: Any, view: SphereView, sphere_map: SphereMap, look: Look
 ) -> None:
-    """Draw a quantity on an area: points, or triangles of one colour or shaded.
+    """Draw a quantity on an area of the sphere: points, or coloured triangles.
 
     Parameters
     ----------

@@ -99,8 +99,10 @@ class SphereView:
         directions
             (n, 3) unit vectors.
 
-        Returns ------- (n, 2) azimuth (rad) from the right, and radius. The radius is NaN
-        beyond the rim and the band around it.
+        Returns
+        -------
+        (n, 2) azimuth (rad) from the right, and radius. The radius is NaN beyond the rim
+        and the band around it.
         """
         right, up, _ = self.frame @ directions.T
         angles = self.angles_from_centre(directions)
@@ -155,11 +157,12 @@ def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]
 
 
 def turn_to_side(directions: Floats, out: Floats) -> Floats:
-    """Return an axis over samples by that of its two directions that is on one side.
+    """Return for each sample that direction of an axis which is on one side of a plane.
 
-    On the rim, at right angles to `out`, both are. There the direction is the one nearer
-    to that of the sample before, or after if none is before, so that a path that reaches
-    the rim or runs along it has no jump.
+    An axis has two opposite directions. At right angles to `out`, on the rim of the map,
+    both are on the side. There the direction is the one nearer to that of the sample
+    before, or after if none is before, so that a path that reaches the rim or runs along it
+    has no jump.
 
     Parameters
     ----------

@@ -133,7 +133,12 @@ class PageMaker:
         self._pole_plans = plans(self._mechanism, is_mobile_by_rank_only(self._mechanism))
 
     def make_page(self) -> PageText:
-        """Return the page."""
+        """Return the page, and its numbers of curves and of assembly modes.
+
+        A kernel is a set of functions in JavaScript. One computes all quantities at every
+        sample, another one the picture at the cursor. Sliders that change nothing are left
+        out with a note, unless their keys were given.
+        """
         row_formulas = self._make_row_formulas()
         shown_patterns = self._requested_quantities
         if shown_patterns is None:
@@ -175,6 +180,9 @@ class PageMaker:
 
     def _make_formulas(self, names: Sequence[str]) -> Formulas:
         """Return the formulas of quantities, with arguments that the page can give.
+
+        These are the inputs, their rates and accelerations, and whole turns of passive
+        pairs.
 
         Raises
         ------
@@ -226,7 +234,12 @@ class PageMaker:
         )
 
     def _make_row_formulas(self) -> Formulas:
-        """Return the formulas that are evaluated at every sample of every mode."""
+        """Return the formulas that are evaluated at every sample of every mode.
+
+        Added to the quantities are angular velocities, from which the signs of poles
+        follow, and in closed form for each dyad a number that tells whether the loop
+        closes.
+        """
         needed_names = self._page_quantities.needed_names(self._wound_pairs)
         row_formulas = self._make_formulas_with_torques(needed_names)
         sign_velocities = self._page_quantities.sign_velocities(row_formulas.results)
@@ -279,7 +292,7 @@ class PageMaker:
     def _omit_axes_by_directions(self, keys: Names) -> Names:
         """Return the keys without those of axes that are not in the file.
 
-        The file of a P pair may state two directions of its arc instead of its axis.
+        The file of a P pair may give two directions of its arc instead of its axis.
         """
         pairs_without_axis = [
             name
@@ -308,10 +321,10 @@ class PageMaker:
         return [pair for pair in wound_pairs(self._mechanism) if pair not in self._inputs]
 
     def _turn_facts(self, pair: str) -> Facts:
-        """Return the input (rad) from which the turns of a passive pair are counted.
+        """Return from where the whole turns of a passive pair are counted.
 
-        All configurations return after a `period` (rad) of the input, None if they never
-        do.
+        `anchor` is the input (rad) at which they are 0. All configurations return after a
+        `period` (rad) of the input, None if they never do.
         """
         solver = PositionSolver(self._mechanism, assembly_by_count_or_rank(self._mechanism))
         (anchor,) = solver.anchor
@@ -325,7 +338,8 @@ class PageMaker:
     def _crossing_facts(self) -> Facts:
         """Return the input (rad) at which smooth curves have the numbers of the modes.
 
-        It is that of the reference pose, and None if this is not in the range.
+        The input is that of the reference pose, the "anchor". It is None if there is no
+        such pose or if the input is not in the range.
         """
         solver = PositionSolver(self._mechanism, assembly_by_count_or_rank(self._mechanism))
         (anchor,) = solver.anchor

@@ -22,7 +22,7 @@ class OutputPath(NamedTuple):
     Attributes
     ----------
     vector
-        Name of the direction without its components.
+        Name of the direction, to which "_x", "_y" and "_z" are added for its components.
     link
         Name of the link that carries it.
     """
@@ -75,9 +75,11 @@ class PageQuantities:
             self.input_suffixes = [f"_by_{pair}" for pair in inputs]
 
     def output_coefficients(self, suffix: str) -> list[str]:
-        """Return the velocity coefficients of the outputs while one input moves.
+        """Return the names of the velocity coefficients of the outputs for one input.
 
-        Without outputs it is that of the last link relative to the ground.
+        A velocity coefficient is the relative angular velocity of two links per unit rate
+        of the input that moves while the others are locked. Without outputs it is that of
+        the last link relative to the ground.
 
         Parameters
         ----------
@@ -131,10 +133,11 @@ class PageQuantities:
         return ""
 
     def signed_poles(self, names: Iterable[str]) -> dict[SignedPole, list[str]]:
-        """Return the quantities whose signs the page finds, by their poles.
+        """Return the names of the quantities whose signs the page finds, by their poles.
 
-        The pole axis of links that no pair joins has two senses. The page gives it, and
-        velocity and acceleration coefficients, the signs that `sk.evaluate` gives them.
+        A pole is the axis of the relative rotation of two links while one input moves. If
+        no pair joins the links, it has two senses. The page gives the axis, and velocity
+        and acceleration coefficients, the signs that `sk.evaluate` gives them.
 
         Parameters
         ----------
@@ -162,7 +165,10 @@ class PageQuantities:
         return names_by_pole
 
     def sign_velocities(self, names: Iterable[str]) -> list[str]:
-        """Return the components of angular velocities from which the page finds signs.
+        """Return the names of the angular velocities from which the page finds signs.
+
+        The sense of the axis between two links that no pair joins follows from the angular
+        velocities of both.
 
         Parameters
         ----------
