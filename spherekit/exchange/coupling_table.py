@@ -49,6 +49,9 @@ extrapolated. The C header has the same number.
 class CouplingValues(NamedTuple):
     """The values of a table at n points of its m inputs. NaN in cells that are not sure.
 
+    A cell, a box between neighbouring nodes of the grid, is sure if the measured error of
+    interpolation in it is within the tolerance.
+
     Attributes
     ----------
     angles
@@ -171,6 +174,10 @@ class CouplingTable:
         assembly_mode
             Number of the mode, by default the first in the table.
 
+        Returns
+        -------
+        The values at n points, NaN beyond the grid and in cells that are not sure.
+
         Raises
         ------
         SolveError
@@ -217,6 +224,9 @@ class CouplingTable:
 
     def interpolate(self, mode: int, cells: Integers, positions: Floats) -> CouplingValues:
         """Return the values of a mode in cells, whether they are sure or not.
+
+        The values at each corner of the cell are extended by their derivatives, and
+        averaged with multilinear weights (see the notes of `at`).
 
         Parameters
         ----------

@@ -80,6 +80,10 @@ def coupling_table(
 ) -> CouplingTable:
     """Return passive variables and coefficients on a grid of the inputs, for controllers.
 
+    Passive variables are those of pairs that are not driven, coefficients their rates per
+    unit rate of one input. The steps of the grid are halved until enough cells are *sure*:
+    interpolation in them is accurate to the tolerance, as measured at points between nodes.
+
     Parameters
     ----------
     mechanism
@@ -228,6 +232,8 @@ def _compute_grid_values(
 ) -> GridValues:
     """Compute the values of all modes at the samples of a position analysis.
 
+    Rows of the motion are all samples of one assembly mode, then those of the next.
+
     Parameters
     ----------
     position_analysis
@@ -286,6 +292,9 @@ def _compute_table(
     tolerance: float,
 ) -> CouplingTable:
     """Return the table of a grid, with the errors that were measured in its cells.
+
+    Values are computed on a finer grid, of which every third point along each input is a
+    node of the table. The other points measure the errors.
 
     Parameters
     ----------
@@ -347,6 +356,8 @@ def _measure_errors(
     table: CouplingTable, grid_values: GridValues, refined_counts: tuple[int, ...]
 ) -> float:
     """Measure the errors of interpolation, and write them to the table.
+
+    A cell is sure if its largest error of an angle is within the tolerance.
 
     Parameters
     ----------

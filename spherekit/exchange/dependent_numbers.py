@@ -40,6 +40,10 @@ def express_dependent_numbers(
 ) -> dict[ExpressionNode, Expr]:
     """Return the numbers that follow from the file as expressions of its numbers.
 
+    These are numbers of masses and loads, and of links that replace contacts. A mass given
+    by axes of pairs is an expression. Any other number is a linear function of the numbers
+    that vary, with slopes measured by trial.
+
     Parameters
     ----------
     varied_mechanism

@@ -76,6 +76,9 @@ class Mode(NamedTuple):
 class SmoothModes(NamedTuple):
     """The places of assembly modes that follow smooth curves through crossings.
 
+    Places are the values that select a mode: the signs of its dyads, or the variables (rad)
+    from which Newton's method starts. At a crossing two curves of configurations meet.
+
     The intervals divide all values of the only input. In the short intervals around a
     crossing the places are NaN for each mode whose signs change there, because rounding
     decides on which side of the crossing such an input is.
@@ -113,7 +116,7 @@ class SmoothModes(NamedTuple):
     inputs: Floats
 
     def pieces(self, mode: int) -> list[tuple[float, float, Floats]]:
-        """Return where the places of a mode change.
+        """Return where the places of a mode change: the values that select it.
 
         Parameters
         ----------

@@ -262,6 +262,9 @@ def _find_results(
 ) -> dict[str, Expr]:
     """Return quantities as expressions, by their names.
 
+    The quantity "closure_2", for example, is the square that is negative if the second dyad
+    does not close.
+
     Parameters
     ----------
     design_expressions
@@ -326,6 +329,9 @@ def _express_revolutions(
     replacements: Mapping[ExpressionNode, Expr],
 ) -> dict[ExpressionNode, Expr]:
     """Return the whole revolutions (rad) of pairs that cannot turn fully as expressions.
+
+    The angle of such a pair stays within one turn about the middle of its swing, from which
+    its whole revolutions follow. Those of other pairs stay arguments.
 
     Parameters
     ----------

@@ -290,6 +290,10 @@ def find_gears(
 ) -> GearTrain:
     """Return bevel gears that have the same equations as couplings of hinges.
 
+    A coupling is a linear equation between the rates of hinges. Candidates are the
+    equations of gears between any two links that the couplings imply. As many independent
+    ones are chosen as there are independent couplings.
+
     A coupling that is a pair of gears by itself keeps its name. The names of the others go
     to gears whose equations are combinations of couplings, in the order of the search.
 
@@ -404,6 +408,9 @@ def _find_bevel_equations(
 ) -> Iterator[BevelEquation]:
     """Yield the equations of bevel gears between any two links that couplings imply.
 
+    The path between the links has two axes, that of each gear on their carrier. If the
+    couplings imply u x + v y = 0 for the rotations x and y about both, gears can give it.
+
     Parameters
     ----------
     hinges
@@ -439,6 +446,9 @@ def _find_coaxial_equations(
     hinges: Sequence[ImportedPair], equations: Floats
 ) -> Iterator[CoaxialEquation]:
     """Yield the equations between two coaxial hinges of one link that couplings imply.
+
+    The equation is u x + v y = 0 for the rotations x and y of the outer links relative to
+    the link between them, the carrier.
 
     Parameters
     ----------
