@@ -268,7 +268,8 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
 
     The curve consists of pieces, each of which is one assembly mode. An end of a piece is
     an end of the range if its input is the lowest or the highest, unless the range consists
-    of whole periods. Ends of an open curve are included unless other curves cross there.
+    of whole periods. Ends of an open curve are included unless other curves cross it at one
+    of its ends.
 
     Parameters
     ----------
