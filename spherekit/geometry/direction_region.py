@@ -81,6 +81,9 @@ class Boundary:
 class Part:
     """A connected part of the region or of the outside.
 
+    The region has the directions in which all margins (functions of the direction) are at
+    least 0.
+
     Attributes
     ----------
     area
@@ -103,6 +106,9 @@ class Part:
 @dataclass(frozen=True)
 class Region:
     """The directions in which all margins are at least 0.
+
+    A margin is a function of the direction that is negative where, for example, a limit is
+    exceeded. The region was measured with a mesh of triangles on the unit sphere.
 
     Attributes
     ----------

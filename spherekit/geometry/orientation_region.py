@@ -72,6 +72,9 @@ _SAMPLE_QUARTERS = np.concatenate([2 * _cubic_grid(np.arange(3)), _CHECK_QUARTER
 class Orientations:
     """The orientations at which all margins are at least 0.
 
+    A margin is a function of the orientation that is negative where, for example, a limit
+    is exceeded.
+
     Attributes
     ----------
     volume, error

@@ -27,6 +27,9 @@ UNDEFINED_MARGIN = -1
 class MarginEvaluator:
     """Calls the margins, checks the arrays that they return, and counts the calls.
 
+    Margins are functions of points that are at least 0 inside a region and negative
+    outside. One function returns all of them.
+
     Parameters
     ----------
     margins
@@ -133,7 +136,7 @@ def select_margins(values: Floats, numbers: Indices) -> Floats:
 
 
 def find_active_margins(values: Floats, rounding_errors: Floats) -> Indices:
-    """Return the number of the margin that excludes each point.
+    """Return the number of the margin that excludes each point from the region.
 
     Parameters
     ----------

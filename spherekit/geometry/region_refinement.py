@@ -68,7 +68,11 @@ class TriangleDivision:
 
 
 class RegionRefinement:
-    """Refines a mesh and finds the border of a region in it.
+    """Refines a mesh of triangles on the sphere and finds the border of a region in it.
+
+    The region has the directions in which all margins (functions of the direction) are at
+    least 0. A segment is the border in one triangle, as a curve beside the arc of a great
+    circle.
 
     Parameters
     ----------

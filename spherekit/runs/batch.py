@@ -397,7 +397,14 @@ class Batch:
     def _check(self, read: str, need: str, name: str | None = None) -> None:
         """Raise `UndeclaredNeed` if a need, or a pair or link in it, was not declared.
 
-        `read` is the name of the quantity in the message.
+        Parameters
+        ----------
+        read
+            Name of the quantity in the message.
+        need
+            Name of the field of `Needs`.
+        name
+            The pair or link that the field must contain. None if the field is a flag.
         """
         declared = getattr(self.needs, need)
         if name is None and not declared:
