@@ -116,7 +116,7 @@ class MujocoModel:
     Attributes
     ----------
     notes
-        What the model states differently or leaves out, in sentences.
+        What the model has in another form or leaves out, in sentences.
 
     Raises
     ------
@@ -172,7 +172,7 @@ class MujocoModel:
         return float(np.round(farthest_centre, 3) or farthest_centre or 1.0)
 
     def _write_notes(self) -> list[str]:
-        """Return what the model states differently or leaves out, in sentences."""
+        """Return what the model has in another form or leaves out, in sentences."""
         mechanism = self._mechanism
         rigid_bodies = self._rigid_bodies
         has_made_up_masses = rigid_bodies.has_made_up_masses
@@ -296,7 +296,11 @@ class MujocoModel:
         return ElementTree.fromstring("".join(text.splitlines()))
 
     def _add_custom_numbers(self, custom: Element) -> None:
-        """Add what MuJoCo has no place for, and what `spherekit import` reads again."""
+        """Add what MuJoCo has no place for, and what `spherekit import` reads again.
+
+        These are the ranges of inputs (rad), the values (rad) of pairs that close loops,
+        and whether masses were made up.
+        """
         for driven in self._mechanism.inputs:
             _add(
                 custom,
@@ -311,6 +315,9 @@ class MujocoModel:
 
     def _add_bodies(self, parent_element: Element, parent: str) -> None:
         """Add the bodies on the hinges of a body, twins last, and the bodies on these.
+
+        A twin is a second body of a link, on a hinge that closes a loop, with a part of the
+        link's inertia. It is welded to the link.
 
         Parameters
         ----------
@@ -356,6 +363,9 @@ class MujocoModel:
     def _add_inertia(self, body: Element, inertia: BodyInertia) -> None:
         """Add the inertia of a body, of which the link and its twins have equal parts.
 
+        A twin is a second body of a link, welded to it, on a hinge that closes a loop. The
+        moments are enlarged by rounding, so that MuJoCo accepts the tensors of thin bodies.
+
         Parameters
         ----------
         body
@@ -386,7 +396,10 @@ class MujocoModel:
             body.set("gravcomp", "1")
 
     def _add_appearance(self, body: Element, link: str) -> None:
-        """Add the shapes of a link, and the sites of its outputs and loads.
+        """Add the shapes of a link, and the sites (points) of its outputs and loads.
+
+        A link is drawn as capsules along its arcs, and as a pin at each pair of which it is
+        the first link.
 
         Parameters
         ----------
@@ -436,6 +449,10 @@ class MujocoModel:
     def _add_loops(self, tendons: Element, equalities: Element) -> None:
         """Add the constraints of loops, twins and rolling contacts.
 
+        A loop is closed at a point of the pair axis, or by a weld to a twin: a second body
+        of the link on the hinge of the pair. In a rolling contact a sum of joint angles is
+        constant.
+
         Parameters
         ----------
         tendons, equalities
@@ -479,6 +496,9 @@ class MujocoModel:
     def _add_actuators(self, actuators: Element) -> None:
         """Add motors or servos of the inputs, and the loads that are actuators.
 
+        Inputs have motors. If masses were made up, they have servos for their angles, and
+        there are no loads.
+
         Parameters
         ----------
         actuators
@@ -486,6 +506,7 @@ class MujocoModel:
         """
         rigid_bodies = self._rigid_bodies
         has_made_up_masses = rigid_bodies.has_made_up_masses
+        # At least the inertia that any servo moves.
         total_inertia = sum(np.trace(body.tensor) for body in rigid_bodies.bodies)
         # The rate of a servo is the root of stiffness over inertia. Two digits are enough.
         servo_stiffness = float(f"{total_inertia * SERVO_RATE_PER_S**2:.2g}")

@@ -52,7 +52,7 @@ class MujocoLoads:
     reason_by_omitted_load
         For each load that MuJoCo does not have, by name, the reason.
     approximations
-        Sentences on loads that MuJoCo states differently.
+        Sentences on loads that MuJoCo has in another form.
     """
 
     gravity: Floats
