@@ -95,6 +95,10 @@ fewer than four digits."""
 class ModeCandidate:
     """An assembly mode of the mechanism that is written if the formulas give it too.
 
+    If modes follow smooth curves, the inputs at which curves cross divide the range of the
+    input into intervals. Otherwise there is one interval. Places are the values that select
+    the mode in the formulas.
+
     Attributes
     ----------
     mode
@@ -263,6 +267,8 @@ def compare_modes(
 def _sample_intervals(borders: Floats, low: float, high: float) -> Floats:
     """Return inputs (rad) in all intervals of a range, and beside the crossings.
 
+    Crossings, where curves of configurations meet, divide the range into intervals.
+
     Parameters
     ----------
     borders
@@ -288,7 +294,10 @@ def _join_places(
     borders: Floats,
     candidates: Sequence[ModeCandidate],
 ) -> SmoothModes:
-    """Return the places of modes in all intervals of the input.
+    """Return the places of modes, the values that select them, in all intervals.
+
+    Crossings divide the range into intervals. In a short interval about each crossing the
+    places are unknown (NaN) for modes that change there.
 
     Parameters
     ----------
@@ -358,6 +367,9 @@ def _find_candidate(
     terms: DesignExpressions,
 ) -> ModeCandidate:
     """Choose configurations of an assembly mode, and determine its places.
+
+    Places are the values that select the mode: the signs of its dyads in closed form,
+    otherwise the variables from which Newton's method starts.
 
     Parameters
     ----------
@@ -525,6 +537,7 @@ def _dyad_signs(terms: DesignExpressions, values: Floats) -> Floats:
     # (n, variables, 3) direction of the axis of each variable
     vectors = Closure.of_mechanism(mechanism, make_joints(mechanism)).at(values).vectors
     signs: list[float] = []
+    # In closed form every group is a dyad.
     for group in terms.structure.assembly.groups:
         axes = vectors[:, [mechanism.variables_of(pair)[0] for pair in group.pairs]]
         triple_products = np.linalg.det(axes)  # (n,)
