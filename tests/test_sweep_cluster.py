@@ -34,7 +34,7 @@ SLOW = """
 import time
 from spherekit.designs import sweep
 
-write = sweep.Sweep.write
+write = sweep.Sweep.write_part
 
 
 def write_slowly(self, folder, part):
@@ -42,14 +42,14 @@ def write_slowly(self, folder, part):
     return write(self, folder, part)
 
 
-sweep.Sweep.write = write_slowly
+sweep.Sweep.write_part = write_slowly
 """
 
 ENDING = """
 import os, signal
 from spherekit.designs import sweep
 
-write = sweep.Sweep.write
+write = sweep.Sweep.write_part
 
 
 def write_or_end(self, folder, part):
@@ -58,7 +58,7 @@ def write_or_end(self, folder, part):
     return write(self, folder, part)
 
 
-sweep.Sweep.write = write_or_end
+sweep.Sweep.write_part = write_or_end
 """
 
 LACKING = """

@@ -229,7 +229,7 @@ from pathlib import Path
 from spherekit.designs import sweep
 
 mark, mode, number = Path({mark!r}), {mode!r}, {number}
-write = sweep.Sweep.write
+write = sweep.Sweep.write_part
 
 
 def write_or_end(self, folder, part):
@@ -241,7 +241,7 @@ def write_or_end(self, folder, part):
     return write(self, folder, part)
 
 
-sweep.Sweep.write = write_or_end
+sweep.Sweep.write_part = write_or_end
 """
 
 

@@ -191,8 +191,8 @@ def test_a_mode_ends_where_its_designs_do(tmp_path):
         evaluator.varied_mechanism.evaluate_design(np.array([x])) for x in (-8.0, 20.0)
     )
     for mode in modes:
-        moved = mode.moved(there)
-        assert sum(mode.goes_on_in(other) for other in others) >= 1
-        back = moved.places(here, 9)
-        held = np.isfinite(moved.followed[2][0])
-        assert back[:, held] == pytest.approx(mode.followed[2][:, held], abs=1e-9)
+        moved = mode.with_origin(there)
+        assert sum(mode.continues_in(other) for other in others) >= 1
+        back = moved.position_arguments(here, 9)
+        held = np.isfinite(moved.origin.configurations[0])
+        assert back[:, held] == pytest.approx(mode.origin.configurations[:, held], abs=1e-9)

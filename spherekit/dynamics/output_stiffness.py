@@ -28,7 +28,8 @@ class Stiffness:
         ground axes.
     advantage
         (n, inputs) moment about the axis of w that a unit torque at this input balances
-        while the others are locked: 1 / |w|. Infinite if the input does not move the link.
+        while the others are locked: ``1 / |w|``. Infinite if the input does not move the
+        link.
     stiffness
         (n, 3) principal stiffnesses of the link in rising order, N m/rad. Infinite about
         axes that do not yield.

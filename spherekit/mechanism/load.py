@@ -205,8 +205,9 @@ class Load(ABC):
     field_kinds: ClassVar[Mapping[str, str]]
     """What each field contains, by the name of the field, in the order of files.
 
-    - ``pair``, ``contact``, ``link``: the name of an R pair, of a sliding contact, of a
-    link
+    - ``pair``: the name of an R pair
+    - ``contact``: the name of a sliding contact
+    - ``link``: the name of a link
     - ``axes``: see `Axes`
     - ``text``, ``texts``: one expression, or several
     - ``angle``: an angle (rad)
