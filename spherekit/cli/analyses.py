@@ -15,7 +15,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of the command."""
+    """Declare the arguments of `spherekit analyses`."""
     analysis_argument = parser.add_argument(
         "analysis",
         nargs="?",
@@ -55,14 +55,15 @@ def execute(options: Namespace) -> int:
 
 
 def _describe(options: Namespace) -> int:
+    """Print version, parameters and tables of one analysis; return the exit status 0."""
     from spherekit.runs.parameter_text import describe_parameters
     from spherekit.runs.registry import load_analysis
 
     cls = load_analysis(options.analysis)
-    allowed = describe_parameters(cls)
+    allowed = describe_parameters(cls)  # allowed values and default, by parameter
     if options.json:
         facts = {key: getattr(cls, key) for key in ("name", "version", "summary", "cites")}
-        facts["parameters"] = {key: shown for key, (shown, _) in allowed.items()}
+        facts["parameters"] = {key: values for key, (values, _) in allowed.items()}
         facts["tables"] = {
             table.name: [
                 {key: getattr(column, key) for key in ("name", "unit", "meaning")}
@@ -76,9 +77,9 @@ def _describe(options: Namespace) -> int:
     for text in cls.cites:
         print(f"  cites {text}")
     print("parameters:" if allowed else "parameters: none")
-    for key, (shown, default) in allowed.items():
-        value = "required" if default is MISSING else f"default {default!r}"
-        print(f"  {key}: {shown}, {value}")
+    for key, (values, default) in allowed.items():
+        default_text = "required" if default is MISSING else f"default {default!r}"
+        print(f"  {key}: {values}, {default_text}")
     for table in cls.tables:
         print(f"table {table.name}: {table.meaning}")
         for column in table.columns:

@@ -53,7 +53,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of the command."""
+    """Declare the arguments of `spherekit certify`."""
     add_input_argument(parser)
     add_lock_argument(parser)
     file_argument = parser.add_argument(
@@ -132,7 +132,15 @@ class Certification:
 
 
 def execute(options: Namespace) -> int:
-    """Prove assembly modes, curves and singularities; write the certificate."""
+    """Prove assembly modes, curves and singularities; write the certificate.
+
+    One of four proofs is made: the modes at given inputs, a mechanism of wheels only, a map
+    over the ranges of two inputs, or the curves of modes over the range of one input.
+
+    Returns
+    -------
+    The exit status: 0, or `INCOMPLETE` if something stays undecided.
+    """
     from spherekit.errors import AnalysisError
     from spherekit.files.mechanism_reader import checked_document, mechanism_from_document
     from spherekit.files.mechanism_writer import dumps
@@ -145,11 +153,15 @@ def execute(options: Namespace) -> int:
     document = checked_document(options.file)
     tolerance = options.tolerance
     if options.lock:
+        # The proof reads decimal numbers, so the mechanism with locked pairs is written as
+        # a new document. Its sizes are rounded.
         locked = with_locks(mechanism_from_document(document), options.lock, options.file)
         document = parse(dumps(locked, document.data["angle_unit"]), options.file)
         tolerance = max(tolerance, LOCKED_SIZE_ERROR_RAD)
     mechanism = driven_at(mechanism_from_document(document), options.input)
     decimal_mechanism = read_decimals(mechanism, document, tolerance)
+
+    # Refuse options that do not belong to the proof that is asked for.
     is_at_inputs = options.at is not None
     input_count = len(mechanism.inputs)
     if is_at_inputs and options.range:
@@ -167,9 +179,11 @@ def execute(options: Namespace) -> int:
     for target in (options.out, options.figure):
         if target:
             check_file(target)
+
     if is_at_inputs:
         result = _certify_inputs(decimal_mechanism, options.at, options.poles)
     elif not find_construction(decimal_mechanism.structure).unknown_count:
+        # Nothing is unknown: wheels in mesh fix every angle.
         result = _certify_wheels(decimal_mechanism)
     elif is_map:
         result = _certify_map(decimal_mechanism, options)
@@ -218,7 +232,15 @@ def _certify_inputs(
 
 
 def _describe_pole(row: Facts) -> str:
-    """Return one line for a row of the table of poles."""
+    """Return one line for a row of the table of poles.
+
+    Parameters
+    ----------
+    row
+        The mode, the input that moves while the others are locked, the two links, their
+        pole axis (a unit vector, or None) and velocity coefficient (angular rate per rate
+        of the input). Keys with ``off`` are proven error bounds.
+    """
     axis = "may rest"  # a link at rest relative to another has no pole axis
     if row["direction"] is not None:
         components = ", ".join(f"{component:.12f}" for component in row["direction"])
@@ -231,7 +253,14 @@ def _describe_pole(row: Facts) -> str:
 
 
 def _decimal_text(option: str, text: str) -> str:
-    """Return the text of a decimal number without exponent, as certificates state it.
+    """Return the text of a decimal number without exponent, as certificates contain it.
+
+    Parameters
+    ----------
+    option
+        Name of the option with this value, for messages.
+    text
+        The text that the user wrote.
 
     Raises
     ------
@@ -255,7 +284,14 @@ def _decimal_text(option: str, text: str) -> str:
 def _describe_modes(modes: Any) -> Lines:
     """Return a line for each mode, with the angles of all pairs and their error bound.
 
-    Clusters of solutions that could not be separated have lines of their own.
+    The angles are balls: numbers with a proven bound of their error. Clusters are small
+    regions in which the number of solutions could not be decided; they have lines of their
+    own.
+
+    Parameters
+    ----------
+    modes
+        The certified modes at given inputs.
     """
     import numpy as np
 
@@ -265,7 +301,7 @@ def _describe_modes(modes: Any) -> Lines:
     lines = []
     for mode_index, angles in enumerate(modes.angles()):
         degrees = np.degrees([centre_float(angle) for angle in angles])
-        wrapped = 180.0 - np.remainder(180.0 - degrees, 360.0)  # within (-180, 180]
+        wrapped = 180.0 - np.remainder(180.0 - degrees, 360.0)  # above -180, up to 180
         angle_list = ", ".join(
             f"{name} {angle:.9f}" for name, angle in zip(pair_names, wrapped, strict=True)
         )
@@ -279,7 +315,11 @@ def _describe_modes(modes: Any) -> Lines:
 
 
 def _certify_wheels(decimal_mechanism: Any) -> Certification:
-    """Certify a mechanism without closure equations: wheels in mesh fix all its angles."""
+    """Certify a mechanism without closure equations, in which wheels fix all angles.
+
+    Each follower, a pair that is no input, turns by the sum of ratio times angle over all
+    inputs. The ratios are balls: numbers with a proven bound of their error.
+    """
     from spherekit.proof.balls import centre_float, upper_magnitude, working_precision
     from spherekit.proof.certificate import wheels_certificate
 
@@ -331,6 +371,7 @@ def _certify_range(
     from spherekit.proof.construction import find_construction
 
     mechanism = decimal_mechanism.mechanism
+    # Ends of the range as decimal texts, in the unit of the file.
     low, high = decimal_mechanism.input_range_text(mechanism.inputs[0].pair)
     if ends:
         low, high = (_decimal_text("--range", end) for end in ends)
@@ -353,7 +394,7 @@ def _certify_range(
                 f"to {high}, or another --range"
             )
         with working_precision(PRECISION_BITS):
-            q = centre_float(decimal_mechanism.input_angle(position))
+            q = centre_float(decimal_mechanism.input_angle(position))  # rad
         lines.append(
             f"  within {np.degrees(located.clearance(q)):.9f} deg of {clear_of} there is "
             "no singularity, in any mode"
@@ -364,9 +405,18 @@ def _certify_range(
 
 
 def _certify_map(decimal_mechanism: Any, options: Namespace) -> Certification:
-    """Certify the number of modes over the ranges of two inputs, in boxes.
+    """Certify the number of assembly modes over the ranges of two inputs.
 
-    With ``--figure`` the boxes are drawn.
+    The rectangle of both ranges is divided into boxes. The number of modes is proven in
+    each box, or the box contains singular inputs or stays undecided. With ``--figure`` the
+    boxes are drawn.
+
+    Parameters
+    ----------
+    decimal_mechanism
+        The mechanism with the decimal numbers of its file.
+    options
+        Values of the arguments of the command.
     """
     from spherekit.errors import AnalysisError
     from spherekit.proof.certificate import map_certificate
@@ -411,6 +461,7 @@ def _draw_map(input_map: Any, names: Lines, path: str) -> None:
     from spherekit.display.figures import certified_map
     from spherekit.proof.input_map import CONTAINS, UNDECIDED
 
+    # For each kind of area: whether a box (boxes,) belongs to it.
     is_in_area = {
         counted(mode_count, "mode"): input_map.modes == mode_count
         for mode_count in input_map.mode_shares
@@ -432,12 +483,13 @@ def _degrees(q: float) -> str:
 def _crossing_sentences(curves: Any) -> Iterator[str]:
     """Yield a sentence for each crossing, or near miss, of curves within the range.
 
-    A saddle of the closure equation at level zero is a crossing. If the sign of its level
-    is not decided, the curves cross, or miss each other by a bounded distance.
+    The curves are where the closure equation is zero. A saddle of its left side on level
+    zero is a crossing; on another level the curves miss each other. If the sign of the
+    level is not decided (None), both are possible.
     """
     for saddle in curves.saddles:
         q = curves.wrap_into_range(curves.input_angle(saddle.centre))
-        if q is None:
+        if q is None:  # outside the range
             continue
         if saddle.level_sign == 0:
             sentence = "curves cross"
@@ -449,7 +501,13 @@ def _crossing_sentences(curves: Any) -> Iterator[str]:
 
 
 def _describe_curves(curves: Any) -> Lines:
-    """Return lines for the numbers of modes, crossings, and undecided ranges of curves."""
+    """Return lines for the numbers of modes, crossings, and undecided ranges of curves.
+
+    Parameters
+    ----------
+    curves
+        The certified curves of configurations over the range of the input (rad).
+    """
     lines = []
     for low, high, mode_count in curves.intervals:
         modes = counted(mode_count, "mode")
@@ -465,13 +523,25 @@ def _describe_curves(curves: Any) -> Lines:
 
 
 def _describe_singularities(curves: Any, located: Any) -> Lines:
-    """Return lines for the singularities of all outputs, and what is left undecided."""
+    """Return lines for the singularities of all outputs, and for what stays undecided.
+
+    In a type I singularity the output is at rest while the input moves; in one of type II
+    the input is at rest while the mechanism moves.
+
+    Parameters
+    ----------
+    curves
+        The certified curves of configurations over the range of the input.
+    located
+        The singularities on these curves.
+    """
     import numpy as np
 
     lines = []
     for singularity in located.singularities:
         is_outside = curves.wrap_into_range(singularity.q) is None
         outside = ", out of the range" if is_outside else ""
+        # The input angle is `cycle_turns` times its variable on the curve.
         error = np.degrees(singularity.point.error * curves.cycle_turns)
         lines.append(
             f"  output {singularity.output}: type {singularity.type} at "

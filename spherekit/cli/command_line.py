@@ -61,6 +61,7 @@ class CommandLineParser(argparse.ArgumentParser):
     """
 
     def __init__(self, **options: Any) -> None:
+        """Make a parser with the options of `argparse.ArgumentParser`."""
         formatter = partial(argparse.RawDescriptionHelpFormatter, max_help_position=20)
         super().__init__(formatter_class=formatter, **options)
 
@@ -91,7 +92,8 @@ class CommandLineParser(argparse.ArgumentParser):
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
         """Return the value of an argument; refuse an empty text.
 
-        As a path, an empty text would be the current folder.
+        An empty text usually comes from an unset variable of the shell. As a path, it would
+        be the current folder. `argparse` calls this method for each argument.
         """
         if not arg_string and action.nargs != argparse.PARSER:
             raise argparse.ArgumentError(
@@ -104,8 +106,9 @@ class CommandLineParser(argparse.ArgumentParser):
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Raise `argparse.ArgumentError` unless a value is one of the choices.
 
-        The message ends with the nearest choice. A file or a shipped mechanism in the place
-        of a command gets the command that reads it.
+        The message ends with the nearest choice. If a user wrote a file or a shipped
+        mechanism where a command belongs, the message names the command that reads it.
+        `argparse` calls this method for each argument.
         """
         from spherekit.wording import nearest
 
@@ -134,6 +137,7 @@ class CommandParser(CommandLineParser):
     """The parser of one subcommand, whose module is imported when it is first needed."""
 
     def __init__(self, command: str, **options: Any) -> None:
+        """Remember the name of the command; its arguments are declared when needed."""
         super().__init__(**options)
         self._command = command
         self._has_arguments = False
@@ -197,6 +201,7 @@ def command_parsers(
     names
         Words; those that are no subcommand are left out.
     """
+    # argparse has no public way to list subcommands.
     assert parser._subparsers is not None
     action = parser._subparsers._group_actions[0]
     assert isinstance(action.choices, dict)

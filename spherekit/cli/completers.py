@@ -13,12 +13,20 @@ Completer = Callable[[str, argparse.Namespace], Sequence[str]]
 
 
 def set_completer(argument: argparse.Action, completer: Completer) -> None:
-    """Let a shell complete an argument by the words that a function returns."""
+    """Let a shell complete an argument by the words that a function returns.
 
-    # argcomplete passes four arguments by these names.
+    Parameters
+    ----------
+    argument
+        The argument of a command.
+    completer
+        Takes the text typed so far and the options read so far, and returns words.
+    """
+
     def complete(
         prefix: str, parsed_args: argparse.Namespace, action: object, parser: object
     ) -> Sequence[str]:
+        """Return the words; `argcomplete` passes four arguments by these names."""
         return completer(prefix, parsed_args)
 
     vars(argument)["completer"] = complete
@@ -51,6 +59,7 @@ def complete_analyses(prefix: str, options: argparse.Namespace) -> list[str]:
     from spherekit.runs.parameter_text import describe_parameters
     from spherekit.runs.registry import load_analysis
 
+    # The text is NAME:key=value,key=value,..., of which the last parameter is unfinished.
     _, _, unfinished = parameter_text.rpartition(",")
     finished = prefix[: len(prefix) - len(unfinished)]
     return [f"{finished}{key}=" for key in describe_parameters(load_analysis(name))]

@@ -13,7 +13,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of the command."""
+    """Declare the arguments of `spherekit completion`."""
     parser.add_argument(
         "shell",
         choices=("bash", "zsh", "fish"),

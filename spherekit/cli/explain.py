@@ -27,7 +27,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of the command."""
+    """Declare the arguments of `spherekit explain`."""
     add_study_arguments(parser)
     analysis_argument = parser.add_argument(
         "-a",
@@ -55,7 +55,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Print the poles, groups and tables that a run would compute, and their cost."""
+    """Print the poles, groups and tables that a run would compute, and their cost.
+
+    With ``--recording``, two short recordings are made in a temporary folder, from which
+    the size of the whole one is predicted.
+    """
     from spherekit.runs.expected_size import predict_recording
     from spherekit.runs.registry import create_analysis
     from spherekit.runs.run_plan import extract_needed_part
@@ -88,11 +92,20 @@ def execute(options: Namespace) -> int:
 
 
 def _describe_run(study: "Study", analyses: "list[AbstractAnalysis]") -> Facts:
-    """Return what analyses read of the samples, how it is computed, and its cost.
+    """Describe what a run would compute, how, and at which cost, without running it.
+
+    Parameters
+    ----------
+    study
+        The mechanism with its samples.
+    analyses
+        The analyses of the run.
 
     Returns
     -------
-    Data for ``--json``, which `_print_description` prints as text.
+    Data for ``--json``: the groups of links whose positions are computed together, the pole
+    axes that analyses ask for, one plan for each input that moves while the others are
+    locked, and the predicted sizes of the tables.
     """
     from spherekit.planning.assembly_plan import driven_pairs
     from spherekit.planning.plan_text import describe

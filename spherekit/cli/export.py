@@ -20,7 +20,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of the command."""
+    """Declare the arguments of `spherekit export`."""
     add_input_argument(parser)
     add_lock_argument(parser)
     file_argument = parser.add_argument(
@@ -129,7 +129,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write the file and print what it holds."""
+    """Write a mechanism in a format of another program, and print what was written."""
     from spherekit.api.export import SUFFIXES, export
     from spherekit.files.angle_units import to_radians
     from spherekit.files.mechanism_reader import angle_unit_of, load
@@ -137,7 +137,8 @@ def execute(options: Namespace) -> int:
     mechanism_of_file = load(options.file)
     mechanism = with_locks(mechanism_of_file, options.lock, options.file)
     unit = angle_unit_of(options.file)
-    # A file keeps more than a mechanism: the numbers as they are written.
+    # The file is passed on if possible: it has the numbers as they are written, which a
+    # mechanism has not.
     has_locks = mechanism is not mechanism_of_file
     exported = export(
         mechanism if has_locks else options.file,

@@ -36,7 +36,7 @@ def raise_on_interrupt(process_ends: bool) -> Iterator[None]:
     try:
         for number in handled:
             signal.signal(number, _raise_interrupt)
-    except ValueError:  # this is not the main thread
+    except ValueError:  # raised by `signal.signal` outside the main thread
         yield
         return
     try:
@@ -48,6 +48,7 @@ def raise_on_interrupt(process_ends: bool) -> Iterator[None]:
 
 
 def _raise_interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise `KeyboardInterrupt` with the number of a signal; a handler of signals."""
     raise KeyboardInterrupt(number)
 
 

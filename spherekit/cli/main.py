@@ -43,6 +43,9 @@ OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EBADF
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
+    Errors that users can mend are printed as one sentence. An interrupt, a reader that ends
+    and a lack of memory or disk space are handled here.
+
     Parameters
     ----------
     arguments
@@ -70,7 +73,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run_command(words: list[str]) -> int:
-    """Run the subcommand that the words of a command line name; return its exit status."""
+    """Run the subcommand that the words of a command line name; return its exit status.
+
+    An error of spherekit is printed as one sentence, or raised with ``--traceback``.
+    """
     from spherekit.cli.command_line import USAGE_ERROR, build_parser, command_parsers
     from spherekit.errors import SpherekitError
     from spherekit.library_warnings import warnings_as_sentences
@@ -127,10 +133,10 @@ def _discard_output() -> None:
 
 
 def _system_message(error: Exception) -> str:
-    """Return a message if the system caused an error: no memory, no space for the output.
+    """Return a message if an error was caused by a lack of memory or of disk space.
 
-    The text is empty for all other errors. Libraries may hide a lack of memory behind an
-    error of their own, so the causes of an error are looked at too.
+    The text is empty for all other errors. Libraries may report a lack of memory by an
+    error of another class, so the errors that caused this one are examined too.
     """
     cause: BaseException | None = error
     while cause is not None:

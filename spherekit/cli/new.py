@@ -29,7 +29,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of the command."""
+    """Declare the arguments of `spherekit new`."""
     parser.add_argument(
         "what",
         choices=("mechanism", "analysis"),
@@ -66,7 +66,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write the file or the folder, and print what to do next."""
+    """Write a mechanism file or a folder with an analysis, and print what to do next."""
     from spherekit.errors import OutputError
     from spherekit.storage.atomic_write import make_folder, write_text
 
@@ -134,12 +134,14 @@ def _check_name(kind: str, name: str) -> None:
 
 
 def distribution_files(name: str) -> dict[str, str]:
-    """Return the texts of a distribution with a new analysis, by file name.
+    """Return the texts of an installable package with a new analysis, by file name.
+
+    In the templates, ``@NAME@`` and the like are replaced, and NAME in their file names.
 
     Parameters
     ----------
     name
-        Name of the analysis.
+        Name of the analysis, in lower case with underscores.
     """
     replacements = {
         "@NAME@": name,

@@ -16,7 +16,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of the command."""
+    """Declare the arguments of `spherekit page`."""
     add_input_argument(parser)
     add_lock_argument(parser)
     file_argument = parser.add_argument(
@@ -61,7 +61,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write the page and print what it holds."""
+    """Write a mechanism as an HTML page, and print what the page shows."""
     from spherekit.api.page import page
     from spherekit.files.mechanism_reader import load
 

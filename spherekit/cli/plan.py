@@ -17,7 +17,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of the command."""
+    """Declare the arguments of `spherekit plan`."""
     add_lock_argument(parser)
     file_argument = parser.add_argument(
         "file",
@@ -57,7 +57,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Print the plan, or one plan for each of several inputs."""
+    """Print the plan by which pole axes are constructed, one for each moving input.
+
+    With several inputs, one moves at a time while the others are locked.
+    """
     from spherekit.errors import CountError
     from spherekit.files.mechanism_reader import load
     from spherekit.planning.assembly_plan import driven_pairs
@@ -71,8 +74,8 @@ def execute(options: Namespace) -> int:
     try:
         plans = [plan(mechanism, options.poles, name) for name in moving_inputs]
     except CountError:
-        # The count of the graph is too small for overconstrained mechanisms. They move all
-        # the same if the rank of their loop equations says so.
+        # The number of links and pairs gives too small a mobility for overconstrained
+        # mechanisms. They move all the same if the rank of their loop equations says so.
         only_input = moving_inputs[0] if len(driven) == 1 else None
         if not PositionAnalysis(mechanism, only_input, samples=2).by_rank:
             raise

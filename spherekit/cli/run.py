@@ -50,7 +50,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of the command."""
+    """Declare the arguments of `spherekit run`."""
     add_study_arguments(parser)
     add_time_arguments(parser)
     analysis_argument = parser.add_argument(
@@ -199,7 +199,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Run analyses, write tables, figures and a recording, and print the summary."""
+    """Run analyses, write tables, figures and a recording, and print the summary.
+
+    Returns the exit status. All options are checked before the run begins, since a run may
+    take long.
+    """
     from spherekit.errors import SpherekitError
     from spherekit.runs.study_analyses import make_run_analyses
     from spherekit.storage.atomic_write import check_folder, make_folder
@@ -214,7 +218,7 @@ def execute(options: Namespace) -> int:
         from spherekit.runs.proven_poles import check_provable
 
         check_provable(study.mechanism, [x.name for x in analyses], not options.only_needed)
-    new_folder = None
+    new_folder = None  # removed again if the run fails before anything is written to it
     if study.folder:
         check_folder(study.folder)
         new_folder = None if study.folder.exists() else study.folder
@@ -223,7 +227,7 @@ def execute(options: Namespace) -> int:
         result, exceeded_bounds = _run_and_report(study, analyses, options)
     except (SpherekitError, KeyboardInterrupt) as error:
         if new_folder:
-            with suppress(OSError):  # it is not empty if a part of the run was saved
+            with suppress(OSError):  # raised if a part of the run was saved in the folder
                 new_folder.rmdir()
         _add_resume_hint(error, study, options)
         raise
@@ -252,12 +256,14 @@ def _run_and_report(
         if options.serve is not None:
             # Viewers may connect during the run, so its address is printed before.
             note(options, f"serving at {recorder.url}; open it with: rerun {recorder.url}")
+        # A collector keeps the scenes for the figures and hands them on to the recorder.
         collector = Collector(recorder) if options.figures else None
         choice = _setting_for_tolerance(study, analyses, options)
         engine = options.engine
         if choice and choice["setting"].tolerance is not None:  # chosen for a simulation
             study = replace(study, tolerance=choice["setting"].tolerance)
             engine = choice["setting"].integrator
+        # What to do with the work of a run that was stopped in the same folder.
         if options.resume:
             unfinished = "resume"
         elif options.restart:
@@ -314,26 +320,26 @@ def _exit_status(result: "RunResult", exceeded_bounds: int, is_strict: bool) -> 
         return FAILED_ANALYSIS
     if not is_strict:
         return 0
+    # Each item is true, not empty or not zero if something is wrong.
     summary = result.summary
     simulation = summary.get("simulation")
-    has_failed = any(
-        (
-            {*summary["status"], *summary["pole_status"]} - {"OK"},
-            any(analysis["failed_rows"] for analysis in summary["analyses"]),
-            exceeded_bounds,
-            summary.get("verified", {}).get("beyond"),
-            not summary.get("accuracy", {"met": True})["met"],
-            simulation and simulation["missed"],
-            simulation and simulation["end"]["kind"] == "too_fast",
-        )
+    problems = (
+        {*summary["status"], *summary["pole_status"]} - {"OK"},
+        any(analysis["failed_rows"] for analysis in summary["analyses"]),
+        exceeded_bounds,
+        summary.get("verified", {}).get("beyond"),  # columns off by more than rounding
+        not summary.get("accuracy", {"met": True})["met"],  # a tolerance of --tol
+        simulation and simulation["missed"],  # its tolerance
+        simulation and simulation["end"]["kind"] == "too_fast",
     )
-    return FAILED_SAMPLES if has_failed else 0
+    return FAILED_SAMPLES if any(problems) else 0
 
 
 def _prove_poles(options: Namespace, study: "Study", result: "RunResult") -> int:
-    """Enclose the poles of a run by proof, write the table and print what was shown.
+    """Enclose the poles of a run by proof, print the outcome and write a table of them.
 
-    Returns the number of error bounds of the run that the proof refutes.
+    Returns the number of error bounds of the run that the proof refutes: pole axes that are
+    farther from the proven ones than their bound allows.
     """
     from spherekit.runs.proven_poles import prove_poles
 
@@ -353,7 +359,11 @@ def _prove_poles(options: Namespace, study: "Study", result: "RunResult") -> int
 
 
 def _print_result(options: Namespace, study: "Study", result: "RunResult") -> None:
-    """Print the summary to stdout, and notes and failures to stderr."""
+    """Print the summary to stdout, and notes and failures to stderr.
+
+    The notes say where the files are, that a simulation ended early, and that the recording
+    leaves out samples.
+    """
     from spherekit.runs.analysis_faults import describe_failure
     from spherekit.tables.table import COLUMNS
 
@@ -419,7 +429,17 @@ def _check_options(study: "Study", options: Namespace) -> None:
 
 
 def _add_resume_hint(error: BaseException, study: "Study", options: Namespace) -> None:
-    """Add to an error the command that continues the run, if a part of it was saved."""
+    """Add to an error the command that continues the run, if a part of it was saved.
+
+    Parameters
+    ----------
+    error
+        The error that ended the run. A run that saved its part has put a note on it.
+    study
+        The study of the run, with its folder.
+    options
+        Values of the arguments; `words` is the command line itself.
+    """
     from spherekit.runs.run_folder import has_unfinished_work
 
     has_notes = bool(getattr(error, "__notes__", ()))
@@ -432,6 +452,9 @@ def _setting_for_tolerance(
     study: "Study", analyses: "Sequence[AbstractAnalysis]", options: Namespace
 ) -> Facts:
     """Return the cheapest setting that meets ``--tol``, as keyword arguments of `run`.
+
+    A trade is a stored measurement of the time and error of each setting (a way to compute,
+    such as an integrator with a tolerance).
 
     Returns
     -------
@@ -463,7 +486,11 @@ def _setting_for_tolerance(
 
 
 def _study(options: Namespace) -> "Study":
-    """Return the study of the file, changed by the arguments of the command line."""
+    """Return the study of the file, changed by the arguments of the command line.
+
+    With ``--view`` and no ``--save``, the recording goes to the folder of the run, or to a
+    temporary folder.
+    """
     fields = {
         "folder": options.output,
         "recording": options.save,

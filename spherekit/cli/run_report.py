@@ -18,6 +18,9 @@ MIN_STAGE_SHARE = 0.005
 def report(summary: Any) -> str:
     """Return the text that is printed for the summary of a run.
 
+    It begins with the samples and assembly modes, then says what failed, and ends with the
+    errors that were reached and the cost.
+
     Parameters
     ----------
     summary
@@ -68,9 +71,9 @@ def report(summary: Any) -> str:
 
 
 def _describe_mode_meetings(summary: Any) -> Lines:
-    """Return lines for the inputs at which assembly modes meet.
+    """Return lines for the inputs at which assembly modes meet, each with its sentence.
 
-    These inputs follow from the equations and are no samples.
+    These inputs are computed from the equations, so they lie between the samples.
     """
     sentences = [meeting["sentence"] for meeting in summary["mode_meetings"]]
     lines = [f"  {sentence}" for sentence in sentences[:MAX_LISTED_MEETINGS]]
@@ -132,20 +135,37 @@ _ERROR_LINES = (
 
 
 def _describe_errors(errors: Any) -> Lines:
-    """Return lines for the largest errors of a run; errors that are None are left out."""
+    """Return lines for the largest errors of a run; errors that are None are left out.
+
+    Parameters
+    ----------
+    errors
+        The entry ``errors_reached`` of the summary.
+    """
     lines = []
-    for parts in _ERROR_LINES:
-        first_key, _ = parts[0]
+    for line_parts in _ERROR_LINES:
+        first_key, _ = line_parts[0]
         if errors[first_key] is not None:
             texts = [
-                text.format(errors[key]) for key, text in parts if errors[key] is not None
+                text.format(errors[key])
+                for key, text in line_parts
+                if errors[key] is not None
             ]
             lines.append("".join(texts))
     return lines
 
 
 def by_equal_counts(assembly_modes: Sequence[Any]) -> Lines:
-    """Return lines for assembly modes, one for all whose samples have the same statuses."""
+    """Return lines for assembly modes.
+
+    Modes with equally many samples of each status (such as OK) share a line.
+
+    Parameters
+    ----------
+    assembly_modes
+        The entry ``assembly_modes`` of the summary: number, signs, name and the counts of
+        each mode.
+    """
     modes_of_counts: dict[str, Lines] = {}
     for mode in assembly_modes:
         counts = ", ".join(f"{count} {status}" for status, count in mode["status"].items())
@@ -165,7 +185,7 @@ def spent(cost: Any) -> Lines:
     cost
         The entry ``cost`` of the summary.
     """
-    seconds = cost["seconds"]
+    seconds = cost["seconds"]  # by stage of the run
     total = sum(seconds.values())
     stages = ", ".join(
         f"{stage} {duration(time_s)}"
@@ -203,10 +223,13 @@ def duration(seconds: float) -> str:
 def accuracy_line(choice: Any) -> str:
     """Return the line about the setting that was chosen for a tolerance.
 
+    A setting is a way to compute the tables. Its error was predicted by a measurement of
+    all settings, and may also have been checked at some rows of the run.
+
     Parameters
     ----------
     choice
-        The entry ``accuracy`` of the summary.
+        The entry ``accuracy`` of the summary. Errors in it may be None.
     """
     predicted_error = choice["predicted_error"]
     achieved_error = choice["achieved_error"]
@@ -231,8 +254,9 @@ def accuracy_line(choice: Any) -> str:
 def progress() -> Callable[[int, int], None]:
     """Return a function that prints progress from time to time.
 
-    It is called with the number of samples done and of all samples. From the second call
-    on, it estimates the remaining time by the speed since the first call.
+    The returned function is called with the number of samples done and the number of all
+    samples. From its second call on, it estimates the remaining time by the speed since the
+    first call.
     """
     reporter = ProgressReporter("computing")
     first_call: tuple[float, int] | None = None  # time (s) and samples done
@@ -246,6 +270,7 @@ def progress() -> Callable[[int, int], None]:
         if first_done < done < total:
             seconds_per_sample = (now - first_time) / (done - first_done)
             remaining = duration(seconds_per_sample * (total - done))
-            reporter.tell(f"{done} of {total} samples, {remaining} s left".__str__)
+            text = f"{done} of {total} samples, {remaining} s left"
+            reporter.tell(lambda: text)  # called only if the last message is old enough
 
     return print_progress

@@ -161,7 +161,7 @@ def with_locks(
 
 
 def study_from(
-    options: Namespace, other_fields: Mapping[str, Any] | None = None
+    options: Namespace, further_fields: Mapping[str, Any] | None = None
 ) -> "Study":
     """Return the study of a file, changed by the arguments of the command line.
 
@@ -170,7 +170,7 @@ def study_from(
     options
         Values of the arguments that `add_study_arguments` and perhaps `add_time_arguments`
         declare.
-    other_fields
+    further_fields
         Values for more fields of the study. A value of None leaves the field as it is.
 
     Raises
@@ -193,7 +193,7 @@ def study_from(
     for name in COPIED_FIELDS:
         if values.get(name) is not None:
             fields[name] = values[name]
-    for name, value in (other_fields or {}).items():
+    for name, value in (further_fields or {}).items():
         if value is not None:
             fields[name] = value
     if values.get("no_search"):
@@ -204,7 +204,8 @@ def study_from(
     study = replace(study, mechanism=mechanism)
 
     if values.get("law"):
-        # Laws and the start of a simulation exclude each other.
+        # Time laws prescribe the motion, and a simulation (start, torque) computes it, so
+        # one replaces the other of the file. If both are stated, `Study` refuses them.
         fields.setdefault("start", None)
         fields.setdefault("torque", None)
         fields["laws"] = laws_of(options.law, study)
@@ -217,6 +218,15 @@ def study_from(
 
 def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
     """Return the time laws that ``--law [PAIR=]KIND:key=value,...`` states, by input.
+
+    A time law is the motion of an input, such as ``21=cycloidal:from=0,to=1,duration=2``.
+
+    Parameters
+    ----------
+    law_texts
+        The values of ``--law``.
+    study
+        The study, whose inputs the laws may name.
 
     Raises
     ------
@@ -234,10 +244,11 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
     inputs = study.mechanism.names_of(driven_pairs(study.mechanism))
     laws: dict[str, Law] = {}
     for text in law_texts:
-        head, _, parameter_text = text.partition(":")
-        pair, _, kind = head.rpartition("=")
+        pair_and_kind, _, parameter_text = text.partition(":")
+        pair, _, kind = pair_and_kind.rpartition("=")  # the pair is empty if left out
         if kind not in KINDS:
             raise AnalysisError(f'--law: no law is "{kind}"{choices(kind, KINDS, "Laws")}')
+        # Parameters are written with the keys of files, such as `from` for the field start.
         key_of_field = {field: key for key, field in KEYS[KINDS[kind]].items()}
         parameters = parse_fields(
             parameter_text, KINDS[kind], f"--law {kind}", key_of_field
@@ -256,6 +267,13 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
 
 def torque_of(torque_texts: Sequence[str], study: "Study") -> "str | dict[str, str]":
     """Return the driving torques that ``--torque [PAIR=]EXPR`` states.
+
+    Parameters
+    ----------
+    torque_texts
+        The values of ``--torque``.
+    study
+        The study, whose inputs messages list.
 
     Returns
     -------

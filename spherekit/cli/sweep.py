@@ -40,7 +40,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of the command."""
+    """Declare the arguments of `spherekit sweep`."""
     add_study_arguments(parser)
     add_time_arguments(parser)
     parser.add_argument(
@@ -133,7 +133,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Compute the figures of merit of all designs, and print the first rows."""
+    """Compute the figures of merit of all designs, and print the first rows.
+
+    A figure of merit is one number for a design and assembly mode, such as its least
+    transmission angle.
+    """
     from dataclasses import replace
 
     from spherekit.api.sweep import perform, sweep_of
@@ -178,7 +182,10 @@ def execute(options: Namespace) -> int:
 
 
 def _print_result(result: "SweepResult") -> None:
-    """Print the first rows of a sweep, reasons of impossible designs, and the folders."""
+    """Print the first rows of a sweep, reasons of impossible designs, and the folders.
+
+    The rows go to stdout, and the names of files and folders to stderr.
+    """
     frame: Any = result.frame()
     is_failed = frame["status"] != "OK"
     counts = f"{counted(result.sweep.space.count, 'design')}, "
@@ -216,7 +223,7 @@ def _describe_reasons(failed: Any) -> Lines:
     Parameters
     ----------
     failed
-        The rows (a data frame) of these designs.
+        A data frame with a row for each of these designs: its number, status and reason.
     """
     status = failed["status"].astype(str)
     kind_of_reason = failed["reason"].astype(str).map(without_numbers)

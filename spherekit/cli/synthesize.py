@@ -24,7 +24,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of the command."""
+    """Declare the arguments of `spherekit synthesize`."""
     synthesis_argument = parser.add_argument(
         "synthesis",
         metavar="SYNTHESIS",
@@ -87,8 +87,9 @@ def execute(options: Namespace) -> int:
 def _print_result(result: "Synthesis") -> None:
     """Print how far each objective fell, and the best designs.
 
-    With several objectives the designs that no other design beats are printed, evenly
-    chosen along the front.
+    A synthesis minimises one or more objectives. With one objective its best designs are
+    printed. With several, designs of the Pareto front are printed, evenly chosen along it:
+    no other design is better in all objectives.
     """
     import numpy as np
 
@@ -115,6 +116,7 @@ def _print_result(result: "Synthesis") -> None:
     else:
         spaced = np.linspace(0, len(frame) - 1, MAX_PRINTED_DESIGNS)
         rows = np.unique(spaced.astype(int))
+    # Columns of values that are only compared with a wanted function are left out.
     matched_columns = [name for name in frame.columns if name in synthesis.matched]
     printed = frame.drop(columns=matched_columns).iloc[rows]
     printed.columns = with_units(printed.columns, frame.attrs["units"])

@@ -24,7 +24,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of the command."""
+    """Declare the arguments of `spherekit trade`."""
     add_study_arguments(parser)
     add_time_arguments(parser)
     analysis_argument = parser.add_argument(
@@ -68,7 +68,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Measure the time and error of every setting, print a table, and write files."""
+    """Measure the time and error of every setting, print a table, and write files.
+
+    A setting is one way to compute the tables of an analysis, such as an integrator with a
+    tolerance.
+    """
     from spherekit.api.trade import trade
     from spherekit.errors import AnalysisError
     from spherekit.runs.registry import create_analysis
@@ -104,7 +108,11 @@ def execute(options: Namespace) -> int:
 
 
 def _check_destinations(options: Namespace) -> None:
-    """Raise an error if a file cannot be written, before minutes of measurement."""
+    """Raise an error if a file cannot be written, before minutes of measurement.
+
+    Files of the same names are replaced only if spherekit wrote them. They are recognised
+    by a word that they contain.
+    """
     from spherekit.display.rerun.destination import check_place
     from spherekit.storage.atomic_write import (
         SOFTWARE_MARK,

@@ -27,7 +27,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of the command."""
+    """Declare the arguments of `spherekit validate`."""
     add_lock_argument(parser)
     file_argument = parser.add_argument(
         "file",
@@ -70,6 +70,9 @@ def execute(options: Namespace) -> int:
 
 def validate_file(name: str, lock_texts: Sequence[str] | None = None) -> Facts:
     """Read a mechanism or study file, plan and assemble it, and return its properties.
+
+    The properties are numbers of links, pairs and assembly modes, the mobility, the inputs
+    and the groups of links whose positions are computed together.
 
     Parameters
     ----------
@@ -119,7 +122,8 @@ def validate_file(name: str, lock_texts: Sequence[str] | None = None) -> Facts:
     motion = position_analysis.sparse(RANK_SAMPLES)
     assembled = motion.rows(~motion.failed)
     if len(assembled):
-        # The rank drops at singular configurations, where the mobility is larger.
+        # The rank drops at singular configurations, where the mobility is larger. The
+        # smallest mobility of several configurations is that of the motion.
         loop_tree = position_analysis.solver.closure.tree
         ranks = rank_mobility(loop_tree, assembled.vectors)
         properties["rank_mobility"] = int(np.min(ranks))
@@ -131,7 +135,13 @@ def validate_file(name: str, lock_texts: Sequence[str] | None = None) -> Facts:
 
 
 def describe_properties(properties: Facts) -> str:
-    """Return the line that is printed for the properties of a valid file."""
+    """Return the line that is printed for the properties of a valid file.
+
+    Parameters
+    ----------
+    properties
+        The result of `validate_file`.
+    """
     mobility = properties["mobility"]
     rank_mobility = properties.get("rank_mobility", mobility)
     by_rank = ""

@@ -24,7 +24,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of the command."""
+    """Declare the arguments of `spherekit view`."""
     file_argument = parser.add_argument(
         "file",
         metavar="FILE|DIR",
@@ -67,7 +67,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Open the viewer, or write the picture."""
+    """Open a recording or a mechanism in the viewer, or write a picture of it."""
     from spherekit.files.library import STUDY_SUFFIX
 
     if options.file.endswith(STUDY_SUFFIX):
@@ -113,8 +113,8 @@ def _show_mechanism(options: Namespace) -> int:
     folder = Path(tempfile.mkdtemp(prefix="spherekit-"))
     path = folder / f"{mechanism.name}.rrd"
     try:
-        omission = preview(mechanism, path)
-        note(options, f"{mechanism.name}: {omission}" if omission else "")
+        remark = preview(mechanism, path)  # empty if it is shown at its first inputs
+        note(options, f"{mechanism.name}: {remark}" if remark else "")
         return _show_recording(path, options)
     finally:
         if options.png or not path.exists():  # a viewer that was opened still reads it

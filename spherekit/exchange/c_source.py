@@ -217,14 +217,17 @@ def write_cpp(source: Source) -> str:
 
 
 def _write_constants(source: Source, storage: str) -> Iterator[str]:
-    """Yield the indices of results, the sizes of the file and the assembly modes.
+    """Yield the declarations of constants for the users of the formulas.
+
+    They are the index of each result in the array of results, the values of the sizes in
+    the mechanism file, and the numbers that select each assembly mode.
 
     Parameters
     ----------
     source
-        The source.
+        The formulas with their names.
     storage
-        Storage class of the arrays, with a space, or nothing.
+        Storage class of the arrays with a space behind it (``"static "``), or nothing.
     """
     name = source.name
     formulas = source.formulas
@@ -247,16 +250,20 @@ def _write_series(
 ) -> Iterator[str]:
     """Yield the functions that evaluate the stored series.
 
+    A stored series is a table of Chebyshev coefficients by which a formula is computed. A
+    closed curve is periodic: its variable is moved into the period. Outside of an open
+    curve the results are NaN.
+
     Parameters
     ----------
     source
-        The source.
+        The formulas with their series.
     scalar, constant
-        Types of variables and of constants.
+        Names of the C types of variables and of constants, such as ``double``.
     type_line
         Line that defines the type of constants, or nothing.
     """
-    literal_format = source.language.literal_format
+    literal_format = source.language.literal_format  # such as Real(...) in C++
     for fields in source.series_fields:
         around_template = (
             CLOSED_SERIES_TEMPLATE if fields["closed"] else OPEN_SERIES_TEMPLATE
@@ -278,16 +285,18 @@ def _write_series(
 
 
 def _function_head(source: Source, function: SourceFunction, scalar: str) -> str:
-    """Return the head of a function of arrays.
+    """Return the C head of a function, without its body.
 
-    A step of Newton's method changes the variables and returns the closure residual.
+    All arguments are arrays. A function normally writes its results to an array. A step of
+    Newton's method, which has a closure residual, changes the variables of the pairs in
+    place instead and returns that residual.
 
     Parameters
     ----------
     source, function
         The source and one of its functions.
     scalar
-        Number type of its arguments.
+        Name of the number type of its arguments, such as ``double``.
     """
     mode_parameter = f"{scalar} {source.mode_argument}[]"
     if function.closure_residual:
@@ -302,14 +311,23 @@ def _function_head(source: Source, function: SourceFunction, scalar: str) -> str
 
 
 def _write_function(source: Source, function: SourceFunction, scalar: str) -> str:
-    """Return a function of arrays with its body; parameters as of `_function_head`."""
-    # Unused arguments are named, so that compilers do not warn.
+    """Return a C function with its body.
+
+    Parameters
+    ----------
+    source, function
+        The source and one of its functions.
+    scalar
+        Name of the number type of its arguments, such as ``double``.
+    """
+    # Compilers warn of unused arguments unless they are named in a statement.
     lines = [
         f"    (void){argument};"
         for argument in source.arguments
         if argument not in function.used_arguments
     ]
     lines += function.lines
+    # The results are copied from local variables to the array that the caller reads.
     if function.closure_residual:
         for index, result in enumerate(function.results):
             lines.append(f"    {source.mode_argument}[{index}] = {result};")
@@ -324,9 +342,11 @@ def _write_function(source: Source, function: SourceFunction, scalar: str) -> st
 
 
 def _smooth_mode_head(source: Source, scalar: str) -> str:
-    """Return the head of the function of places on smooth curves.
+    """Return the C head of the function that finds the places of a mode at an input.
 
-    If positions are not in closed form, it returns a known input.
+    Places are the numbers that select the mode in the formulas; they change where the
+    smooth curve of the mode crosses another curve. If positions are computed by steps from
+    a known configuration, the function returns the input of that configuration.
     """
     returned_type = "double" if source.formulas.step else "void"
     return (
@@ -336,14 +356,18 @@ def _smooth_mode_head(source: Source, scalar: str) -> str:
 
 
 def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
-    """Yield the function of the places of a mode on its smooth curve, if there is one.
+    """Yield the C function of the places of a mode on its smooth curve, if there is one.
+
+    Places are the numbers that select the mode in the formulas. The inputs at which curves
+    cross divide the range of the input into intervals, and a mode has other places in each.
+    The function looks up the interval of an input.
 
     Parameters
     ----------
     source
         The source.
     scalar
-        Number type of the places.
+        Name of the number type of the places, such as ``double``.
     """
     if source.smooth_modes is None:
         return

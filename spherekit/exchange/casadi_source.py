@@ -103,7 +103,12 @@ def write_casadi(source: Source) -> str:
 
 
 def _write_function(source: Source, function: SourceFunction) -> str:
-    """Return a Python function that makes a function of CasADi."""
+    """Return the text of a Python function that makes a function of CasADi.
+
+    The text first makes symbols for the arguments, then computes with them line by line,
+    and ends with ``ca.Function``. A step of Newton's method has the closure residual as its
+    second result.
+    """
     formulas = source.formulas
     lengths = (len(formulas.motion), len(formulas.places), len(formulas.sizes))
     symbol_lines = [
@@ -128,7 +133,12 @@ def _write_function(source: Source, function: SourceFunction) -> str:
 
 
 def _write_smooth_modes(source: Source) -> Iterator[str]:
-    """Yield the function of the places of a mode on its smooth curve, if there is one."""
+    """Yield the text of the function that finds the places of a mode, if there is one.
+
+    Places are the numbers that select the mode in the formulas. They change where the
+    smooth curve of the mode crosses another curve. If positions are computed by steps from
+    a known configuration (`formulas.step`), the function also returns its input.
+    """
     if source.smooth_modes is None:
         return
     texts = smooth_mode_texts(source, 'float("nan")', 'float("inf")', MOVED_INPUT_TEMPLATE)

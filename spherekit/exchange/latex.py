@@ -126,9 +126,21 @@ def latex(
 def _select_expressions(
     latex_formulas: LatexFormulas, names: Sequence[str] | None
 ) -> list[Expr]:
-    """Return the expressions of quantities by names or patterns, by default the usual ones.
+    """Return the expressions of quantities that are to be printed.
 
-    A name may end in a component of a vector, ``_x``; the vector is then printed whole.
+    Parameters
+    ----------
+    latex_formulas
+        The formulas of the mechanism.
+    names
+        Names of quantities, or patterns such as ``theta_*``. A name may end in a component
+        of a vector, ``_x``; the vector is then printed whole. By default the angles of
+        pairs, poles, torques, and coefficients of links relative to the ground.
+
+    Raises
+    ------
+    EngineError
+        If a name matches no quantity.
     """
     quantities = latex_formulas.formula_list.quantities
     mechanism = latex_formulas.mechanism
@@ -174,6 +186,8 @@ def _document_lines(
     formula_list = latex_formulas.formula_list
     formulas = formula_list.select_required(expressions)
     mechanism = latex_formulas.mechanism
+
+    # The heading, the links and the pairs with their symbols.
     yield DOCUMENT_HEAD + (
         rf"\section*{{The spherical mechanism {latex_text(mechanism.name)}}}"
     )
@@ -189,6 +203,8 @@ def _document_lines(
         )
     ]
     yield _format_table(pair_rows)
+
+    # Notation: symbols with their meanings and values, then the plan of the poles.
     yield NOTATION
     symbol_rows = [
         (_math(term), meaning, value)
@@ -205,6 +221,9 @@ def _document_lines(
         # The document has ASCII characters only.
         pole_table = as_text(pole_plan).replace(SELF_MARK, "-")
         yield f"\\begin{{verbatim}}\n{pole_table}\n\\end{{verbatim}}"
+
+    # The formulas. An item is a symbol with its formula; successive items of one section
+    # share a heading.
     for section, items in groupby(formulas.items(), lambda item: item[1].section):
         introduction = SECTION_INTRODUCTIONS.get(section, POLE_INTRODUCTION)
         yield f"\\section*{{{section}}}\n{introduction}"
@@ -235,10 +254,11 @@ def _format_right_side(rows: Sequence[Expr]) -> str:
 def _break_sum(text: str) -> str:
     """Return a sum in LaTeX as rows of ``align`` that are not too long.
 
-    A row ends before a plus or minus sign that is outside all brackets and braces.
+    A row may end only before a plus or minus sign outside all brackets and braces. It ends
+    there if the next summand would make it longer than `MAX_ROW_CHARACTERS`.
     """
     rows = [""]
-    text_before = ""
+    text_before = ""  # all summands so far, in which open brackets are counted
     for summand in re.split(r"(?= [+-] )", text):
         open_braces = text_before.count("{") - text_before.count("}")
         open_brackets = text_before.count(r"\left") - text_before.count(r"\right")
@@ -275,7 +295,7 @@ def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str
     document = document_of(mechanism)
     key_by_size: dict[Any, str] = {}
     for key in keys:
-        variable = design_variable(document, key)
+        variable = design_variable(document, key)  # its slot is kind and owner, or None
         table, name, *_ = variable.path
         # Without loads a mass acts only by its inertia tensor, which is one symbol.
         is_inertia = table == "mass" and not mechanism.loads
@@ -293,12 +313,14 @@ def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str
 def _convert_to_sizes(mechanism: Mechanism) -> tuple[Mechanism, Floats]:
     """Return a mechanism given by the sizes of its links, and the axes of its ground.
 
+    A mechanism may be given by sizes (arcs and angles of each link) or by the axes of its
+    pairs in one reference pose. Printed formulas need sizes.
+
     Returns
     -------
     mechanism
-        The mechanism itself if it is given by sizes. Otherwise its link axes are rotated to
-        the frames of sizes: the first axis of a link is z, and the second is in the
-        half-plane x = 0, y > 0.
+        The mechanism itself if it is given by sizes. Otherwise each link has new axes: the
+        first axis of the link is z, and the second is in the half-plane x = 0, y > 0.
     ground_axes
         (3, 3) matrix whose columns are the axes i, j, k of the ground in the axes of the
         file. The identity if the mechanism is given by sizes.
@@ -322,6 +344,7 @@ def _convert_to_sizes(mechanism: Mechanism) -> tuple[Mechanism, Floats]:
         )
     ground_rotation = rotation_by_link[mechanism.ground]
     pairs = mechanism.pairs
+    # The frames of all pairs in the new axes of their first and of their second link.
     frames_in_first, frames_in_second = (
         {
             pair.name: rotation_by_link[pair.links[side]] @ frames[pair.name]

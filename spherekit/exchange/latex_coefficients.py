@@ -76,6 +76,7 @@ class CoefficientFormulas:
         pole_plans: Sequence[Plan],
         input_suffixes: Sequence[str],
     ) -> None:
+        """Write all formulas, section by section, for each input that moves alone."""
         self._formula_list = formula_list
         self._mechanism = mechanism
         self._positions = positions
@@ -107,8 +108,8 @@ class CoefficientFormulas:
     def derivative(self, expression: Expr, input_index: int) -> Expr:
         """Return the derivative of an expression with respect to an input.
 
-        The expression consists of axes of pairs and of poles and coefficients. It does not
-        depend otherwise on the inputs.
+        The expression may depend on the inputs only by axes of pairs, poles and
+        coefficients, since only their derivatives have been written.
         """
         return differentiate([expression], self._derivatives_by_term[input_index])[0]
 
@@ -120,16 +121,20 @@ class CoefficientFormulas:
         return self._formula_list.quantities[name][0]
 
     def _write_poles(self, input_index: int) -> dict[Pole, Expr]:
-        """Return the unit vectors of all poles while an input moves, by their bodies.
+        """Write the poles while one input moves and the others are locked.
 
-        The other inputs are locked; a body is a set of links that are then rigid. The pole
-        of two bodies is the axis of their relative rotation. If it is no axis of a pair, it
-        is the line common to two planes. Each plane is spanned by the poles of the two
-        bodies relative to a third body. The formulas are added to the list.
+        A body is a set of links that are then rigid with each other. The pole of two bodies
+        is the axis of their relative rotation. If it is no axis of a pair, it is the line
+        common to two planes. Each plane is spanned by the poles of the two bodies relative
+        to a third body. The line is the cross product of the normals of the two planes.
+
+        Returns
+        -------
+        The unit vector of each pole, by its two bodies.
         """
         formula_list = self._formula_list
         pole_plan = self._pole_plans[input_index]
-        mark = formula_list.input_mark(input_index)
+        mark = formula_list.input_mark(input_index)  # shows the moving input in symbols
         condition = ""
         if formula_list.has_several_inputs:
             input_text = self._positions.input_angles[input_index].arguments[0]
@@ -195,12 +200,14 @@ class CoefficientFormulas:
         self._ratios_by_body.append(ratios)
         self._velocities_by_body.append(velocities)
         moving_bodies = {*pole_plan.bodies} - {ground}
+        # False sorts before True, so the body with a known ratio comes first.
         driven_body_first = sorted(moving_bodies, key=lambda body: body not in ratios)
         for body in driven_body_first:
             axis = poles[pole_of(body, ground)]
             label = formula_list.join_labels(body, ground)
             if body not in ratios:
-                # With a common axis of the three bodies both N and D would be zero.
+                # The third body t is the first with a known ratio. If all three bodies had
+                # a common axis, N and D would be zero.
                 third_body = next(
                     known_body
                     for known_body in ratios
@@ -280,12 +287,12 @@ class CoefficientFormulas:
         return derivative_by_term
 
     def _name_coefficients(self, input_index: int) -> None:
-        """Name angular velocities, poles and coefficients of all links for users.
+        """Give all poles, angular velocities and coefficients the names that users write.
 
-        Those of two links a and b are of a relative to b, and 0 if both are rigid with each
-        other. If one of them rests, its coefficients are known already. Otherwise they are
-        written here: the components of the relative angular velocity, and of its
-        derivative, along the pole.
+        A quantity of two links a and b is that of a relative to b. It is 0 if both are
+        rigid with each other. If one of them is at rest, the coefficients have been written
+        before. Otherwise they are written here: they are the components of the relative
+        angular velocity, and of its derivative, along the pole.
         """
         formula_list = self._formula_list
         links = self._mechanism.links

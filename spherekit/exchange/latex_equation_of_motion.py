@@ -74,6 +74,7 @@ class EquationOfMotion:
         input_suffixes: Sequence[str],
         free_sizes: Collection[Any],
     ) -> None:
+        """Write the generalized forces first, and then inertia and torques."""
         self._formula_list = formula_list
         self._mechanism = mechanism
         self._positions = positions
@@ -89,12 +90,16 @@ class EquationOfMotion:
     # Inertia
 
     def _write_torques(self, forces: Sequence[Expr]) -> None:
-        """Write the inertia matrix and the torque of each input.
+        """Write the inertia matrix B and the torque of each input.
+
+        The torque of input k is sum_i B_ki qdd_i + r_k - Q_k, with the accelerations qdd of
+        the inputs, the inertia forces r at constant rates and the generalized forces Q.
+        With one input, r = (1/2) B' qd^2, where B' is the derivative of B.
 
         Parameters
         ----------
         forces
-            Generalized force (N m) of each input.
+            Generalized force Q (N m) of each input.
         """
         formula_list = self._formula_list
         has_several_inputs = formula_list.has_several_inputs
@@ -105,6 +110,8 @@ class EquationOfMotion:
         }
         inertia_forces: list[Expr] = [0.0] * input_count
         inertia_derivative: Expr = 0.0
+        # Sum over the links with masses: B_ki = x_k . (I x_i), with the inertia tensor I
+        # and the angular velocity x_k per unit rate of input k, both in link axes.
         for mass in self._mechanism.masses:
             link = self._mechanism.link_number[mass.link]
             tensor = self._declare_tensor(mass)
@@ -138,6 +145,7 @@ class EquationOfMotion:
         if not has_several_inputs:
             inertia_derivative = formula_list.write(make_symbol("B'"), inertia_derivative)
             formula_list.quantities["dB_dq"] = [inertia_derivative]
+        # The torque of each input.
         for k, suffix in enumerate(self._input_suffixes):
             row = [inertia[k, i] for i in self._input_indices]
             right_side = dot(row, self._positions.input_accelerations)
@@ -172,6 +180,10 @@ class EquationOfMotion:
     ) -> Expr:
         """Return the torque I z + y x (I y) that a link needs at constant input rates.
 
+        The angular velocity of the link is y = sum_k rate_k x_k, with the angular velocity
+        x_k per unit rate of input k. Its angular acceleration at constant rates is
+        z = sum_ki rate_k rate_i dx_k/dq_i.
+
         Parameters
         ----------
         link
@@ -202,7 +214,11 @@ class EquationOfMotion:
         return formula_list.write_indexed(r"\mathbf{h}", link_label, torque)
 
     def _name_inertia(self, inertia: dict[tuple[int, int], Expr]) -> None:
-        """Write the elements of the inertia matrix, and replace them by their symbols."""
+        """Write the elements of the inertia matrix as formulas.
+
+        In `inertia`, which maps rows and columns to elements, each element is replaced by
+        its symbol.
+        """
         formula_list = self._formula_list
         names = self._mechanism.names_of(self._positions.inputs)
         for k, i in inertia:
@@ -249,7 +265,9 @@ class EquationOfMotion:
     def _write_generalized_forces(self) -> list[Expr]:
         """Return the generalized force of each input (N m).
 
-        Loads with friction that depends on reactions are listed in `omitted_loads`.
+        The generalized force of an input is the power of all loads per unit rate of this
+        input. A load has components, each with a magnitude. Friction in bearings depends on
+        reactions, which no formula gives, so loads with such friction are omitted.
         """
         formula_list = self._formula_list
         totals: list[Expr] = [0.0] * formula_list.input_count
@@ -265,6 +283,7 @@ class EquationOfMotion:
                 continue
             for component in components:
                 component_count += 1
+                # The magnitude (N m or N) times the power of a magnitude 1.
                 label = str(component_count)
                 magnitude = self._write_magnitude(component, load.name, label)
                 for k in self._input_indices:
@@ -277,7 +296,10 @@ class EquationOfMotion:
     def _write_magnitude(
         self, component: LoadComponent, load_name: str, label: str
     ) -> Expr:
-        """Return the magnitude of a component of a load, in its unit.
+        """Return the magnitude of a component of a load, in N m or N.
+
+        It is an expression in the mechanism file, or a torque that is measured over time
+        and printed as a symbol.
 
         Parameters
         ----------
@@ -332,11 +354,11 @@ class EquationOfMotion:
         return power
 
     def _write_load_name(self, name: str) -> tuple[Expr, Expr]:
-        """Return the expression of a name in a load, twice.
+        """Return the expression of a variable name in the formula of a load, twice.
 
         The names are the time ``t``, the variable ``theta_PAIR`` of a pair, and its rate
-        ``dtheta_PAIR``. `convert_to_graph` takes a second expression, which may differ by
-        whole turns. In print both are the same.
+        ``dtheta_PAIR``. `convert_to_graph` takes two expressions for each name, which may
+        differ by whole turns. In print both are the same.
         """
         kind, _, pair_name = name.partition("_")
         if kind == "t":

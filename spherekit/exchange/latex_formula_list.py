@@ -71,6 +71,7 @@ class FormulaList:
     """
 
     def __init__(self, mechanism: Mechanism, input_count: int) -> None:
+        """Begin without formulas; choose the labels of links."""
         self.formulas: dict[ExpressionNode, Formula] = {}
         self.symbol_meanings: dict[ExpressionNode, SymbolMeaning] = {}
         self.quantities: dict[str, list[Expr]] = {}
@@ -165,9 +166,10 @@ class FormulaList:
         self.quantities[f"{kind}_{owner}"] = [*expressions]
 
     def select_required(self, expressions: Sequence[Expr]) -> dict[ExpressionNode, Formula]:
-        """Return the formulas from which expressions follow, in the order of printing.
+        """Return the formulas that some expressions need, in the order of printing.
 
-        Symbols that these formulas do not use are removed from `symbol_meanings`.
+        A formula is needed if an expression, or another needed formula, contains its
+        symbol. Symbols that no needed formula contains are removed from `symbol_meanings`.
         """
         required = {*iterate_nodes(expressions)}
         # A formula uses only symbols of earlier ones, so one pass backwards finds them all.

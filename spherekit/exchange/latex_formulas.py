@@ -60,6 +60,7 @@ class LatexFormulas:
     def __init__(
         self, mechanism: Mechanism, ground_axes: Floats, free_sizes: Collection[Any]
     ) -> None:
+        """Write all formulas: positions, poles and coefficients, and then torques."""
         self.mechanism = mechanism
         assembly = plan_assembly(mechanism)
         self.inputs = assembly.inputs

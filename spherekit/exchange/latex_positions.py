@@ -133,6 +133,7 @@ class PositionFormulas:
         ground_axes: Floats,
         free_sizes: Collection[Any],
     ) -> None:
+        """Write all formulas: the ground first, then link by link in solving order."""
         self._formula_list = formula_list
         self._mechanism = mechanism
         self.inputs = assembly.inputs
@@ -170,7 +171,7 @@ class PositionFormulas:
     # Symbols of inputs and sizes
 
     def _declare_input_symbols(self, letter: str, meaning: str) -> list[ExpressionNode]:
-        """Declare a letter for each input, with the number of the input if several."""
+        """Declare a symbol for each input: a letter, with a number if there are several."""
         formula_list = self._formula_list
         return [
             formula_list.declare_symbol(
@@ -182,18 +183,19 @@ class PositionFormulas:
     def _declare_size(
         self, size: tuple[str, Any], name: str, value: float, meaning: str
     ) -> AngleExpression:
-        """Declare the symbol of a size, and return the size as an expression.
+        """Declare the symbol of a size (an angle), and return the size as an expression.
 
-        The sine and cosine of multiples of 90 degrees are numbers, unless the size is free.
+        The sine and cosine of multiples of 90 degrees are numbers, which makes formulas
+        shorter. A free size remains a symbol, since users insert other values.
 
         Parameters
         ----------
         size
-            The size, as in `free_sizes`.
+            Kind and owner of the size, as in `free_sizes`: for example ("zeros", pair).
         name, meaning
             LaTeX of its symbol, and its meaning.
         value
-            Its value (rad).
+            Its value (rad) in the mechanism.
         """
         is_free = size in self._free_sizes
         degrees = rf"${number(float(np.degrees(value)))}^{{\circ}}$"
@@ -217,11 +219,17 @@ class PositionFormulas:
 
     @property
     def _geometry(self) -> SizeGeometry:
+        """The sizes of the links of the mechanism."""
         assert isinstance(self._mechanism.geometry, SizeGeometry)
         return self._mechanism.geometry
 
     def _declare_link_axes(self, link: int) -> list[LinkAxis]:
-        """Declare the sizes of a link, and return its axes in the order of its sizes."""
+        """Declare the sizes of a link, and return its axes.
+
+        The first axis of a link has no sizes. Each other axis has an arc from the first
+        axis. From the third axis on it also has an angle about the first axis, measured
+        from the arc to the second axis.
+        """
         link_name = self._mechanism.links[link]
         link_label = self._formula_list.link_labels[link]
         sizes = self._geometry.links[link_name]
@@ -250,7 +258,7 @@ class PositionFormulas:
                 f"arc of link {link_label} from {first_text} to {axis_text}",
             )
             turn = AngleExpression()
-            if arc_index:
+            if arc_index:  # the third axis, or a later one
                 # The meaning refers to the arc in the row above it, hence "there".
                 turn = self._declare_size(
                     ("angles", (link_name, axis_name)),
@@ -311,7 +319,14 @@ class PositionFormulas:
         self._write_frame(0, first_axis=k, tangent=j, axis=second_axis, i=i)
 
     def _place_driven_links(self) -> None:
-        """Place the links that a chain of inputs joins to the ground."""
+        """Place the links that a chain of inputs joins to the ground.
+
+        Raises
+        ------
+        EngineError
+            If an input is not joined to the ground by other inputs.
+        """
+        # Each branch is an input pair, the link nearer to the ground and the next link.
         branches = find_spanning_tree(self._mechanism.ends, [0], self.inputs)
         for pair, parent, child in branches:
             self._place_driven_link(pair, parent, child)
@@ -325,13 +340,25 @@ class PositionFormulas:
             )
 
     def _place_driven_link(self, pair: int, parent: int, child: int) -> None:
-        """Place link `child`, which the input `pair` joins to the placed link `parent`."""
+        """Write the frame of a link that an input joins to a link with a known frame.
+
+        The zero direction z of the pair is the tangent t1 of its first link, rotated about
+        the axis by the zero of the pair. The tangent t2 of its second link is z, rotated by
+        the input angle.
+
+        Parameters
+        ----------
+        pair
+            Number of the input.
+        parent, child
+            Numbers of the link with the known frame, and of the link to be placed.
+        """
         input_angle = self.pair_angles[pair]
         axis = self._find_axis(child, pair)
         rotation = AngleExpression(
             input_angle, function("cos", input_angle), function("sin", input_angle)
         )
-        if self._mechanism.ends[pair][0] == parent:
+        if self._mechanism.ends[pair][0] == parent:  # the child is the second link
             right_side = self._rotate_about_pair(
                 pair, self._write_zero_direction(pair), rotation
             )
@@ -360,13 +387,20 @@ class PositionFormulas:
             self._write_frame(child, first_axis, back_tangent, axis)
 
     def _place_dyad(self, label: str, group: Group) -> None:
-        r"""Place both links of a dyad.
+        r"""Write the frames of both links of a dyad.
 
-        The outer axes a and c are known, and the arcs of the links to the middle axis b:
+        A dyad is two links joined by the middle one of three pairs. The axes a and c of its
+        outer pairs are known. The middle axis b follows from its arcs to a and c:
 
-            b = lambda a + mu c + nu (a x c),   a . b = cosine_a,   b . c = cosine_c,
+            b = lambda a + mu c + nu (a x c),   a . b = cosine_a,   b . c = cosine_c.
 
-        where nu has the sign s of the assembly mode.
+        With gamma = a . c and the determinant D = 1 - gamma^2, this gives
+
+            lambda = (cosine_a - gamma cosine_c) / D,
+            mu = (cosine_c - gamma cosine_a) / D,
+            nu = s sqrt((1 - lambda cosine_a - mu cosine_c) / D),
+
+        where s is the sign (+1 or -1) of the dyad in the assembly mode.
 
         Parameters
         ----------
@@ -384,6 +418,7 @@ class PositionFormulas:
             self.pair_axes[group.pairs[position]]
             for position in (first_outer, middle, second_outer)
         )
+        # A side is a link of the dyad with its outer and its middle axis.
         sides = [
             self._find_dyad_side(group, outer, middle)
             for outer in (first_outer, second_outer)
@@ -447,7 +482,9 @@ class PositionFormulas:
     def _write_arc_cosine(self, side: DyadSide) -> Expr:
         """Return the cosine of the arc between the two axes of a link of a dyad.
 
-        It gets a symbol if neither of them is the first axis of the link.
+        Axes at the arcs a and b from the first axis of the link, with the angle c between
+        these arcs, are at the arc d with cos d = cos a cos b + sin a sin b cos c. The
+        cosine gets a symbol of its own if neither axis is the first axis of the link.
         """
         first_axis = side.first_axis
         second_axis = side.second_axis
@@ -464,7 +501,11 @@ class PositionFormulas:
         )
 
     def _place_by_two_axes(self, side: DyadSide) -> None:
-        """Place a link of a dyad, both axes of which are placed."""
+        """Write the frame of a link of a dyad, whose two axes in the dyad are known.
+
+        The frame begins with the first axis k of the link. If k is not one of the two axes
+        u and v, it is a linear combination of u, v and u x v.
+        """
         link = side.link
         axis_u = side.first_axis
         axis_v = side.second_axis
@@ -483,13 +524,17 @@ class PositionFormulas:
             start_vector = (share_u + share_v + upright) / (1.0 - cosine * cosine)
         if axis_v.arc.sine == 0.0:
             raise self._refuse_link(link)
+        # v = cos(arc) k + sin(arc) tangent, solved for the tangent at k.
         tangent = (axis_v.vector - axis_v.arc.cosine * start_axis.vector) / axis_v.arc.sine
         self._write_frame(link, start_vector, tangent, axis_v)
 
     def _write_frame(
         self, link: int, first_axis: Expr, tangent: Expr, axis: LinkAxis, i: Expr = 0.0
     ) -> None:
-        """Write the frame of a link, and its axes that have no formula yet.
+        """Write the frame i, j, k of a link, and its axes that have no formula yet.
+
+        k is the first axis of the link, j the unit tangent at k of the arc to its second
+        axis, and i = j x k.
 
         Parameters
         ----------
@@ -502,7 +547,7 @@ class PositionFormulas:
         axis
             Any axis of the link but its first.
         i
-            The vector i if it is known, otherwise zero.
+            The vector i if it is known. With 0.0 it is written as j x k.
         """
         formula_list = self._formula_list
         label = formula_list.link_labels[link]

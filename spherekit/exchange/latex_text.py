@@ -107,6 +107,9 @@ def _print_number(value: float) -> LatexText:
 def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexText:
     """Return a node of an expression as LaTeX.
 
+    The result also has the binding (whether it needs brackets in a larger expression) and
+    the rank (its position in a product).
+
     Parameters
     ----------
     node
@@ -118,7 +121,7 @@ def _print_operation(node: ExpressionNode, arguments: list[LatexText]) -> LatexT
     if operation == "variable":
         return _print_symbol(node.arguments[0])
     if operation in _TEMPLATE_BY_OPERATION:
-        # A vector divided by a number remains a vector.
+        # A vector divided by a number remains a vector; all other results are scalars.
         rank = arguments[0].rank if operation == "/" else FactorRank.SCALAR
         template = _TEMPLATE_BY_OPERATION[operation]
         text = template.format(*(argument.text for argument in arguments))
@@ -159,12 +162,16 @@ def _print_function(name: str, arguments: list[LatexText]) -> LatexText:
 
 
 def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexText:
-    """Return a product: a negative, a square, or two factors in the order of their ranks.
+    r"""Return a product of two factors as LaTeX.
+
+    A factor -1 becomes a minus sign, and two equal factors a square. Other factors are
+    printed in the order of their ranks (numbers first, vectors last), separated by a thin
+    space ``\,`` and in brackets where needed.
 
     Parameters
     ----------
     node
-        The product.
+        The product, which tells equal factors and numbers.
     arguments
         Its two factors as LaTeX.
     """
@@ -175,7 +182,7 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
         return LatexText(negative, Binding.SUM, second_text.rank)
     if first_argument is second_argument:
         base = first_text.bracketed_beyond(Binding.SYMBOL)
-        if "^" in first_text.text:
+        if "^" in first_text.text:  # LaTeX refuses two exponents on one symbol
             base = rf"\left({first_text.text}\right)"
         return LatexText(f"{base}^{{2}}", Binding.SYMBOL)
     factors = sorted(arguments, key=lambda factor: factor.rank)
@@ -187,14 +194,14 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
         loosest = Binding.PRODUCT if is_spaced_product else Binding.SYMBOL
         factor_texts.append(factor.bracketed_beyond(loosest))
     if isinstance(first_argument, float):
-        # A number is the first factor, and stands without brackets even if it is negative.
+        # A number is the first factor. It gets no brackets even if it is negative.
         factor_texts[0] = factors[0].text
     binding = Binding.SUM if factor_texts[0].startswith("-") else Binding.PRODUCT
     return LatexText(r" \, ".join(factor_texts), binding, factors[1].rank)
 
 
 def _print_sum(operation: str, a: LatexText, b: LatexText) -> LatexText:
-    """Return a sum or a difference of two expressions."""
+    """Return the sum ("+") or difference ("-") of two expressions as LaTeX."""
     if operation == "+" and b.text.startswith("-"):
         return LatexText(f"{a.text} - {b.text[1:]}", Binding.SUM, a.rank)
     # a - (b + c) needs its brackets, a + (b + c) does not.

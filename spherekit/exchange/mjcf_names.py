@@ -62,7 +62,10 @@ class ModelNames:
 def name_elements(
     mechanism: Mechanism, links: Sequence[str], twins: Mapping[str, str]
 ) -> ModelNames:
-    """Return names for the elements of a model.
+    """Return names for the elements of a MuJoCo model.
+
+    Elements of one kind must have different names. If a name is taken, the later element
+    gets another one.
 
     Parameters
     ----------
@@ -71,14 +74,15 @@ def name_elements(
     links
         Names of its links, and of bodies that are added.
     twins
-        For each loop pair that gets a second body the link of that body.
+        A twin is a second body of a link, which is held to the first one so that a loop is
+        closed. The link of each twin, by the pair that closes the loop.
     """
     outputs = [output.name for output in mechanism.outputs]
     loads = [load.name for load in mechanism.loads]
     inputs = mechanism.input_pairs
     twin_texts = [f"{link}_at_{pair}" for pair, link in twins.items()]
     axes_texts = [f"{load}_axes" for load in loads]
-    # Names of one kind are made together. An earlier name keeps its text.
+    # Names of one kind are made together, as one list that is divided afterwards.
     body_names = unique_names([*links, *twin_texts], [WORLD])
     site_names = unique_names([*outputs, *loads, *axes_texts])
     actuator_names = unique_names([*inputs, *loads])

@@ -137,7 +137,10 @@ class ModeCandidate:
 
 
 def _middle_row(row_intervals: Indices, interval: int) -> int | None:
-    """Return the middle one of the rows in an interval, or None if there is none."""
+    """Return the middle one of the rows in an interval, or None if there is none.
+
+    `row_intervals` has the number of the interval of each row.
+    """
     rows = np.flatnonzero(row_intervals == interval)
     return int(rows[len(rows) // 2]) if len(rows) else None
 
@@ -276,6 +279,7 @@ def _sample_intervals(borders: Floats, low: float, high: float) -> Floats:
     low, high
         Ends of the range (rad).
     """
+    # gaps[k] and gaps[k + 1] are the distances of crossing k from its neighbours.
     gaps = np.diff(borders, prepend=-np.inf, append=np.inf)
     distance = np.minimum(
         BESIDE_CROSSING_RAD, MAX_BESIDE_RATIO * np.minimum(gaps[:-1], gaps[1:])
@@ -294,33 +298,37 @@ def _join_places(
     borders: Floats,
     candidates: Sequence[ModeCandidate],
 ) -> SmoothModes:
-    """Return the places of modes, the values that select them, in all intervals.
+    """Return the places of all modes in the intervals of the input.
 
-    Crossings divide the range into intervals. In a short interval about each crossing the
-    places are unknown (NaN) for modes that change there.
+    Places are the values that select a mode in the formulas. Crossings divide the range of
+    the input into intervals, in which the places of a mode differ. In a further short
+    interval about each crossing the places are unknown (NaN) for modes that change there.
 
     Parameters
     ----------
     position_analysis
         The position analysis, whose modes follow smooth curves.
     borders
-        Inputs (rad) at which curves cross.
+        Rising inputs (rad) at which curves cross.
     candidates
         The modes that are written.
     """
     low, high = position_analysis.range
     (period,) = position_analysis.solver.periods
+    # Axes of `places`: interval, mode, place; of `inputs`: interval, mode.
     places = np.stack([candidate.places for candidate in candidates], axis=1)
     inputs = np.full(places.shape[:2], np.nan)
     for interval, mode in np.ndindex(*inputs.shape):
         known_input = candidates[mode].find_known_input(interval)
         if known_input is not None:
-            inputs[interval, mode] = known_input[0]
+            inputs[interval, mode] = known_input[0]  # there is one input
+    # Lists with one item for each interval, with those about the crossings.
     starts = [-np.inf]
     all_places = [places[0]]
     all_inputs = [inputs[0]]
     gaps = np.diff(borders, prepend=-np.inf, append=np.inf)
     for k, crossing in enumerate(borders.tolist()):
+        # Crossing k lies between the intervals k and k + 1.
         changes = np.any(places[k] != places[k + 1], axis=1)
         half_width = min(UNKNOWN_AT_CROSSING_RAD, 0.25 * min(gaps[k], gaps[k + 1]))
         starts += [crossing - half_width, crossing + half_width]
@@ -399,6 +407,7 @@ def _find_candidate(
         values = varied.equivalent_linkage.values(values)
     count = len(borders) + 1
     if terms.has_closed_form and varied.equivalent_linkage is None:
+        # A mode has its signs by definition; on a smooth curve, one set in each interval.
         signs = [piece.signs for _, piece in mode.pieces] or [mode.signs] * count
         return ModeCandidate(mode, motion, values, interval, np.array(signs, dtype=float))
     places: list[Floats | None] = []
@@ -410,9 +419,10 @@ def _find_candidate(
             places.append(_dyad_signs(terms, values[interval == number]))
         else:
             places.append(values[middle_row])
+    # Intervals without a configuration get NaN.
     unknown = np.full(max(len(x) for x in places if x is not None), np.nan)
-    known_places = np.array([unknown if x is None else x for x in places])
-    return ModeCandidate(mode, motion, values, interval, known_places)
+    all_places = np.array([unknown if x is None else x for x in places])
+    return ModeCandidate(mode, motion, values, interval, all_places)
 
 
 def _select_well_conditioned_rows(
@@ -487,7 +497,15 @@ def _select_well_conditioned_rows(
 def _spread_well_conditioned(sensitivity: Floats, rows: Indices, count: int) -> Indices:
     """Return up to `count` of the better conditioned half of some rows, evenly spread.
 
-    `sensitivity` (n,) is that of all rows.
+    Parameters
+    ----------
+    sensitivity
+        (n,) sensitivity of all configurations of a motion: how much errors of the loops are
+        magnified in the variables.
+    rows
+        The rows among which to choose.
+    count
+        Largest number of rows to return.
     """
     well_conditioned = rows[sensitivity[rows] <= np.median(sensitivity[rows])]
     # Choose rows at even distances in the list.

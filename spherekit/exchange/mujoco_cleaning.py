@@ -12,19 +12,27 @@ import numpy as np
 
 
 def drop_missing_files(mujoco: Any, spec: Any, folder: Path) -> list[str]:
-    """Delete what a model reads from files that are missing; return notes on lost masses.
+    """Delete everything that a model reads from files that are missing.
+
+    Textures become plain colours. Skins, height fields, meshes and the shapes (geoms) of
+    bodies that use them are deleted.
 
     Parameters
     ----------
     mujoco
         The module.
     spec
-        The `MjSpec`, which is changed.
+        The `MjSpec` (the model before it is compiled), which is changed.
     folder
         The folder of the model's file, from which paths are relative.
+
+    Returns
+    -------
+    A sentence for each shape whose mass is lost, if it counts for the mass of a body.
     """
 
     def is_missing(file: str, subfolder: str) -> bool:
+        """Return whether a file is named in the model and does not exist."""
         name = Path(file).name if spec.strippath else file
         return bool(file) and not (folder / subfolder / name).is_file()
 
@@ -40,6 +48,8 @@ def drop_missing_files(mujoco: Any, spec: Any, folder: Path) -> list[str]:
         if is_missing(skin.file, spec.meshdir):
             spec.delete(skin)
 
+    # Shapes refer to meshes and height fields by name; an unnamed one is called like its
+    # file.
     missing_fields = [x for x in spec.hfields if is_missing(x.file, spec.meshdir)]
     missing_meshes = [x for x in spec.meshes if is_missing(x.file, spec.meshdir)]
     files_by_mesh = {
@@ -73,6 +83,15 @@ def replace_ball_joints(
     mujoco: Any, spec: Any
 ) -> tuple[Mapping[str, list[str]], list[str]]:
     """Replace each ball joint by three hinges at right angles.
+
+    Actuators and sensors of ball joints are deleted, and all key frames (stored poses).
+
+    Parameters
+    ----------
+    mujoco
+        The module.
+    spec
+        The `MjSpec` (the model before it is compiled), which is changed.
 
     Returns
     -------

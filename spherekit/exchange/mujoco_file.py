@@ -120,6 +120,7 @@ class ForeignModel:
     """
 
     def __init__(self, path: Path) -> None:
+        """Compile a model with MuJoCo, close its loops, and read its constraints."""
         try:
             import mujoco
         except ImportError:
@@ -138,13 +139,14 @@ class ForeignModel:
             spec = self._read_spec(root, is_urdf)
             ball_hinges, notes = replace_ball_joints(mujoco, spec)
             self.notes += notes
+            # MuJoCo refuses moving bodies without mass, so a tiny one is the lower bound.
             spec.compiler.boundmass = spec.compiler.boundmass or MASSLESS_KG
             spec.compiler.boundinertia = spec.compiler.boundinertia or MASSLESS_KG
             mj_model = spec.compile()
         except ValueError as error:
             reason = " ".join(str(error).split())
             raise FileError(f"{path}: MuJoCo does not read it: {reason}") from None
-        mj_model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+        mj_model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE  # `close_loops` reads it
         self.mj_model: Any = mj_model
         self.mj_data: Any = mujoco.MjData(mj_model)
         self.joint_names: list[str] = [
@@ -228,15 +230,21 @@ class ForeignModel:
     def _find_driven_ranges(
         self, root: Element, numbers_by_name: Mapping[str, Sequence[float]]
     ) -> dict[int, Sequence[float] | None]:
-        """Return the driven joints with the ends of their ranges (rad), None without.
+        """Return the driven joints with the ends of their ranges (rad).
+
+        Joints of a URDF are driven by transmissions and by command interfaces of
+        ros2_control. Joints of an MJCF file are driven by actuators.
 
         Parameters
         ----------
         root
-            The first element of the file. Joints of a URDF are driven by transmissions and
-            by command interfaces of ros2_control.
+            The first element of the file.
         numbers_by_name
             Custom numbers of an MJCF file. ``input_JOINT`` is a range (rad).
+
+        Returns
+        -------
+        The ends of the range by the number of the joint, or None if the file gives none.
         """
         mj_model = self.mj_model
         ranges: dict[int, Sequence[float] | None] = {}
@@ -279,12 +287,15 @@ class ForeignModel:
         return ranges
 
     def _read_equality(self, equality: int) -> None:
-        """Note the meaning of an equality constraint: lock, coupling, weld or loop.
+        """Store the meaning of an equality constraint: lock, coupling, weld or loop.
+
+        A constraint of one joint locks it. A constraint of two joints, or of tendons,
+        couples their rates. A weld or a common point of two bodies closes a loop.
 
         Parameters
         ----------
         equality
-            Number of the constraint. Other kinds are left out with a note.
+            Number of the constraint. Constraints of other kinds are left out with a note.
         """
         mj_model = self.mj_model
         kinds = self.mujoco.mjtEq
@@ -292,7 +303,7 @@ class ForeignModel:
         element = mj_model.eq(equality)
         first_object = mj_model.eq_obj1id[equality]
         second_object = mj_model.eq_obj2id[equality]
-        if kind == kinds.mjEQ_JOINT and second_object < 0:
+        if kind == kinds.mjEQ_JOINT and second_object < 0:  # there is no second joint
             self.locked_joints.add(first_object)
         elif kind in (kinds.mjEQ_JOINT, kinds.mjEQ_TENDON):
             named_element = element
@@ -306,7 +317,9 @@ class ForeignModel:
             self.notes.append(f"{element_name(element, 'equality', equality)} left out")
 
     def _read_loop(self, equality: int, is_weld: bool) -> None:
-        """Note the bodies of a weld, or the points at which two bodies are held together.
+        """Store the bodies of a weld, or the points at which two bodies are held together.
+
+        The point is computed in world axes in the present pose, in which loops are closed.
 
         Parameters
         ----------
@@ -339,7 +352,10 @@ class ForeignModel:
             self.loop_points.append(LoopPoint(name, (first, second), second_point))
 
     def _find_observed_links(self) -> list[ObservedLink]:
-        """Return the bodies whose orientation a sensor reads relative to another body."""
+        """Return the bodies whose orientation a sensor reads relative to another body.
+
+        Each of them becomes an output of the mechanism.
+        """
         mj_model = self.mj_model
         body_type = int(self.mujoco.mjtObj.mjOBJ_BODY)
         orientation_type = self.mujoco.mjtSensor.mjSENS_FRAMEQUAT
@@ -366,7 +382,10 @@ class ForeignModel:
         return observed_links
 
     def _find_factors(self, equality: int, name: str) -> Mapping[int, float]:
-        """Return the factors of joint rates in the equation that an equality means.
+        """Return the factors of joint rates in the equation of an equality constraint.
+
+        The constraint first object = ratio * second object + constant (joints or tendons)
+        has the rate equation: first rate - ratio * second rate = 0.
 
         Parameters
         ----------

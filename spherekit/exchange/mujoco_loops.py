@@ -96,7 +96,9 @@ def close_loops(
 
 
 def _measure_gaps(mujoco: Any, model: Any, data: Any) -> tuple[Bools, Floats]:
-    """Evaluate the constraints of loops in the present pose.
+    """Evaluate the constraints that close loops, in the present pose.
+
+    `data` is updated: after the call it has the constraints of this pose.
 
     Returns
     -------
@@ -112,6 +114,9 @@ def _measure_gaps(mujoco: Any, model: Any, data: Any) -> tuple[Bools, Floats]:
 
 def _move_joints(mujoco: Any, model: Any, data: Any, joints: Sequence[int]) -> bool:
     """Close the loops by Newton's method with some of the joints.
+
+    Each step solves J dq = gaps for the least dq, with the Jacobian J of the gaps, and
+    subtracts dq from the joint angles. Large steps are shortened.
 
     Parameters
     ----------
@@ -130,7 +135,7 @@ def _move_joints(mujoco: Any, model: Any, data: Any, joints: Sequence[int]) -> b
     for _ in range(MAX_LOOP_STEPS):
         is_loop_row, gaps = _measure_gaps(mujoco, model, data)
         gap = max_abs(gaps)
-        # At the level of rounding a step no longer halves the gap.
+        # The gap is small, and the last step has not halved it: only rounding is left.
         is_at_rounding = CLOSED_LOOP_GAP > gap > 0.5 * previous_gap
         if gap < EXACT_LOOP_GAP or is_at_rounding:
             return True
@@ -138,7 +143,7 @@ def _move_joints(mujoco: Any, model: Any, data: Any, joints: Sequence[int]) -> b
         jacobian = data.efc_J.reshape(data.nefc, model.nv)[is_loop_row][:, joints]
         # Loops about one point have dependent constraints, so the least change is taken.
         step = np.linalg.lstsq(jacobian, gaps, rcond=LOOP_SINGULAR_VALUE)[0]
-        scale = MAX_JOINT_STEP_RAD / max(max_abs(step), MAX_JOINT_STEP_RAD)
+        scale = MAX_JOINT_STEP_RAD / max(max_abs(step), MAX_JOINT_STEP_RAD)  # at most 1
         data.qpos[joints] -= step * scale
     return False
 

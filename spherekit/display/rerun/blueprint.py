@@ -75,7 +75,10 @@ class Plot(NamedTuple):
 
 @dataclass
 class Layout:
-    """The layout of a recording, which grows as the first block of each mode arrives.
+    """The layout of the viewer's window, which grows as new things are recorded.
+
+    A page is a number (an assembly mode), a title (any other page), or None for everything
+    that all pages show.
 
     Attributes
     ----------
@@ -135,7 +138,8 @@ class Layout:
         return f"{self.base(page)}/{primitive.path.strip('/')}"
 
     def blueprint(self) -> rrb.Blueprint:
-        """Return the layout as a blueprint of rerun."""
+        """Return the layout as a blueprint of rerun: pages as tabs, with few panels."""
+        # Pages with results of analyses come first; `index` takes the first occurrence.
         order = [*self.pages_with_findings, *self.pages]
         pages = [
             self._page(page, self.pages[page])
@@ -146,7 +150,7 @@ class Layout:
         if self.comparisons:
             pages.append(self._comparison_page())
         window = rrb.Tabs(*pages, active_tab=0) if len(pages) > 1 else pages[0]
-        first, last = self.span or (0, 360)
+        first, last = self.span or (0, 360)  # a guess for the speed, if nothing is known
         return rrb.Blueprint(
             window,
             rrb.TimePanel(
@@ -164,20 +168,23 @@ class Layout:
         )
 
     def _page(self, page: Page, title: str) -> rrb.Container:
-        """Return a page: the sphere on the left, plots and panels on the right.
+        """Return the contents of one page of the window.
 
-        Plots of findings come first. Without any solid of its own the page has plots only.
+        The sphere is on the left. On the right, from the top, are the first plot, the
+        further plots and the panels (graph and texts). Plots that show results of analyses
+        come first. A page with a title shows the sphere only if it draws something on it.
         """
         page_plots = [plot for plot in self.plots if plot.page in (None, page)]
         page_plots.sort(key=lambda plot: not plot.has_findings)
         plots = [plot.view() for plot in page_plots]
+        # Panels of the page itself come before those of all pages.
         ordered_panels = sorted(self.panels, key=lambda panel: panel[0] is None)
         panels = [view() for owner, view in ordered_panels if owner in (None, page)]
         rows = [_tabs(views) for views in (plots[:1], plots[1:], panels) if views]
 
-        owners = (page,) if isinstance(page, str) else (None, page)
-        has_solids = any(owner in owners for owner, _ in self.solids)
-        if rows and not has_solids:
+        sphere_owners = (page,) if isinstance(page, str) else (None, page)
+        has_sphere = any(owner in sphere_owners for owner, _ in self.solids)
+        if rows and not has_sphere:
             parts: list[rrb.View | rrb.Container] = [rows[0]]
             if len(rows) > 1:
                 parts.append(rrb.Vertical(*rows[1:]))
@@ -220,6 +227,7 @@ class Layout:
         """The range of times before the cursor in which the trail of a pole is shown."""
 
         def boundary(timeline: str, offset: float) -> rr.TimeRangeBoundary:
+            """Return a time at a distance from the cursor, in the timeline's unit."""
             if timeline == TIME:
                 return rr.TimeRangeBoundary.cursor_relative(seconds=offset)
             return rr.TimeRangeBoundary.cursor_relative(seq=round(offset))
@@ -237,11 +245,15 @@ class Layout:
         )
 
     def _comparison_page(self) -> rrb.Container:
-        """Return the page of charts of all modes, each with the cursor of the first."""
+        """Return the page of the charts that show all assembly modes together.
+
+        Each chart has the cursor of the same chart of the first mode.
+        """
         views = []
         for path, title in self.comparisons.items():
-            first = next(plot for plot in self.plots if plot.comparison == path)
-            views.append(plane_view(path, title, CHART_BOUNDS, [f"{first.path}/cursor"]))
+            mode_plots = [plot for plot in self.plots if plot.comparison == path]
+            cursor = f"{mode_plots[0].path}/cursor"
+            views.append(plane_view(path, title, CHART_BOUNDS, [cursor]))
         return rrb.Grid(*views, grid_columns=1 if len(views) < 3 else 2, name="Compare")
 
 
@@ -259,26 +271,26 @@ def space_view(path: str, name: str) -> rrb.View:
 
 
 def plane_view(
-    path: str, name: str, bounds: tuple[Span, Span], other_paths: Sequence[str] = ()
+    path: str, name: str, bounds: tuple[Span, Span], further_paths: Sequence[str] = ()
 ) -> rrb.View:
-    """Return the view of a plane.
+    """Return the view of a plane, such as a chart or a diagram.
 
     Parameters
     ----------
     path
-        Path of what the plane shows.
+        Path of the chart; everything below it is shown.
     name
         Title of the view.
     bounds
         The x and the y range that are visible.
-    other_paths
-        Paths of more that is shown in the plane.
+    further_paths
+        Paths of other entities that are shown in the plane too.
     """
     x_range, y_range = bounds
     return rrb.Spatial2DView(
         origin=path,
         name=name,
-        contents=[f"+ {shown}/**" for shown in (path, *other_paths)],
+        contents=[f"+ {shown_path}/**" for shown_path in (path, *further_paths)],
         background=colours.BACKGROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=x_range, y_range=y_range),
     )

@@ -82,7 +82,7 @@ def frame_side(
     is_degrees: bool = False,
     is_logarithmic: bool = False,
 ) -> FrameSide:
-    """Return the side of a frame for a range of values, with ticks at round values.
+    """Return an axis of a frame for a range of values, with ticks at round values.
 
     Parameters
     ----------
@@ -91,18 +91,19 @@ def frame_side(
     value_range
         Lowest and highest value.
     is_degrees
-        Whether values are angles (deg), whose ticks are multiples of such as 30 or 45.
+        Whether values are angles (deg). Their ticks have steps such as 30 or 45.
     is_logarithmic
         Whether the axis is logarithmic; its ticks are powers of ten.
     """
     low, high = value_range
     if is_logarithmic:
         log_low, log_high = np.log10(value_range)
+        # All whole exponents within the range, its ends included.
         powers = np.arange(
             np.ceil(log_low - TICK_ROUNDING), np.floor(log_high + TICK_ROUNDING) + 1.0
         )
         texts = [f"1e{power:z.0f}" for power in powers]
-        fractions = (powers - log_low) / max(log_high - log_low, 1e-300)
+        fractions = (powers - log_low) / max(log_high - log_low, 1e-300)  # never 0 / 0
     else:
         step, values = ticks(low, high, is_degrees)
         texts = [tick_text(value, step) for value in values]
@@ -127,6 +128,8 @@ def draw_frame(width: float, x: FrameSide, y: FrameSide, has_grid: bool = True) 
     has_grid
         Whether lines are drawn at the ticks.
     """
+    # Lines have coordinates from 0 to 1 in the frame, y up; the first is the box itself.
+    # Words have the place (x, y) of their text in units of the chart, y down.
     lines = [np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])]
     words: list[tuple[float, float, str]] = []
     for fraction, text in x.ticks:
@@ -167,14 +170,29 @@ def draw_colour_scale(low: float, high: float, label: str) -> Stills:
 
 
 def ticks(low: float, high: float, is_degrees: bool) -> tuple[float, Floats]:
-    """Return a round step, and its multiples between two values, about `TICKS` of them."""
+    """Return a round step, and its multiples from `low` to `high`, about `TICKS` of them.
+
+    Parameters
+    ----------
+    low, high
+        Ends of an axis.
+    is_degrees
+        Whether the axis has angles (deg), which have steps such as 30 or 45.
+
+    Returns
+    -------
+    The step, and the values of the ticks. An axis without length, or with an end that is
+    not finite, has one tick at its low end.
+    """
     ideal_step = (high - low) / TICKS
     if not 0.0 < ideal_step < np.inf:
         return 1.0, np.array([low])
     power = 10.0 ** np.floor(np.log10(ideal_step))
     steps = [power * factor for factor in STEPS]
     if is_degrees and ideal_step >= 1.0:
+        # Several turns between ticks are whole turns times a round number.
         steps = [*ANGLE_STEPS, *(360.0 * power * factor for factor in STEPS)]
+    # The step with the ratio nearest to 1 to the ideal step.
     step = min(steps, key=lambda candidate: abs(np.log(candidate / ideal_step)))
     first = np.ceil(low / step - TICK_ROUNDING)
     last = np.floor(high / step + TICK_ROUNDING)
@@ -222,7 +240,7 @@ def vertical_lines(x: Floats) -> Floats:
 def draw_lines(
     lines: Sequence[Floats], colour: colours.Colour, width: float = 1.0
 ) -> rr.LineStrips2D:
-    """Return polylines (k, 2) of a width in points of the screen."""
+    """Return polylines (k, 2), whose line width is given in points of the screen."""
     return rr.LineStrips2D(lines, colors=colour, radii=rr.Radius.ui_points(width))
 
 

@@ -40,6 +40,7 @@ class Charts:
     """
 
     def __init__(self, layout: Layout, outputs: Outputs) -> None:
+        """Begin without charts."""
         self.layout = layout
         self.outputs = outputs
         self.charts: dict[str, Chart] = {}
@@ -57,14 +58,15 @@ class Charts:
         Parameters
         ----------
         scene
-            The scene of the block. Series with one heading on one page share a chart.
+            The scene of the block. Series with one heading on one page share a chart; over
+            two axes each series is a map and has a chart of its own.
         series
-            The series.
+            The series: values (rows,) of one quantity.
         axes
             The axes over which it is drawn.
         changed_paths
             The paths of the series that were added in this block, by the path of their
-            chart. The series is added to it.
+            chart. The path of this series is appended.
         """
         layout = self.layout
         is_map = len(axes) > 1
@@ -73,6 +75,7 @@ class Charts:
         is_new = chart_path not in self.charts
         if is_new:
             self.charts[chart_path] = Chart(title, axes)
+            # Curves on pages of assembly modes (numbers) also get a chart of all modes.
             is_comparable = isinstance(scene.page, int) and not is_map
             comparison = f"{layout.root}/compare/{slug(title)}" if is_comparable else ""
             view = partial(plane_view, chart_path, title, CHART_BOUNDS)
@@ -100,7 +103,7 @@ class Charts:
         timelines
             The positions of the rows on the timelines.
         axes
-            The values (rows,) over which they are drawn.
+            The axes of the charts, with their values (rows,) in this block.
         row_count
             Number of rows of the block.
         """
@@ -116,13 +119,18 @@ class Charts:
             places, tints = chart.legend(series_paths)
             self.outputs.log_first(legend_path, [("", legend_style(places, tints))])
             texts = legend_texts([chart.curves[path][-1].series for path in series_paths])
+            # The texts are one list; each row gets the next as many as there are series.
             legend = rr.Points2D.columns(labels=texts).partition(
                 [len(series_paths)] * row_count
             )
             self.outputs.log_rows(legend_path, timelines, legend, row_count)
 
     def draw(self, destinations: Sequence[Output]) -> None:
-        """Draw all rows so far of all charts, and the comparisons of assembly modes."""
+        """Draw all rows so far of all charts, and the comparisons of assembly modes.
+
+        A comparison is a chart with the curves of all modes. It is omitted if it would have
+        more than `MAX_COMPARED_CURVES` curves.
+        """
         for chart_path, chart in self.charts.items():
             page_path = chart_path.partition("/charts/")[0]
             marks = self.marks.get(page_path, ())
@@ -139,7 +147,8 @@ class Charts:
                 continue
             comparison = compare_modes(charts)
             self.layout.comparisons[path] = comparison.title
-            # The legend names the curves of the first mode only: shades tell the modes.
+            # The legend names the curves of the first mode only: the other modes have
+            # lighter shades of the same colours.
             first_curves = charts[0].curves
             names = [blocks[0].series.label for blocks in first_curves.values()]
             places, tints = comparison.legend(first_curves)

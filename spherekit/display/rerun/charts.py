@@ -127,7 +127,17 @@ class Chart:
         self.curves.setdefault(path, []).append(block)
 
     def joined_blocks(self, path: str) -> tuple[list[Floats], Floats]:
-        """Return the values (rows,) on each axis, and of a series, of all its blocks."""
+        """Return all rows of a series so far: its blocks joined in their order.
+
+        Parameters
+        ----------
+        path
+            The path of the series.
+
+        Returns
+        -------
+        The values (rows,) on each axis, and the values (rows,) of the series.
+        """
         blocks = self.curves[path]
         axis_values = [
             np.concatenate([block.axes[number].values for block in blocks])
@@ -136,7 +146,7 @@ class Chart:
         return axis_values, np.concatenate([block.series.values for block in blocks])
 
     def x_places(self, values: Floats) -> Floats:
-        """Return the places in the frame, in units of the chart, of first axis values."""
+        """Return where values of the first axis are in the frame, in units of the chart."""
         return self.width * fraction_of_range(values, *self.axes[0].extent)
 
     def cursor_columns(self, axis_values: Sequence[Floats]) -> Columns:
@@ -150,22 +160,28 @@ class Chart:
         x = self.x_places(axis_values[0])
         if self.is_map:
             fraction = fraction_of_range(axis_values[1], *self.axes[1].extent)
-            y = FRAME_HEIGHT * (1.0 - fraction)
+            y = FRAME_HEIGHT * (1.0 - fraction)  # the viewer's y points down
             return rr.Points2D.columns(positions=np.stack([x, y], axis=1))
         return rr.LineStrips2D.columns(strips=[*vertical_lines(x)])
 
     def legend(self, paths: Collection[str]) -> tuple[Floats, list[colours.Colour]]:
-        """Return the places (k, 2) of the names of k series in the legend, and colours.
+        """Return the places of k series in the legend, and their colours.
 
         Parameters
         ----------
         paths
-            The paths of the series.
+            The paths of the k series. The legend lists all series of the chart in the order
+            of their arrival; these k keep the places that they have in that list.
+
+        Returns
+        -------
+        Places (k, 2) of the names, in units of the chart, and k colours.
         """
         tints = [self.tints[path] for path in self.curves if path in paths]
-        if self.is_map:
+        if self.is_map:  # its only series is named above the right margin
             return np.array([[self.width + 0.5 * LEGEND_WIDTH, -TOP_MARGIN]]), tints
         numbers = [number for number, path in enumerate(self.curves) if path in paths]
+        # The list fills one column of the legend after the other.
         column, row = np.divmod(numbers, LEGEND_ROWS)
         line_height = _legend_line_height(min(len(self.curves), LEGEND_ROWS))
         x = self.width + (column + 0.5) * LEGEND_WIDTH
@@ -173,16 +189,18 @@ class Chart:
         return np.stack([x, y], axis=1), tints
 
     def draw(self, marks: Sequence[InputMarks] = ()) -> Stills:
-        """Yield all that does not move: frame, curves or map, marks and words.
+        """Yield everything that does not move: frame, curves or map, marks and words.
 
         Parameters
         ----------
         marks
-            Inputs that are marked by vertical lines, if the axis is an input in deg.
+            Inputs (deg) that are marked by vertical lines, if the first axis is in deg.
         """
         if self.is_map:
             yield from self._draw_map()
             return
+        # The first block of each series has its unit and resolution. All series of a chart
+        # have one unit.
         first_series = [blocks[0].series for blocks in self.curves.values()]
         unit = first_series[0].unit
         resolution = max(series.resolution for series in first_series)
@@ -217,18 +235,20 @@ class Chart:
             x = self.x_places(mark.inputs[:, 0])
             x = x[(x >= 0.0) & (x <= self.width)]
             tint = colours.tone_colour(mark.tone)
-            yield f"marks/{number}", draw_lines([*vertical_lines(x)], tint, 0.9)
-            # Names of neighbouring marks stand in two rows.
+            yield f"marks/{number}", draw_lines([*vertical_lines(x)], tint, width=0.9)
+            # Names are written in two rows in turn, so that neighbours do not overlap.
             y = MIN_LEGEND_LINE * (number % 2 - 0.4)
-            names = [(place, y, mark.label) for place in x]
-            yield (
-                f"marks/{number}/words",
-                draw_words(names, tint, len(x) <= MAX_SHOWN_LABELS),
-            )
+            names = [(line_x, y, mark.label) for line_x in x]
+            are_names_shown = len(x) <= MAX_SHOWN_LABELS
+            yield f"marks/{number}/words", draw_words(names, tint, are_names_shown)
 
     def _draw_map(self) -> Stills:
-        """Yield the frame of a map, its picture with a scale of colours, and words."""
-        (path,) = self.curves
+        """Yield the frame of a map, its picture with a scale of colours, and words.
+
+        The map is an image with one pixel per unit of the chart. The scale of colours is
+        part of the same image, to the right of the map.
+        """
+        (path,) = self.curves  # a map has one series
         series = self.curves[path][0].series
         x, y, cells = grid_values(*self.joined_blocks(path))
         x_axis, y_axis = self.axes[:2]
@@ -238,7 +258,8 @@ class Chart:
         low, high = choose_plot_range(
             cells, quantity_scale(cells, series.unit), series.resolution, "colours"
         )
-        # Each pixel shows the nearest sample; the top row of the picture is the highest y.
+        # Each pixel shows the nearest sample. The rows are reversed, since the top row of
+        # the picture is the highest y; the transpose makes y the row index of the image.
         column_samples = _nearest_sample(x, x_axis.extent, round(self.width))
         row_samples = _nearest_sample(y, y_axis.extent, round(FRAME_HEIGHT))[::-1]
         values = cells[np.ix_(column_samples, row_samples)].T
@@ -264,9 +285,10 @@ class Chart:
 
 
 def compare_modes(charts: Sequence[Chart]) -> Chart:
-    """Return one chart with the curves of several assembly modes.
+    """Return one chart with the curves of several charts, one chart per assembly mode.
 
-    The first mode has full colours, the others lighter shades of them.
+    An assembly mode is one way to assemble the mechanism at the same inputs. The curves of
+    the first mode have full colours, those of each later mode a lighter shade of them.
     """
     comparison = replace(charts[0], curves={}, tints={})
     for number, chart in enumerate(charts):
@@ -291,7 +313,15 @@ def dot_style() -> rr.Points2D:
 
 
 def legend_places(width: float, count: int) -> Floats:
-    """Return the places (count, 2) of names in one column beside a frame of a width."""
+    """Return places (count, 2) for names in one column to the right of a frame.
+
+    Parameters
+    ----------
+    width
+        Width of the frame, in units of the chart.
+    count
+        Number of names.
+    """
     y = _legend_line_height(count) * (np.arange(count) + 0.5) - LABEL_DROP
     return np.stack([np.full(count, width + 0.5 * LEGEND_WIDTH), y], axis=1)
 
@@ -299,12 +329,12 @@ def legend_places(width: float, count: int) -> Floats:
 def legend_style(
     places: Floats, tints: Sequence[colours.Colour], names: Sequence[str] | None = None
 ) -> rr.AsComponents:
-    """Return the places (k, 2) and colours of the names in a legend.
+    """Return the legend of a chart as points that show nothing but their labels.
 
     Parameters
     ----------
     places, tints
-        Place and colour of each name.
+        Place (k, 2) and colour of each name.
     names
         The names. None if they are logged with each row, because they contain values.
     """
@@ -319,7 +349,7 @@ def legend_texts(latest_blocks: Sequence[Series]) -> list[str]:
     Parameters
     ----------
     latest_blocks
-        The rows of all series of the legend.
+        All series of the legend, with the rows that are logged.
 
     Returns
     -------
@@ -336,24 +366,35 @@ def legend_texts(latest_blocks: Sequence[Series]) -> list[str]:
 
 
 def path_axis(axes: Sequence[Axis]) -> Axis:
-    """Return the axis for samples on a path of several inputs: the first that moves."""
-    axis = next((axis for axis in axes if axis.extent[0] < axis.extent[1]), axes[0])
-    other_names = listing(other.label for other in axes if other is not axis)
-    return replace(axis, label=f"input {axis.label} with {other_names}")
+    """Return one axis for samples on a path of several inputs.
+
+    It is the axis of the first input that moves, or the first axis if none moves. Its label
+    names the inputs that change with it.
+    """
+    moving_axes = [axis for axis in axes if axis.extent[0] < axis.extent[1]]
+    path_input = (moving_axes or axes)[0]
+    further_labels = [axis.label for axis in axes if axis is not path_input]
+    label = f"input {path_input.label} with {listing(further_labels)}"
+    return replace(path_input, label=label)
 
 
 def grid_values(
     axis_values: Sequence[Floats], values: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the samples of the first two axes (x,) and (y,), and the values (x, y).
+    """Return the values of a series as a grid over the first two axes.
 
     Parameters
     ----------
     axis_values
-        The values (rows,) on each axis. Of further axes, rows with the middle value are
-        taken.
+        The values (rows,) on each axis. Only the rows with the middle value of every axis
+        after the second are used.
     values
-        The values (rows,) of the series. Cells without a row are NaN.
+        The values (rows,) of the series.
+
+    Returns
+    -------
+    The different values (x,) on the first and (y,) on the second axis, increasing, and the
+    values (x, y) of the series. Cells without a row are NaN.
     """
     is_chosen = np.ones(len(values), bool)
     for further_values in axis_values[2:]:
@@ -383,8 +424,18 @@ def _number_text(value: float, resolution: float) -> str:
 def _nearest_sample(
     samples: Floats, value_range: tuple[float, float], pixels: int
 ) -> Integers:
-    """Return the index (pixels,) of the sample nearest to each pixel of a range."""
+    """Return the index (pixels,) of the sample nearest to each pixel.
+
+    Parameters
+    ----------
+    samples
+        Increasing values of the samples.
+    value_range
+        Lowest and highest value; the pixels divide this range into equal parts.
+    pixels
+        Number of pixels.
+    """
     low, high = value_range
     pixel_values = low + (high - low) * (np.arange(pixels) + 0.5) / pixels
-    middles = 0.5 * (samples[1:] + samples[:-1])
+    middles = 0.5 * (samples[1:] + samples[:-1])  # where the nearest sample changes
     return np.searchsorted(middles, pixel_values).astype(np.int64)

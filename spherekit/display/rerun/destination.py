@@ -64,17 +64,26 @@ class FileOutput:
     """
 
     def __init__(self, stream: rr.RecordingStream, path: Path) -> None:
+        """Choose the file; `open` creates it."""
         self.stream = stream
         self.path = path
         self.part = path.with_name(path.name + ".part")
-        self._copier: threading.Thread | None = None
-        self._error: OSError | None = None
+        self._copier: threading.Thread | None = None  # only while the file is open
+        self._error: OSError | None = None  # the first error of the copier
 
     def open(self) -> None:
-        """Create and lock the part file, and connect the stream with it."""
+        """Create and lock ``NAME.rrd.part``, and start the thread that fills it.
+
+        Raises
+        ------
+        OutputError
+            If the file cannot be written, or another run is recording to it.
+        """
         check_place(self.path)
         check_made_by_spherekit(self.part, RECORDING_HEADER)
         try:
+            # The file is opened for appending first, so that a run that gets no lock does
+            # not empty the file of another run.
             self._lock = self.part.open("ab", buffering=0)
             if not try_lock(self._lock.fileno()):
                 self._lock.close()
@@ -82,9 +91,9 @@ class FileOutput:
             self._file = self.part.open("wb", buffering=0)
             self._read, write_end = os.pipe()
             try:
-                self.stream.save(f"/dev/fd/{write_end}")
+                self.stream.save(f"/dev/fd/{write_end}")  # rerun opens the end once more
             finally:
-                os.close(write_end)
+                os.close(write_end)  # the pipe then ends when rerun closes its own end
         except OSError as error:
             raise OutputError(
                 f"cannot write {self.part}: {error.strerror}; choose a folder you may "
@@ -103,20 +112,20 @@ class FileOutput:
                 if self._error is not None:
                     continue
                 try:
-                    rest = memoryview(piece)
-                    while rest:  # a file may take a part of the bytes
-                        rest = rest[file.write(rest) :]
+                    unwritten = memoryview(piece)
+                    while unwritten:  # one call may write fewer bytes than it was given
+                        unwritten = unwritten[file.write(unwritten) :]
                 except OSError as error:
                     self._error = error
 
     def flush(self) -> None:
-        """Write all that was logged to the pipe; raise an error of the copy so far."""
+        """Write everything that was logged to the pipe; raise an error of the copy."""
         if self._copier is not None:
             self.stream.flush()
             self._raise_copy_error()
 
     def complete(self) -> None:
-        """Write the rest, and give the part file its own name."""
+        """Write the rest, and rename the part file to ``NAME.rrd``."""
         if self._copier is None:
             return
         self._finish_copy()
@@ -227,14 +236,24 @@ Output = FileOutput | LiveOutput
 
 
 def served(stream: rr.RecordingStream, port: int) -> LiveOutput:
-    """Return a server on this computer that keeps the recording for viewers."""
+    """Return the output to a server of this process, which keeps the recording for viewers.
+
+    Parameters
+    ----------
+    stream
+        The stream to record.
+    port
+        Port of this computer on which viewers find the server.
+    """
 
     def check(at_first: bool) -> None:
+        """Raise `OutputError` if the port is not free when the server is to start."""
         if not at_first:
-            return
+            return  # the server is a part of this process, so it cannot be lost
         if port == 0:  # the system would choose one, which viewers do not know
             raise OutputError("cannot serve on port 0; choose one from 1 to 65535")
         with socket.socket() as probe:
+            # A port that another program has just left counts as free.
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             try:
                 probe.bind(("127.0.0.1", port))
@@ -249,9 +268,18 @@ def served(stream: rr.RecordingStream, port: int) -> LiveOutput:
 
 
 def viewer_at(stream: rr.RecordingStream, url: str) -> LiveOutput:
-    """Return the output to a viewer or another server at a URL."""
+    """Return the output to a viewer or another server at a URL.
+
+    Parameters
+    ----------
+    stream
+        The stream to record.
+    url
+        Address such as ``rerun+http://127.0.0.1:9876/proxy``.
+    """
 
     def check(at_first: bool) -> None:
+        """Raise `OutputError` if the URL is no address, or nothing answers there."""
         try:
             parts = urlsplit(url)
             host, port = parts.hostname, parts.port
@@ -291,7 +319,8 @@ def _speaks_http2(host: str, port: int) -> bool:
     try:
         with socket.create_connection((host, port), timeout=PROBE_TIMEOUT_S) as probe:
             probe.sendall(HTTP2_HELLO)
-            return probe.recv(9)[3:4] == HTTP2_SETTINGS
+            frame_header = probe.recv(9)
+            return frame_header[3:4] == HTTP2_SETTINGS  # byte 3 is the type of the frame
     except OSError:
         return False
 
@@ -302,7 +331,7 @@ def _reason(error: BaseException) -> str:
 
 
 Still = tuple[str, rr.AsComponents]
-"""Path below something, and what is logged there once."""
+"""Path below that of an entity, and the data that are logged there once."""
 
 Stills = Iterator[Still]
 
@@ -311,7 +340,7 @@ Columns = Iterable[rr.ComponentColumn]
 
 
 def below(path: str, suffix: str) -> str:
-    """Return a path below another one; without a suffix, the other one itself."""
+    """Return a path extended by a suffix; an empty suffix adds nothing."""
     return f"{path}/{suffix}" if suffix else path
 
 
@@ -331,6 +360,7 @@ class Outputs:
     """
 
     def __init__(self, destinations: Iterable[Output]) -> None:
+        """Begin with nothing logged; `open` connects the destinations."""
         self.destinations = list(destinations)
         self.entities: set[str] = set()
         self.known_paths: set[str] = set()
@@ -351,19 +381,26 @@ class Outputs:
         return {"entities": len(self.entities), "rows": self.rows, "bytes": file_bytes}
 
     def open(self) -> None:
-        """Open all destinations; if one fails, close the others."""
+        """Open all destinations; if one fails, close those that are open."""
         with ExitStack() as stack:
             for destination in self.destinations:
                 destination.open()
                 stack.callback(destination.close, keep=False)
-            stack.pop_all()
+            stack.pop_all()  # all are open, so none is closed at the end of the block
 
     def close(self, error: BaseException | None) -> None:
-        """Close all destinations; note on an error which part of the recording is kept."""
+        """Close all destinations.
+
+        Parameters
+        ----------
+        error
+            The error that ended the recording, if any. It gets a note on the part of the
+            recording that is kept. Without rows nothing is kept.
+        """
         for destination in self.destinations:
-            kept = destination.close(keep=self.rows > 0)
-            if kept and error is not None:
-                error.add_note(kept)
+            kept_note = destination.close(keep=self.rows > 0)
+            if kept_note and error is not None:
+                error.add_note(kept_note)
 
     def send_name(self, name: str, properties: Mapping[str, Any]) -> None:
         """Send the name of the recording and the properties of the run."""
@@ -386,14 +423,14 @@ class Outputs:
         stills: Iterable[Still],
         destinations: Sequence[Output] | None = None,
     ) -> None:
-        """Log data that holds for all times.
+        """Log data that are valid at all times.
 
         Parameters
         ----------
         path
-            Path below which it is logged.
+            Path below which they are logged.
         stills
-            The data.
+            The data, each with its path below `path`.
         destinations
             Some of the destinations; by default all.
         """
@@ -410,22 +447,22 @@ class Outputs:
         columns: Columns,
         row_count: int,
     ) -> None:
-        """Log rows at a path.
+        """Log the rows of one block at a path, to all destinations.
 
         Parameters
         ----------
         path
-            The path.
+            Path of the entity in the recording.
         timelines
             Positions of the rows on the timelines.
         columns
-            Components of the rows.
+            Components of the entity, such as positions and labels, for all rows.
         row_count
             Number of rows.
         """
         if row_count == 0:
             return
-        columns = list(columns)
+        columns = list(columns)  # an iterator could be read for one destination only
         for destination in self.destinations:
             destination.stream.send_columns(path, timelines, columns)
         self.entities.add(path)
@@ -434,10 +471,10 @@ class Outputs:
     def for_each(self, action: Callable[[Output], None]) -> None:
         """Call a function with each destination.
 
-        A viewer that was lost is removed with a warning if there is also a file. Otherwise
-        its error is raised.
+        If a viewer no longer answers while there is also a file, the viewer is removed with
+        a warning and the recording goes on. Otherwise the error is raised.
         """
-        for destination in tuple(self.destinations):
+        for destination in tuple(self.destinations):  # a copy: the loop may remove some
             try:
                 action(destination)
             except OutputError as error:

@@ -36,7 +36,10 @@ Moving = tuple[str, Columns]
 
 
 def draw_static(diagram: Diagram) -> Stills:
-    """Yield the frame of a diagram with its ticks, and the appearance of what moves."""
+    """Yield the frame of a diagram, and the appearance of its parts that move.
+
+    The positions of these parts follow row by row, see `moving_columns`.
+    """
     width = _frame_width(diagram)
     x = frame_side(diagram.x_label, diagram.x_range)
     y = frame_side(diagram.y_label, diagram.y_range)
@@ -58,10 +61,12 @@ def draw_static(diagram: Diagram) -> Stills:
 def moving_columns(diagram: Diagram) -> Iterator[Moving]:
     """Yield the rows of a diagram: points in the frame, names, visible parts of lines.
 
-    A leader joins each point with its name, which may stand aside.
+    A leader is a thin line from a point to its name, which is moved aside if names would
+    cover each other. The number of visible points and lines changes from row to row. Each
+    array therefore lists them for all rows, and `partition` says how many each row has.
     """
     row_count, point_count = diagram.places.shape[:2]
-    low, high = np.transpose([diagram.x_range, diagram.y_range])
+    low, high = np.transpose([diagram.x_range, diagram.y_range])  # corners (x, y)
     is_visible = np.all((diagram.places >= low) & (diagram.places <= high), axis=2)
     visible_count = is_visible.sum(axis=1)
     point_tints = np.array([colours.tone_colour(tone) for tone in diagram.tones], np.uint8)
@@ -86,14 +91,17 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
     yield "lines", lines.partition(is_line_visible.sum(axis=1))
     if diagram.readings is not None:
         yield "legend", _reading_columns(diagram)
-    if diagram.words:
+    if diagram.words:  # a text for each row, below the frame
         place = [0.5 * _frame_width(diagram), FRAME_HEIGHT + STEP_TEXT_DROP]
         places = np.tile(place, (row_count, 1))
         yield "step", rr.Points2D.columns(positions=places, labels=diagram.words)
 
 
 def _reading_columns(diagram: Diagram) -> Columns:
-    """Return the legend of each row: the names of points with their two readings (deg)."""
+    """Return the legend of each row: each point with its two readings, such as angles.
+
+    The legend lists the first `MAX_LISTED_READINGS` points, in degrees.
+    """
     assert diagram.readings is not None
     readings = np.degrees(diagram.readings[:, :MAX_LISTED_READINGS])
     first_name, second_name = diagram.reading_names
@@ -113,14 +121,19 @@ def _angle_text(degrees: float) -> str:
 
 
 def clip_lines(diagram: Diagram) -> tuple[Floats, np.ndarray]:
-    """Return the parts of the lines within the frame.
+    """Return the parts of the lines of a diagram within its frame.
 
-    A line (a, b, c) holds the points with a x + b y + c = 0.
+    A line (a, b, c) consists of the points with a x + b y + c = 0. With the unit vector d
+    along it and its point f nearest to the origin, its points are f + t d. The line is
+    within the x limits for t between two values, and within the y limits for t between two
+    others. The part in the frame is the intersection of both intervals of t.
 
     Returns
     -------
-    The points (rows, lines, 2, 2) at which each line enters and leaves the frame, and
-    whether it crosses the frame at all (rows, lines).
+    ends
+        (rows, lines, 2, 2) the two ends (third axis) of the part in the frame.
+    is_visible
+        (rows, lines) whether the line crosses the frame at all.
     """
     normal = diagram.lines[..., :2]
     c = diagram.lines[..., 2:]
@@ -129,14 +142,15 @@ def clip_lines(diagram: Diagram) -> tuple[Floats, np.ndarray]:
         length = np.linalg.norm(normal, axis=-1, keepdims=True)
         foot = -normal * (c / length**2)  # the point of the line nearest to the origin
         direction = normal[..., ::-1] * [-1.0, 1.0] / length
-        # Parameters t of foot + t direction at which the line crosses the x and y limits.
-        t = np.sort((frame - foot[..., None]) / direction[..., None], axis=-1)
-        enters = np.max(t[..., 0], axis=-1)
-        leaves = np.min(t[..., 1], axis=-1)
+        # Interval of t (last axis) within the x and the y limits (axis before it).
+        intervals = np.sort((frame - foot[..., None]) / direction[..., None], axis=-1)
+        enters = np.max(intervals[..., 0], axis=-1)
+        leaves = np.min(intervals[..., 1], axis=-1)
         ends = np.stack(
             [foot + t[..., None] * direction for t in (enters, leaves)], axis=-2
         )
-    return ends, (enters < leaves) & all_finite(ends, (-1, -2))
+    is_visible = (enters < leaves) & all_finite(ends, (-1, -2))
+    return ends, is_visible
 
 
 def view_bounds(diagram: Diagram) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -98,14 +98,18 @@ def draw_sphere() -> Stills:
 
 
 def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
-    """Yield the data of a primitive that holds for all rows.
+    """Yield the data of a primitive that are the same in all rows and are logged once.
+
+    Each item is a path below that of the primitive, and the data to be logged there. Many
+    primitives log only their appearance here; their positions follow row by row, see
+    `moving_columns`.
 
     Parameters
     ----------
     primitive
-        The primitive.
+        Something to draw: a link, an arrow, a curve, a chart, a text, ...
     names
-        The names that a link shows.
+        The names that a link shows, with their places.
     """
     match primitive:
         case Body():
@@ -124,7 +128,7 @@ def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
                 ),
             )
         case Series() | Trace() | InputMarks():
-            return  # drawn in charts, or when all rows are there
+            return  # drawn in charts, or as curves after the last row
         case Portrait():
             yield from portraits.draw_portrait(primitive)
             yield "mark", dot_style()
@@ -147,14 +151,17 @@ def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
 def moving_columns(
     primitive: Primitive, labels: NDArray[np.object_] | None = None
 ) -> Iterator[Moving]:
-    """Yield the columns of a primitive for one block of rows.
+    """Yield the data of a primitive that change from row to row, for one block of rows.
+
+    Each item is a path below that of the primitive, and the columns to be logged there. A
+    row without a configuration is NaN: it gets no arrow, point or label.
 
     Parameters
     ----------
     primitive
-        The primitive. One that does not move yields nothing.
+        The primitive. If it does not move, nothing is yielded.
     labels
-        (rows,) labels of an arrow; by default its own label in all rows.
+        (rows,) labels of an arrow. By default the label of the arrow is used in all rows.
     """
     match primitive:
         case Trace(quaternions=quaternions) if quaternions is not None:
@@ -167,6 +174,7 @@ def moving_columns(
         case Arrow():
             yield from _arrow_columns(primitive, labels)
         case GreatCircle(normals=normals):
+            # The static circle is about z, so z is turned to the normal of the plane.
             rotations = frame_from(normals, perpendicular(normals))
             yield "", _rotation_columns(quaternion(rotations))
         case Portrait():
@@ -181,7 +189,12 @@ def moving_columns(
 
 
 def _arrow_style(arrow: Arrow) -> Stills:
-    """Yield the appearance of an arrow, and of the label and trail of a pole."""
+    """Yield the appearance of an arrow, and of the label and trail of a pole.
+
+    A primary arrow is the axis of a pair, in silver. Every other arrow is the instantaneous
+    pole axis of two links that no pair joins, in gold. The trail shows as dots where the
+    pole was in the last samples.
+    """
     if arrow.primary:
         yield "", rr.Arrows3D.from_fields(colors=colours.SILVER, radii=0.006)
         return
@@ -200,9 +213,10 @@ def _arrow_columns(arrow: Arrow, labels: NDArray[np.object_] | None) -> Iterator
     Parameters
     ----------
     arrow
-        The axis of a pair (`primary`) or of another pole.
+        The axis of a pair (`primary`), or the pole axis of two other links.
     labels
-        (rows,) labels; by default its own label in all rows.
+        (rows,) labels, empty where the pole has none. By default the label of the arrow is
+        used in all rows.
     """
     is_valid = all_finite(arrow.directions, 1)
     directions = arrow.directions[is_valid]
@@ -242,16 +256,18 @@ def rows_for_path(primitive: Primitive) -> Floats | None:
 
 
 def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Stills:
-    """Yield the path of all rows: of a pole or direction on the sphere, or in a portrait.
+    """Yield the curve on which a direction or a point of a portrait moved over all rows.
 
     Parameters
     ----------
     primitive
-        The primitive.
+        The primitive that moved: an arrow or another direction (a curve on the sphere), or
+        a portrait (a curve over two quantities).
     rows
-        All its rows, as `rows_for_path` returned them block by block.
+        Its positions in all rows: directions (rows, 3), or points (rows, 2) in the frame.
     row_length
-        Number of samples of a row of a grid of inputs; None for samples on a path.
+        Number of samples in one row of a grid of two inputs, after which the curve is
+        broken; None if the samples form one path.
     """
     if isinstance(primitive, Portrait):
         if shapes.split_at_nan(rows):
@@ -337,8 +353,18 @@ def _rotation_columns(quaternions: Floats) -> Columns:
 
 
 def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
-    """Yield the curves, joints and names of a link in its own axes."""
+    """Yield the curves, joints and names of a link in the frame that moves with it.
+
+    Parameters
+    ----------
+    body
+        The link.
+    names
+        The names that it shows: text, place (3,), and whether it is the name of a pair.
+    """
     colour = colours.link_colour(body.number)
+    # Links are drawn at a few different distances from the centre. Arcs of two links that
+    # coincide would flicker otherwise.
     scale = 1.0 + SHELL_DISTANCE * (1 + body.number % SHELL_COUNT)
     if len(body.curves):
         curves = [scale * np.asarray(curve) for curve in body.curves]
@@ -355,6 +381,7 @@ def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
             labels=[text for text, _, _ in names],
             colors=[colours.PALE if is_pair else colour for _, _, is_pair in names],
             radii=LABEL_RADIUS,
+            # Whether a moving link shows its names is logged with each row.
             show_labels=True if body.quaternions is None else None,
         ),
     )
@@ -401,7 +428,8 @@ def _draw_sphere_map(item: SphereMap) -> Stills:
 def _draw_surface(surface: Surface) -> Stills:
     """Yield a surface over three quantities, scaled to a cube, with its labelled edges.
 
-    Without triangles the surface is drawn as points.
+    The three quantities have different ranges, so each axis is scaled by itself to the side
+    of the cube. Without triangles the surface is drawn as points.
     """
     low = np.min(surface.vertices, axis=0)
     high = np.max(surface.vertices, axis=0)
@@ -432,9 +460,12 @@ def _draw_surface(surface: Surface) -> Stills:
     word_positions = []
     words = []
     for axis, name in enumerate(surface.axes):
-        # Each axis is labelled along one edge of the box, away from its centre.
+        # Each axis is labelled along one edge of the box, a little outside: the edges
+        # through the low corner, but for the y axis the edge with the highest x.
         corner = np.where([axis == 1, False, False], high_corner, low_corner)
         outwards = WORD_DISTANCE * np.sign(corner) * (np.arange(3) != axis)
+        # Distance outwards, coordinate along the edge and text of the two ends and the
+        # title.
         for distance, along_axis, text in (
             (1.0, 0.94 * low_corner[axis], f"{low[axis]:.4g}"),
             (1.0, 0.94 * high_corner[axis], f"{high[axis]:.4g}"),
@@ -453,7 +484,11 @@ def _draw_surface(surface: Surface) -> Stills:
 
 
 def _draw_graph(graph: Graph) -> Stills:
-    """Yield the graph of links and pairs, whose nodes have the colours of the links."""
+    """Yield the graph of links and pairs.
+
+    A node is a tuple of name, label and number of the link, which decides its colour. Nodes
+    without a number are grey. Positions are from 0 to 1 in both directions.
+    """
     names, labels, link_numbers = zip(*graph.nodes, strict=True)
     tints = [
         colours.SILVER if number is None else colours.link_colour(number)

@@ -120,50 +120,61 @@ class _NameRequest:
 
 
 def facing(focus: Floats | None) -> Sight:
-    """Return the sight of a mechanism, a little from the side, with z up if possible.
+    """Return eye, target and upward direction for a view of a mechanism.
+
+    The eye looks at the middle of the mechanism, a little from the side. The z axis is up
+    unless the eye would look nearly along it; then -x is up.
 
     Parameters
     ----------
     focus
-        (3,) direction of the middle of the mechanism.
+        (3,) direction of the middle of the mechanism. None: `DEFAULT_FOCUS`.
     """
     focus = unit_rows(np.array(DEFAULT_FOCUS if focus is None else focus))
     up = np.array([0.0, 0.0, 1.0] if abs(focus[2]) < STEEP_COSINE else [-1.0, 0.0, 0.0])
     right = unit_rows(np.cross(focus, up))
+    # From the focus the eye is moved by 0.8 to the right and 0.6 upwards (a unit vector).
     eye = focus + EYE_OFFSET * (0.8 * right + 0.6 * np.cross(right, focus))
-    return EYE_DISTANCE * unit_rows(eye), 0.1 * focus, up
+    target = 0.1 * focus  # nearly the centre of the sphere
+    return EYE_DISTANCE * unit_rows(eye), target, up
 
 
 def project(sight: Sight, points: Floats) -> Floats:
-    """Return the perspective image (..., 2) of points (..., 3).
+    """Return the perspective image (..., 2) of points (..., 3), to the right and up.
 
-    At the distance of the target, lengths in the picture are those in space.
+    A point at p from the eye is imaged at d (p . right, p . up) / (p . forward). With the
+    distance d of the target from the eye, lengths at the target keep their size.
     """
     eye, target, up = sight
     view_vector = target - eye
     distance = np.linalg.norm(view_vector)
     forward = view_vector / distance
     right = unit_rows(np.cross(forward, up))
-    picture_axes = np.stack([right, np.cross(right, forward)], axis=-1)
+    picture_axes = np.stack([right, np.cross(right, forward)], axis=-1)  # columns: x, y
     from_eye = points - eye
     return distance * (from_eye @ picture_axes) / (from_eye @ forward)[..., None]
 
 
 class Names:
-    """The names on one page: chooses a place for each, away from those before it."""
+    """Chooses places for the names on one page so that they cover each other little.
+
+    Each name is placed away from the names and dots that were placed before it.
+    """
 
     def __init__(self, sight: Sight) -> None:
-        """Begin without names."""
+        """Begin without names, for an eye at the given place."""
         self._sight = sight
-        self._named_pairs: set[str] = set()
-        self._boxes: list[_Box] = []
+        self._named_pairs: set[str] = set()  # pairs that a link names already
+        self._boxes: list[_Box] = []  # areas covered by names and dots so far
 
     def place_names(self, bodies: Sequence[Body]) -> dict[str, list[Name]]:
-        """Return the names that links show, by the paths of the links.
+        """Return the names that links show, with their places, by the paths of the links.
 
-        A name has one place in its link in all pictures. Of a list of possible places, the
-        one of the smallest cost is chosen: the share of pictures in which it covers other
-        names or dots. Long names choose first.
+        A name moves with its link. Where it covers other names is therefore judged in a few
+        configurations ("pictures"). From a list of possible places the cheapest is chosen:
+        the cost is the share of pictures in which the name covers other names or dots, plus
+        a small amount for each place that is preferred to this one. Long names choose
+        first.
 
         Parameters
         ----------
@@ -183,12 +194,13 @@ class Names:
             half_size = _name_half_size(request.text)
             cost = NEXT_PLACE_COST * np.arange(len(request.places))
             for box in self._boxes:
+                # Two rectangles overlap if their centres are nearer than the sum of their
+                # half sizes, in both directions. Axes: picture, possible place.
                 distance = np.abs(request.centres - box.centres[:, None])
                 covers = np.all(distance < half_size + box.half_size, axis=-1)
+                mean_weight = 1.0 - FIRST_PICTURE_WEIGHT
                 covered_share = FIRST_PICTURE_WEIGHT * covers[0]
-                covered_share = covered_share + (1.0 - FIRST_PICTURE_WEIGHT) * np.mean(
-                    covers, axis=0
-                )
+                covered_share = covered_share + mean_weight * np.mean(covers, axis=0)
                 cost += box.cost * covered_share
             best = np.argmin(cost)
             self._boxes.append(_Box(1.0, request.centres[:, best], half_size))
@@ -197,18 +209,27 @@ class Names:
         return names
 
     def _pair_requests(self, body: Body, rotations: Floats) -> list[_NameRequest]:
-        """Return requests for the pairs of a link that no other link has named.
+        """Return requests for names of the pairs of a link that no other link names.
 
-        Coaxial pairs of the link share a name.
+        Pairs with nearly the same axis share one name, such as "A, B".
+
+        Parameters
+        ----------
+        body
+            The link.
+        rotations
+            (pictures, 3, 3) its orientation in each picture.
         """
-        axes: list[Floats] = []
+        axes: list[Floats] = []  # one axis and one text per name
         texts: list[str] = []
         for axis, label in zip(body.joints, body.joint_labels, strict=True):
             if not label or label in self._named_pairs:
                 continue
             self._named_pairs.add(label)
             coaxial = [
-                index for index, other in enumerate(axes) if other @ axis > COAXIAL_COSINE
+                index
+                for index, named_axis in enumerate(axes)
+                if named_axis @ axis > COAXIAL_COSINE
             ]
             if coaxial:
                 texts[coaxial[0]] += f", {label}"
@@ -244,12 +265,15 @@ def _name_half_size(text: str) -> Floats:
 
 
 def _picture_rotations(bodies: Sequence[Body]) -> list[Floats]:
-    """Return the rotations (pictures, 3, 3) of links in the same few configurations.
+    """Return the rotations (pictures, 3, 3) of each link in the same few configurations.
 
-    A link at rest, or any link if no configuration exists, has one picture.
+    At most `MAX_PICTURES` configurations are taken, evenly spaced among the rows in which
+    all links have an orientation. A link at rest has one picture. If no configuration
+    exists, every link has one picture, in which it is not rotated.
     """
     moving = [body.quaternions for body in bodies if body.quaternions is not None]
     at_rest = np.eye(3)[None]
+    # Axes of `moving`: link, row, component of the quaternion.
     valid_rows = np.flatnonzero(all_finite(moving, (0, 2))) if moving else moving
     if not len(valid_rows):
         return [at_rest] * len(bodies)
@@ -262,14 +286,22 @@ def _picture_rotations(bodies: Sequence[Body]) -> list[Floats]:
 
 
 def _places_around(axis: Floats, joints: Floats) -> Floats:
-    """Return possible places (k, 3) of a name beside the axis of a pair, on the sphere.
+    """Return possible places of a name around the axis of a pair, on the unit sphere.
+
+    A place at the angle r from the axis, in the direction f, is cos(r) axis + sin(r)
+    (cos(f) a + sin(f) b). Here a points away from the other axes of the link and b is at
+    right angles to it and to the axis.
 
     Parameters
     ----------
     axis
-        (3,) axis of the pair in its link.
+        (3,) axis of the pair in the frame of its link.
     joints
-        (n, 3) axes of all pairs of the link. Places away from them come first.
+        (n, 3) axes of all pairs of the link.
+
+    Returns
+    -------
+    (k, 3) places. The nearest come first, and at equal distance those away from the joints.
     """
     away = -np.sum(joints, axis=0)
     away = away - (away @ axis) * axis
@@ -277,7 +309,7 @@ def _places_around(axis: Floats, joints: Floats) -> Floats:
         # The axes balance each other, so any direction across the axis will do.
         away = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     away = unit_rows(away)
-    across = np.array([away, np.cross(axis, away)])
+    across = np.array([away, np.cross(axis, away)])  # rows: a, b
     cosines_sines = np.stack(
         [np.cos(PAIR_NAME_DIRECTIONS_RAD), np.sin(PAIR_NAME_DIRECTIONS_RAD)], axis=1
     )

@@ -31,10 +31,10 @@ def with_margin(primitive: Primitive) -> Primitive:
 
 
 def draw_portrait(portrait: Portrait) -> Stills:
-    """Yield the frame of a portrait, its curves, marks and legend.
+    """Yield the frame, curves, marks and legend of a portrait, a plot of two quantities.
 
-    Kinds of marks, those with equal labels, are named in the legend. If there are too many
-    kinds, each mark has its label.
+    Marks with equal labels are one kind. A few kinds are named in the legend. If there are
+    more than `MAX_LEGEND_KINDS`, the label is written beside each mark instead.
     """
     x = frame_side(
         title_with_unit(portrait.x_label, portrait.x_unit),
@@ -56,6 +56,7 @@ def draw_portrait(portrait: Portrait) -> Stills:
             draw_portrait_curve(points, colours.tone_colour(curve.tone)),
         )
 
+    # The legend: curves and kinds of marks, with the number of their colour.
     tone_of_kind = {mark.label: mark.tone for mark in portrait.marks}
     has_few_kinds = len(tone_of_kind) <= MAX_LEGEND_KINDS
     legend = {curve.label: curve.tone for curve in portrait.curves if curve.label}

@@ -56,6 +56,7 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     """
     position_analysis, motion, note = _assemble(mechanism)
     shapes = link_shapes(mechanism)
+    # The label of a mode has a sign for each group of links; "~" says nothing.
     titles = {}
     for mode in motion.assembly_modes:
         signs = "" if set(mode.label) == {"~"} else f" ({mode.label})"
@@ -67,16 +68,19 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     with RerunRecorder(mechanism.name, path=path) as recorder:
         still_scene = static_scene(plans(mechanism, position_analysis.by_rank), shapes)
         recorder.start(RecordingHead([still_scene], assembly_modes=titles, focus=focus))
-        sample = np.zeros(1, np.int64)
-        for row, scene in enumerate(motion_scenes(motion, shapes)):
+        sample = np.zeros(1, np.int64)  # the recording has one sample, number 0
+        for row, scene in enumerate(motion_scenes(motion, shapes)):  # one row per mode
             recorder.log(scene, sample)
-            parts = (*_zero_arcs(motion, row), _size_table(motion, row, note))
-            recorder.log(Scene(scene.page, parts), sample)
+            additions = (*_zero_arcs(motion, row), _size_table(motion, row, note))
+            recorder.log(Scene(scene.page, additions), sample)
     return note
 
 
 def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
-    """Assemble a mechanism at one input in all modes.
+    """Assemble a mechanism in all modes, at one value of its inputs.
+
+    The first values of the input ranges are tried first. If the mechanism cannot be
+    assembled there, the first of `TRIED_INPUTS` samples of the ranges that can is taken.
 
     Returns
     -------
@@ -94,7 +98,7 @@ def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
         if not np.all(motion.failed):
             return position_analysis, motion, ""
     except SolveError:
-        pass
+        pass  # other inputs are tried
     position_analysis = PositionAnalysis(mechanism, samples=TRIED_INPUTS)
     motion = position_analysis.motion()
     assembled = motion.rows(~motion.failed)
@@ -104,6 +108,7 @@ def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
             "ranges of its inputs, so there is nothing to show; change the ranges or the "
             "sizes"
         )
+    # The rows of one sample are its configurations, one for each mode that exists there.
     first_sample = assembled.rows(assembled.sample == assembled.sample[0])
     inputs = ", ".join(
         f"{item.pair} = {np.degrees(angle):.4g} deg"
@@ -118,10 +123,10 @@ def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
 
 
 def _zero_arcs(motion: Motion, row: int) -> list[Primitive]:
-    """Return, for every R pair, an arc about its axis from zero to the present angle.
+    """Return, for every R pair, an arc about its axis from its zero to its present angle.
 
-    The arc begins with a line from the axis. The pairs of inputs have the angle in degrees
-    in its middle.
+    A line joins the axis with the beginning of the arc. Arcs of input pairs are labelled in
+    the middle with the angle in degrees.
 
     Parameters
     ----------
@@ -133,8 +138,8 @@ def _zero_arcs(motion: Motion, row: int) -> list[Primitive]:
     mechanism = motion.mechanism
     arcs: list[Primitive] = []
     for name, variable in mechanism.angles.items():
-        # The x axis of the pair frame moves with the second link. At zero it was at the
-        # angle -value.
+        # Columns of the pair frame: x, y and z, the axis of the pair. The x axis moves with
+        # the second link. Seen from it, the zero of the pair is at the angle -value.
         x, y, axis = motion.frames[row, mechanism.pair_number[name]].T
         value = motion.values[row, variable]
         count = int(abs(value) / ZERO_ARC_STEP_RAD) + 2

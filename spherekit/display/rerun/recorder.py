@@ -139,6 +139,7 @@ class RerunRecorder:
         recording = str(uuid.uuid4())
 
         def stream() -> rr.RecordingStream:
+            """Return one more stream of the same recording."""
             return rr.RecordingStream(application, recording_id=recording)
 
         if path is not None:
@@ -155,11 +156,12 @@ class RerunRecorder:
         self._ticks_per_degree: int | None = None  # of the timeline of the input
         self._axis_range: tuple[float, float] | None = None  # of times (s) or inputs (deg)
         self._names: dict[Page, Names] = {}
-        self._grid_row_length: int | None = None
+        """Places of the names on each page; None stands for what all pages show."""
+        self._grid_row_length: int | None = None  # samples, in a grid of inputs
         self._path_rows: dict[str, tuple[Primitive, list[Floats]]] = {}
         """Primitives whose path is drawn at the end, with their rows so far, by path."""
         self._charts: Charts | None = None
-        self._live_draw_time = 0.0
+        self._live_draw_time = 0.0  # s, when curves were last drawn for live viewers
         self._layout_size = 0  # number of paths when files got the layout last
         self._is_finished = False
 
@@ -197,7 +199,7 @@ class RerunRecorder:
 
     def start(self, head: RecordingHead) -> None:
         """Begin the recording: timelines, layout, and the scenes that do not move."""
-        sight = facing(head.focus)
+        sight = facing(head.focus)  # eye, target and upward direction
         layout, timeline_note = self._make_layout(head, sight)
         layout.pages.update(head.assembly_modes.items())
         if "logged" in head.properties:
@@ -222,31 +224,39 @@ class RerunRecorder:
             self._send_layout()
 
     def _make_layout(self, head: RecordingHead, sight: Sight) -> tuple[Layout, str]:
-        """Return an empty layout, and a sentence about its timeline.
+        """Return an empty layout, and a sentence about its timeline for the notes.
 
-        The timeline is that of times if the recording has any, otherwise that of the input,
-        otherwise that of sample numbers.
+        The viewer plays the times of the recording if it has times, otherwise its input if
+        it has exactly one, and sample numbers otherwise. Times are in s. A timeline of the
+        input has whole numbers of ticks only.
+
+        Parameters
+        ----------
+        head
+            Properties of the recording, with its times or inputs (rad).
+        sight
+            Eye, target and upward direction of the view of the sphere.
         """
         times = head.times
         inputs = head.inputs
         if times is not None and len(times):
-            span = times[0], times[-1]
-            self._axis_range = span
-            step = (span[1] - span[0]) / max(len(times) - 1, 1)
-            return Layout(self.root, TIME, step, span, sight), f"`{TIME}` is the time."
+            first, last = times[0], times[-1]
+            self._axis_range = (first, last)
+            step = (last - first) / max(len(times) - 1, 1)
+            layout = Layout(self.root, TIME, step, (first, last), sight)
+            return layout, f"`{TIME}` is the time."
         if inputs is not None and len(inputs):
             timeline = input_timeline(inputs)
             scale = timeline.ticks_per_degree
-            ends = np.array([inputs.min(), inputs.max()])
+            input_range = np.array([inputs.min(), inputs.max()])
             self._ticks_per_degree = scale
-            self._axis_range = tuple(np.degrees(ends))
-            tick_span = tuple(input_ticks(ends, scale))
-            tick_step = max(
-                1, round((tick_span[1] - tick_span[0]) / max(len(inputs) - 1, 1))
-            )
+            self._axis_range = tuple(np.degrees(input_range))
+            first_tick, last_tick = input_ticks(input_range, scale)
+            tick_step = max(1, round((last_tick - first_tick) / max(len(inputs) - 1, 1)))
             unit = "degrees" if scale == 1 else f"1/{scale} degrees"
             rounded = "" if timeline.is_exact else ", rounded"
             note = f"`{timeline.name}` is the input in {unit}{rounded}."
+            tick_span = (first_tick, last_tick)
             return Layout(self.root, timeline.name, tick_step, tick_span, sight), note
         return Layout(self.root, SAMPLE, 1.0, None, sight), ""
 
@@ -286,7 +296,8 @@ class RerunRecorder:
         if len(axes) > 1 and self._grid_row_length is None and is_mode_page:
             axes = (charts.path_axis(axes),)  # samples on a path make no map
 
-        # New entities change the layout.
+        # Log what occurs for the first time. It gets its place in the window, so the layout
+        # changes.
         is_layout_changed = False
         changed_series: dict[str, list[str]] = {}
         names = self._names_of_new_links(scene)
@@ -300,11 +311,13 @@ class RerunRecorder:
                     scene.page, primitive, has_findings, names.get(primitive.path, ())
                 )
             is_layout_changed |= is_new
-        known_pages = layout.pages_with_findings
-        if has_findings and scene.page is not None and scene.page not in known_pages:
-            known_pages.append(scene.page)
+        pages_with_findings = layout.pages_with_findings
+        is_own_page = scene.page is not None
+        if has_findings and is_own_page and scene.page not in pages_with_findings:
+            pages_with_findings.append(scene.page)
             is_layout_changed = True
 
+        # Log the rows, and draw the curves so far for viewers that are watching.
         charts_of_recording.log_block(changed_series, timelines, axes, row_count)
         self._log_rows(scene, timelines, row_count)
         is_layout_changed |= self._log_failures(scene, timelines, row_count)
@@ -319,7 +332,10 @@ class RerunRecorder:
     def _log_rows(
         self, scene: Scene, timelines: list[rr.TimeColumn], row_count: int
     ) -> None:
-        """Log the rows of all primitives, and keep those whose path is drawn at the end."""
+        """Log the rows of all primitives.
+
+        Rows whose path is drawn as a curve at the end are also kept in memory.
+        """
         layout = self._open_charts.layout
         labels = arrow_labels(scene.primitives)
         for primitive in scene.primitives:
@@ -336,7 +352,13 @@ class RerunRecorder:
     def _log_failures(
         self, scene: Scene, timelines: list[rr.TimeColumn], row_count: int
     ) -> bool:
-        """Log at which rows links have no configuration; return if the label is new."""
+        """Log a label at the rows without a configuration, where a link is NaN.
+
+        Returns
+        -------
+        Whether the label is the first on its page, so that the layout changes. A scene
+        without links has no label.
+        """
         bodies = [item for item in scene.primitives if isinstance(item, Body)]
         if not bodies:
             return False
@@ -386,7 +408,7 @@ class RerunRecorder:
     def _default_axis(
         self, samples: Integers, inputs: Floats | None, times: Floats | None
     ) -> Axis:
-        """Return the axis of scenes that state none: the time, the input or the sample.
+        """Return the axis for a scene that does not name one: time, input or sample number.
 
         Parameters
         ----------
@@ -429,12 +451,12 @@ class RerunRecorder:
             return
 
     def _names_of_new_links(self, scene: Scene) -> dict[str, list[Name]]:
-        """Return the names that the links of a scene show, by path; known links have none.
+        """Return the names of the links that occur for the first time, by their paths.
 
-        Names on a page keep off those that all pages have.
+        Names on a page are placed away from names that all pages show.
         """
         if scene.page not in self._names:
-            self._names[scene.page] = deepcopy(self._names[None])
+            self._names[scene.page] = deepcopy(self._names[None])  # names of all pages
         layout = self._open_charts.layout
         new_bodies = [
             item
@@ -451,18 +473,22 @@ class RerunRecorder:
         has_findings: bool = True,
         names: Sequence[Name] = (),
     ) -> bool:
-        """Log the static data of a primitive that is new; return whether it is.
+        """Log the static data of a primitive and add it to the layout, if it is new.
 
         Parameters
         ----------
         page
-            Its page.
+            The page that shows it; None for all pages.
         primitive
-            The primitive.
+            Something to draw. It is known by its path below that of the page.
         has_findings
-            Whether it shows results of an analysis.
+            Whether it shows results of an analysis, and not only the motion.
         names
-            The names that a link shows.
+            The names that a link shows, with their places.
+
+        Returns
+        -------
+        Whether it is new.
         """
         path = self._open_charts.layout.path(page, primitive)
         is_new = self._outputs.log_first(path, entities.draw_static(primitive, names))
@@ -473,7 +499,23 @@ class RerunRecorder:
     def _add_to_layout(
         self, page: Page, path: str, primitive: Primitive, has_findings: bool
     ) -> None:
-        """Add a new primitive to a view of the window, see `_introduce`."""
+        """Add a new primitive to the views of the window that show it.
+
+        Primitives on the sphere share the view of the sphere. Charts, diagrams and surfaces
+        get a view of their own among the plots, and graphs and texts among the panels. The
+        views are made when the layout is sent, so functions that make them are stored.
+
+        Parameters
+        ----------
+        page
+            The page that shows it; None for all pages.
+        path
+            Path of the primitive in the recording.
+        primitive
+            The primitive.
+        has_findings
+            Whether it shows results of an analysis, and not only the motion.
+        """
         layout = self._open_charts.layout
         if page is not None:
             title = f"Assembly mode {page}" if isinstance(page, int) else page
@@ -490,7 +532,7 @@ class RerunRecorder:
             case Arrow(primary=primary, shown=shown, path_shown=path_shown):
                 if not shown:
                     layout.overrides.append((page, path, HIDDEN))
-                if shown and path_shown and not primary:
+                if shown and path_shown and not primary:  # dots behind a pole
                     trail = f"{path}/trail"
                     layout.overrides.append((page, trail, layout.trail_range))
             case Diagram(label=label):

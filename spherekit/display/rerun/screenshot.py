@@ -103,6 +103,7 @@ def screenshot(
         raise ValueError("give a sample or an input angle, not both")
     check_picture(picture, size)
     check_version(recording)
+    # A view is smaller than its window by bars and frames.
     border = VIEW_BORDER if view == "3D" else (0, 0)
     with _headless_viewer((size[0] + border[0], size[1] + border[1])) as client:
         client.open(str(recording.resolve()))
@@ -110,6 +111,7 @@ def screenshot(
         if front:
             _activate_tabs(client, recording, front)
         view_id = _maximise_3d_view(client, recording) if view == "3D" else None
+        # Set the cursor and let the viewer stand still there.
         timeline, tick = _cursor_position(timelines, sample, input_deg, recording)
         if sample is None and input_deg is None:
             tick = _first_valid_time(client, recording, timeline, tick)
@@ -166,7 +168,10 @@ def check_version(recording: Path) -> None:
 
 
 def _maximise_3d_view(client: ViewerClient, recording: Path) -> str:
-    """Let the 3D view in front fill the window, without bars; return its id."""
+    """Let the 3D view of the page in front fill the window, without bars; return its id.
+
+    The layout is read from the viewer as a nested mapping, changed and sent back.
+    """
     blueprint = client.get_blueprint().blueprint
     ids_of_3d_views = {
         view.view_id for view in client.get_state().views if view.view_class == "3D"
@@ -183,10 +188,13 @@ def _maximise_3d_view(client: ViewerClient, recording: Path) -> str:
 def _visible_views(blueprint: Mapping[str, Any]) -> Iterator[str]:
     """Yield the ids of the views that are not hidden behind other tabs, from the left.
 
+    The layout is a tree: containers hold views and other containers. Of a container of tabs
+    only the active tab is visible. The tree is walked depth first.
+
     Parameters
     ----------
     blueprint
-        The components of the layout, by path and archetype.
+        The components of the layout, by path (such as ``/container/ID``) and archetype.
     """
     root = blueprint["/viewport"]["ViewportBlueprint"]["root_container"]
     pending = [f"container/{root}"]
@@ -200,7 +208,7 @@ def _visible_views(blueprint: Mapping[str, Any]) -> Iterator[str]:
             container = blueprint[f"/{path}"]["ContainerBlueprint"]
             is_tabs = container["container_kind"] == "Tabs"
             contents = _as_list(container["active_tab" if is_tabs else "contents"])
-        pending = contents + pending[1:]
+        pending = contents + pending[1:]  # the contents come before the next neighbour
 
 
 def _as_list(value: str | list[str]) -> list[str]:
@@ -211,12 +219,22 @@ def _as_list(value: str | list[str]) -> list[str]:
 def _activate_tabs(client: ViewerClient, recording: Path, titles: Sequence[str]) -> None:
     """Bring the pages and tabs with given titles to the front.
 
+    Parameters
+    ----------
+    client
+        The viewer.
+    recording
+        Path of the recording, for messages.
+    titles
+        Titles of pages and tabs. One title may name several tabs, such as one per page.
+
     Raises
     ------
     OutputError
-        If there is no such tab.
+        If there is no tab with one of the titles.
     """
     blueprint = client.get_blueprint().blueprint
+    # Find the title of every part of the layout, and the containers that show tabs.
     paths_of_title: dict[str, list[str]] = {}
     for path, archetypes in blueprint.items():
         for components in archetypes.values():
@@ -248,10 +266,11 @@ def _activate_tabs(client: ViewerClient, recording: Path, titles: Sequence[str])
 
 
 def _take_stable_picture(client: ViewerClient, view_id: str | None) -> bytes:
-    """Return a PNG as soon as two pictures in a row are equal: plots appear late.
+    """Return a PNG as soon as two pictures in a row are equal, since plots appear late.
 
-    A notice of the viewer, that it listens, cannot be switched off. The function waits
-    until it disappears.
+    For its first seconds the viewer shows a notice over the picture, which cannot be
+    switched off. The function waits until the notice disappears, at most
+    `NOTICE_TIMEOUT_S`. A picture that never settles is returned after `MAX_FRAMES`.
 
     Parameters
     ----------
@@ -269,7 +288,7 @@ def _take_stable_picture(client: ViewerClient, view_id: str | None) -> bytes:
         last_picture = picture
         picture = client.take_screenshot(view_id=view_id)
         if _shows_notice(picture, notice_rows) and time.monotonic() < deadline:
-            continue
+            continue  # pictures with the notice are not counted
         if picture == last_picture:
             break
         frame += 1
@@ -297,15 +316,19 @@ def _cursor_position(
     Parameters
     ----------
     timelines
-        The first time of each timeline.
+        The first time on each timeline, by its name.
     sample, input_deg
-        One of both, or none for the beginning.
+        A sample number or an input (deg). If both are None, the beginning of the recording
+        is chosen, on the timeline of times, of the input or of samples.
     recording
         Path of the recording, for messages.
 
     Returns
     -------
-    The name of the timeline, and a sample number, ticks of the input or ns of time.
+    timeline
+        Name of the timeline.
+    tick
+        The time on it: a sample number, ticks of the input, or ns.
     """
     input_timelines = [
         (name, scale) for name in timelines if (scale := ticks_per_degree(name))
@@ -332,9 +355,10 @@ def _cursor_position(
 def _first_valid_time(
     client: ViewerClient, recording: Path, timeline: str, start: int
 ) -> int:
-    """Return the first time at which the visible page has a configuration.
+    """Return the first time at which the visible page shows a configuration.
 
-    A row without a configuration has a failure label at the centre of the sphere.
+    A recording has a failure label ("no configuration here") on each page. The label has a
+    position in rows without a configuration, and none in the others.
 
     Parameters
     ----------
@@ -347,6 +371,7 @@ def _first_valid_time(
     start
         The time to return if no row has a configuration.
     """
+    # The contents of a view are rules such as "+ /root/assembly_mode_0/status/**".
     blueprint = client.get_blueprint().blueprint
     label_paths = set()
     for view in _visible_views(blueprint):
@@ -358,12 +383,12 @@ def _first_valid_time(
     for chunk in RrdReader(str(recording)).stream():
         if chunk.entity_path in label_paths and not chunk.is_static:
             batch = chunk.to_record_batch()
-            labels = batch.column("Points3D:positions").to_pylist()
+            label_positions = batch.column("Points3D:positions").to_pylist()
             times = batch.column(timeline).cast("int64").to_pylist()
             valid_times += [
                 valid_time
-                for valid_time, label in zip(times, labels, strict=True)
-                if not label
+                for valid_time, positions in zip(times, label_positions, strict=True)
+                if not positions
             ]
     return min(valid_times, default=start)
 
@@ -381,7 +406,12 @@ def _check_sample(recording: Path, sample: int) -> None:
 
 
 def _wait_until_loaded(client: ViewerClient, recording: Path) -> dict[str, int]:
-    """Wait until the viewer has loaded a recording; return the start of each timeline."""
+    """Wait until the viewer has loaded a recording.
+
+    Returns
+    -------
+    The first time on each timeline of the recording, by the name of the timeline.
+    """
     deadline = time.monotonic() + LOAD_TIMEOUT_S
     while time.monotonic() < deadline:
         state = client.get_state()
@@ -401,7 +431,9 @@ def _wait_until_loaded(client: ViewerClient, recording: Path) -> dict[str, int]:
 
 @contextmanager
 def _headless_viewer(size: Size) -> Iterator[ViewerClient]:
-    """Run a viewer without a window within a `with` block, whose value is its client.
+    """Run a viewer without a window as long as a `with` block lasts.
+
+    The value of the block is a client, by which the viewer is controlled.
 
     Raises
     ------
@@ -434,9 +466,9 @@ def _failure_message(
     process
         The viewer.
     messages
-        Its error stream. It tells a missing graphics driver from other reasons.
+        Its error stream, in which a missing graphics driver is recognised.
     reason
-        The reason that is stated otherwise.
+        The reason for the message if the graphics driver is not to blame.
     """
     with suppress(subprocess.TimeoutExpired):
         process.wait(EXIT_TIMEOUT_S)

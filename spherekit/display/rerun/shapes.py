@@ -31,10 +31,11 @@ def box(low: Floats, high: Floats) -> list[Floats]:
 
 
 def vertex_normals(vertices: Floats, triangles: Integers) -> Floats:
-    """Return unit normals (v, 3) of a mesh: the means of those of the adjacent triangles.
+    """Return unit normals (v, 3) of a mesh at its vertices.
 
-    The triangles around a vertex may have opposite orientations. Their normals are flipped
-    to agree with the sum so far.
+    The normal at a vertex is the mean of the normals of the triangles around it, weighted
+    with their areas. These triangles may have opposite orientations. A normal is therefore
+    reversed if it points against the sum so far. A vertex without triangles gets (0, 0, 1).
 
     Parameters
     ----------
@@ -70,10 +71,10 @@ def graticule() -> list[Floats]:
 
 
 def path_on_sphere(directions: Floats, row_length: int | None = None) -> list[Floats]:
-    """Return the path of a direction on the unit sphere as polylines.
+    """Return the path of a direction on the unit sphere as polylines (n, 3).
 
-    The path is broken at NaN rows, and between samples more than a right angle apart. A
-    direction that does not move has no path.
+    The path is broken at NaN rows, and between successive samples that are more than a
+    right angle apart. A direction that does not move has no path.
 
     Parameters
     ----------
@@ -83,6 +84,7 @@ def path_on_sphere(directions: Floats, row_length: int | None = None) -> list[Fl
         Number of samples of a row of a grid of inputs. The path is broken after each row.
     """
     is_finite = all_finite(directions, 1)
+    # Whether each sample is joined with the one after it.
     is_connected = is_finite[1:] & is_finite[:-1]
     is_connected &= np.einsum("ij,ij->i", directions[1:], directions[:-1]) > 0.0
     if row_length is not None:
@@ -101,14 +103,18 @@ def split_at_nan(points: Floats) -> list[Floats]:
 
 
 def _resample(line: Floats) -> Floats:
-    """Return a polyline (n, 3) on the sphere with steps between the two chord limits."""
+    """Return a polyline (n, 3) on the sphere with steps neither too short nor too long.
+
+    Steps shorter than `MIN_CHORD_RAD` are joined, and steps longer than `MAX_CHORD_RAD` are
+    divided. A polyline that is shorter altogether becomes empty.
+    """
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    length = np.concatenate([[0.0], np.cumsum(steps)])
+    length = np.concatenate([[0.0], np.cumsum(steps)])  # from the beginning to each point
     if length[-1] < MIN_CHORD_RAD:
         return line[:0]
     # Keep the first point of each piece of the smallest length, and the last point.
     _, first_points = np.unique(np.floor(length / MIN_CHORD_RAD), return_index=True)
-    kept = np.union1d(first_points, len(line) - 1)
-    new_lengths = np.union1d(length[kept], np.arange(0.0, length[-1], MAX_CHORD_RAD))
-    components = [np.interp(new_lengths, length[kept], column[kept]) for column in line.T]
-    return unit_rows(np.stack(components, axis=1))
+    used = np.union1d(first_points, len(line) - 1)
+    new_lengths = np.union1d(length[used], np.arange(0.0, length[-1], MAX_CHORD_RAD))
+    components = [np.interp(new_lengths, length[used], column[used]) for column in line.T]
+    return unit_rows(np.stack(components, axis=1))  # chords are moved to the sphere

@@ -45,7 +45,11 @@ class InputTimeline:
 
 
 def input_timeline(inputs: Floats) -> InputTimeline:
-    """Return the coarsest timeline on which all inputs (n,) rad are whole numbers."""
+    """Return the coarsest timeline on which all inputs (n,) rad are whole numbers of ticks.
+
+    If even thousandths of a degree are too coarse, they are taken and inputs are rounded.
+    """
+    # Axes: resolution, input.
     ticks = np.multiply.outer(TICKS_PER_DEGREE, np.degrees(inputs))
     fits = max_abs(ticks - np.rint(ticks), axis=1) <= TICK_TOLERANCE
     is_exact = bool(np.any(fits))

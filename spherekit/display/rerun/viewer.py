@@ -12,7 +12,7 @@ from spherekit.errors import OutputError
 
 @checked(OutputError)
 def open_viewer(recording: Path | str) -> str:
-    """Open a recording in a new viewer, which stays open when this process ends.
+    """Open a recording in a window of the viewer, which stays open when this process ends.
 
     Returns
     -------

@@ -57,7 +57,7 @@ def free_ports(count: int) -> list[int]:
 def run_viewer(
     *words: str, messages: Any = subprocess.DEVNULL
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """Run the viewer until the block is left.
+    """Run the viewer as long as a `with` block lasts; its value is the process.
 
     Parameters
     ----------
@@ -92,10 +92,13 @@ def run_viewer(
 
 
 def wait_for_port(process: subprocess.Popen[bytes], port: int) -> bool:
-    """Wait until a program listens at a port; return whether it does."""
+    """Wait until a program listens at a port of this computer; return whether it does.
+
+    The result is False if the program ends, or if `START_TIMEOUT_S` is over.
+    """
     deadline = time.monotonic() + START_TIMEOUT_S
     while process.poll() is None and time.monotonic() < deadline:
-        try:
+        try:  # a connection succeeds only if the program listens
             socket.create_connection((HOST, port), timeout=1.0).close()
         except OSError:
             time.sleep(0.05)

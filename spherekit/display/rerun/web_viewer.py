@@ -45,7 +45,11 @@ def serve_web(recording: Path | str, announce: Callable[[str], None]) -> None:
 
 @contextmanager
 def served(recording: Path | str) -> Iterator[str]:
-    """Serve a recording within a `with` block, whose value is the address of the page."""
+    """Serve a recording as long as a `with` block lasts.
+
+    One program serves the page with the viewer at one port, and the data of the recording
+    at a second port. The value of the block is the address of the page.
+    """
     path = recording_at(recording)
     page_port, data_port = free_ports(2)
     words = [str(path.resolve()), "--serve-web", "--bind", HOST]
