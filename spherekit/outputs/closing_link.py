@@ -115,12 +115,16 @@ class TurnBrackets:
 class DyadsWithClosingLink:
     """A pointing mechanism that consists of dyads and a closing link.
 
+    The output points in a direction and can turn about it. With direction and turn held,
+    all links are placed as dyads, except one with two pairs, the closing link. Its arc is
+    the equation for the turn.
+
     Attributes
     ----------
     chain
-        The dyads, which stand on the base and on the output link.
+        The dyads, which are joined to the base, to the output link or to dyads before them.
     assembly
-        The groups of the mechanism without the closing link.
+        The groups of links of the mechanism without the closing link.
     link
         Number of the closing link.
     pairs
@@ -181,7 +185,8 @@ class DyadsWithClosingLink:
         -------
         (n,) turns (rad).
         """
-        # (3, n) images of the two axes of the output link from which the turn is measured.
+        # (3, n) the first two axes of `frame`, from which the turn is measured, in the
+        # given orientations.
         x_image, y_image = (rotations @ self.frame[:2].T).T
         x_axis, y_axis = _axes_around(directions)
         # At the turn t these axes should be x cos t + y sin t and y cos t - x sin t. The
@@ -337,7 +342,8 @@ class DyadsWithClosingLink:
         is_root = np.abs(residual(turns, np.arange(len(row)))) < CLOSING_RESIDUAL
         row = row[is_root]
         turns = wrap(turns[is_root])
-        # Sorted by direction, then by turn. A root that was bracketed twice is kept once.
+        # Sorted by direction, then by turn. A root that was bracketed twice is kept once:
+        # a root is new if its direction differs from that before, or if its turn does.
         order = np.lexsort((turns, row))
         row = row[order]
         turns = turns[order]
@@ -354,10 +360,11 @@ class DyadsWithClosingLink:
         """Return intervals of the turn in which the residual f changes its sign.
 
         The turn, the angle of the output link about its direction, is sampled in equal
-        steps; a cell lies between two samples. Roots can be hidden in a cell in two ways: a
-        dyad gets out of reach in it, or f has an extremum in it beyond 0 while both samples
-        have the same sign. The turn where this happens is searched and inserted as a
-        further sample.
+        steps. A cell is the interval between two samples. Usually a root is seen by samples
+        with different signs of f. It can be hidden in two ways: a dyad gets out of reach
+        within the cell, or f crosses 0 twice around an extremum. The turn of the extremum,
+        or of the limit of the reach, is therefore searched and inserted as a further
+        sample.
 
         Parameters
         ----------
@@ -385,8 +392,10 @@ class DyadsWithClosingLink:
         is_reached = np.isfinite(residual)
         is_same_direction = np.diff(row) == 0
         (cell,) = np.nonzero((has_extremum | np.diff(is_reached)) & is_same_direction)
+
         # 3. Search the extremum or the limit of the reach. The search starts at the end of
         # the cell that is in reach: the second one, cell + 1, if the first one is not.
+        # `start_slope` is NaN if the limit of the reach is searched.
         start_turn = turn[cell + ~is_reached[cell]]
         cell_directions = directions[:, row[cell]]
         start_slope = np.where(has_extremum, slope[:-1], np.nan)[cell]
@@ -413,6 +422,7 @@ class DyadsWithClosingLink:
             values_at_low=-ones,
             values_at_high=ones,
         )
+
         # 4. Insert these turns as samples, and take the cells in which f changes its sign.
         inserted_mode = self.place_dyads(cell_directions, inserted_turn, signs)
         row = np.insert(row, cell + 1, row[cell])
@@ -435,10 +445,11 @@ def find_closing_link(
 ) -> DyadsWithClosingLink | None:
     """Return the dyads and the closing link of a pointing output, None if it has none.
 
-    A closing link has two pairs. Without it, and with the output held in a direction and at
-    a turn about it, the mechanism consists of dyads that can be placed one after another.
-    The arc of the closing link then determines the turn. Every link is tried. If several
-    fit, the one is returned that leaves dyads which depend least on each other.
+    A closing link has two pairs. If it is taken out, and the output is held in a direction
+    and at a turn about it, the rest of the mechanism consists of dyads that can be placed
+    one after another. The arc of the closing link then determines the turn. Every link is
+    tried. If several links fit, the one is taken with which the fewest outer pairs of dyads
+    lead to other dyads.
 
     Parameters
     ----------

@@ -43,9 +43,9 @@ class DyadPlacement:
     near_support, far_support
         Numbers of the links that the outer pairs connect the dyad to.
     parity
-        1 or -1. Times the sign of the dyad in an assembly mode (1 or -1 for the two
-        positions of the middle axis b), it is the sign of b . (a x c), with the axes a and
-        c of the near and the far pair.
+        1 or -1. Let a, b, c be the axes of the near, middle and far pair, and let the sign
+        of the dyad in an assembly mode be 1 or -1 for the two positions of b. Then
+        b . (a x c) has the sign parity * (sign of the dyad).
     arcs
         Angles (rad) between the axes of the near link and between those of the far link.
     """
@@ -87,8 +87,8 @@ class DyadPlacement:
 class AxisSource:
     """The pair and link from which the axis of a pair is known first.
 
-    Axes of several pairs can coincide. Of those, one belongs to a link that is placed
-    before the others.
+    The axes of several pairs of a link can coincide. One of these pairs may join the link
+    to a link that is placed earlier, from which the axis is already known.
 
     Attributes
     ----------
@@ -104,7 +104,11 @@ class AxisSource:
 
 
 class DyadChain:
-    """The dyads of an assembly that stand on one body, in solving order.
+    """The dyads of a mechanism that are placed one after another from two given links.
+
+    The base is fixed, and the posed link has a given orientation. Each dyad is two links
+    whose outer pairs join it to these two links or to links of dyads before it. Base and
+    posed link count as one body, since both are placed before all dyads.
 
     Parameters
     ----------
@@ -143,6 +147,7 @@ class DyadChain:
         base: int,
         posed_link: int,
     ) -> None:
+        """Collect the dyads, and note to which dyad each link and pair belongs."""
         self.ends = mechanism.ends
         self.joints = joints
         self.base = base
@@ -221,9 +226,9 @@ class DyadChain:
     def _find_axis_source(self, pair: int, link: int) -> AxisSource:
         """Return the pair and link from which the axis of a pair is known first.
 
-        If the axis coincides with that of the outer pair that joins the link to its
-        support, it is known before the link is placed, from the support or from a link on
-        which that stands in the same way.
+        An outer pair joins the link to a support, which is placed earlier. If the given
+        axis coincides with that of the outer pair, it is known from the support, or, in
+        the same way, from a link to which the support is joined.
 
         Parameters
         ----------
@@ -253,22 +258,26 @@ class DyadChain:
         return float(arc(self.axis_in(pair, link), self.axis_in(other_pair, link)))
 
     def _compute_vector_weights(self, link: int, *vector: float) -> Floats:
-        """Return the components of a vector of a dyad's link along the axes of its pairs.
+        """Return weights that express a vector of a dyad's link by the axes of its pairs.
 
-        The vector is the sum of p, q and p x q, each times its weight, with the axis p of
-        the outer pair and the axis q of the middle pair. With the weights the vector is
-        carried along as soon as p and q are known, without a rotation matrix.
+        With the axis p of the outer pair and the axis q of the middle pair the vector is
+
+            w[0] p + w[1] q + w[2] (p x q).
+
+        The weights w are constant, so in any pose the vector follows from p and q without a
+        rotation matrix.
 
         Parameters
         ----------
         link
             Number of a link of a dyad.
         vector
-            The three components in the axes of the link.
+            The three components in the axes of the link, as separate numbers so that the
+            result can be cached.
 
         Returns
         -------
-        (3,) weights of p, q and p x q.
+        (3,) the weights w.
         """
         outer_pair, _ = self.support_of(link)
         middle_pair = self.dyads[self.dyad_of_link[link]].middle_pair
@@ -286,10 +295,10 @@ class DyadChain:
 def input_rates(numerators: Floats, denominators: Floats) -> tuple[Floats, Floats]:
     """Return rates of the inputs per angular velocity of the output, and type I measures.
 
-    The rate of an input is the scalar product of its numerator and the angular velocity of
-    the output, divided by its denominator. Both are finite at singular configurations. The
-    measure of type I is the size of the denominator over the length of the numerator. It is
-    0 where the input can move while the output rests.
+    If the output has the angular velocity w, the rate of an input is
+    ``numerator . w / denominator``. Both are finite at singular configurations. The measure
+    of type I is ``|denominator| / |numerator|`` with the length of the numerator. It is 0
+    if the input can move while the output rests.
 
     Parameters
     ----------
@@ -318,9 +327,10 @@ def invert_output_rates(
 ) -> tuple[Floats, Floats]:
     """Return rates of inputs from the angular velocities of the output that they cause.
 
-    The matrix of angular velocities is inverted: its inverse consists of the reciprocal
-    vectors, divided by the volume that the angular velocities span. Singular configurations
-    are allowed, since numerators and volume stay finite.
+    The matrix of angular velocities is inverted. The rows of the inverse are the reciprocal
+    vectors (cross products of two angular velocities), divided by the volume that the
+    angular velocities span (the determinant). Singular configurations are allowed: the
+    volume is 0 there, and both are kept apart as numerator and denominator.
 
     Parameters
     ----------

@@ -62,9 +62,9 @@ class DyadKinematics(ClosedKinematics):
     def _find_real_pair(self, pair: int) -> int:
         """Return the number of the mechanism's pair that has the axis of a virtual pair.
 
-        Virtual links and pairs hold the output in its pose. The last virtual pair can have
-        the axis of a pair of the output link; then the number of that one is returned. All
-        other numbers are returned unchanged.
+        Virtual links and pairs hold the output in its pose. If the last virtual pair has
+        the same axis as a pair of the output link, the number of the latter is returned.
+        All other numbers are returned unchanged.
         """
         virtual_chain = self.kinematics.wrist
         if pair != virtual_chain.pairs[-1]:
@@ -129,6 +129,11 @@ class CarrierAngle:
 class GearedKinematics(ClosedKinematics):
     """An output of a mechanism in which wheels drive the links that carry the output.
 
+    The inverse kinematics has two steps. The mechanism without wheels, which consists of
+    dyads if the output is held, gives the angles of all its pairs. Some of these pairs, the
+    carriers, have angles that are linear functions of the inputs through the wheels; the
+    inputs follow from them.
+
     Parameters
     ----------
     mechanism
@@ -150,7 +155,8 @@ class GearedKinematics(ClosedKinematics):
     input_ratios
         (inputs, inputs) derivatives of the inputs by the angles of the carriers.
     carried_pair
-        Number of a pair in the mechanism without wheels, by its number in the whole one.
+        Number of a pair in the mechanism without wheels, by its number in the whole
+        mechanism.
     """
 
     solved_by = "dyads"
@@ -214,6 +220,7 @@ class _GearedMode:
     """
 
     def __init__(self, kinematics: GearedKinematics, carried_mode: ModeAtPoses) -> None:
+        """Keep the parts; all results are computed when they are read."""
         self.kinematics = kinematics
         self.carried_mode = carried_mode
 
@@ -227,11 +234,12 @@ class _GearedMode:
 
     @cached_property
     def inputs(self) -> Floats:
-        """(n, inputs) rad, those with the smallest sum of absolute values.
+        """(n, inputs) values of the inputs (rad).
 
         The carriers are pairs of the mechanism without wheels whose angles determine the
-        inputs. These angles are known up to whole revolutions, and by the ratios of the
-        wheels each choice of the revolutions gives other inputs.
+        inputs. The angle of a carrier is known up to whole revolutions. Each choice of
+        revolutions gives other inputs, because the wheels do not have the ratio 1. The
+        choice with the smallest sum of absolute inputs is returned.
         """
         kinematics = self.kinematics
         carrier_angles = [
@@ -253,14 +261,14 @@ class _GearedMode:
     def _values(self) -> Floats:
         """(n, pairs) variables of all pairs, those of R pairs in (-pi, pi].
 
-        They come from the inputs, from the ratios of the wheels for pairs that follow the
-        inputs, and from the mechanism without wheels for its pairs. Later assignments
-        replace earlier ones.
+        There are three sources: the inputs, the ratios of the wheels for pairs that follow
+        the inputs, and the mechanism without wheels for its own pairs.
         """
         kinematics = self.kinematics
         train = kinematics.train
         mechanism = kinematics.mechanism
         values = np.empty((len(self.inputs), len(mechanism.pairs)))
+        # A pair can have several sources. Later assignments replace earlier ones.
         values[:, driven_pairs(mechanism)] = wrap(self.inputs)
         follower_angles = self.inputs @ train.ratios.T + train.offsets
         values[:, train.followers] = wrap(follower_angles)
@@ -291,11 +299,13 @@ class _GearedMode:
     def type_1_square(self) -> Floats:
         """(n, inputs) squares of `type_1`, continued out of reach with negative values.
 
-        Out of reach `type_1` is NaN. There the smallest value is taken of the carriers that
-        move with the input, each divided by the squared ratio of the input to the carrier.
+        Out of reach `type_1` is NaN. The square of an input is then the smallest square of
+        the carriers that move with it, each divided by the squared derivative of the input
+        by the angle of the carrier.
         """
         square = self.type_1**2
         squared_ratios = self.kinematics.input_ratios**2
+        # (n, inputs, carriers)
         continuation = self.carried_mode.type_1_square[:, None] / squared_ratios
         continuation = np.min(continuation, axis=2, where=squared_ratios > 0.0, initial=0.0)
         return np.where(np.isnan(square), continuation, square)
@@ -309,10 +319,12 @@ class _GearedMode:
 def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics | None:
     """Return the closed form of an output that wheels drive, None if it has none.
 
-    Without the wheels, the mechanism has to consist of dyads while the output is held. Its
-    inputs are then carriers: pairs whose angles follow from the inputs of the whole
-    mechanism by the ratios of the wheels. Pairs with joint limits must not be among those
-    that are left out.
+    There is one under three conditions:
+
+    - Without the wheels the mechanism consists of dyads if the output is held.
+    - It can be driven by as many carriers as there are inputs. These are pairs whose angles
+      follow from the inputs of the whole mechanism by the ratios of the wheels.
+    - No pair of a wheel has joint limits.
     """
     driven = list(driven_pairs(mechanism))
     train = find_gear_train(mechanism, driven)

@@ -89,12 +89,14 @@ RANGE_TOLERANCE = 1e-12
 
 @dataclass(frozen=True)
 class RotationSamples:
-    """n samples of a rotation about a fixed axis, in the axes of the base.
+    """n configurations of a mechanism whose output link turns about a fixed axis.
+
+    Vectors and orientations are in the axes of the base.
 
     Attributes
     ----------
     theta
-        (n,) rad, the angle turned through about the axis.
+        (n,) rad, the angle by which the output link has turned about the axis.
     inputs, rates, second_rates
         (n, inputs): the driven variables (rad) and their first and second derivatives by
         theta.
@@ -106,7 +108,8 @@ class RotationSamples:
         (n,) rad, the angle between this orientation and the one turned exactly about
         the axis.
     drift
-        (n,) rad, the angle between the momentary axis of the link and the fixed one.
+        (n,) rad, the angle between the momentary axis of the link (the direction of its
+        angular velocity) and the fixed axis.
     type_2
         (n,) transmission measure of the inputs, 0 at a singularity of type II, see
         `spherekit.velocities.transmission`.
@@ -145,7 +148,7 @@ class FollowedRotation(RotationPath):
     exact
         Whether the output link turns exactly about the axis, as far as it gets.
     nodes
-        The configurations of the tracked path, in the order of theta.
+        The configurations that were tracked step by step, in the order of theta.
     end
         Status beyond `reached`: OUT_OF_REACH if the output link cannot turn further,
         AT_SINGULARITY if the loops stop determining the links, MODE_LOST otherwise.
@@ -171,10 +174,12 @@ class FollowedRotation(RotationPath):
     def crossings(self) -> tuple[float, ...]:
         """Angles (rad) at which the inputs do not determine the output (type II).
 
-        They are the leaps (singular configurations that the tracking stepped over), and the
-        minima of the transmission measure with the value 0.
+        There are two sources: the leaps, which are singular configurations that the
+        tracking stepped over, and the angles at which the transmission measure falls to 0.
         """
-        # Local minima on a grid of angles. Each is then searched between its neighbours.
+        # Minima of the measure are bracketed on a grid of angles: a value that is not
+        # larger than both neighbours, infinite beyond the ends. Each minimum is then
+        # searched between the neighbours.
         grid = np.linspace(0.0, self.reached, CROSSING_GRID_SIZE)
         measure = np.nan_to_num(self._measure_transmission(grid), nan=np.inf)
         padded = np.pad(measure, 1, constant_values=np.inf)
@@ -204,11 +209,11 @@ class FollowedRotation(RotationPath):
         )
 
     def at(self, theta: ArrayLike) -> RotationSamples:
-        """Return samples of the rotation.
+        """Return samples of the rotation at some angles.
 
         The configurations are interpolated between the nodes of the tracked path and
-        corrected by Newton's method. A sample becomes MODE_LOST if the correction is too
-        large for the distance of the nodes, since it may then be in another assembly mode.
+        corrected by Newton's method. If the correction is too large for the distance of the
+        nodes, the sample may be in another assembly mode, and its status is MODE_LOST.
 
         Parameters
         ----------
@@ -221,6 +226,7 @@ class FollowedRotation(RotationPath):
             If an angle is outside.
         """
         theta = check_range(theta, self.angle, name="theta", unit="rad")
+        # Samples beyond the end of the path have the reason of the end as their status.
         status = np.where(theta <= self.reached, Status.OK, self.end).astype(np.int8)
         predicted, cell_size = self.nodes.interpolate(np.minimum(theta, self.reached))
         deviation, _ = self.find_nearest(theta, predicted)
@@ -241,7 +247,8 @@ class FollowedRotation(RotationPath):
             values = np.where(is_undetermined[:, None], predicted, deviation.values)
             deviation = self.output_link.compare(values, self.target_orientations(theta))
 
-        # Tests that the sample is the right one, and regular.
+        # Tests that the sample belongs to the path, and is regular. The negated comparisons
+        # below also apply to NaN.
         correction = max_abs(deviation.values - predicted, axis=1)
         allowed_correction = MODE_CHANGE_RATIO * STEP_VERIFICATION.middle * cell_size
         allowed_correction = allowed_correction + MODE_CHANGE_RAD
@@ -291,9 +298,9 @@ class FollowedRotation(RotationPath):
     ) -> tuple[Floats, Floats]:
         """Return the first and second derivatives of the variables by theta.
 
-        At a leap the tracking stepped over a singular configuration. The rounding errors of
-        the derivatives grow without bound near it. There they are read from a polynomial
-        through the derivatives at Chebyshev points around the leap.
+        At a leap the tracking stepped over a singular configuration, near which rounding
+        errors of the derivatives grow without bound. Derivatives near a leap are therefore
+        those of a polynomial through the derivatives at Chebyshev points around it.
 
         Parameters
         ----------
@@ -435,17 +442,18 @@ def follow_rotation(
     mechanism
         A mechanism driven at as many R pairs as it has degrees of freedom, three at most.
     values
-        (variables,) the closed configuration to start from, as in a row of a `Motion`.
+        (variables,) pair variables (rad) of the closed configuration to start from, as in a
+        row of a `Motion`.
     axis
         Direction of the axis, (3,), in the axes of the link that the output is relative to.
     angle
-        How far to turn, rad, above 0.
+        Angle of the rotation (rad), above 0.
     output
         Name of the output; may be left out if there is one.
     lead
-        Angle (rad) before the start of the rotation at which the configuration is given. A
-        path cannot begin at a configuration where the loops do not determine the links, but
-        it can pass through one.
+        If this angle (rad) is above 0, the given configuration belongs to theta = -lead
+        and not to theta = 0. A path cannot begin at a singular configuration, where the
+        loops do not determine the links, but it can pass through one.
 
     Raises
     ------
@@ -463,7 +471,7 @@ def follow_rotation(
     output_link = OutputLink.from_output(mechanism, declared_output)
     start_values = _check_values(output_link, values, mechanism.name)
     deviation = _close_start(output_link, start_values, mechanism.name)
-    # `start` is the orientation at theta = 0. The given one belongs to theta = -lead.
+    # The output link at theta = 0 is turned by `lead` from the given configuration.
     path = RotationPath(
         output_link=output_link,
         axis=unit_axis,
@@ -536,7 +544,10 @@ def _check_values(
 ) -> Floats:
     """Return the variables (variables,) of a configuration as an array.
 
-    A `SolveError` says if their number is wrong or one of them is not finite.
+    Raises
+    ------
+    SolveError
+        If their number is wrong or one of them is not finite.
     """
     array = np.asarray(values, dtype=float)
     variable_count = len(output_link.closure.tree.owners)
@@ -553,8 +564,8 @@ def _close_start(
 ) -> TargetDeviation:
     """Return the configuration from which a rotation starts, closed to rounding.
 
-    It is the only row of the result. The loops are closed by Newton's method, with the
-    orientation of the output link as near to the given one as possible.
+    The loops are closed by Newton's method, so that the output link keeps its orientation
+    as far as possible. The result has one row.
 
     Parameters
     ----------
@@ -578,7 +589,7 @@ def _close_start(
             f"{mechanism_name}: {input_count} inputs turn the output link in more ways "
             "than there are; lock some of them"
         )
-    # Each chord closes a loop, which gives at most three independent equations.
+    # A chord is a pair that closes a loop, which gives at most three independent equations.
     least_mobility = variable_count - 3 * len(output_link.closure.tree.chords)
     if least_mobility > input_count:
         raise SolveError(

@@ -68,7 +68,9 @@ class PoseSolutions:
 
 
 def output_orientations(mechanism: Mechanism, output: Output, rotations: Floats) -> Floats:
-    """Return the orientations (..., 3, 3) of an output link, seen from its other link.
+    """Return orientations (..., 3, 3) of an output link in its reference link.
+
+    An output is the motion of a link relative to another one, its reference.
 
     Parameters
     ----------
@@ -100,8 +102,8 @@ def find_configurations(
 ) -> PoseSolutions:
     """Return every configuration of a mechanism at some inputs, row by row.
 
-    It also serves for inverse kinematics: if virtual links hold the output, the inputs of
-    the held mechanism are the coordinates of the pose.
+    The function also serves for inverse kinematics. Virtual links are then added that hold
+    the output, and the inputs of this held mechanism are the coordinates of the pose.
 
     Parameters
     ----------
@@ -120,6 +122,7 @@ def find_configurations(
     The configurations. Their inputs are in (-pi, pi] unless wheels count their turns.
     """
     released_solver = solver if released is None else released
+    # One entry for each configuration: row of the inputs, variables, signs of the dyads.
     row: list[int] = []
     values: list[Floats] = []
     signs: list[tuple[int, ...]] = []
@@ -133,7 +136,9 @@ def find_configurations(
             if released is None:
                 configuration: Floats | None = closed_values
             else:
-                # Wheels may have to turn on by whole revolutions; None if that fails.
+                # With the output held, wheels close in any mesh of their teeth. They are
+                # turned by whole revolutions until they mesh as in the file; the result is
+                # None if that is impossible.
                 configuration = find_assembled_configuration(
                     solver, released, closed_values
                 )
@@ -221,6 +226,7 @@ class ForwardKinematics:
 
     @checked(SolveError)
     def __init__(self, mechanism: AnyMechanism, output: str | None = None) -> None:
+        """Choose the output and plan how the links are placed."""
         self.mechanism = mechanism = mechanism_of(mechanism)
         self.output = chosen_output(mechanism, output)
         self.solver = PositionSolver(mechanism, plan_assembly(mechanism))
@@ -299,7 +305,8 @@ class ForwardKinematics:
         if not self.solver.assembly.has_closed_form:
             return find_configurations(self.solver, self.output, q)
         configurations = self._evaluate(q, self._modes)
-        # Transposed, so that the modes of a row follow each other.
+        # The status (modes, rows) is transposed, so that the modes of a row of inputs
+        # follow each other.
         row, mode = np.nonzero(has_configuration(configurations.status).T)
         values = configurations.values[mode, row]
         orientations = output_orientations(
@@ -320,9 +327,10 @@ class ForwardKinematics:
 def output_rates(motion: Motion, output: Output) -> Floats:
     """Return the output's angular velocity per unit rate of each input.
 
-    One input moves while the others are locked. The rates of the passive variables follow
-    from the velocity equations of all loops: J_passive rates = -J_input, with the columns
-    of the closure Jacobian J.
+    One input moves while the others are locked. The rates of the passive (not driven)
+    variables follow from the velocity equations of all loops, J_passive rates = -J_input.
+    The closure Jacobian J is the derivative of the closure equations by the variables;
+    J_passive has the columns of the passive variables, J_input that of the moving input.
 
     Parameters
     ----------
@@ -351,9 +359,9 @@ def output_rates(motion: Motion, output: Output) -> Floats:
         variable_rates = np.zeros_like(part.values)
         variable_rates[:, moving_variable] = 1.0
         input_column = linearisation.jacobian[:, :, moving_variable, None]
-        variable_rates[:, part.passive_variables] = -(part.closure_inverse @ input_column)[
-            ..., 0
-        ]
+        # `closure_inverse` is a left inverse of J_passive.
+        passive_rates = -(part.closure_inverse @ input_column)[..., 0]
+        variable_rates[:, part.passive_variables] = passive_rates
         angular_velocities = linearisation.body_rates(variable_rates)
         relative = angular_velocities[:, link] - angular_velocities[:, base]
         rates[is_ok, :, column] = np.matvec(ground_to_base, relative)

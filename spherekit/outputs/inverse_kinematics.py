@@ -71,7 +71,8 @@ class Inverse:
     """The inputs of n poses in m working modes, and how near they are to singularities.
 
     A dyad is two links that can be placed in two ways between their neighbours. A working
-    mode is a choice of one of both, a sign 1 or -1, for each dyad.
+    mode is a choice of one way, given by a sign 1 or -1, for each dyad. A bar is a single
+    link whose arc determines the turn of a pointing output about its direction.
 
     Attributes
     ----------
@@ -84,25 +85,29 @@ class Inverse:
         (m, n) values of `Status`: OK, OUT_OF_REACH, or AT_SINGULARITY where a dyad of the
         mode is stretched or folded, or can turn about two axes that coincide.
     margin
-        (m, n) rad: by how much the pose is within reach; negative outside. The least over
-        the dyads of the arc that is left between the outer axes of a dyad until it is
-        stretched or folded.
+        (m, n) rad: by how much the pose is within reach, negative outside. For each dyad it
+        is how far the angle between its outer axes is from the angle at which the dyad is
+        stretched or folded; the least of all dyads counts.
     limiting
         (m, n) the number of the dyad that the margin belongs to, see `legs` of
         `InverseKinematics`.
     type_1
-        (m, n, inputs): how fast the output turns about n_i per unit rate of input i; 0 at
-        a type I singularity of that input. At most 1 for an input on the base, where it
-        is the sine of the angle between its axis and the plane of the next link.
+        (m, n, inputs): how fast the output turns about its normal n_i per unit rate of
+        input i; 0 at a type I singularity of that input, where the input moves while the
+        output rests. At most 1 for an input on the base, where it is the sine of the angle
+        between the input's axis and the plane of the next link.
     measure
         Function that computes `type_2`.
     normals
-        (m, n, inputs, 3) the unit n_i in axes of the link that the output is seen from,
-        in the sense in which the input's rate is positive; None if not asked for.
+        (m, n, inputs, 3) unit normals n_i: with input i locked and the others free, the
+        angular velocities of the output are all at right angles to n_i. They are in axes of
+        the link that the output is seen from, and point in the sense in which the rate of
+        the input is positive. None if they were not asked for.
     slope
-        (m, n) where a bar gives the output's turn: the derivative of the cosine between
-        its axes by that turn. The error of the turn is the rounding error divided by the
-        slope; where it is 0, two solutions meet or the output can turn. None without a bar.
+        (m, n) derivative of the cosine between the two axes of the bar by the turn of the
+        output about its direction; None without a bar. The error of the turn is the
+        rounding error divided by the slope. If the slope is 0, two solutions meet or the
+        output can turn.
     """
 
     modes: tuple[Signs, ...]
@@ -117,7 +122,7 @@ class Inverse:
 
     @property
     def labels(self) -> Names:
-        """The signs of the modes as text, ``+-+``."""
+        """The signs of each mode as text, such as ``+-+``."""
         return tuple(map(label_of, self.modes))
 
     @cached_property
@@ -145,15 +150,18 @@ class Inverse:
         """
         if self.normals is None:
             raise SolveError("the Jacobian needs the normals: ask with normals=True")
-        # Row i is the rate of input i per unit angular velocity of the output. The
-        # reciprocal vectors are the columns of the inverse matrix.
-        rates = self.normals / self.type_1[..., None]
-        direction = None
-        if rates.shape[2] == 2:
-            # Two inputs: the rates are at right angles to the direction of the output.
-            direction = np.cross(rates[..., 0, :], rates[..., 1, :])
-        columns, volume = reciprocal_vectors(rates, direction)
-        return np.swapaxes(columns, -1, -2) / volume[..., None, None]
+        # The inverse Jacobian: the scalar product of its row i with the angular velocity
+        # of the output is the rate of input i.
+        inverse_rows = self.normals / self.type_1[..., None]
+        third_row = None
+        if inverse_rows.shape[2] == 2:
+            # With two inputs the third row is the direction of the output, about which it
+            # has no angular velocity.
+            third_row = np.cross(inverse_rows[..., 0, :], inverse_rows[..., 1, :])
+        # The columns of the inverse of a matrix are the cross products of its rows,
+        # divided by the determinant.
+        columns, determinant = reciprocal_vectors(inverse_rows, third_row)
+        return np.swapaxes(columns, -1, -2) / determinant[..., None, None]
 
 
 class InverseKinematics:
@@ -269,7 +277,7 @@ class InverseKinematics:
         normals: bool = False,
         near: ArrayLike | None = None,
     ) -> Inverse:
-        """Return the inputs of many poses.
+        """Return the inputs of many poses, and how near they are to singularities.
 
         Parameters
         ----------
@@ -280,12 +288,13 @@ class InverseKinematics:
             The working modes wanted, each with the signs of its dyads as in the property
             `modes`; all by default.
         normals
-            Whether to keep the axes about which the output turns with each input. The
-            Jacobian needs them.
+            Whether the result has the normals, which the Jacobian needs. The normal of an
+            input is at right angles to all angular velocities of the output that are
+            possible with this input locked.
         near
-            (n, 3, 3) orientations of the output link. The turn of the output about its
-            direction is searched by Newton's method from their turns. Needed only if the
-            arc of a closing link (bar) determines the turn.
+            (n, 3, 3) orientations of the output link. Newton's method starts from their
+            turns about the direction of the output. They are needed only if the arc of a
+            closing link (bar) determines this turn.
 
         Raises
         ------
@@ -304,7 +313,7 @@ class InverseKinematics:
         has_closing_link = self._closing_link is not None
 
         def read_results(mode: WorkingMode) -> dict[str, Array]:
-            """Return the results of a mode, the poses along the last axis."""
+            """Return the result arrays of a mode by name; the last axis is the pose."""
             reach = mode.reach()
             results: dict[str, Array] = {
                 "inputs": np.stack([mode.input_angle(pair) for pair in mode.driven]),
@@ -348,16 +357,19 @@ class InverseKinematics:
         modes: Sequence[Signs],
         read_results: Callable[[WorkingMode], Mapping[str, Array]],
     ) -> dict[str, Any]:
-        """Return results of several modes at many poses, block by block.
+        """Return results of several modes at many poses.
+
+        The poses are computed in blocks, so that the arrays stay small.
 
         Parameters
         ----------
         poses
             (n, 3, 3) orientations or (n, 3) directions.
         starts
-            As `_check_starts` returns them.
+            (n, 3, 3) orientations near which the turns of a pointing output are searched,
+            or an array (n, 0) if no closing link needs them.
         modes
-            The signs of m modes.
+            The signs of the dyads in each of m modes.
         read_results
             Function that returns arrays (..., n) of one mode by their names.
 
@@ -369,14 +381,14 @@ class InverseKinematics:
         with np.errstate(all="ignore"):
             for start in range(0, max(len(poses), 1), POSES_PER_BLOCK):
                 rows = slice(start, start + POSES_PER_BLOCK)
-                results = [
+                results_of_modes = [
                     read_results(mode)
                     for mode in self._place_modes(poses[rows], starts[rows], modes)
                 ]
-                names = results[0] if results else {}
-                blocks.append(
-                    {name: np.stack([item[name] for item in results]) for name in names}
-                )
+                block: dict[str, Array] = {}
+                for name in results_of_modes[0] if results_of_modes else ():
+                    block[name] = np.stack([results[name] for results in results_of_modes])
+                blocks.append(block)
         return {
             name: np.concatenate([block[name] for block in blocks], axis=-1)
             for name in blocks[0]
@@ -399,27 +411,28 @@ class InverseKinematics:
         modes
             The signs of the dyads in each mode.
         """
-        # Components first: (3, n) directions, or (3, 3, n) orientations whose index 0 is
-        # the axis of the output link.
-        block = np.ascontiguousarray(poses.T)
+        # The dyads compute with the poses along the last axis: (3, n) directions, or
+        # (3, 3, n) transposed orientations.
+        transposed_poses = np.ascontiguousarray(poses.T)
         directions = poses if self.wrist.points else None
         posed_axes: dict[int, Floats] = {}
         posed_rotation = None
         if self.wrist.points:
             # The last virtual pair has its axis along the direction of the output.
-            posed_axes[self.wrist.pairs[2]] = block
+            posed_axes[self.wrist.pairs[2]] = transposed_poses
         else:
-            posed_rotation = block
+            posed_rotation = transposed_poses
 
         def measure_type_2(mode: WorkingMode) -> Floats:
             """Return the measure of type II (n,) of a mode."""
             return self._transmission.measure(mode.axes(len(self.own.pairs)), directions)
 
+        # Modes with equal signs of some dyads share the results of these in this cache.
         shared_results: dict[Any, Any] = {}
         for signs in modes:
             if self.dyads is None:
                 assert self._closing_link is not None
-                mode = _close_mode(self._closing_link, block, starts, signs)
+                mode = _close_mode(self._closing_link, transposed_poses, starts, signs)
             else:
                 mode = WorkingMode(
                     self.dyads,
@@ -467,10 +480,11 @@ class InverseKinematics:
 
     @checked(SolveError)
     def solutions(self, poses: ArrayLike) -> PoseSolutions:
-        """Return every configuration found at poses, of any mechanism, row by row.
+        """Return every configuration found at poses, of any mechanism.
 
-        Dyads are solved in closed form, other groups by elimination or search, which take
-        milliseconds to seconds a row.
+        The mechanism is solved with its output held by virtual links. Dyads are solved in
+        closed form, other groups of links by elimination or search, which take milliseconds
+        to seconds for each pose.
 
         Parameters
         ----------
@@ -498,20 +512,28 @@ class InverseKinematics:
     def _solve_all_turns(
         self, closing_link: DyadsWithClosingLink, directions: Floats
     ) -> PoseSolutions:
-        """Return the configurations of all modes at directions, in the order of these.
+        """Return the configurations of all working modes at directions.
+
+        The output link can turn about its direction. Its turn is searched so that the arc
+        of the closing link fits between the links that are placed as dyads.
 
         Parameters
         ----------
         closing_link
-            The dyads and the closing link. The output link turns about its direction until
-            the arc of the closing link fits.
+            The dyads and the closing link.
         directions
             (n, 3) directions of the output.
+
+        Returns
+        -------
+        The configurations in the order of the directions. They are not known to be all.
         """
         ends = self.own.ends
         link_count = len(self.own.links)
+        # The pairs of the mechanism itself come before those of the virtual links.
         joints = revolutes(self.solver.joints)[: len(ends)]
-        # The empty arrays give the right shapes if there is no solution.
+        # The lists collect arrays of blocks and modes. The empty arrays give the right
+        # shapes if there is no solution. `rows` are numbers of directions.
         rows = [np.empty(0, dtype=np.intp)]
         link_rotations = [np.empty((0, link_count, 3, 3))]
         output_rotations = [np.empty((0, 3, 3))]
@@ -521,6 +543,8 @@ class InverseKinematics:
         for start in range(0, len(directions), DIRECTIONS_PER_BLOCK):
             block = np.ascontiguousarray(directions[start : start + DIRECTIONS_PER_BLOCK].T)
             for dyad_signs in dyad_modes:
+                # One entry per solution: row of its direction in the block, turn of the
+                # output about it (rad), and sign of the closing link.
                 turns = closing_link.find_turns(block, dyad_signs)
                 mode = closing_link.place_dyads(block[:, turns.row], turns.turn, dyad_signs)
                 assert mode.posed_rotation is not None
@@ -535,6 +559,7 @@ class InverseKinematics:
         # remain open. Such configurations are left out.
         residual = Closure.of_mechanism(self.own, tuple(joints)).at(values).closure_residual
         is_closed = residual < CLOSING_RESIDUAL
+        # Numbers of the closed configurations, sorted by their directions.
         order = np.argsort(row, kind="stable")
         order = order[is_closed[order]]
         return PoseSolutions(
@@ -553,14 +578,15 @@ class InverseKinematics:
         Parameters
         ----------
         near
-            What the user gave: (3, 3) or (count, 3, 3) orientations of the output link.
+            The argument of the user: (3, 3) or (count, 3, 3) orientations of the output
+            link, or None.
         count
             Number of poses.
 
         Returns
         -------
-        (count, 3, 3) orientations; an array (count, 0) if there is no closing link, which
-        alone needs them.
+        (count, 3, 3) orientations. Without a closing link they are not needed, and an array
+        (count, 0) is returned.
 
         Raises
         ------
@@ -588,7 +614,12 @@ class InverseKinematics:
     def _check_poses(self, poses: ArrayLike) -> Floats:
         """Return orientations (n, 3, 3) or directions (n, 3) as an array.
 
-        A `SolveError` says if a pose is no rotation matrix or unit vector. NaN is accepted.
+        A single pose gets an axis of length 1. NaN is accepted.
+
+        Raises
+        ------
+        SolveError
+            If the shape is wrong, or a pose is no rotation matrix or unit vector.
         """
         array = np.asarray(poses, dtype=float)
         points = self.wrist.points
@@ -599,23 +630,27 @@ class InverseKinematics:
             expected = "directions (n, 3)" if points else "rotations (n, 3, 3)"
             raise self._error(f"poses are {expected}, not {array.shape}")
         columns = array[..., None] if points else array
-        # Squared lengths of the columns. All of them have to be 1.
-        sizes = np.einsum("nik,nik->nk", columns, columns)
+        # Numbers (n, k) that all have to be 1: first the squared lengths of the columns.
+        unit_numbers = np.einsum("nik,nik->nk", columns, columns)
         if not points:
-            # Unit columns have the volume 1 only if they are at right angles and
+            # Unit columns have the determinant 1 only if they are at right angles and
             # right-handed.
             with np.errstate(invalid="ignore"):
-                sizes = np.column_stack([sizes, np.linalg.det(array)])
-        is_wrong = np.any(np.abs(sizes - 1.0) > UNIT_POSE_TOLERANCE, axis=1)
+                unit_numbers = np.column_stack([unit_numbers, np.linalg.det(array)])
+        # Comparisons with NaN are false, so that NaN is accepted.
+        is_wrong = np.any(np.abs(unit_numbers - 1.0) > UNIT_POSE_TOLERANCE, axis=1)
         if np.any(is_wrong):
             expected = "unit vector" if points else "rotation matrix"
             raise self._error(f"row {np.argmax(is_wrong)} is not a {expected}")
         return array
 
     def _check_modes(self, modes: Sequence[Signs] | None) -> tuple[Signs, ...]:
-        """Return the signs of the chosen modes, of all modes for None.
+        """Return the signs of the chosen modes, or of all modes if `modes` is None.
 
-        A `SolveError` says if a mode does not exist.
+        Raises
+        ------
+        SolveError
+            If a mode does not exist.
         """
         if modes is None:
             return self.modes
@@ -632,10 +667,12 @@ class InverseKinematics:
 def _close_mode(
     closing_link: DyadsWithClosingLink, directions: Floats, near: Floats, signs: Signs
 ) -> WorkingMode:
-    """Return one mode with the output turned so that the closing link closes.
+    """Return one working mode of an output whose turn a closing link determines.
 
-    The output link can turn about its direction. The turn is the root of the residual of
-    the closing link: the cosine between the axes of its pairs less that of its arc.
+    The output link points in a given direction and can turn about it. All other links are
+    dyads that follow. The closing link joins two of them, so the turn is the root of its
+    residual: the cosine of the angle between the axes of its pairs less the cosine of its
+    arc.
 
     Parameters
     ----------
@@ -662,7 +699,8 @@ def _close_mode(
     # Later statuses replace earlier ones.
     status[is_in_reach & (np.abs(slope) < SINGULAR_DYAD_SINE)] = Status.AT_SINGULARITY
     status[is_in_reach & (slope * link_sign <= 0.0)] = Status.MODE_LOST
-    # The residual over the slope is the step that is left.
+    # The residual divided by the slope is the next step of Newton's method (rad), an
+    # estimate of the error of the turn.
     is_closed = (residual < CLOSING_RESIDUAL) & (
         residual < TURN_STEP_TOLERANCE_RAD * np.abs(slope)
     )

@@ -56,24 +56,26 @@ class ElbowFeet:
 class MidPlane:
     """Legs between a base and its mirror image, in mirror axes.
 
-    Mirror axes: x halves the angle between the base axes of the two driven legs, z points
-    along the first times the second; those of the paper are its O-x0y0z0. The mode of a
-    leg is the sign of n . (base axis x elbow), with n_z >= 0.
+    A leg has two links of equal arcs; the axis between them is the elbow. All elbows lie in
+    the mid-plane with the unit normal n, which mirrors the base to the end effector. The
+    mode of a leg is the sign of n . (base axis x elbow), with n_z >= 0. In mirror axes, x
+    halves the angle between the base axes of the two driven legs, and z points along the
+    vector product of the first and the second of these axes (O-x0y0z0 of Chen et al. 2021).
 
     Attributes
     ----------
     axes
-        (legs, 3) unit axes at the base.
+        (legs, 3) unit axes of the legs at the base.
     arcs
-        (legs,) rad, of both links of each leg.
+        (legs,) arc (rad) of each of both links of the leg.
     driven
         Numbers of the two driven legs.
     dials
-        (legs, 3, 3): frames with the base axis as third column; the azimuth of the elbow
-        is counted from the first column.
+        (legs, 3, 3) frames whose third column is the base axis of the leg. The azimuth of
+        the elbow about this axis is counted from the first column.
     phases, senses
-        (legs,): the reading, the variable of the leg's pair at the base, is sense times
-        (azimuth - phase) in (-pi, pi].
+        (legs,) The variable of the leg's pair at the base (its reading) is
+        ``sense * (azimuth - phase)`` in (-pi, pi] rad.
     """
 
     axes: Floats
@@ -112,11 +114,11 @@ class MidPlane:
             return feet.foot + heights[..., None] * feet.direction, heights
 
     def elbow_feet(self, normals: Floats) -> ElbowFeet:
-        """Return the points half-way between both elbows of each leg.
+        """Return the points half-way between both possible elbows of each leg.
 
-        An elbow, the axis between the two links of a leg, lies in the mid-plane and at the
-        angle `arcs` from the base axis of the leg. Two points do so, at equal distances
-        from the foot.
+        An elbow is the axis between the two links of a leg, as a point of the unit sphere.
+        It is in the mid-plane, and its angle from the base axis of the leg is the arc of
+        the link. Two points fulfil both conditions. The foot is half-way between them.
 
         Parameters
         ----------
@@ -125,14 +127,16 @@ class MidPlane:
 
         Notes
         -----
-        With the arc a of a leg and the angle h from its base axis to the mid-plane, the
-        square of the height is sin(a + h) sin(a - h). The foot is cos(a) / cos(h)^2 times
-        the projection of the base axis onto the mid-plane, whose length is cos(h).
+        Let a be the arc of a leg and h the angle from its base axis to the mid-plane,
+        positive on the side of the normal. The square of the height, which is
+        n . (base axis x elbow), is sin(a + h) sin(a - h). The projection of the base axis
+        onto the mid-plane has the length cos(h). The foot is cos(a) / cos(h)^2 times this
+        projection.
         """
-        # h is positive on the side of the normal.
         sine_h = normals @ self.axes.T
         projection = self.axes - sine_h[..., None] * normals[:, None]
         cosine_h_square = np.vecdot(projection, projection)
+        # sin(a) cos(h) and cos(a) sin(h): their sum and difference are the two sines.
         sine_cosine = np.sin(self.arcs) * np.sqrt(cosine_h_square)
         cosine_sine = np.cos(self.arcs) * sine_h
         height_square = (sine_cosine + cosine_sine) * (sine_cosine - cosine_sine)
@@ -228,12 +232,12 @@ class MidPlane:
         return readings_by_mode
 
     def nearest(self, normal: Floats, margin: float = 0.0) -> Floats:
-        """Return the mid-plane nearest to another one that all legs reach.
+        """Return the mid-plane within reach of all legs that is nearest to a given one.
 
         Parameters
         ----------
         normal
-            (3,) unit normal of the other mid-plane.
+            (3,) unit normal of the given mid-plane, which may be out of reach.
         margin
             Least angle (rad) to the border of the reach.
 

@@ -106,7 +106,10 @@ class PairAxis:
 
 @dataclass(frozen=True)
 class MidPlaneArchitecture:
-    """A mechanism in its mid-plane symmetric architecture.
+    """A mechanism whose end effector is the mirror image of its base in a plane.
+
+    The unit normal n of this mid-plane determines the pose of the end effector. Mirror axes
+    are base axes in which the closed forms of `plane` are simplest.
 
     Attributes
     ----------
@@ -121,10 +124,13 @@ class MidPlaneArchitecture:
     frame
         (3, 3) from mirror axes to the axes of the base.
     image
-        (3, 3), determinant -1, from the axes of the end effector to mirror axes; its
-        orientation is ``frame @ mirror(n) @ image``.
-    legs, along
-        The legs, and what the axis of every pair is.
+        (3, 3) matrix with determinant -1 from the axes of the end effector to mirror axes.
+        The orientation of the end effector is ``frame @ mirror(n) @ image``, where
+        mirror(n) is the reflection in the mid-plane.
+    legs
+        Numbers of the three pairs of each leg: at the base, elbow, and end effector.
+    along
+        For each pair the direction of its axis: the axis of a leg or the normal n.
     output
         The output whose link is the end effector.
     """
@@ -150,9 +156,10 @@ class MidPlaneArchitecture:
 
     @cached_property
     def home(self) -> Floats:
-        """(3,) direction of the output if its link lies on the mirror image of the base.
+        """(3,) direction m in mirror axes whose mirror image is the output's direction.
 
-        In mirror axes. The output has to declare a direction.
+        If the mid-plane has the normal n, the output points at mirror(n) m. The output has
+        to declare a direction.
         """
         return self.image @ np.array(self.output.direction)
 
@@ -364,10 +371,11 @@ class MidPlaneArchitecture:
         return measure_pair_angles(self.mechanism.ends, joints, placed)
 
     def proof(self) -> tuple[float, int]:
-        """Compare the closed form with all pairs of the mechanism, in all modes.
+        """Test by numbers that the mechanism has the mid-plane symmetric architecture.
 
-        At poses spread over the reach, all links are placed by the closed form. If the
-        mechanism has the architecture, the axes of each pair then coincide in both links.
+        At poses spread over the reach and in all modes, all links are placed by the closed
+        form. If the mechanism has the architecture, the axes of each pair coincide in both
+        links of the pair, and the mechanism has two degrees of freedom.
 
         Returns
         -------
@@ -386,10 +394,11 @@ class MidPlaneArchitecture:
         return gap, int(np.min(mobility))
 
     def check_reach(self, normal: Floats) -> None:
-        """Raise `SolveError` if a mid-plane (3,) is outside the reach of the legs.
+        """Raise `SolveError` if the legs do not reach the mid-plane with a normal (3,).
 
         The message names the nearest mid-plane inside.
         """
+        # The reach does not depend on the mode, so all signs are 1.
         elbows, _ = self.plane.elbows(normal[None], np.ones(len(self.legs)))
         short_legs = np.flatnonzero(np.isnan(elbows[0, :, 0])).tolist()
         if short_legs:
@@ -435,7 +444,7 @@ class MidPlaneArchitecture:
     def rotation_about(
         self, start: Floats, axis: Floats, angle: float, modes: Floats
     ) -> FollowedRotation:
-        """Return the rotation about an axis from a mid-plane that contains the axis.
+        """Return the rotation of the end effector about an axis in its mid-plane.
 
         If the start is singular, the path begins shortly before it.
 
@@ -448,7 +457,7 @@ class MidPlaneArchitecture:
         angle
             Angle of the rotation (rad).
         modes
-            (legs,) sign of each leg.
+            (legs,) sign, 1 or -1, of each leg for its two possible elbows.
 
         Raises
         ------
@@ -458,10 +467,11 @@ class MidPlaneArchitecture:
 
         def follow_from(lead: float) -> FollowedRotation:
             """Return the rotation with a path that begins `lead` (rad) before the start."""
-            # The normal turns by half the angle.
-            turn = rotation_about_axis(self.frame.T @ axis, [-0.5 * lead])
-            # `turn @ start` is one row, so the values are one row too.
-            (values,), _ = self.values(self.place(turn @ start, modes))
+            # The normal of the mid-plane turns by half the angle of the end effector.
+            rotation = rotation_about_axis(self.frame.T @ axis, [-0.5 * lead])
+            # (1, 3) normal of the mid-plane at the beginning of the path.
+            normals = rotation @ start
+            (values,), _ = self.values(self.place(normals, modes))
             return follow_rotation(
                 self.mechanism, values, axis, angle, output=self.output.name, lead=lead
             )
@@ -493,8 +503,8 @@ def axis_in(mechanism: Mechanism, joints: Sequence[Joint], pair: int, link: int)
 def _spread_normals(plane: MidPlane) -> Floats:
     """Return normals (n, 3) of mid-planes spread evenly over the reach of all legs.
 
-    A leg reaches a mid-plane if the angle between its base axis and the plane, whose sine
-    is normal . axis, is within its reach.
+    The angle between the base axis of a leg and a mid-plane has the sine normal . axis. The
+    leg reaches the mid-plane if this angle is at most its reach.
     """
     normals = spiral_directions(PROOF_DIRECTION_COUNT, min_z=0.0)
     limits = np.sin(PROOF_REACH_RATIO * plane.reach)

@@ -56,8 +56,10 @@ def mid_plane_loci(
 ) -> SingularCurves | None:
     """Return the singular curves of one type, from the mid-plane architecture.
 
-    Each mid-plane is considered once, with n_z >= 0 in mirror axes, and the links that
-    carry the elbows on one side. The other side has the same inputs and poses.
+    Base and output mirror each other in the mid-plane. Its unit normal n and a sign for
+    each leg, which chooses the elbow, determine a configuration. Each mid-plane is
+    considered once, with n_z >= 0 in mirror axes. The links that carry the elbows are
+    placed on one side; on the other side inputs and poses are the same.
 
     Parameters
     ----------
@@ -93,6 +95,7 @@ def mid_plane_loci(
     else:
         method = f"changes of sign over the mid-planes of every mode, without {excluded}"
         completeness = Completeness(Guarantee.TO_BOX, method, LOCUS_MESH_SIDE_RAD)
+    # Singular configurations that are on no curve: none are searched.
     stray = np.zeros((0, len(mechanism.variable_owners)))
     return SingularCurves(kind, tuple(curves), completeness, stray)
 
@@ -128,6 +131,7 @@ class _MidPlaneCurveSearch:
         kind: LocusName,
         output: str | None,
     ) -> None:
+        """Prepare the equations of the type of singularity."""
         self.form = form
         solver = solver_of(mechanism)
         self.report = SingularityReport(solver, output_of(mechanism, output), kind)
@@ -139,10 +143,10 @@ class _MidPlaneCurveSearch:
     def find_borders(self) -> Iterator[CurveSeen]:
         """Yield the curves of type I: an input can move while the output rests.
 
-        This is so where a driven leg is at the limit of its reach, on circles of the unit
-        normal of the mid-plane around the base axis of the leg. Only the parts of the
-        circles that all other legs reach are yielded, for each combination of the signs of
-        these legs (assembly mode).
+        A driven leg is then at the limit of its reach. The unit normals of these mid-planes
+        are a circle around the base axis of the leg. Only the parts of the circle that all
+        other legs reach are yielded, once for each combination of the signs of these legs
+        (assembly mode).
         """
         plane = self.form.plane
         for leg in plane.driven:
@@ -164,11 +168,11 @@ class _MidPlaneCurveSearch:
     def find_determinant_zeros(self, budget: TimeLimit) -> Iterator[CurveSeen]:
         """Yield the curves of type II: the output can move while the inputs are locked.
 
-        With locked inputs the velocity equations of the loops have as many unknowns as
-        equations. The rates of the other pairs are not determined where the determinant of
-        their matrix is 0. Its changes of sign are searched over all mid-planes, in one
-        assembly mode after another: a mode has a sign, 1 or -1, for each leg, which tells
-        on which side its elbow is.
+        With locked inputs the velocity equations of the loops have as many unknowns, the
+        rates of the other pairs, as equations. The rates are not determined if the
+        determinant of their matrix is 0. The determinant is a function of the mid-plane,
+        whose changes of sign are searched in one assembly mode after another. A mode has a
+        sign, 1 or -1, for each leg, which chooses one of two positions of its elbow.
 
         Parameters
         ----------
@@ -196,8 +200,9 @@ class _MidPlaneCurveSearch:
     ) -> Iterator[CurveSeen]:
         """Yield the curves on which a function of the mid-plane changes its sign.
 
-        The zeros on the edges of a triangular mesh are computed, and the zeros of each
-        triangle are joined.
+        The unit normals of mid-planes are points of a hemisphere, which a mesh of triangles
+        covers. Zeros of the function on the edges of the mesh are computed. Two zeros on
+        edges of the same triangle are joined, and joined zeros form curves.
 
         Parameters
         ----------
@@ -211,13 +216,16 @@ class _MidPlaneCurveSearch:
             Unit vectors (3,) that become vertices of the mesh. Curves around them are found
             however small they are.
         """
-        # (edges, 2) numbers of the ends of each edge, (triangles, 3) numbers of its edges.
+        # 1. The mesh. The vertex nearest to each centre is moved there.
         vertices, triangles = hemisphere(LOCUS_MESH_SIDE_RAD)
         vertices = vertices.copy()
-        # The vertex nearest to each centre is moved there.
         for centre in centres:
             vertices[np.argmax(vertices @ centre)] = centre
+        # (edges, 2) numbers of the vertices of each edge, and (triangles, 3) numbers of the
+        # edges of each triangle.
         edges, triangle_edges = list_edges(triangles)
+
+        # 2. The zeros on edges whose ends have values of opposite signs.
         values = function(vertices)[edges]
         has_zero = all_finite(values, 1) & (values[:, 0] * values[:, 1] < 0.0)
         edge_starts, edge_ends = vertices[edges[has_zero]].swapaxes(0, 1)
@@ -238,12 +246,14 @@ class _MidPlaneCurveSearch:
         )
         zeros = interpolate(zero_parts, np.arange(zero_count))
 
-        # Number of the zero of each edge, -1 without one. A triangle that the curve crosses
-        # has two zeros, which are the last two of its sorted numbers.
+        # 3. The links between zeros of the same triangle. `zero_of_edge` is the number of
+        # the zero of each edge, -1 without one. A triangle that the curve crosses has two
+        # zeros, which are the last two of its sorted numbers.
         zero_of_edge = np.where(has_zero, np.cumsum(has_zero) - 1, -1)
         triangle_zeros = np.sort(zero_of_edge[triangle_edges], axis=1)
         links = triangle_zeros[np.sum(triangle_zeros >= 0, axis=1) == 2, 1:]
-        # A chain is the numbers of the zeros of one curve, in order.
+
+        # 4. The curves. A chain is the numbers of the zeros of one curve, in order.
         for chain in order_chains(zero_count, links):
             # In a closed chain the first zero belongs to two links; a chain of two zeros
             # that are linked twice encloses nothing and counts as open.
@@ -326,10 +336,11 @@ class _MidPlaneCurveSearch:
         """Return a singular curve with those of its points that close and are singular.
 
         At a singular point of type I an input moves while the output rests, at one of type
-        II the output moves while the inputs rest. Then the velocity equations of the loops,
-        together with the equations that something rests, have a solution other than 0:
-        their least singular value is 0. The residual of a point is the larger one of this
-        value and the closure residual. Points above `CLOSURE_TOLERANCE` are left out.
+        II the output moves while the inputs rest. The velocity equations of the loops and
+        the equations that the output or the inputs rest then have a solution other than 0,
+        so the least singular value of their matrix is 0. The residual of a point is the
+        larger one of this value and of the closure residual. Points with a residual above
+        `CLOSURE_TOLERANCE` are left out.
 
         Parameters
         ----------

@@ -21,10 +21,11 @@ from spherekit.positions.pair_states import measure_pair_angles
 class MidPlaneKinematics(ClosedKinematics):
     """A pointing output of a mechanism in its mid-plane symmetric architecture.
 
-    The output points in the direction m if its link lies on the mirror image of the base.
-    The mid-plane of a direction p mirrors m to p, and its normal n points from m to p. The
-    mode of a leg is the sign of n . (base axis x elbow). In the direction m itself every
-    plane through m is possible, and nothing is determined.
+    Base and output link mirror each other in the mid-plane, so the direction p of the
+    output is the mirror image of a constant direction m of the base, the home direction.
+    The normal n of the mid-plane points from m to p. The mode of a leg is the sign of
+    n . (base axis x elbow), where the elbow is the axis between its two links. If p is m
+    itself, every plane through m is possible, and nothing is determined.
 
     Parameters
     ----------
@@ -83,10 +84,11 @@ class MidPlaneKinematics(ClosedKinematics):
         return _MidPlaneMode(self, directions=poses @ self.form.frame, signs=signs)
 
     def forward(self, inputs: Floats) -> PoseSolutions:
-        """Return the poses at inputs (n, 2) rad, with the other legs in each mode.
+        """Return the poses at inputs (n, 2) rad, once for each mode of the other legs.
 
-        The inputs determine the elbows of both driven legs, and with them the mid-plane and
-        the signs of these legs. There is no pose where both elbows lie on one line.
+        The inputs determine the elbows of both driven legs, and thereby the mid-plane and
+        the signs of these legs. The signs of all other legs are free. There is no pose if
+        both elbows lie on one line.
         """
         form = self.form
         plane = form.plane
@@ -95,7 +97,8 @@ class MidPlaneKinematics(ClosedKinematics):
         sense = -np.sign(upward_normals @ form.home)[:, None]
         normals = sense * upward_normals
         driven_signs = sense * plane.modes(inputs)
-        # Rows of inputs, and modes whose signs of the driven legs are those of the row.
+        # Combinations of a row of inputs with a mode whose driven legs have the signs of
+        # the row.
         modes = np.array(self.modes)
         is_mode = driven_signs[:, None] == modes[:, plane.driven]
         row, mode = np.nonzero(np.all(is_mode, axis=2))
@@ -175,11 +178,11 @@ class _MidPlaneMode:
     def _rates_and_type_1(self) -> tuple[Floats, Floats]:
         """Rates of the inputs per unit angular velocity of the output, and type I measures.
 
-        A rate (n, inputs, 3) is numerator / denominator, with the numerator
-        elbow x direction and the denominator n . (base axis x elbow) |direction - home|,
-        for the normal n of the mid-plane. The denominator is 0 if a leg is at the limit of
-        its reach, or if the output points in its home direction. The measures (n, inputs)
-        are 0 there too.
+        Rates are (n, inputs, 3), measures (n, inputs). With the normal n of the mid-plane,
+        a rate is the vector elbow x direction divided by
+        n . (base axis x elbow) |direction - home|. The divisor is 0 if a leg is at the
+        limit of its reach, or if the output points in its home direction; the measure of
+        type I is then 0, too.
         """
         elbows, elbow_height = self._elbows
         normals = cross(elbows[:, self.driven], self.directions[:, None])

@@ -202,12 +202,13 @@ def _find_elbow_carriers(
     effector: int,
     legs: Mapping[Leg, LegLinks],
 ) -> _ElbowStructure:
-    """Return what the axes of all pairs are, and the links that hold the elbows.
+    """Return the kind of every pair axis, and the links that hold the elbows in a plane.
 
-    An axis can be that of a leg at the base, at the end effector (tip) or at its elbow, or
-    the normal of the mid-plane. A carrier is a link that is neither of a leg nor the base
-    or end effector, hinged to a leg along its elbow axis. All carriers turn about one
-    common axis, the normal of the mid-plane, if all pairs close. The proof shows this.
+    A leg has an axis at the base, one at the end effector (tip), and the elbow between its
+    two links. Every other pair belongs to a carrier: a link that is neither part of a leg
+    nor base nor end effector. The axis of such a pair is an elbow axis if the pair hinges
+    the carrier to a leg, otherwise the normal of the mid-plane, about which all carriers
+    turn. Here this is assumed; the proof of the architecture shows whether it is true.
 
     Parameters
     ----------
@@ -243,7 +244,7 @@ def _find_elbow_carriers(
             leg_link = second_link
             other_link = first_link
         if leg_link in leg_of_link and other_link not in links_without_carriers:
-            # A hinge of a carrier on a leg.
+            # A hinge of a carrier on a leg. It may point along the elbow or opposite.
             leg = leg_of_link[leg_link]
             elbow_axis = axis(elbows[leg], leg_link)
             sense = float(np.sign(axis(pair, leg_link) @ elbow_axis))
@@ -252,8 +253,9 @@ def _find_elbow_carriers(
         elif links_without_carriers.isdisjoint({first_link, second_link}):
             carrier_pairs.append(pair)
 
-    # 3. The common axis in each carrier, with the same sense in all of them. It is carried
-    # from one carrier to the next through the pairs between them.
+    # 3. The common axis of the carriers, by the number of the carrier and in its own axes.
+    # Pairs between carriers lead from one carrier to the next; their axes may be opposite,
+    # and the signs make the common axis have the same sense in all carriers.
     normals: dict[int, Floats] = {}
     if carrier_pairs:
         first_carrier = ends[carrier_pairs[0]][:1]

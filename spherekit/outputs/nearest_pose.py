@@ -174,6 +174,8 @@ class NearestPoseSearch:
         """
         # Coordinates v around the target: the distance of a pose is the length of v.
         chart = NormalCoordinates.around(target_pose)
+        # Each round improves starts to local minima. Samples in the ball up to the best
+        # pose so far are the starts of the next round.
         starts = _choose_spread_starts(chart.coordinates(reachable))
         nearest: Floats | None = None
         for _ in range(MAX_SEARCH_ROUNDS):
@@ -237,6 +239,8 @@ class NearestPoseSearch:
         (d,) coordinates of the nearest point that `_move_inside` makes of the improved
         starts, or None if there is none.
         """
+        # For each start: the point reached so far, the factor of violated margins in the
+        # merit function, and the value of this function.
         v = starts.copy()
         penalty = np.ones(len(v))
         merit = np.full(len(v), np.inf)
@@ -244,11 +248,14 @@ class NearestPoseSearch:
         active_starts = np.arange(len(v))
         for count in range(MAX_SQP_STEPS):
             if count == FIRST_STEPS:
+                # From now on only the best starts are improved.
                 active_starts = active_starts[
                     np.argsort(merit[active_starts])[:FINALIST_COUNT]
                 ]
             if not len(active_starts):
                 break
+
+            # 1. A step for each active start.
             values, gradients = self._linearise_margins(chart, v[active_starts])
             steps = np.zeros((len(active_starts), chart.dimension))
             for k, start in enumerate(active_starts):
@@ -258,7 +265,8 @@ class NearestPoseSearch:
                 # The minimum of the penalty function is that of the problem only if the
                 # penalty exceeds all multipliers. It never decreases.
                 penalty[start] = max(penalty[start], 2.0 * largest_multiplier)
-            # (active starts, fractions, d)
+
+            # 2. Line search. Axes: active starts, fractions, d.
             trial_points = v[active_starts, None] + STEP_FRACTIONS[:, None] * steps[:, None]
             trial_merit = _merit(
                 trial_points,
@@ -266,11 +274,14 @@ class NearestPoseSearch:
                 penalty[active_starts, None],
             )
             merit_before = _merit(v[active_starts], values, penalty[active_starts])
+            # The best fraction of each start.
             best_trial = np.argmin(trial_merit, axis=1)
             active_index = np.arange(len(active_starts))
             has_decreased = trial_merit[active_index, best_trial] < merit_before
             best_points = trial_points[active_index, best_trial]
-            # A start whose merit does not decrease, or whose step is tiny, has converged.
+
+            # 3. A start whose merit does not decrease, or whose step is tiny, has
+            # converged.
             length = np.linalg.norm(best_points - v[active_starts], axis=1)
             v[active_starts[has_decreased]] = best_points[has_decreased]
             merit[active_starts] = np.minimum(
@@ -299,9 +310,11 @@ class NearestPoseSearch:
             (k, bounds, d) derivatives with respect to v, zero where they do not exist.
         """
         d = chart.dimension
+        # The point itself, and a step forwards and backwards along each coordinate.
         offsets = DIFFERENCE_STEP * np.concatenate(
             [np.zeros((1, d)), np.eye(d), -np.eye(d)]
         )
+        # (k, 1 + 2 d, bounds)
         values = self._evaluate_margins(chart, v[:, None] + offsets)
         centre = values[:, :1]
         ahead = values[:, 1 : 1 + d]
@@ -346,9 +359,10 @@ class NearestPoseSearch:
         nearest: Floats | None = None
         distances = np.linalg.norm(v, axis=1)
         for k in np.argsort(distances):
-            # The path back to a start can be long, so a point that was farther away before
-            # may be nearer afterwards. A step inside is so short that points that were
-            # farther than the nearest moved one do not become nearer than it.
+            # The points come in the order of their distances before they are moved. The way
+            # back to a start can be long, so a later point may become nearer than the first
+            # moved one. The loop ends at a point that is farther than the nearest moved one
+            # even before it is moved: an inward step is too short to make it nearer.
             if nearest is not None and distances[k] >= _length(nearest):
                 break
             values, gradients = self._linearise_margins(chart, v[k][None])
@@ -372,10 +386,12 @@ class NearestPoseSearch:
     def _find_first_inside(
         self, chart: NormalCoordinates, point: Floats, direction: Floats, lengths: Floats
     ) -> Floats | None:
-        """Return the first point on a straight path after which all others are inside.
+        """Return the point where a straight path enters the workspace for good.
 
-        The given points are tried first. Between the last of them that is outside and the
-        next ones, the path is then divided again until it is known to `MIN_GAIN`.
+        All later points of the path that were tried are inside the workspace. The points at
+        the given lengths are tried first. The part of the path between the last point
+        outside and the points after it is then divided again, until the point is known to
+        `MIN_GAIN`.
 
         Parameters
         ----------

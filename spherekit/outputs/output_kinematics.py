@@ -51,15 +51,17 @@ MAX_LISTED_MODES = 64
 
 @dataclass(frozen=True)
 class InverseRows(ArrayRows):
-    """Poses in working modes, in k rows: the configurations and their measures.
+    """Configurations at given poses, in k rows, with margins and measures.
+
+    Usually there is one row for each pose and working mode, which is a sign for each leg.
 
     Attributes
     ----------
     pose
         (k,) number of the pose, ascending.
     mode
-        (k,) label of the working mode, ``~`` for each group without signs; empty for a
-        pose without a configuration.
+        (k,) label of the working mode, such as ``+-``, with ``~`` for each group of links
+        that has no sign; empty for a pose without a configuration.
     inputs
         (k, inputs) rad in (-pi, pi].
     status
@@ -77,7 +79,7 @@ class InverseRows(ArrayRows):
     rates
         (k, inputs, 3) rates of the inputs per unit angular velocity of the output.
     values
-        (k, pairs asked for) rad in (-pi, pi].
+        (k, pairs) variables of the requested pairs, rad in (-pi, pi].
     limits
         Names of the limits.
     """
@@ -105,9 +107,12 @@ class InverseRows(ArrayRows):
     def with_status(self) -> Self:
         """Return the rows with the status that follows from their other values.
 
-        A row with a negative margin becomes OUT_OF_REACH and its values become NaN. Of the
-        others, those with a measure of type I or II near 0, or without inputs, become
-        AT_SINGULARITY, and the rest OK. Infinite margins become NaN.
+        - A row with a negative margin becomes OUT_OF_REACH, and its values become NaN.
+        - Another row becomes AT_SINGULARITY if a measure of type I or II is nearly 0, or if
+          an input is not finite.
+        - All other rows become OK.
+
+        Infinite margins become NaN.
         """
         is_outside = self.margin < 0.0
         least_measure = np.fmin(np.min(self.type_1, axis=1), self.type_2)
@@ -147,12 +152,15 @@ class OutputKinematics:
         The output, and the mechanism that declares it.
     points
         Whether poses are directions (n, 3), else rotations (n, 3, 3).
-    modes, legs
-        The signs of all working modes, and what each sign belongs to.
+    modes
+        The signs of all working modes.
+    legs
+        For each sign the leg or group of links that it belongs to, as text.
     form
         The mid-plane symmetric architecture of the output, if it has one.
     solved_by
-        What gives the configurations: ``dyads``, ``mid-plane`` or ``graph``.
+        Method that gives the configurations: ``dyads`` and ``mid-plane`` are closed forms,
+        ``graph`` solves the loops of all links.
     """
 
     modes: tuple[Signs, ...] = ()
@@ -207,9 +215,10 @@ class OutputKinematics:
         Raises
         ------
         PlanError
-            If there is none.
+            Always in this base class, since the output has no inverse kinematics.
         """
-        with_wrist(self.mechanism, self.output.name)  # raises the error
+        # This call raises the error with the reason.
+        with_wrist(self.mechanism, self.output.name)
         raise AssertionError(poses, modes, pairs)
 
     def forward(self, inputs: Floats) -> PoseSolutions:
@@ -250,9 +259,9 @@ class OutputKinematics:
 
 
 class ClosedKinematics(OutputKinematics, ABC):
-    """An output in a closed form that needs no start.
+    """An output whose poses are solved in closed form, without a starting configuration.
 
-    The limits of the mechanism decide which poses it reaches.
+    The reach of its legs and the joint limits decide which poses it reaches.
     """
 
     @property
@@ -282,10 +291,16 @@ class ClosedKinematics(OutputKinematics, ABC):
     def inverse(
         self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
     ) -> InverseRows:
-        """Return a row for each pose and working mode, also where the pose is out of reach.
+        """Return a row for each pose and working mode, also for poses out of reach.
 
-        The parameters are those of `OutputKinematics.inverse`: poses (n, 3) or (n, 3, 3),
-        labels of the modes, and numbers of the pairs whose variables are returned.
+        Parameters
+        ----------
+        poses
+            (n, 3) directions or (n, 3, 3) rotations, see `points`.
+        modes
+            Labels of the modes.
+        pairs
+            Numbers of the pairs whose variables are returned.
         """
         limits = tuple(bound.name for bound in self.bounds)
         signs_by_label = dict(zip(self.labels, self.modes, strict=True))

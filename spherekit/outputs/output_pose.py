@@ -124,8 +124,9 @@ class PoseCandidates(ArrayRows):
     orientations
         (k, 3, 3) orientations of the output link, seen from the link it is relative to.
     labels
-        (k,) signs of modes: of the legs of a mid-plane symmetric architecture, else of
-        dyads, with ~ for other groups.
+        (k,) signs of the assembly mode as text, such as ``+-``: a sign for each leg of a
+        mid-plane symmetric architecture. In other mechanisms each dyad has a sign, and any
+        other group of links has ~.
     singular
         (k,) whether the inputs do not determine the configuration, or do not turn the
         output link in as many ways as there are inputs.
@@ -165,7 +166,10 @@ class PoseCandidates(ArrayRows):
 
 @dataclass(frozen=True)
 class EndOrientation:
-    """The orientation at the end of a rotation, and which of several it is.
+    """The orientation of the output link at the end of a rotation.
+
+    The mechanism may have several configurations at the end pose, with different
+    orientations. One of them was chosen.
 
     Attributes
     ----------
@@ -173,11 +177,11 @@ class EndOrientation:
         (3, 3) rotation from the axes of the output link to those of the link that the
         output is relative to.
     number, count
-        Number of this orientation among those of the configurations that the mechanism has
-        at the end pose, and how many there are.
+        Number of the chosen configuration, and number of all configurations at the end
+        pose.
     has_start_mode
-        Whether it was chosen because its configuration has the same signs of dyads as that
-        at the start.
+        Whether the configuration was chosen because its dyads have the same signs as those
+        of the start.
     """
 
     orientation: Floats
@@ -197,7 +201,8 @@ class PoseFinder:
     output
         The output.
     form
-        Its mid-plane symmetric architecture, None if it has none.
+        The mid-plane symmetric architecture of the mechanism, in which base and output
+        mirror each other in a plane; None if it has none.
     """
 
     solver: PositionSolver
@@ -212,8 +217,10 @@ class PoseFinder:
     def candidates(self, pose: Pose) -> PoseCandidates:
         """Return every configuration found at a pose, in all assembly modes.
 
-        With a mid-plane symmetric architecture they come from its closed forms. Otherwise
-        inputs are solved by the position analysis, and poses by the inverse kinematics.
+        A mid-plane symmetric architecture, in which base and output mirror each other in a
+        plane, gives the configurations in closed form. For other mechanisms they are
+        computed by position analysis if the pose is given by inputs, and by inverse
+        kinematics if it is given by a direction or an orientation.
 
         Raises
         ------
@@ -260,7 +267,7 @@ class PoseFinder:
         values
             (k, variables) closed configurations (rad).
         labels
-            The signs of the dyads of each, as text.
+            (k,) the signs of the dyads of each configuration, as text.
         """
         output_link = OutputLink.from_output(self.mechanism, self.output)
         # Only the conditioning is read, which does not depend on the target orientation.
@@ -316,7 +323,9 @@ class PoseFinder:
     def _find_mid_plane(
         self, form: MidPlaneArchitecture, pose: Pose
     ) -> tuple[Floats, Floats | None]:
-        """Return the mid-plane, in which base and end effector mirror each other at a pose.
+        """Return the normal of the mid-plane at a pose.
+
+        Base and output mirror each other in the mid-plane.
 
         Parameters
         ----------
@@ -360,7 +369,8 @@ class PoseFinder:
                 return normals, None
             case AtDirection(direction):
                 if self.output.direction is None:
-                    with_wrist(self.mechanism, self.output.name)  # raises the error
+                    # This call raises the error that the output has no direction.
+                    with_wrist(self.mechanism, self.output.name)
                 normals, distance = form.normals_to(unit(direction)[None] @ form.frame)
                 if distance[0] < SAME_ORIENTATION_RAD:
                     raise SolveError(
@@ -373,8 +383,9 @@ class PoseFinder:
     def _find_at_mid_plane(self, form: MidPlaneArchitecture, pose: Pose) -> PoseCandidates:
         """Return the configurations at a pose in all modes of a mid-plane architecture.
 
-        A mode is a sign, 1 or -1, for each leg, which chooses one of its two elbows. If the
-        pose is given by inputs, only modes with the signs of these are returned.
+        A mode has a sign, 1 or -1, for each leg, which chooses one of two positions of its
+        elbow. If the pose is given by inputs, these determine the signs of the driven legs,
+        and only modes with these signs are returned.
 
         Raises
         ------
@@ -400,19 +411,21 @@ class PoseFinder:
     ) -> EndOrientation | AtRotation:
         """Return the orientation at the end of a rotation.
 
-        An end that is given by an axis and an angle is returned unchanged.
+        The mechanism may have several configurations at the end pose, with different
+        orientations of the output link. They are sorted by the angle from the start,
+        singular ones last. An end that is given by an axis and an angle is returned
+        unchanged.
 
         Parameters
         ----------
         start, number
             Candidates for the start, and the number of the one to start from.
         end
-            The pose at the end. It has several orientations if the mechanism can be
-            assembled in several ways there.
+            The pose at the end.
         mode
-            Which of them: signs such as ``+-+``, or a number in the order of their angles
-            from the start, singular ones last. If it is empty, the nearest one with the
-            same signs of dyads as the start is chosen, or, without one, the nearest of all.
+            The configuration to choose at the end: its signs such as ``+-+``, or its
+            number. If it is empty, the nearest one with the same signs of dyads as the
+            start is chosen, or the nearest of all if none has these signs.
 
         Raises
         ------
@@ -453,12 +466,17 @@ class PoseFinder:
         )
 
     def _find_modes(self, candidates: PoseCandidates) -> list[tuple[str, str]]:
-        """Return the signs of each configuration in forward and in inverse kinematics.
+        """Return the labels of the assembly mode and working mode of each configuration.
 
-        The first text is the label of the assembly mode: the signs of the dyads while the
-        inputs are given. The second one is the label of the working mode: the signs of the
-        dyads while the output is held. It is empty if the inverse kinematics has no closed
-        form, or does not meet the configuration.
+        A dyad is two links that can be placed in two ways, which its sign distinguishes.
+        Dyads of given inputs and dyads of a given output pose consist of different links.
+
+        Returns
+        -------
+        For each candidate two texts: the signs of the dyads of given inputs (assembly
+        mode), and the signs of the dyads of a given pose (working mode). The second text is
+        empty if the inverse kinematics has no closed form, or does not give this
+        configuration.
         """
         labels = candidates.labels.tolist()
         without_working_modes = [(label, "") for label in labels]
@@ -482,8 +500,10 @@ class PoseFinder:
             difference = wrap(solutions.values[rows] - candidates.values[k])
             distance = max_abs(difference, axis=1)
             is_same = len(rows) > 0 and np.min(distance) < SAME_MODE_RAD
-            row = rows[np.argmin(distance)] if is_same else 0
-            modes.append((label, label_of(solutions.signs[row]) if is_same else ""))
+            working_mode = ""
+            if is_same:
+                working_mode = label_of(solutions.signs[rows[np.argmin(distance)]])
+            modes.append((label, working_mode))
         return modes
 
     def rotation(
@@ -491,8 +511,9 @@ class PoseFinder:
     ) -> FollowedRotation:
         """Return the rotation from a configuration to an orientation, or by an angle.
 
-        With a mid-plane symmetric architecture, and if both poses belong to it, the closed
-        form gives the start of the path, also where it is singular.
+        The rotation is a path of configurations along which the output link turns about
+        one fixed axis. If both end poses belong to a mid-plane symmetric architecture, its
+        closed form gives the start of the path, even in a singular configuration.
 
         Parameters
         ----------

@@ -67,12 +67,12 @@ class ModeAtPoses(Protocol):
 
 
 class LegSpan(NamedTuple):
-    """The range of the angle between two axes that a leg joins.
+    """The reach of a leg: the range of the angle between its two outer axes.
 
     Attributes
     ----------
     first_pair, second_pair
-        Numbers of the pairs with these axes, among those that carry the output.
+        Numbers of the pairs with these axes, in the mechanism without wheels.
     shortest, longest
         Smallest and largest angle (rad) at which the leg closes.
     can_fold
@@ -101,8 +101,8 @@ class AngleLimit:
     cosine
         Function that returns the cosine (n,) of the angle at n poses in one working mode.
     unit
-        Change (rad) of the quantity that is reported, per rad of the angle: 0.5 if the
-        angle is the double of this quantity.
+        Factor from the angle to the quantity that is reported: 0.5 if the angle is twice
+        this quantity.
     """
 
     name: str
@@ -140,22 +140,22 @@ class InterferenceLimit:
 class Constraints:
     """Constraints of a workspace in addition to the reach of the legs.
 
-    At a singularity of type I an input moves while the output rests, at one of type II the
-    output can move although the inputs are locked. The measures are 0 there.
-
     Attributes
     ----------
     limits
-        Limits of pairs; the joint limits of the mechanism apply as well.
+        Ranges of pair angles; the joint limits of the mechanism apply as well.
     apart
-        Limits of angles between axes.
+        Ranges of angles between axes.
     near
-        Least distance (rad) to a singularity: the angle whose sine is the measure, both of
-        type I for every input and of type II. 0 for no limit.
+        Least distance (rad) to a singularity; 0 for no limit. At type I an input moves
+        while the output rests, at type II the output can move although the inputs are
+        locked. A measure of each type is 0 there, and the distance is the angle whose sine
+        is the measure. The limit applies to type I of every input and to type II.
     width, radius
-        Width of the links and radius of the sphere that they are on, in one unit of
-        length: the outer axes of a leg that can fold stay so far apart, along the
-        sphere, that its links do not touch (Chen et al. 2021, section 3). 0 for none.
+        Width of the links and radius of the sphere that they are on, in the same unit of
+        length; 0 for no limit. If the two links of a leg can lie over each other, the outer
+        axes of the leg must stay so far apart that the links do not touch (Chen et al.
+        2021, section 3).
     """
 
     limits: tuple[JointLimit, ...] = ()
@@ -239,7 +239,8 @@ def find_least_margin(
     # pose is inside.
     least_cosine_margin = np.fmin.reduce(cosine_margins, axis=1)
     margin[(margin < 0.0) & (least_cosine_margin >= 0.0)] = 0.0
-    # Without one of the margins a positive minimum says nothing, a negative one does.
+    # If one of the margins is NaN, it could be smaller than the minimum of the others. Only
+    # a negative minimum is still sure to mean that the pose is outside.
     is_unknown = np.isnan(angle_margins).any(axis=1) & ~(margin < 0.0)
     return np.where(is_unknown, np.nan, margin), np.where(is_unknown, -1, limiting)
 
@@ -280,8 +281,8 @@ def _collect_axis_ranges(
 
     Returns
     -------
-    The ranges by the numbers of the two pairs, the smaller number first. The first range of
-    each list is 0 to pi, which says nothing.
+    The ranges by the numbers of the two pairs, the smaller number first. Each list begins
+    with the range 0 to pi, which every angle keeps.
     """
     mechanism = kinematics.carrying
     least_link_angle = _find_least_link_angle(mechanism, constraints)
@@ -331,6 +332,7 @@ def _limit_axis_angles(
                 "other, or leave no more than a curve",
             )
 
+        # The default value binds the axes of this pass of the loop.
         def cosine(rows: ModeAtPoses, axes: tuple[int, int] = axes) -> Floats:
             """Return the cosine (n,) of the angle between both axes."""
             return rows.cosine(*axes)
@@ -348,9 +350,10 @@ def _limit_axis_angles(
 def _is_always_kept(
     mechanism: Mechanism, limit: InterferenceLimit, pair: int, other_pair: int
 ) -> bool:
-    """Return whether both axes are on one link and their constant angle keeps a limit.
+    """Return whether a range of the angle between two axes is kept in every pose.
 
-    Otherwise the angle depends on the pose. Limits without meaning are refused.
+    It is if both axes are on one link: their angle is then constant and has to be in the
+    range. Otherwise the angle depends on the pose.
 
     Parameters
     ----------
@@ -364,7 +367,8 @@ def _is_always_kept(
     Raises
     ------
     AnalysisError
-        If the axes are the same, the range is empty, or the constant angle is outside.
+        If the axes are the same, the range is empty, or the constant angle is outside of
+        the range.
     """
     where = f"{limit.one}/{limit.other}"
     if pair == other_pair:
@@ -395,8 +399,13 @@ def _is_always_kept(
 def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> float:
     """Return the least angle (rad) between the outer axes of a leg of wide links.
 
-    It is width / radius: at it, the edges of two links on a sphere touch. 0 for links
-    without width. An `AnalysisError` says if the width does not fit the radius.
+    It is width / radius: at this angle the edges of two links on a sphere touch. It is 0
+    for links without width.
+
+    Raises
+    ------
+    AnalysisError
+        If the width does not fit the radius.
     """
     width = constraints.width
     radius = constraints.radius
@@ -414,7 +423,10 @@ def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> fl
 def _limit_pairs(
     kinematics: LimitedOutput, limits: Sequence[JointLimit]
 ) -> tuple[AngleLimit, ...]:
-    """Return the limits of pairs, each as the largest angle from the middle of its range.
+    """Return the limits of pair angles.
+
+    A range of a pair angle is expressed as one limit: the angle from the middle of the
+    range is at most half its width.
 
     Parameters
     ----------
@@ -433,11 +445,13 @@ def _limit_pairs(
         *((limit, "joint_limit") for limit in mechanism.joint_limits),
         *((limit, "limit") for limit in limits),
     ]
-    # Angles are compared modulo whole turns: two ranges overlap if the distance of their
-    # middles is at most the sum of their half widths.
+    # The range before the present one of each pair, to see whether both contradict each
+    # other. Angles are compared modulo whole turns: two ranges overlap if the distance of
+    # their middles is at most the sum of their half widths.
     previous_limits: dict[str, JointLimit] = {}
     bounds = []
     for limit, kind in named_limits:
+        # Raises an error if no pair has this name.
         _find_pair(kinematics, "limits", limit.pair)
         number = mechanism.pair_number[limit.pair]
         range_text = f"{_format_degrees(limit.low)} to {_format_degrees(limit.high)}"
@@ -476,19 +490,23 @@ def _limit_pairs(
 
 
 def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]:
-    """Return the limits of the measures of type I of every input, and of type II.
+    """Return the limits of the distance to singularities of type I and II.
 
-    The measure of type I is 0 where an input moves while the output rests, that of type II
-    where the output can move although the inputs are locked. A measure is the sine of an
-    angle. The limit is that of the double angle, whose cosine 1 - 2 measure^2 is smooth
-    where the measure is 0.
+    The measure of type I is 0 if an input moves while the output rests. The measure of type
+    II is 0 if the output can move although the inputs are locked. Each measure is the sine
+    of an angle, the distance to the singularity. Twice this angle is limited, because its
+    cosine, 1 - 2 measure^2, is smooth even where the measure is 0.
 
     Parameters
     ----------
     mechanism
         The mechanism with its inputs.
     near
-        Least angle (rad) whose sine is the measure; 0 for no limits.
+        Least distance (rad) to a singularity; 0 for no limits.
+
+    Returns
+    -------
+    A limit of type I for every input, then one of type II.
 
     Raises
     ------
@@ -529,9 +547,21 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
 
 
 def _find_pair(kinematics: LimitedOutput, option: str, name: str) -> int:
-    """Return the number of a pair among those that carry the output.
+    """Return the number of the pair with a name, in the mechanism without wheels.
 
-    An `AnalysisError` that names the option says if there is none with this name.
+    Parameters
+    ----------
+    kinematics
+        The output.
+    option
+        Name of the constraint, for messages.
+    name
+        Name of the pair.
+
+    Raises
+    ------
+    AnalysisError
+        If no pair has this name, or if it is the pair of a wheel.
     """
     carrying_numbers = kinematics.carrying.pair_number
     if name not in carrying_numbers:

@@ -14,7 +14,7 @@ from spherekit.outputs.dyad_chain import invert_output_rates, reciprocal_vectors
 def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     """Return the output's angular velocity per unit rate of each input.
 
-    They are the columns of the inverse of the matrix of rates.
+    These angular velocities are the columns of the inverse of the matrix of rates.
 
     Parameters
     ----------
@@ -35,11 +35,11 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
 
 
 def sense_of(rates: Floats, directions: Floats | None) -> Integers:
-    """Return the sign (k,) of the determinant of the rates, 0 if there is none.
+    """Return the sign (k,) of the determinant of the rates, 0 if it has no sign.
 
-    It changes at singularities only. Connected poses of one working mode (one choice of the
-    two positions of each leg) with one sign form an aspect: the mechanism can move between
-    them without passing a singularity.
+    The sign changes at singularities only. An aspect is a set of connected poses with the
+    same working mode (choice of one of two positions for each leg) and the same sign. The
+    mechanism can move between all poses of an aspect without passing a singularity.
 
     Parameters
     ----------

@@ -112,7 +112,9 @@ class GraphKinematics(OutputKinematics):
     def inverse(
         self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
     ) -> InverseRows:
-        """Return a row for each configuration of some poses, or one that there is none.
+        """Return a row for each configuration of some poses.
+
+        A pose without a configuration has one row with the status OUT_OF_REACH.
 
         Parameters
         ----------
@@ -151,7 +153,8 @@ class GraphKinematics(OutputKinematics):
             mode=labels[solution],
             inputs=select(solutions.inputs),
             status=np.zeros(len(solution), dtype=np.int8),
-            # No limit is known, except that unsolved poses are out of reach.
+            # No limit is known. The infinite margin only marks poses that are out of reach;
+            # `with_status` replaces it.
             margin=np.where(is_solved, np.nan, -np.inf),
             limiting=np.full(len(solution), -1),
             type_1=type_1,

@@ -146,6 +146,9 @@ errors of nearly singular configurations prevent leaps.
 class PathNodes(ArrayRows):
     """n configurations on a path, with their derivatives by theta.
 
+    The path consists of the configurations nearest to a target orientation that turns about
+    an axis by the angle theta.
+
     Attributes
     ----------
     theta
@@ -159,12 +162,15 @@ class PathNodes(ArrayRows):
     is_valid
         (n,) whether the configuration is the nearest one, with finite derivatives.
     system
-        (n, equations + 3, variables) closure Jacobian above the Jacobian of the output.
+        (n, equations + 3, variables) derivatives of the closure equations by the variables,
+        above the angular velocities of the output link per rate of the variables.
     condition
         (n,) reciprocal condition number of `system` in the Frobenius norm.
     stability
-        (n,) smaller one of the least eigenvalue of the stiffness and of the conditioning of
-        the loops. Positive if the nearest configuration is isolated.
+        (n,) smaller one of two numbers: the least second derivative of half the squared
+        angle to the target along the configurations (least eigenvalue of the stiffness),
+        and the reciprocal condition number of the loops. Positive if the nearest
+        configuration is isolated.
     reach
         (n,) smallest angular velocity of the output link for rates of unit length; 0 at a
         limit of its reach.
@@ -182,11 +188,11 @@ class PathNodes(ArrayRows):
     reach: Floats
 
     def extrapolate(self, distance: Floats) -> Floats:
-        """Return the variables (n, variables) at distances (n,) from the only node.
+        """Return the variables (n, variables) at distances (n,) from a single node.
 
-        They follow from its first and second derivatives by theta. The distances are in rad
-        of theta, and the error is of third order. A second derivative that is NaN counts
-        as 0.
+        This object must have only one node. The variables follow from its first and second
+        derivatives by theta (Taylor series), with an error of third order. The distances
+        are in rad of theta. A second derivative that is NaN counts as 0.
         """
         distance = distance[:, None]
         bend = 0.5 * distance**2 * np.nan_to_num(self.second)
@@ -252,9 +258,10 @@ class RotationPath:
         (3,) unit vector of the axis, in the axes of body 0.
     start
         (3, 3) target orientation at theta = 0, from the axes of the output link to those of
-        body 0.
+        body 0, the link that the output is relative to.
     exact
-        Whether the output link can follow the target.
+        Whether the output link can follow the target exactly. Otherwise the path has the
+        configurations nearest to the target.
     """
 
     output_link: OutputLink
@@ -347,7 +354,8 @@ class RotationPath:
         goal
             Angle (rad) of the next node.
         """
-        # Distances from the node to the middle and to the end of the step.
+        # 1. Predict and correct the middle and the end of the step. `distances` (2,) lead
+        # there from the node.
         distances = STEP_PARTS * (goal - node.theta)
         guess = node.extrapolate(distances)
         if not all_finite(guess):
@@ -357,6 +365,7 @@ class RotationPath:
         middle_node = nodes.rows(slice(0, 1))
         next_node = nodes.rows(slice(1, 2))
 
+        # 2. The corrections have to be small compared to the step.
         change = max_abs(next_node.values - node.values)
         is_corrected = (
             STEP_VERIFICATION.accepts_correction(step_sizes, change) & nodes.is_valid
@@ -364,6 +373,7 @@ class RotationPath:
         if not np.all(is_corrected & (nodes.follows == node.follows)):
             return None
 
+        # 3. No singular configuration may lie between the nodes.
         if node.follows[0]:
             # The system at the node times (1 + relative change) is singular only if the
             # change has an eigenvalue of -1. Small eigenvalues exclude this on the way.
@@ -373,6 +383,7 @@ class RotationPath:
         else:
             is_regular = nodes.stability > SINGULAR_TARGET_CONDITION
 
+        # 4. The interpolation between both ends has to agree with the middle.
         interpolated, _ = PathNodes.joined([node, next_node]).interpolate(middle_node.theta)
         middle_error = max_abs(interpolated - middle_node.values)
         is_predicted = STEP_VERIFICATION.accepts_middle(
@@ -383,9 +394,9 @@ class RotationPath:
     def leap(self, node: PathNodes, end: float) -> tuple[PathNodes, float] | None:
         """Step over a singular configuration shortly ahead of a node.
 
-        Leaps of several lengths are tried. A leap is accepted if the node behind it is
-        regular, if the configurations within it lie on a smooth curve through both ends,
-        and if one of them is singular.
+        A step over a singular configuration is called a leap. Several lengths are tried. A
+        leap is accepted if the node behind it is regular, if the configurations within it
+        are on a smooth curve through both ends, and if one of them is singular.
 
         Parameters
         ----------
@@ -416,9 +427,9 @@ class RotationPath:
             if not is_regular or step_sizes[0, 0] > STEP_VERIFICATION.correction * change:
                 continue
 
-            # Configurations at 20, 40, 60 and 80 % of the leap have to agree with the
-            # Hermite polynomial through both nodes. Those next to the singular
-            # configuration are too inaccurate to be compared.
+            # Is the path smooth? Configurations at 20, 40, 60 and 80 % of the leap have to
+            # agree with the Hermite polynomial through both nodes. Configurations next to
+            # the singular one are too inaccurate to be compared.
             inner_theta = node.theta + length * np.arange(0.2, 0.9, 0.2)
             both_nodes = PathNodes.joined([node, next_node])
             guess, _ = both_nodes.interpolate(inner_theta)
@@ -429,6 +440,8 @@ class RotationPath:
             if not is_smooth or not np.all(inner_nodes.is_valid):
                 continue
 
+            # Is there a singular configuration within? The least singular value has to have
+            # a minimum far below its values at both ends.
             def least_singular_value(
                 theta: Floats, nodes: PathNodes = both_nodes
             ) -> Floats:
@@ -440,22 +453,24 @@ class RotationPath:
                 return np.asarray(singular_values[:, -1])
 
             singular_theta = minimize_in_brackets(least_singular_value, node.theta, goal)
-            singular_value = least_singular_value(singular_theta)[0]
-            end_values = least_singular_value(both_nodes.theta)
-            if singular_value < LEAP_SINGULAR_RATIO * np.min(end_values):
+            value_at_minimum = least_singular_value(singular_theta)[0]
+            values_at_ends = least_singular_value(both_nodes.theta)
+            if value_at_minimum < LEAP_SINGULAR_RATIO * np.min(values_at_ends):
                 return next_node, float(singular_theta[0])
         return None
 
     def track(self, first_node: PathNodes, end: float) -> TrackedPath:
         """Track the path from a node to the angle `end` (rad), or as far as steps succeed.
 
-        A step that fails is halved, and the step after a success is twice as long. When
-        steps have become short, a leap over a singular configuration is tried. If that
-        fails too, halving goes on until the smallest step, where the path ends.
+        A step that fails is halved, and the step after a success is twice as long. If a
+        short step fails, a leap over a singular configuration is tried. If the leap fails,
+        too, the step is halved again. The path ends at the smallest step.
         """
         nodes = [first_node]
+        # Length of the next step (rad of theta).
         step = FIRST_ROTATION_STEP_RAD
         leaps: list[float] = []
+        # Where a leap was last tried, or where it led.
         last_leap_theta = -np.inf
         end_status = Status.OK
         while (theta := float(nodes[-1].theta[0])) < end:
@@ -489,11 +504,12 @@ class RotationPath:
 def _longest_step(node: PathNodes) -> float:
     """Return the longest step (rad of theta) that the curvature of the path allows.
 
-    The second-order part of the change, bend step^2 / 2, may be `CURVED_PART_RAD`. Near a
-    limit of the reach, where the second derivative exceeds the first, the step is also
-    limited in proportion to the distance from the limit.
+    With the largest second derivative b of a variable, the second-order part of its change,
+    b step^2 / 2, may be at most `CURVED_PART_RAD`. Near a limit of the reach the second
+    derivative exceeds the first one f. The step is then also limited to a part of f / b,
+    which is proportional to the distance from the limit.
     """
-    # The tiny summand prevents a division by zero on a straight path.
+    # `bend` is b. The tiny summand prevents a division by zero on a straight path.
     bend: float = max_abs(np.nan_to_num(node.second)) + 1e-300
     limited_step: float = MAX_PART_OF_BEND_DISTANCE * max_abs(node.first) / bend
     step = min(LARGEST_ROTATION_STEP_RAD, (2.0 * CURVED_PART_RAD / bend) ** 0.5)

@@ -183,7 +183,9 @@ class Trajectory:
 
 @dataclass(frozen=True)
 class TimeScaling:
-    """A schedule of a rotation: when it reaches each angle.
+    """A schedule of a rotation: the time at which it reaches each angle.
+
+    The angle at the time t is (whole angle) * shape(t / duration).
 
     Attributes
     ----------
@@ -212,9 +214,10 @@ class TimeScaling:
 
     @property
     def binding(self) -> Extreme:
-        """The extreme that sets the duration.
+        """The speed or acceleration that sets the duration.
 
-        It is at its limit, except that whole cycles make the duration longer.
+        It is at its limit, unless the duration was made longer to be a whole number of
+        cycles.
         """
 
         def required_duration_ratio(extreme: Extreme) -> float:
@@ -276,10 +279,10 @@ def time_optimal(
 ) -> TimeScaling:
     """Return the shortest schedule of a law shape that keeps to the limits of the drives.
 
-    A law shape says which part of the angle is reached at which part of the duration. The
-    largest speeds and accelerations are found for the duration of 1 s. Speeds are
-    proportional to 1 / duration, accelerations to its square, which gives the shortest
-    duration.
+    A law shape is the part of the angle that is reached as a function of the part of the
+    duration. First the largest speeds and accelerations are computed for a duration of 1 s.
+    Speeds are proportional to 1 / duration, accelerations to 1 / duration^2. The shortest
+    duration follows from the limits.
 
     Parameters
     ----------
@@ -305,7 +308,8 @@ def time_optimal(
     if not np.any(np.isfinite(limits)):
         raise SolveError("a schedule needs a limit of speed or of acceleration")
 
-    # Columns of the motion: speeds of all inputs, then accelerations of all inputs.
+    # 1. The largest values in the unit motion, which takes 1 s. Its columns are the speeds
+    # of all inputs, then their accelerations.
     unit_motion = PiecewiseChebyshev.fit(
         lambda part: _evaluate_unit_motion(rotation, law, part)[1],
         0.0,
@@ -313,14 +317,17 @@ def time_optimal(
         SCHEDULE_TOLERANCE,
         max_cells=MAX_SCHEDULE_CELLS,
     )
+    # Part of the duration at which each column has its largest value.
     parts = np.array(
         [_find_largest(unit_motion, column) for column in range(2 * input_count)]
     )
-    # The values come from the rotation itself. Row k is at the time of the largest value of
-    # column k.
-    unit_values = np.diagonal(_evaluate_unit_motion(rotation, law, parts)[1])
-    # A value is proportional to duration^(-1) or duration^(-2), that is to
-    # duration^(-1 / power).
+    # The values themselves come from the rotation, not from its interpolant. Row k is at
+    # the time of the largest value of column k, so the diagonal has all largest values.
+    _, motion_at_parts = _evaluate_unit_motion(rotation, law, parts)
+    unit_values = np.diagonal(motion_at_parts)
+
+    # 2. The duration. A speed is proportional to duration^(-1), an acceleration to
+    # duration^(-2), that is to duration^(-1 / power).
     powers = np.repeat([1.0, 0.5], input_count)
     duration = float(np.max((np.abs(unit_values) / limits) ** powers))
     if cycle is not None:
@@ -332,8 +339,10 @@ def time_optimal(
         cycles = np.ceil(duration / cycle * (1.0 - CYCLE_ROUNDING))
         duration = cycle * max(1.0, cycles)
 
+    # 3. The largest values for this duration.
     values = unit_values / duration ** (1.0 / powers)
-    theta = rotation.angle * law.at(parts)[0]
+    law_values, _, _ = law.at(parts)
+    theta = rotation.angle * law_values
     columns: list[tuple[Literal["speed", "acceleration"], str]] = [
         *(("speed", name) for name in rotation.inputs),
         *(("acceleration", name) for name in rotation.inputs),
@@ -349,7 +358,14 @@ def time_optimal(
         )
         for column, (quantity, name) in enumerate(columns)
     )
-    return TimeScaling(rotation, law, duration, extremes, unit_motion.error, cycle)
+    return TimeScaling(
+        rotation=rotation,
+        shape=law,
+        duration=duration,
+        extremes=extremes,
+        error=unit_motion.error,
+        cycle=cycle,
+    )
 
 
 def schedule_limits(
@@ -391,9 +407,15 @@ def schedule_limits(
 
 
 def _check_shape(shape: str | Law) -> Law:
-    """Return a law shape, named or given as a law, after checking its range.
+    """Return a law shape that is given by its name or as a law.
 
-    A `SolveError` says if the name is unknown or if the law is not from 0 to 1.
+    A law shape is the part of an angle that is reached as a function of time.
+
+    Raises
+    ------
+    SolveError
+        If the name is unknown, or if the law does not lead from 0 at t = 0 to 1 at t = 1
+        with all values between.
     """
     if isinstance(shape, str):
         if shape not in SHAPES:
@@ -402,6 +424,7 @@ def _check_shape(shape: str | Law) -> Law:
                 f"Shapes: {listing(SHAPES)}"
             )
         return SHAPES[shape]
+    # The law gives values and two derivatives; only the values are checked.
     values, _, _ = shape.at(np.linspace(0.0, 1.0, LAW_CHECK_SAMPLES))
     end_errors = values[[0, -1]] - [0.0, 1.0]
     range_errors = values - np.clip(values, 0.0, 1.0)
@@ -436,7 +459,10 @@ def _find_largest(functions: PiecewiseChebyshev, column: int) -> float:
 def _evaluate_unit_motion(
     rotation: FixedAxisRotation, law: Law, part: Floats
 ) -> tuple[RotationSamples, Floats]:
-    """Return the motion of a rotation that takes 1 s.
+    """Return the motion of the inputs if a rotation takes 1 s.
+
+    With the law s of the time t, the angle of the rotation is theta = angle s(t). The
+    inputs are functions of theta.
 
     Parameters
     ----------
@@ -473,7 +499,8 @@ def _evaluate_unit_motion(
             + (f", as input {dead_input} is at a dead centre" if dead_input else "")
             + "; choose another start or end"
         )
-    # theta = angle s(t), and the inputs are functions of theta: chain rule.
+    # Chain rule: q' = (dq/dtheta) theta', q'' = (d2q/dtheta2) theta'^2 + (dq/dtheta)
+    # theta''.
     theta_rate = (angle * ds)[:, None]
     theta_acceleration = (angle * dds)[:, None]
     speeds = samples.rates * theta_rate

@@ -187,10 +187,11 @@ class TargetDeviation:
 
     @cached_property
     def _jacobian_split(self) -> JacobianSplit:
-        """The closure Jacobian, split by its singular values.
+        """The closure Jacobian J, split by its singular value decomposition.
 
-        The first ones, as many as the rank at regular configurations, belong to the loops.
-        The remaining right singular vectors are the motions with closed loops.
+        At a regular configuration J has the rank r = variables - degrees of freedom. The
+        pseudo-inverse uses the r largest singular values. The right singular vectors of the
+        others are the motions that keep the loops closed (null space).
         """
         rank = self.values.shape[1] - self.output_link.degrees_of_freedom
         left, singular_values, right = np.linalg.svd(self.linearisation.jacobian)
@@ -243,12 +244,14 @@ class TargetDeviation:
 
     @cached_property
     def _pulls(self) -> Floats:
-        """(n, variables, 3) vectors f_v by which the remaining rotation d pulls variables.
+        """(n, variables, 3) vectors f_v, called pulls, one for each variable v.
 
-        With the Jacobian G of the output link, the Jacobian J of the loops and multipliers
-        m, the nearest configuration satisfies G^T d + J^T m = 0. Its component for the
-        variable v is the product of f_v and the axis vector of the variable. The pulls are
-        zero where the link is on the target. `_combine_pulls` computes them.
+        The remaining rotation d leads from the output link to its target. The nearest
+        configuration satisfies G^T d + J^T m = 0, with the Jacobian G of the output link,
+        the Jacobian J of the loops and multipliers m. In mechanical terms, d is a moment on
+        the output link, and m are reactions that close the loops. Component v of the left
+        side is the scalar product of f_v and the axis vector of the variable. The pulls are
+        zero if the link is on the target.
         """
         pulls = self._combine_pulls(
             output_pull=self.remaining_rotation,
@@ -259,9 +262,11 @@ class TargetDeviation:
     def _combine_pulls(self, output_pull: Floats, gradient: Floats) -> Floats:
         """Return the pulls (n, variables, 3) of the output link and of the loops.
 
-        The multipliers of the loops are m = -(J^+)^T gradient. A variable is pulled by the
-        multipliers of the loops that pass through its pair, and by the output link if the
-        pair is on the path to it.
+        With the pseudo-inverse J^+ of the closure Jacobian, the multipliers of the loops
+        are m = -(J^+)^T gradient, three for each loop. The pull of a variable is the sum of
+        the multipliers of all loops that pass through its pair, and of the vector
+        `output_pull` if the pair is on the path from body 0 to the output link. Signs say
+        in which direction loop and path pass the pair.
 
         Parameters
         ----------
@@ -285,11 +290,12 @@ class TargetDeviation:
         return self.linearisation.vector_rates(self.linearisation.body_rates(rates))
 
     def _vector_accelerations(self, rates: Floats, vector_rates: Floats) -> Floats:
-        """Return the second derivatives (n, variables, 3) of the variables' vectors.
+        """Return the second derivatives (n, variables, 3) of the variables' axis vectors.
 
-        They are NaN for contact pairs, for which a further derivative of the profiles would
-        be needed. They are zero where the link is on the target, since they do not matter
-        there.
+        The axis a of a pair is fixed in a body with the angular velocity w and the angular
+        acceleration w': a'' = w' x a + w x a'. The result is NaN for contact pairs, which
+        would need a further derivative of their profiles. If the output link is on the
+        target, the result does not matter and is zero.
 
         Parameters
         ----------
@@ -299,6 +305,7 @@ class TargetDeviation:
             (n, variables, 3) first derivatives of the vectors at these rates.
         """
         tree = self.linearisation.tree
+        # For each variable the first body of its pair, which carries the axis.
         first_bodies = tree.firsts[list(tree.owners)]
         body_accelerations = tree.body_rates(vector_rates, rates)[:, first_bodies]
         angular_velocities = self.linearisation.body_rates(rates)[:, first_bodies]
@@ -313,8 +320,8 @@ class TargetDeviation:
     def _gradient_rates(self, rates: Floats) -> Floats:
         """Return the change (n, variables) of the gradient of a^2 / 2.
 
-        a is the angle between the output link and its target. The variables move at rates
-        (n, variables) and the target is fixed.
+        The symbol a is the angle between the output link and its target. The variables move
+        at rates (n, variables), and the target is fixed.
         """
         output_velocity = np.matvec(self.output_jacobian, rates)
         rotation_rate = log_rate(-self.remaining_rotation, output_velocity)
@@ -325,8 +332,9 @@ class TargetDeviation:
     def stiffness(self) -> Floats:
         """(n, freedoms, freedoms) second derivative of a^2 / 2 along the configurations.
 
-        a is the angle between the output link and its target. The motions are those of the
-        null space of the closure Jacobian, which keep the loops closed.
+        The symbol a is the angle between the output link and its target. Rows and columns
+        belong to the motions that keep the loops closed, which are the null space of the
+        closure Jacobian.
         """
         null_space = self._jacobian_split.null_space
         columns = [self._gradient_rates(motion) for motion in np.moveaxis(null_space, 2, 0)]
@@ -348,6 +356,10 @@ class TargetDeviation:
         self, gradient: Floats, closure_change: Floats, stiffness: Floats
     ) -> Floats:
         """Return the motion (n, variables) that balances a gradient and closes the loops.
+
+        The motion is the sum of two parts. The first part closes the loops. The second part
+        keeps them closed and is chosen so that the gradient along the configurations, whose
+        derivative is the stiffness matrix, becomes zero.
 
         Parameters
         ----------
@@ -396,12 +408,12 @@ class TargetDeviation:
         return self._solve_motion(gradient, -self.linearisation.residual, stiffness)
 
     def error(self, can_follow: bool) -> Floats:
-        """Return by how much (n,), in rad, the configurations are not the nearest ones.
+        """Return the error (n,), in rad, of configurations that should be the nearest ones.
 
-        The error is the larger one of the closure residual and of the remaining rotation to
-        the target. If the target cannot be reached (`can_follow` is false), the gradient of
-        a^2 / 2 along the configurations, with the angle a to the target, takes the place of
-        the remaining rotation.
+        The error is the larger one of two numbers. The first one is the closure residual.
+        The second one is the remaining rotation to the target if the mechanism can reach it
+        (`can_follow`). Otherwise it is the gradient of a^2 / 2 along the configurations,
+        where a is the angle to the target.
         """
         if can_follow:
             output_error = self.remaining_rotation
@@ -414,8 +426,9 @@ class TargetDeviation:
     def rates(self, axis: Floats) -> TargetRates:
         """Return the derivatives of the variables while the target turns about an axis.
 
-        Where the link follows the target exactly, its rotation is one more equation of the
-        motion. It also determines the links where the loops alone do not.
+        If the output link follows the target exactly, its rotation gives three equations in
+        addition to those of the loops. They may determine the links even where the loops
+        alone do not.
 
         Parameters
         ----------
@@ -464,13 +477,15 @@ class TargetDeviation:
     def _nearest_rates(self, axis: Floats) -> tuple[Floats, Floats]:
         """Return the first and second derivatives (n, variables) of nearest configurations.
 
-        With the remaining rotation d to the target, the Jacobian G of the output link, the
-        closure Jacobian J and multipliers m, the nearest configuration satisfies
-        G^T d + J^T m = 0. This is differentiated once and twice by theta while the target
-        turns about the `axis` (3,). The derivatives hold on and off the target.
+        The nearest configuration satisfies G^T d + J^T m = 0. Here d is the remaining
+        rotation to the target, G is the Jacobian of the output link, J the closure Jacobian
+        and m are multipliers. The equation is differentiated once and twice by theta while
+        the target turns about the `axis` (3,). The derivatives are valid on and off the
+        target.
         """
         d = self.remaining_rotation
-        # Change of d if only the target turns.
+
+        # 1. First derivatives. `target_rate` is the change of d if only the target turns.
         target_rate = log_rate(d, axis)
         first = self._solve_motion(
             gradient=np.vecmat(target_rate, self.output_jacobian),
@@ -478,6 +493,7 @@ class TargetDeviation:
             stiffness=self.stiffness,
         )
 
+        # 2. Changes of all quantities in the equation at these rates.
         vector_rates = self._vector_rates(first)
         w = np.matvec(self.output_jacobian, first)  # angular velocity of the output link
         # Change of d if the target and the output link turn.
@@ -487,7 +503,8 @@ class TargetDeviation:
         pull_rates = self._combine_pulls(output_pull=d_rate, gradient=gradient_rate)
         loop_bias, output_bias = self._velocity_biases(first, vector_rates)
 
-        # Part of the second derivative of d that does not contain the unknown one of v.
+        # 3. Second derivatives. `d_bias` is the part of the second derivative of d without
+        # the unknown second derivative of the variables.
         d_bias = log_rate_change(d, d_rate, axis)
         d_bias -= log_rate_change(-d, -d_rate, w)
 

@@ -38,7 +38,9 @@ COORDINATES = (2, 3)
 class VirtualOutputChain:
     """A mechanism with two virtual links between the links of one of its outputs.
 
-    The numbers of virtual links and pairs come after those of the mechanism itself.
+    The virtual links hold the output: their three R pairs have the coordinates of the pose
+    as variables and are driven. The numbers of virtual links and pairs come after those of
+    the mechanism itself.
 
     Attributes
     ----------
@@ -188,8 +190,9 @@ def _add_to_pose(
 ) -> PoseGeometry:
     """Return a reference pose with the three virtual pairs added.
 
-    Their axes are z, the tilt axis at right angles to z and to the direction, and the
-    direction. Their variables are azimuth and tilt of the direction, and the turn 0.
+    The axes of the virtual pairs are z, the tilt axis at right angles to z and to the
+    direction, and the direction of the output. Their variables are azimuth and tilt of this
+    direction, and the turn 0.
 
     Parameters
     ----------

@@ -37,11 +37,12 @@ Larger: more lengths far from the configuration converge, in more time.
 def find_assembled_configuration(
     held_solver: PositionSolver, released_solver: PositionSolver, values: Floats
 ) -> Floats | None:
-    """Return a configuration of the assembly that the file describes, None if none exists.
+    """Return a configuration in which all wheels mesh as in the file of the mechanism.
 
-    If the output is held, the mechanism also closes with wheels that mesh in other teeth
-    than the file says. The rolled lengths are then changed by whole revolutions of wheels,
-    the loops are closed again, and the inputs are searched that roll these lengths.
+    If the output is held, the mechanism also closes with wheels that mesh in other teeth.
+    The rolled length of each contact (the arc that one wheel has rolled on the other) is
+    therefore changed by whole revolutions of the wheels. The loops are closed again, and
+    inputs are searched that roll these lengths.
 
     Parameters
     ----------
@@ -55,9 +56,9 @@ def find_assembled_configuration(
 
     Returns
     -------
-    (variables,) rad, with the inputs in the revolutions that the rolled lengths require. Of
-    several configurations that differ by whole revolutions of wheels, the one with the
-    smallest sum of absolute inputs is returned.
+    (variables,) rad of `held_solver`. The inputs have the revolutions that the rolled
+    lengths require. Of several configurations that differ by whole revolutions of wheels,
+    the one with the smallest sum of absolute inputs is returned. None if there is none.
     """
     gear_phases = released_solver.gear_phases
     if gear_phases is None or not gear_phases.variables:
@@ -72,8 +73,8 @@ def find_assembled_configuration(
             start_values, [*held_solver.driven, *rolled], max_steps=MAX_MESH_STEPS
         )
     is_closed = linearisation.closure_residual < CLOSURE_TOLERANCE
-    # Of the configurations whose lengths some inputs roll, the one with the smallest sum of
-    # absolute inputs is kept. Sums that differ by rounding only keep the first one.
+    # Choose the configuration with the smallest sum of absolute inputs among those whose
+    # lengths some inputs roll. If sums are equal up to rounding, the first one is chosen.
     best_configuration = None
     least_sum = np.inf
     for configuration in linearisation.values[is_closed]:
@@ -110,10 +111,12 @@ def _list_possible_lengths(
     """
     tree = held_solver.closure.tree
     joints = [held_solver.closure.joints[tree.owners[v]] for v in gear_phases.variables]
+    # For each contact the lengths that differ by whole revolutions, then combinations of
+    # one length for each contact.
     choices = map(list_equivalent_lengths, joints, map(float, lengths))
     combinations = np.array(list(islice(product(*choices), MAX_LENGTH_COMBINATIONS)))
-    # The inputs change the lengths in the range of the ratios only, so the projection onto
-    # this range must not alter a possible change.
+    # The change of the lengths is ratios @ inputs. A change is possible if its projection
+    # onto the range of the matrix `ratios` does not alter it.
     ratios = gear_phases.ratios
     projection = ratios @ np.linalg.pinv(ratios)
     change = combinations - gear_phases.lengths
@@ -126,7 +129,7 @@ def _list_possible_lengths(
 def _find_input_revolutions(
     gear_phases: GearPhases, q: Floats, lengths: Floats
 ) -> Floats | None:
-    """Return the inputs, whole revolutions away, that roll given lengths.
+    """Return inputs that roll given lengths and differ from q by whole revolutions.
 
     Parameters
     ----------
@@ -141,7 +144,7 @@ def _find_input_revolutions(
     -------
     (inputs,) rad, with the smallest sum of absolute values; None if none rolls the lengths.
     """
-    # Inputs that roll no wheel are left as they are. For the others, all revolutions within
+    # Inputs that roll no wheel remain as they are. For the others, all revolutions within
     # half a period of the wheels in both directions are tried.
     rolls = max_abs(gear_phases.ratios, axis=0) > GEAR_RATIO_TOLERANCE
     half_period = np.ceil(0.5 * np.asarray(gear_phases.periods) / TURN)

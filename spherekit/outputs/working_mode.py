@@ -48,12 +48,15 @@ class RateFraction:
 
 @dataclass(frozen=True)
 class ClosingLinkState:
-    """What a closing link says about the turn of a pointing output at n poses.
+    """A closing link, whose arc determines the turn of a pointing output, at n poses.
+
+    The turn is the rotation of the output link about the direction at which it points.
 
     Attributes
     ----------
     residual_rate
-        Rate of the residual of the closing link, see `spherekit.outputs.closing_link`.
+        Rate of the residual per unit angular velocity of the output. The residual is the
+        cosine of the angle between both axes of the closing link less that of its arc.
     directions
         (3, n) directions of the output.
     status
@@ -114,11 +117,14 @@ Result = TypeVar("Result")
 
 
 def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result]:
-    """Let a method of `WorkingMode` compute its result once for all modes that share it.
+    """Return a method of `WorkingMode` that reuses results of other modes (a decorator).
 
-    While the method runs, the mode notes the dyads whose signs are read. The result is
-    stored under the name and arguments of the method and the signs of these dyads. All
-    modes of the same poses use one store. The arguments must be hashable.
+    A working mode is a sign for each dyad. Many quantities depend on the signs of some
+    dyads only, and are computed once for all modes in which these signs are equal. The
+    first time that the method runs with some arguments, the mode notes in `read_signs` the
+    dyads whose signs are read. All modes of the same poses share one store,
+    `shared_results`, in which the key of a result is the name of the method, its arguments
+    and these signs. The arguments must be hashable.
     """
     name = method.__name__
 
@@ -126,11 +132,13 @@ def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result
     def shared_method(mode: "WorkingMode", *arguments: Hashable) -> Result:
         sign_dependencies = mode.chain.sign_dependencies
         quantity = (name, *arguments)
-        # Before the first computation the dependencies are unknown. The key is then that
-        # of a quantity without signs, which is in the store only if there are none.
+        # Before the first computation it is not known on which signs the quantity depends.
+        # A key without signs is then used. The store has no such key, unless the quantity
+        # depends on no signs.
         signs = (mode.signs[dyad] for dyad in sign_dependencies.get(quantity, ()))
         key = (quantity, *signs)
         if key not in mode.shared_results:
+            # A copy of the mode notes the signs that are read, beginning with none.
             recording_mode = replace(mode, read_signs=set())
             with np.errstate(all="ignore"):
                 result = method(recording_mode, *arguments)
@@ -138,6 +146,7 @@ def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result
             signs = (mode.signs[dyad] for dyad in sign_dependencies[quantity])
             key = (quantity, *signs)
             mode.shared_results[key] = result
+        # A method that called this one depends on the same signs.
         mode.read_signs.update(sign_dependencies[quantity])
         return mode.shared_results[key]  # type: ignore[no-any-return]
 
@@ -158,11 +167,12 @@ class WorkingMode:
     signs
         The sign, 1 or -1, of each dyad.
     posed_axes
-        Axes (3, n) of pairs of the posed link, by the number of the pair.
+        Axes (3, n) of pairs of the posed link, by the number of the pair. The posed link is
+        the one that is placed by the poses, not by dyads.
     posed_rotation
-        (3, 3, n) orientation of the posed link, or None. Index 0 is the axis of the posed
-        link, index 1 the component in the axes of the base. It gives the axes that
-        `posed_axes` does not contain.
+        (3, 3, n) orientation of the posed link, or None if `posed_axes` has all axes that
+        are needed. Index 0 is the axis of the posed link, index 1 the component in the axes
+        of the base.
     driven
         Numbers of the pairs of the inputs.
     measure
@@ -245,7 +255,12 @@ class WorkingMode:
 
     @_shared_between_modes
     def reach(self) -> DyadReach:
-        """Return how far the dyads are from the limits of their reach."""
+        """Return how far the dyads are from the limits of their reach.
+
+        A dyad closes if the angle between its outer axes a and c is between the angles at
+        which it is folded and stretched.
+        """
+        # One array (n,) for each dyad.
         margins = []
         is_regular = []
         for number, dyad in enumerate(self.chain.dyads):
@@ -261,14 +276,21 @@ class WorkingMode:
             # at the middle pair. That sine is 0 where the dyad is stretched or folded.
             least_product = SINGULAR_DYAD_SINE * np.prod(np.sin(dyad.arcs))
             is_regular.append(triangle.triple_product >= least_product)
+        # The least margin of all dyads, NaN ignored, and the first dyad that has it.
         margin = np.fmin.reduce(margins)
         limiting = np.argmax(margins == margin, axis=0).astype(np.int8)
         status = np.where(np.all(is_regular, axis=0), Status.OK, Status.AT_SINGULARITY)
+        # The negation includes NaN.
         status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
         return DyadReach(margin, limiting, status.astype(np.int8))
 
     def axis(self, pair: int, link: int) -> Floats:
-        """Return the axis (3, n) or (3, 1) of a pair, as one of its links carries it."""
+        """Return the axis of a pair as one of its links carries it, in base axes.
+
+        The shape is (3, n), or (3, 1) if the axis is the same at all poses. An axis is
+        known from the pose of the output, as the middle axis of a dyad, or else from the
+        two pairs that place the link.
+        """
         chain = self.chain
         source = chain.axis_source(pair, link)
         dyad = chain.dyad_of_link.get(source.link)
@@ -288,7 +310,12 @@ class WorkingMode:
 
     @_shared_between_modes
     def _carried_vector(self, link: int, x: float, y: float, z: float) -> Floats:
-        """Return a vector with the components x, y, z in a link, in base axes (3, n)."""
+        """Return a vector that is fixed in a link, in base axes (3, n).
+
+        The vector has the components x, y, z in the axes of the link. In a link of a dyad
+        it is combined from the axis p of the outer pair, the axis q of the middle pair, and
+        p x q.
+        """
         chain = self.chain
         if link == chain.posed_link:
             assert self.posed_rotation is not None
@@ -312,18 +339,24 @@ class WorkingMode:
     def signed_middle_axis(self, dyad_number: int) -> tuple[Floats, Floats]:
         """Return the middle axis b of a dyad, and the triple product b . (a x c).
 
-        The axis is (3, n), the product (n,), with the near axis a and the far axis c. Both
-        are NaN where the dyad does not reach.
+        Here a and c are the axes of the near and far pair of the dyad. The axis b is
+        (3, n), the product (n,). Both are NaN where the dyad does not reach.
         """
         triangle = self._triangle(dyad_number)
+        # Modes with equal signs of this dyad share the result.
         self.read_signs.add(dyad_number)
+        # The parity relates the sign of the mode to that of the triple product.
         sign = self.signs[dyad_number] * self.chain.dyads[dyad_number].parity
         axis = triangle.common_part + sign * triangle.signed_part
         return axis, sign * triangle.triple_product
 
     @_shared_between_modes
     def _triangle(self, dyad_number: int) -> DyadTriangle:
-        """Return the parts of the middle axis of a dyad, for both signs."""
+        """Return the parts of the middle axis of a dyad, from which both signs follow.
+
+        The middle axis b has the angles `dyad.arcs` to the outer axes a and c. It is a
+        combination of a + c, a - c and a x c, where only the last part depends on the sign.
+        """
         dyad = self.chain.dyads[dyad_number]
         a, c = self._outer_axes(dyad_number)
         total = a + c
@@ -341,6 +374,7 @@ class WorkingMode:
             *dyad.half_arcs, sum_square, difference_square, triple_product
         )
         common_part = total * sum_weight
+        # With equal arcs b is in the middle between a and c.
         if dyad.arcs[0] != dyad.arcs[1]:
             common_part += difference * difference_weight
         # (a - c) x (a + c) is 2 a x c. It keeps its relative accuracy if a and c nearly
@@ -355,9 +389,10 @@ class WorkingMode:
     def angle(self, pair: int) -> Floats:
         """Return the variable (n,) of a pair in (-pi, pi] rad, NaN out of reach.
 
-        It is the angle about the axis from a vector of the first link to a vector of the
-        second link, less the angle between both vectors at the variable 0. The difference
-        is computed from cosines and sines, by the addition theorem.
+        Take a vector of each link that is not parallel to the axis. The variable is the
+        angle about the axis from the vector of the first link to that of the second link,
+        less the same angle in the position where the variable is 0. The difference of both
+        angles is computed from their cosines and sines, by the addition theorem.
         """
         first_link, second_link = self.chain.ends[pair]
         first_vector, first_components = self._vector_off_axis(pair, first_link)
@@ -415,13 +450,13 @@ class WorkingMode:
 
         Notes
         -----
-        With the axes a, b, c of the near, middle and far pair and their rates A, B, C, the
-        angular velocities of the supports satisfy
+        A dyad joins two supports, which have the angular velocities w_near and w_far. Its
+        near, middle and far pair have the axes a, b, c and the rates A, B, C, so that
 
             w_near + a A = w_far + c C - b B.
 
-        Multiplied by the vector product of two axes, only the rate of the third pair
-        remains, times the triple product of the axes.
+        The scalar product of this equation with the vector product of two axes leaves only
+        the rate of the third pair, times the triple product of the axes.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
@@ -455,9 +490,10 @@ class WorkingMode:
     ) -> RateFraction:
         """Return the scalar product of a vector and the angular velocity of a link.
 
-        The result is linear in the angular velocity of the output. From a link of a dyad,
-        the outer pair leads to its support, and so on to the base or to the posed link. The
-        angular velocity of the base is 0, that of the posed link is that of the output.
+        The result is linear in the angular velocity of the output. The angular velocity of
+        a link of a dyad is that of its support plus the rate of the outer pair between
+        both. The support is treated in the same way (recursively), until the base with the
+        angular velocity 0, or the posed link with that of the output, is reached.
 
         Parameters
         ----------
@@ -466,8 +502,9 @@ class WorkingMode:
         link
             Number of the link; its angular velocity is relative to the base.
         normal_pair
-            A pair of the link to whose axis the vector is at right angles, or None if none
-            is known. The rate of a pair with this axis does not matter then.
+            A pair of the link to whose axis the vector is at right angles, or None if no
+            such pair is known. The rate of an outer pair with the same axis adds nothing
+            to the scalar product.
         """
         chain = self.chain
         if link == chain.base:
@@ -478,10 +515,13 @@ class WorkingMode:
         if normal_pair is not None and chain.is_coaxial(pair, normal_pair, link):
             return self.angular_velocity_along(vector, support, pair)
         pair_rate = self.pair_rate(pair)
-        share = dot_columns(vector, self.axis(pair, link))
-        subtracted_share = -share if chain.ends[pair][1] == link else share
+        component = dot_columns(vector, self.axis(pair, link))
+        # The rate is counted from the first to the second link of the pair. Fractions can
+        # only be subtracted, so a rate that is to be added gets the opposite sign.
+        is_second_link = chain.ends[pair][1] == link
+        subtracted_component = -component if is_second_link else component
         subtracted_rate = RateFraction(
-            pair_rate.numerator * subtracted_share, pair_rate.denominator
+            pair_rate.numerator * subtracted_component, pair_rate.denominator
         )
         return self.angular_velocity_along(vector, support, None) - subtracted_rate
 
@@ -489,8 +529,10 @@ class WorkingMode:
     def input_rate(self, pair: int) -> RateFraction:
         """Return the rate of an input per unit angular velocity of the output.
 
-        If there is a closing link, it determines the turn of the output about its
-        direction. The numerator is then at right angles to the direction.
+        A closing link, if there is one, determines how fast the output turns about its
+        direction: so fast that the residual of the closing link has no rate. The numerator
+        of the result is then at right angles to the direction, which means that only the
+        change of the direction matters.
         """
         rate = self.pair_rate(pair)
         if self.closing_link is not None:
@@ -498,6 +540,8 @@ class WorkingMode:
             residual_rate = self.closing_link.residual_rate
             rate_by_turn = dot_columns(rate.numerator, directions)
             residual_by_turn = dot_columns(residual_rate.numerator, directions)
+            # The multiple of the residual's rate is subtracted that removes the turn, with
+            # the common denominator `residual_by_turn`.
             rate = RateFraction(
                 rate.numerator * residual_by_turn - residual_rate.numerator * rate_by_turn,
                 rate.denominator * residual_by_turn,
@@ -510,9 +554,11 @@ class WorkingMode:
         return norm_columns(self.input_rate(pair).numerator)
 
     def output_normal(self, pair: int) -> Floats:
-        """Return the unit vector (3, n) along which the output turns with an input.
+        """Return the unit vector (3, n) along which an angular velocity drives an input.
 
-        The other inputs are free. The sense is that of a positive rate of the input.
+        The rate of the input is proportional to the component of the output's angular
+        velocity along this vector, and has its sign. With the input locked and the other
+        inputs free, the angular velocity is at right angles to it.
         """
         rate = self.input_rate(pair)
         return rate.numerator * (np.sign(rate.denominator) / self._numerator_length(pair))
@@ -528,10 +574,10 @@ class WorkingMode:
     def _output_speed_square(self, pair: int) -> Floats:
         """Return the square (n,) of `output_speed`, continued out of reach.
 
-        If the dyad of the pair stands on the base and on the posed link, the square is the
-        squared triple product of the axes of the dyad, over the squared sine of the arc of
-        its other link. Out of reach this number is negative and is returned. The
-        continuation is then smooth.
+        If the dyad of the pair joins the base to the posed link, `output_speed` is the
+        triple product of the axes of the dyad, divided by the sine of the arc of the link
+        that the pair does not join to a support. The square of this triple product is
+        known out of reach, too. It is negative there, so the continuation is smooth.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         square = self.output_speed(pair) ** 2
@@ -545,9 +591,9 @@ class WorkingMode:
         return np.where(np.isnan(square), continuation, square)
 
     def axes(self, count: int) -> Floats:
-        """Return the axes (n, count, 3) of the first pairs.
+        """Return the axes (n, count, 3) of the first `count` pairs in base axes.
 
-        They are NaN where the mode has none.
+        They are NaN where the mode has no configuration.
         """
         axes = np.empty((len(self.status), count, 3))
         for pair in range(count):

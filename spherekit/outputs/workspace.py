@@ -29,14 +29,14 @@ SUPER_FIBONACCI_PSI = 1.533751168755204288118041
 
 @dataclass(frozen=True)
 class Judged:
-    """Margins and measures at n poses in one mode.
+    """Margins, inputs and measures of singularities at n poses in one working mode.
 
     Attributes
     ----------
     margin
-        (n,) rad left to the nearest limit, negative outside.
+        (n,) rad left to the nearest limit, negative outside of the workspace.
     limiting
-        (n,) number of this limit, -1 where no limit says why the pose cannot be taken.
+        (n,) number of this limit; -1 if the pose cannot be taken for another reason.
     inputs
         (n, inputs) rad.
     type_1
@@ -190,8 +190,8 @@ def direction_workspaces(
 
     def find_directions(margins: Margins) -> _SampledWorkspace[Region]:
         """Return the region of a mode with its vertices as samples."""
-        # The first error is relative to half the sphere. It is repeated if the region
-        # turns out to be smaller.
+        # The area is not known beforehand, so the first target error is relative to half
+        # the sphere (2 pi). If the region turns out to be smaller, it is computed again.
         region = find_region(margins, tolerance * 2.0 * np.pi)
         target_error = tolerance * region.area
         if region.error > target_error > 0.0:
@@ -257,18 +257,22 @@ def _share_between_modes(
     same_as
         Signs of the earlier mode for which the workspace was computed, otherwise None.
     """
-    computed: list[tuple[Signs, _SampledWorkspace[Workspace]]] = []
+    # By the signs of the modes for which a workspace was computed.
+    computed: dict[Signs, _SampledWorkspace[Workspace]] = {}
     for signs in modes:
         margins = make_margins(kinematics, bounds, signs)
-        # The else branch belongs to the loop: it runs if no earlier mode is the same.
-        for earlier_signs, earlier in computed:
+        same_as = None
+        for earlier_signs, earlier in computed.items():
+            # Equal margins, bit for bit, at the samples of the earlier workspace.
             if np.array_equal(margins(earlier.poses), earlier.margins, equal_nan=True):
-                yield signs, earlier.workspace, earlier_signs
+                same_as = earlier_signs
                 break
-        else:
+        if same_as is None:
             sampled_workspace = find_workspace(margins)
-            computed.append((signs, sampled_workspace))
-            yield signs, sampled_workspace.workspace, None
+            computed[signs] = sampled_workspace
+        else:
+            sampled_workspace = computed[same_as]
+        yield signs, sampled_workspace.workspace, same_as
 
 
 def orientation_workspaces(
@@ -310,16 +314,22 @@ def orientation_samples(count: int = POSE_SAMPLES) -> Floats:
 
     Notes
     -----
-    The spirals of M. Alexa, Super-Fibonacci spirals: fast, low-discrepancy sampling of
-    SO(3) (2022).
+    With t between 0 and 1, s = t count and psi the positive root of x^4 = x + 4, the
+    quaternions are (r sin a, r cos a, R sin b, R cos b) with r = sqrt(t), R = sqrt(1 - t),
+    a = 2 pi s / sqrt(2) and b = 2 pi s / psi.
+
+    References
+    ----------
+    M. Alexa, Super-Fibonacci spirals: fast, low-discrepancy sampling of SO(3) (2022).
     """
-    part = (np.arange(count) + 0.5) / count
+    t = (np.arange(count) + 0.5) / count
+    # Angles a and b (2, count).
     spiral_angles = (
-        2.0 * np.pi * count * part / np.array([[np.sqrt(2.0)], [SUPER_FIBONACCI_PSI]])
+        2.0 * np.pi * count * t / np.array([[np.sqrt(2.0)], [SUPER_FIBONACCI_PSI]])
     )
-    # Axes: sine or cosine, spiral, sample. The components of a quaternion are the sine and
-    # cosine of the first spiral, then those of the second one.
-    spirals = np.sqrt([part, 1.0 - part]) * [np.sin(spiral_angles), np.cos(spiral_angles)]
+    # Axes: sine or cosine, spiral, sample.
+    spirals = np.sqrt([t, 1.0 - t]) * [np.sin(spiral_angles), np.cos(spiral_angles)]
+    # For each sample: sine and cosine of the first spiral, then those of the second one.
     return np.hstack(np.moveaxis(spirals, 0, 2))
 
 
@@ -338,9 +348,9 @@ def nearest_reachable(
     workspace: DirectionWorkspace | OrientationWorkspace,
     place: Floats,
 ) -> tuple[Floats, float] | None:
-    """Return the reachable pose nearest to one that is outside, and how far (rad) it is.
+    """Return the reachable pose nearest to a pose outside, and the angle between both.
 
-    Every part of the workspace is considered, whatever its size.
+    Every connected part of a workspace of directions is considered, whatever its size.
 
     Parameters
     ----------
@@ -349,20 +359,22 @@ def nearest_reachable(
     workspace
         The workspace of a mode.
     place
-        A direction (3,) or a quaternion xyzw (4,) outside.
+        The pose outside: a direction (3,) or a unit quaternion xyzw (4,).
 
     Returns
     -------
-    The pose (3,) or (4,), and the angle (rad) to it. None if no pose inside is met.
+    The nearest pose (3,) or (4,), and the angle (rad) to it. None if the search meets no
+    pose of the workspace.
     """
-    # Poses inside from which the search starts: one of the orientations, or one of every
-    # connected part of the directions and the nearest point of the region.
+    # Poses of the workspace (k, 3 or 4) from which the search starts, besides samples.
     if isinstance(workspace, OrientationWorkspace):
+        # One orientation well inside.
         inside_poses = workspace.orientations.place[None]
     else:
         region = workspace.region
         if not region.components:
             return None
+        # The nearest point of the region, and one direction in every connected part.
         component_poses = [component.place for component in region.components]
         inside_poses = np.stack([region.nearest(place), *component_poses])
     (nearest_pose,) = nearest_in_mode(
@@ -378,26 +390,28 @@ def nearest_in_mode(
     places: Floats,
     inside_poses: Floats | None = None,
 ) -> list[tuple[Floats, float] | None]:
-    """Return the reachable poses nearest to some that are outside, in one mode.
+    """Return for each pose outside of a workspace the nearest reachable pose, in one mode.
 
     Parameters
     ----------
     kinematics, bounds, signs
-        The output, its limits, and the signs of the working mode.
+        The output, the limits of its workspace, and the signs of the working mode.
     places
-        (n, 3) directions or (n, 4) unit quaternions xyzw that are outside.
+        The n poses outside: (n, 3) directions or (n, 4) unit quaternions xyzw.
     inside_poses
-        (k, 3 or 4) poses inside, besides those of `POSE_SAMPLES` spread evenly.
+        (k, 3 or 4) poses in the workspace from which the search starts, too. It always
+        starts from those of `POSE_SAMPLES` evenly spread poses that are in the workspace.
 
     Returns
     -------
-    For each place the pose and the angle (rad) to it, to 1e-8 rad; None if no pose inside
-    was met. `spherekit.outputs.nearest_pose` says what is compared.
+    For each of the n poses the nearest reachable pose and the angle (rad) between both, to
+    1e-8 rad. None if there is no pose to start from. The search is that of
+    `spherekit.outputs.nearest_pose`.
     """
 
     def is_inside(poses: Floats) -> Bools:
         """Return whether poses (n, 3 or 4) keep all limits."""
-        # `judge` would compute inputs and measures too, which take most of its time.
+        # `judge` gives the same answer, but spends most of its time on inputs and measures.
         with np.errstate(all="ignore"):
             mode = kinematics.at(_convert_poses(kinematics, poses), signs)
             margin, _ = find_least_margin(bounds, mode)
@@ -416,18 +430,19 @@ def nearest_in_mode(
 def nearest_poses(
     kinematics: ClosedKinematics, places: Floats, signs: Signs
 ) -> tuple[Floats, Floats]:
-    """Return the reachable poses nearest to some that are outside, and their distances.
+    """Return the nearest reachable poses to poses outside of a workspace.
 
-    Only the limits of the mechanism itself apply.
+    The workspace is that of one working mode under the limits of the mechanism itself,
+    without further constraints.
 
     Parameters
     ----------
     kinematics
         The output.
     places
-        (n, 3) directions or (n, 4) quaternions xyzw that are outside.
+        The n poses outside: (n, 3) directions or (n, 4) unit quaternions xyzw.
     signs
-        The signs of the mode.
+        The signs of the working mode.
 
     Returns
     -------
