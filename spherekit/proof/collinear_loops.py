@@ -66,7 +66,10 @@ Arm = tuple[int, Quadrant]
 
 @dataclass(frozen=True)
 class FourPairLoop:
-    """The equation of a loop of four pairs, of which two angles are variables.
+    """A loop of four pairs that gives one equation in two variable pair angles.
+
+    Such a loop closes exactly with all four pair axes in one plane if its arcs, each with
+    one of two signs, add up to whole turns.
 
     Attributes
     ----------
@@ -78,8 +81,8 @@ class FourPairLoop:
         (2, 2) balls (rad). Row i has the two angles of variable i at which both links of
         the pair are in one plane: on the same side of its axis [0], on opposite sides [1].
     closes
-        (2, 2) bools: entry (i, j) is whether the loop closes in a plane with angle i of the
-        first variable and angle j of the second.
+        (2, 2) bools: entry (i, j) is whether the loop closes in a plane if the first
+        variable has its planar angle i and the second variable its planar angle j.
     """
 
     equation: int
@@ -91,7 +94,10 @@ class FourPairLoop:
 def complete_configuration(
     equations: ArcEquations, equation: int, given: Mapping[int, Ball], position: Floats
 ) -> Array | None:
-    """Return balls near a position that solve all equations but one, with given variables.
+    """Enclose the solution of all equations but one, if some variables are given.
+
+    A ball is a number with a proven bound of its error. The result proves that these
+    equations have exactly one solution near the position.
 
     Parameters
     ----------
@@ -100,37 +106,41 @@ def complete_configuration(
     equation
         Number of the equation that is left out.
     given
-        By number of the variable: its value (rad), modulo turns.
+        By number of the variable: its exact value (rad), to which whole turns may be added.
     position
-        (v,) values of all v variables (rad).
+        (v,) approximate values of all v variables (rad).
 
     Returns
     -------
-    (v,) balls, of which those not given contain exactly one solution. None if a given value
-    is not near the position, if the other equations are not as many as the other variables,
-    or if no solution is proven.
+    (v,) balls (rad). Those of variables that are not given contain exactly one solution.
+    None in three cases: a given value is not near the position; there are not as many
+    other equations as other variables; or no solution is proven.
     """
     balls = exact_balls(position)
     for variable, value in given.items():
+        # The value that differs by whole turns and is nearest to the position.
         turns = np.round((position[variable] - centre_float(value)) / (2.0 * np.pi))
         balls[variable] = value + 2 * pi_ball() * turns
         distance = abs(centre_float(balls[variable]) - position[variable])
         if distance > GIVEN_VALUE_TOLERANCE_RAD:
             return None
-    free = [j for j in range(equations.variable_count) if j not in given]
+    free_variables = [j for j in range(equations.variable_count) if j not in given]
     other_equations = [k for k in range(equations.unknown_count) if k != equation]
-    if len(free) != len(other_equations):
+    if len(free_variables) != len(other_equations):
         return None
-    if not free:
+    if not free_variables:
         return balls
-    # The bound of the distance of a zero from the centre, by the derivatives in the wide
-    # balls, proves the solution if it is less than their radius.
-    (values,) = equations.evaluate(balls, 0)
+    # The free variables are widened by a radius. The residuals at the centre and the
+    # derivatives in the wide balls bound the distance of a zero from the centre. If the
+    # bound is less than the radius, the wide balls contain exactly one zero.
+    (residuals,) = equations.evaluate(balls, 0)
     wide_balls = balls.copy()
-    wide_balls[free] += widen(0.0, SOLUTION_RADIUS_RAD)
-    slopes = equations.evaluate(wide_balls)[1][np.ix_(other_equations, free)]
-    distance = bound_zero_distance(values[other_equations], slopes)
-    return wide_balls if distance < SOLUTION_RADIUS_RAD else None
+    wide_balls[free_variables] += widen(0.0, SOLUTION_RADIUS_RAD)
+    _, derivatives = equations.evaluate(wide_balls)
+    distance_bound = bound_zero_distance(
+        residuals[other_equations], derivatives[np.ix_(other_equations, free_variables)]
+    )
+    return wide_balls if distance_bound < SOLUTION_RADIUS_RAD else None
 
 
 def _find_four_pair_loop(
@@ -138,8 +148,9 @@ def _find_four_pair_loop(
 ) -> FourPairLoop | None:
     """Return the loop of an equation if it has four pairs and exact arcs, else None.
 
-    A step puts a link, the dyad, on the axes of two pairs of links placed before. The two
-    paths from these links to the first link in common close the loop.
+    The equation belongs to a step that puts a link, the dyad, on the axes of two pairs.
+    These pairs join it to two links placed before, its parents. The loop consists of the
+    dyad and of the two paths from its parents to the first link that both paths share.
 
     Parameters
     ----------
@@ -154,9 +165,11 @@ def _find_four_pair_loop(
     paths = construction.parent_paths(step)
     path_links = (*paths.first, *paths.second)
     path_steps = [item for item in construction.steps if item.link in path_links]
+    # Steps that rotate a link about one joint. The loop has four pairs if there are two
+    # such joints, with different variables, and no other step; the dyad has the other two
+    # pairs.
     joints = [item for item in path_steps if not item.is_dyad]
     joint_variables = {joint.variable for joint in joints}
-    # Four pairs: two rotate with different variables, two are those of the dyad.
     if not len(path_steps) == len(joints) == len(joint_variables) == 2:
         return None
     # Angles that are multiples of a shared variable, as those of wheels, are not handled.
@@ -173,17 +186,15 @@ def _find_four_pair_loop(
         *step.pairs,
         *(pair_of_link[link] for link in paths.second),
     ]
-    # The exact arc of each link between the pairs before and after it, if the file has it.
+    # The exact arc of each link between the pairs before and after it, as in the file.
     decimal_mechanism = equations.decimal_mechanism
-    arcs = [
-        arc
-        for link, (pair_before, pair_after) in zip(
-            links, pairwise([pairs[-1], *pairs]), strict=True
-        )
-        if (arc := _exact_arc(decimal_mechanism, link, pair_before, pair_after)) is not None
-    ]
-    if len(arcs) < len(links):
-        return None
+    arcs = []
+    neighbours = pairwise([pairs[-1], *pairs])
+    for link, (pair_before, pair_after) in zip(links, neighbours, strict=True):
+        arc = _exact_arc(decimal_mechanism, link, pair_before, pair_after)
+        if arc is None:
+            return None
+        arcs.append(arc)
     # Positions of the two pairs with variables in the loop.
     positions = [pairs.index(joint.pairs[0]) for joint in joints]
     closes = [
@@ -210,11 +221,13 @@ def _closes_in_plane(
     sides: tuple[int, int],
     in_degrees: bool,
 ) -> bool:
-    """Return whether a loop of four links closes in a plane with two joints as given.
+    """Return whether a loop of four links closes with all its axes in one plane.
 
-    In a plane every arc is passed in one of two senses. The loop closes if the sum of the
-    signed arcs is a whole number of turns. At a joint both links are on the same side of
-    the axis if their arcs are passed in opposite senses.
+    At two given joints it is prescribed whether both links are on the same side of the
+    joint's axis or on opposite sides. If all axes are in one plane, each arc is passed in
+    one of two senses, and the loop closes if the sum of the signed arcs is a whole number
+    of turns. Both links of a joint are on the same side of the axis if their arcs are
+    passed in opposite senses.
 
     Parameters
     ----------
@@ -242,14 +255,14 @@ def _closes_in_plane(
 def _exact_arc(
     decimal_mechanism: DecimalMechanism, link: int, first_pair: int, second_pair: int
 ) -> Fraction | None:
-    """Return the arc between two axes of a link exactly as the file gives it.
+    """Return the arc between two pair axes of a link exactly as the file gives it.
 
     Parameters
     ----------
     decimal_mechanism
         The mechanism with its file.
     link, first_pair, second_pair
-        Numbers, in the structure, of the link and of the pairs whose axes are meant.
+        Numbers, in the structure, of the link and of the two pairs.
 
     Returns
     -------
@@ -267,20 +280,27 @@ def _exact_arc(
         return None
     if first_pair == second_pair:
         return None
-    number = max(names.index(pair) for pair in pair_names) - 1
-    arc = Fraction(decimal_text(table["arcs"][number]).replace("_", ""))
-    # Below pi, which no decimal number in radians equals.
-    half_turn = 3.14159
+    # One of the two axes is number 0, so the larger number is that of the other axis.
+    # Arc k of the file leads to axis k + 1.
+    arc_number = max(names.index(pair) for pair in pair_names) - 1
+    arc = Fraction(decimal_text(table["arcs"][arc_number]).replace("_", ""))
     if decimal_mechanism.in_degrees:
+        # The arc that is at most half a turn is the smaller one of both ways round.
         arc = min(arc % 360, -arc % 360)
-        half_turn = 180
-    return arc if 0 < arc < half_turn else None
+        upper_limit = 180.0
+    else:
+        # A little less than pi. No decimal number in radians equals pi exactly.
+        upper_limit = 3.14159
+    return arc if 0 < arc < upper_limit else None
 
 
 def _planar_angles(
     equations: ArcEquations, pairs: Sequence[int], links: Sequence[int], joint: int
 ) -> tuple[Ball, Ball]:
-    """Return the two angles (rad) of a joint at which both its links are in one plane.
+    """Return the two angles of a joint at which both its links are in one plane.
+
+    They follow from the azimuths, about the joint axis, of the neighbouring axes on both
+    links.
 
     Parameters
     ----------
@@ -293,17 +313,19 @@ def _planar_angles(
 
     Returns
     -------
-    The angle with both links on the same side of the axis, and on opposite sides.
+    The angle (rad) with both links on the same side of the axis, then the angle with the
+    links on opposite sides.
     """
     pair = pairs[joint]
     count = len(pairs)
-    # Azimuth, about the joint axis, of the other axis of each link.
+    # By link: azimuth (rad) of its other axis in the loop about the axis of the joint.
     azimuths = {}
-    for position, other_joint in ((joint, joint - 1), (joint + 1, joint + 1)):
-        link = links[position % count]
-        axis = equations.pair_frame(pairs[other_joint % count], link)[2]
+    for link_position, neighbour_joint in ((joint, joint - 1), (joint + 1, joint + 1)):
+        link = links[link_position % count]
+        # Rows of a pair frame are its zero direction, its side direction and its axis.
+        neighbour_axis = equations.pair_frame(pairs[neighbour_joint % count], link)[2]
         zero_and_side = equations.pair_frame(pair, link)[:2]
-        azimuths[link] = polar_angle(*(zero_and_side @ axis))
+        azimuths[link] = polar_angle(*(zero_and_side @ neighbour_axis))
     first_link, second_link = equations.decimal_mechanism.structure.ends[pair]
     same_side = azimuths[first_link] - azimuths[second_link]
     return same_side, same_side + pi_ball()
@@ -330,9 +352,11 @@ class Crossings:
     """
 
     def __init__(self, equations: ArcEquations) -> None:
+        """Find the loops with exact arcs; there are no saddles at first."""
         self.equations = equations
         self.loops: list[FourPairLoop] = []
         decimal_mechanism = equations.decimal_mechanism
+        # Only a geometry given by arcs without tolerances has exact arcs.
         has_sizes = isinstance(decimal_mechanism.mechanism.geometry, SizeGeometry)
         if has_sizes and not decimal_mechanism.tolerance:
             for number, step in enumerate(equations.construction.equation_steps):
@@ -363,12 +387,14 @@ class Crossings:
     ) -> tuple[Arm | None, Arm | None]:
         """Return the arms on which a chain of arcs begins and ends, None for no arm.
 
-        An arm is a branch of a curve that leaves a saddle. A chain of one arc that is on an
-        arm begins outside the range of the input.
+        An arm is a branch of a curve that leaves a saddle, where curves cross or nearly do.
+        A closed chain has no ends. A chain of one arc that is on an arm begins outside the
+        range of the input, so that only its end is on the arm.
         """
         if closed:
             return None, None
-        return None if len(pieces) == 1 else self.arm(pieces[0]), self.arm(pieces[-1])
+        begin_arm = None if len(pieces) == 1 else self.arm(pieces[0])
+        return begin_arm, self.arm(pieces[-1])
 
     def may_contain(self, position: Floats, error: float) -> bool:
         """Return whether a saddle's box may contain a configuration within an error.
@@ -380,22 +406,23 @@ class Crossings:
     def is_constant(self, pieces: Sequence[CertifiedArc], variable: int) -> bool:
         """Return whether a variable is proven to be constant along a chain of arcs.
 
-        The proof for one configuration of the chain is enough. There the variable has a
-        value with which a loop of four pairs closes for all values of the loop's other
-        variable, so that a whole curve with this value passes. As the box of an arc
-        contains one curve only, the chain is on it.
+        Each arc is a part of a configuration curve in a box that contains no other curve. A
+        loop of four pairs may close for all values of one variable if its other variable
+        has a certain value. All configurations with this value are then one curve. If this
+        curve passes through the box of one arc, the whole chain is on it.
         """
-        # The arc in the middle of the chain.
+        # Any arc would do; the one in the middle of the chain is tried.
         piece = pieces[len(pieces) // 2]
         for loop in self.loops:
             if variable not in loop.variables:
                 continue
-            side = loop.variables.index(variable)
-            other_variable = loop.variables[1 - side]
-            # Values of the variable with which the loop closes in a plane with both values
-            # of the other variable. It then closes with all values of the other variable.
-            closes_with_both = np.all(loop.closes, axis=1 - side)
-            for value in loop.planar_angles[side][closes_with_both]:
+            # Position of the variable in the loop: 0 or 1.
+            position = loop.variables.index(variable)
+            other_variable = loop.variables[1 - position]
+            # If the loop closes in a plane with both planar angles of the other variable,
+            # it closes with all values of the other variable.
+            closes_with_both = np.all(loop.closes, axis=1 - position)
+            for value in loop.planar_angles[position][closes_with_both]:
                 # Configuration with this value, near the centre of the arc.
                 given = {
                     variable: value,
@@ -409,14 +436,16 @@ class Crossings:
         return False
 
     def _contains_proven_crossing(self, box: OrientedBox) -> bool:
-        """Return whether a loop is proven to close in a plane near the centre of a box.
+        """Return whether curves are proven to cross near the centre of a box.
 
-        In such a configuration curves cross.
+        They cross in a configuration in which all axes of a loop of four pairs are in one
+        plane.
         """
         # The configuration must be within a small part of the box.
         reach = 1e-3 * np.min(box.limits)
         centre = exact_balls(box.centre)
         for loop in self.loops:
+            # Angle i of the first variable and angle j of the second close the loop.
             for i, j in np.argwhere(loop.closes):
                 planar_values = (loop.planar_angles[0, i], loop.planar_angles[1, j])
                 given = dict(zip(loop.variables, planar_values, strict=True))

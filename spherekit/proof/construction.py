@@ -22,7 +22,7 @@ from math import lcm, prod
 
 import numpy as np
 
-from spherekit.arrays import Indices
+from spherekit.arrays import Bools, Indices
 from spherekit.errors import PlanError
 from spherekit.mechanism.graph import component_labels, find_spanning_tree
 from spherekit.proof.decimal_mechanism import DecimalMechanism
@@ -53,9 +53,11 @@ more gear trains are refused.
 
 @dataclass(frozen=True)
 class PlacementStep:
-    """One link and how it is placed: across one pair, or on the axes of two pairs.
+    """One link and how it is placed relative to links that are placed before it.
 
-    Links and pairs are numbers.
+    A link that is joined to one such link rotates about the axis of their pair by the angle
+    of the pair. A link that is joined to two such links is put on the axes of both pairs.
+    Links and pairs are given by their numbers in the structure.
 
     Attributes
     ----------
@@ -66,10 +68,12 @@ class PlacementStep:
     pairs
         For each parent the pair that joins the link to it.
     variable
-        Number of the variable by which a link across one pair rotates; -1 for two pairs.
+        For a link with one parent: number of the variable that gives the angle of its pair.
+        The value -1 marks a link with two parents, which needs no angle.
     angle_factor
-        The pair angle over the variable. It differs from 1 only if wheels and the input are
-        multiples of one shared variable.
+        Quotient of the pair angle and the variable. It differs from 1 only in mechanisms
+        with toothed wheels, where the angles of the wheels and of the input are multiples
+        of one shared variable.
     """
 
     link: int
@@ -86,15 +90,19 @@ class PlacementStep:
 
 @dataclass(frozen=True)
 class LinkPlacement:
-    """The link relative to which another link is placed.
+    """The reference of a link, and the degrees of the link's orientation relative to it.
+
+    The entries of the relative rotation matrix are trigonometric polynomials in the
+    variables, which are pair angles. Degree m in an angle means powers up to
+    cos(m angle) and sin(m angle).
 
     Attributes
     ----------
     reference
-        The reference link. The root is its own reference.
+        Number of the link relative to which this link is placed. The root, which is placed
+        first, is its own reference.
     degrees
-        (variables,) degree of the orientation relative to the reference, as a trigonometric
-        polynomial, in each variable.
+        (variables,) degree of the relative orientation in each variable.
     """
 
     reference: int
@@ -103,14 +111,18 @@ class LinkPlacement:
 
 @dataclass(frozen=True)
 class ParentPaths:
-    """The paths of references from the two parents of a dyad to where they meet.
+    """The paths from the two parents of a dyad to the first link that they have in common.
+
+    A dyad is a link that is put on the axes of two pairs. Its parents are the links that
+    these pairs join to it. A path leads from a link to its reference link, from there to
+    the reference of that link, and so on. Links are given by their numbers.
 
     Attributes
     ----------
     shared_link
         The first link that both paths have in common.
     first, second
-        The links from each parent to the link before the shared one.
+        The links of each path: the parent first, the shared link left out.
     """
 
     shared_link: int
@@ -122,18 +134,20 @@ class ParentPaths:
 class Construction:
     """An order of placing all links of a mechanism, with its variables and equations.
 
-    A link is placed across one pair, by the angle of the pair, or on the axes of two pairs,
-    which gives an equation. Variables are numbered: first the unknown angles, then the
-    inputs, then the angles that follow from the inputs through wheels.
+    A link that one pair joins to links placed before rotates by the angle of this pair,
+    which is a variable. A link that two pairs join to links placed before is put on both
+    axes, which gives one equation: the arc between the axes is that of the link.
+    Variables are numbered: first the unknown angles, then the inputs, then the angles that
+    follow from the inputs through toothed wheels.
 
     Attributes
     ----------
     root
-        The link that is placed first.
+        Number of the link that is placed first.
     steps
         How the other links are placed, in order.
     pairs
-        The pair of each variable.
+        (variables,) number of the pair whose angle each variable is.
     unknown_count
         Number of unknown angles; there are as many equations.
     input_count
@@ -167,12 +181,16 @@ class Construction:
 
     @cached_property
     def placements(self) -> dict[int, LinkPlacement]:
-        """By link: its reference link, and the degrees of its orientation relative to it.
+        """By number of a link: its reference, and the degrees of its relative orientation.
 
-        A link across one pair is placed relative to its parent. A link on two axes is
-        placed relative to the link at which the paths of its parents meet; a path leads
-        from a link to its reference, and so on to the root. Its orientation has the sum of
-        the degrees of all links on both paths.
+        The orientation of a link relative to its reference is a trigonometric polynomial in
+        the variables.
+
+        - A link that rotates by one pair angle has its parent as reference, and the degree
+          1 in this angle, or the angle's factor if the variable is shared.
+        - A link that is put on two axes has as reference the first link that the paths of
+          its two parents have in common. A path leads from a link to its reference, and so
+          on to the root. The degrees of all links on both paths are added.
         """
         # One degree for each variable.
         variables = np.arange(len(self.pairs))
@@ -181,15 +199,20 @@ class Construction:
         for step in self.steps:
             if step.is_dyad:
                 paths = _find_parent_paths(placements, *step.parents)
-                degrees = [
+                path_degrees = [
                     placements[link].degrees for link in (*paths.first, *paths.second)
                 ]
                 placements[step.link] = LinkPlacement(
-                    paths.shared_link, np.sum([no_degrees, *degrees], axis=0)
+                    reference=paths.shared_link,
+                    # The zeros give the right shape if both paths have no links.
+                    degrees=np.sum([no_degrees, *path_degrees], axis=0),
                 )
             else:
+                # The comparison gives 1 for the variable of the step, 0 for all others.
                 degrees_of_angle = abs(step.angle_factor) * (variables == step.variable)
-                placements[step.link] = LinkPlacement(step.parents[0], degrees_of_angle)
+                placements[step.link] = LinkPlacement(
+                    reference=step.parents[0], degrees=degrees_of_angle
+                )
         return placements
 
     def parent_paths(self, step: PlacementStep) -> ParentPaths:
@@ -219,34 +242,49 @@ class Construction:
     def equation_systems(self) -> list[tuple[list[int], list[int]]]:
         """The smallest systems of equations that can be solved one after the other.
 
-        For each system the numbers of its equations and of its unknowns, as many. Other
-        unknowns in these equations belong to systems before it.
+        Each system is a pair of lists of equal length: the numbers of its equations, and
+        the numbers of the unknowns for which it is solved. All further unknowns in these
+        equations have been solved by the systems before it.
         """
-        # Rows are equations, columns are unknowns that are not solved yet.
+        # Entry (equation, unknown): whether the equation contains the unknown, and no
+        # earlier system has solved for it.
         has_unknown = self.degrees[:, : self.unknown_count] > 0
         open_equations = list(range(len(has_unknown)))
         systems = []
         while open_equations:
-            # Sets of equations, small ones first, each with the unknowns that they contain.
-            candidates = (
-                (
-                    [*equations],
-                    np.flatnonzero(np.any(has_unknown[[*equations]], axis=0)).tolist(),
-                )
-                for size in range(1, len(open_equations) + 1)
-                for equations in combinations(open_equations, size)
-            )
-            # The first set with as many unknowns as equations is the next system.
-            equations, unknowns = next(
-                candidate
-                for candidate in candidates
-                if len(candidate[0]) == len(candidate[1])
-            )
+            equations, unknowns = _find_smallest_system(has_unknown, open_equations)
             systems.append((equations, unknowns))
             # These unknowns are given in the systems that follow.
             has_unknown[:, unknowns] = False
             open_equations = [row for row in open_equations if row not in equations]
         return systems
+
+
+def _find_smallest_system(
+    has_unknown: Bools, open_equations: Sequence[int]
+) -> tuple[list[int], list[int]]:
+    """Return the smallest set of equations that contains as many unknowns as equations.
+
+    Parameters
+    ----------
+    has_unknown
+        (equations, unknowns) whether an equation contains an unknown that is not solved
+        yet.
+    open_equations
+        Numbers of the equations that belong to no system yet. All of them together must
+        contain as many unsolved unknowns as there are equations.
+
+    Returns
+    -------
+    The numbers of the equations, and of the unknowns that they contain.
+    """
+    for size in range(1, len(open_equations) + 1):
+        for equations in combinations(open_equations, size):
+            is_contained = np.any(has_unknown[list(equations)], axis=0)
+            unknowns = np.flatnonzero(is_contained).tolist()
+            if len(unknowns) == size:
+                return list(equations), unknowns
+    raise AssertionError("there are not as many unknowns as equations")
 
 
 def _find_parent_paths(
@@ -255,27 +293,29 @@ def _find_parent_paths(
     """Return the paths of two links to the first link that both paths have in common.
 
     A path leads from a link to its reference, from there to the reference of that link, and
-    so on to the root.
+    so on to the root, which is its own reference.
 
     Parameters
     ----------
     placements
-        By link: its reference link.
+        By number of a link: its reference link.
     first_parent, second_parent
-        The two links.
+        Numbers of the two links.
     """
-    paths = []
+    paths_to_root = []
     for parent in (first_parent, second_parent):
         path = [parent]
-        while (reference := placements[path[-1]].reference) != path[-1]:
+        reference = placements[parent].reference
+        while reference != path[-1]:
             path.append(reference)
-        paths.append(path)
-    first_path, second_path = paths
+            reference = placements[reference].reference
+        paths_to_root.append(path)
+    first_path, second_path = paths_to_root
     shared_link = next(link for link in first_path if link in second_path)
     return ParentPaths(
-        shared_link,
-        first_path[: first_path.index(shared_link)],
-        second_path[: second_path.index(shared_link)],
+        shared_link=shared_link,
+        first=first_path[: first_path.index(shared_link)],
+        second=second_path[: second_path.index(shared_link)],
     )
 
 
@@ -294,15 +334,19 @@ def permanent(matrix: Indices) -> int:
 def find_construction(
     structure: Structure, preferred_pairs: Collection[int] = ()
 ) -> Construction:
-    """Return the order of placing links that has the lowest bound of complex modes.
+    """Return the best order of placing the links, with its variables and equations.
+
+    The best order has the lowest bound of complex modes, which is the largest possible
+    number of isolated complex solutions of its equations.
 
     Parameters
     ----------
     structure
         The links and pairs.
     preferred_pairs
-        Numbers of pairs. The order in which most of them are variables is taken first, the
-        bound of complex modes decides among equals.
+        Numbers of pairs whose angles should be variables. An order with more of them as
+        variables is preferred; the bound of complex modes decides only among orders with
+        equally many.
 
     Raises
     ------
@@ -345,11 +389,16 @@ def _find_best_construction(
     given_pairs: tuple[int, ...],
     preferred_pairs: frozenset[int],
 ) -> Construction | None:
-    """Return the construction with the lowest bound of complex modes, None without one.
+    """Return the best order of placing the links, None if there is no order.
 
-    A construction is an order of placing the links. Links that pairs with given angles join
-    form bodies, which are placed as one. Before the bound, the number of preferred pairs
-    that are variables decides; among equal bounds the sum of the degrees does.
+    Links that are joined by pairs with given angles form a body, which is placed as one.
+    Constructions (orders of placing with their equations) are compared in three respects;
+    each decides only if all before it are equal:
+
+    1. Most preferred pairs are variables.
+    2. The bound of complex modes is lowest: the largest possible number of isolated complex
+       solutions.
+    3. The sum of the degrees of the equations is lowest.
 
     Parameters
     ----------
@@ -358,10 +407,12 @@ def _find_best_construction(
     link_count, input_count
         Numbers of links and of inputs.
     given_pairs
-        The pairs with given angles: inputs first, then followers.
+        The pairs with given angles: the inputs first, then the followers, whose angles
+        follow from the inputs through toothed wheels.
     preferred_pairs
-        Pairs that shall be variables if possible.
+        Pairs that should be variables if possible.
     """
+    # The links of one body have the same label, which is the number of their first link.
     body_of_link = component_labels(link_count, (ends[pair] for pair in given_pairs))
     # By pair with an unknown angle: the two bodies that it joins.
     joined_bodies = {
@@ -399,10 +450,12 @@ def _find_best_construction(
 def placing_orders(
     joined_bodies: Mapping[int, tuple[int, int]], bodies: frozenset[int], root: int
 ) -> Iterator[PlacingOrder]:
-    """Yield orders of placing bodies, each with one or two pairs to bodies before it.
+    """Yield all orders in which one or two pairs join each body to bodies before it.
 
-    An order has for each body except the root its number, then the one or two pairs by
-    which it is placed. No two orders place every body by the same pairs.
+    An order lists for each body except the root a tuple: the number of the body, then the
+    one or two pairs by which it is placed. Two orders that place every body by the same
+    pairs are equivalent, and only one of them is yielded. The search runs backwards: it
+    removes bodies with at most two pairs one after another until only the root remains.
 
     Parameters
     ----------
@@ -413,28 +466,28 @@ def placing_orders(
     root
         The body that is placed first.
     """
-    seen_placements: set[frozenset[tuple[int, ...]]] = set()
+    # Sets of removed bodies with their pairs that the search has reached.
+    reached_placements: set[frozenset[tuple[int, ...]]] = set()
 
     def remove_bodies(
         remaining: frozenset[int], order: PlacingOrder
     ) -> Iterator[PlacingOrder]:
-        """Yield the orders that end with a given order, by removing one body after another.
+        """Yield the complete orders that end with a given partial order.
 
         Parameters
         ----------
         remaining
             The bodies that are still to be removed, and the root.
         order
-            The bodies removed so far with their pairs, the one removed last first. Placing
-            is the reverse of removing, so that this is the end of the placing order.
+            The bodies removed so far with their pairs; the body that was removed last comes
+            first. Placing is the reverse of removing, so these bodies are placed last.
         """
-        # The bodies that can still be removed depend on the set of those removed and on
-        # their pairs, not on the sequence. A set that was reached before gives no new
-        # order.
+        # The sequence of removal has no influence on which bodies can still be removed. A
+        # set that was reached before in another sequence therefore gives no new order.
         placements = frozenset(order)
-        if placements in seen_placements:
+        if placements in reached_placements:
             return
-        seen_placements.add(placements)
+        reached_placements.add(placements)
         if remaining == {root}:
             yield order
             return
@@ -459,11 +512,15 @@ def _make_construction(
     root: int,
     order: PlacingOrder,
 ) -> Construction | None:
-    """Return the construction that places bodies in an order, None if it is not possible.
+    """Return the steps and variables that place bodies in an order, None if impossible.
 
-    A body consists of links that pairs with given angles join. The order is not possible if
-    the two pairs by which a body is placed are on different links of the body or on one and
-    the same parent, or if there are not as many equations as unknowns.
+    A body consists of links that pairs with given angles join. A body with one pair to
+    bodies before it rotates by the unknown angle of this pair. A body with two such pairs
+    is put on both axes, which gives one equation. The order is not possible in three cases:
+
+    - The two pairs by which a body is placed are on different links of the body.
+    - These two pairs join the body to the same link.
+    - There are not as many equations as unknowns.
 
     Parameters
     ----------
@@ -474,17 +531,20 @@ def _make_construction(
     input_count
         Number of inputs.
     given_pairs
-        The pairs with given angles: inputs first, then followers.
+        The pairs with given angles: the inputs first, then the followers, whose angles
+        follow from the inputs through toothed wheels.
     root
         The body that is placed first; its number is also that of its first link.
     order
-        The other bodies with the pairs by which they are placed.
+        For each other body in order: its number, then the pairs by which it is placed.
     """
     unknown_pairs = [pairs[0] for _, *pairs in order if len(pairs) == 1]
+    # The position of a pair in this tuple is the number of its variable.
     variable_pairs = (*unknown_pairs, *given_pairs)
     steps: list[PlacementStep] = []
     for body, *joining_pairs in ((root,), *order):
-        # For each pair its link on this body, and its parent on a body before.
+        # For each pair: its link on this body, and its link on a body placed before (the
+        # parent).
         links = [
             next(link for link in ends[pair] if body_of_link[link] == body)
             for pair in joining_pairs
@@ -498,18 +558,36 @@ def _make_construction(
         if joining_pairs:
             has_one_pair = len(joining_pairs) == 1
             variable = variable_pairs.index(joining_pairs[0]) if has_one_pair else -1
-            steps.append(PlacementStep(links[0], parents, tuple(joining_pairs), variable))
-        # The other links of the body follow across pairs with given angles, from the link
-        # that is placed already.
-        steps += [
-            PlacementStep(link, (parent,), (pair,), variable_pairs.index(pair))
-            for pair, parent, link in find_spanning_tree(
-                ends, links[:1] or [root], given_pairs
+            steps.append(
+                PlacementStep(
+                    link=links[0],
+                    parents=parents,
+                    pairs=tuple(joining_pairs),
+                    variable=variable,
+                )
             )
-        ]
-    if sum(step.is_dyad for step in steps) != len(unknown_pairs):
+        # The other links of the body follow across pairs with given angles. They start from
+        # the link that is placed already, which is the root if there are no pairs.
+        placed_links = links[:1] or [root]
+        for pair, parent, link in find_spanning_tree(ends, placed_links, given_pairs):
+            steps.append(
+                PlacementStep(
+                    link=link,
+                    parents=(parent,),
+                    pairs=(pair,),
+                    variable=variable_pairs.index(pair),
+                )
+            )
+    equation_count = sum(step.is_dyad for step in steps)
+    if equation_count != len(unknown_pairs):
         return None
-    return Construction(root, steps, variable_pairs, len(unknown_pairs), input_count)
+    return Construction(
+        root=root,
+        steps=steps,
+        pairs=variable_pairs,
+        unknown_count=len(unknown_pairs),
+        input_count=input_count,
+    )
 
 
 def share_input_variable(
@@ -517,8 +595,10 @@ def share_input_variable(
 ) -> Construction:
     """Return a construction in which input and wheels are multiples of one variable.
 
-    The shared variable makes one turn in the turns of the input after which all wheels are
-    back. The angles of the input and of the wheels are then whole multiples of it.
+    Toothed wheels turn p/q times as fast as the input. Let N be the least number of turns
+    of the input after which all wheels have their initial angles again. The shared variable
+    makes one turn while the input makes N turns, so the angles of the input and of the
+    wheels are whole multiples of it.
 
     Parameters
     ----------
@@ -531,8 +611,8 @@ def share_input_variable(
     Raises
     ------
     PlanError
-        If the ratios of the wheels are not those of numbers of teeth, or if the wheels are
-        back only after too many turns.
+        If the ratios of the wheels are not those of numbers of teeth, or if the wheels have
+        their initial angles again only after more than `MAX_CYCLE_TURNS` turns.
     """
     structure = decimal_mechanism.structure
     wheel_names = listing(structure.names_of(construction.follower_pairs))
@@ -543,8 +623,9 @@ def share_input_variable(
             "ranges are for ratios of teeth, with which wheels come back: give teeth, or "
             "give values of the inputs with --at"
         )
-    # With ratios p/q, after the least common multiple of all q all wheels are back.
+    # N of the docstring is the least common multiple of all denominators q.
     cycle_turns = lcm(*(ratio.denominator for ratio in ratios))
+    # By pair: its angle over the shared variable.
     factors = {
         pair: int(cycle_turns * ratio)
         for pair, ratio in zip(structure.followers, ratios, strict=True)
@@ -559,16 +640,18 @@ def share_input_variable(
     (input_pair,) = construction.input_pairs
     factors[input_pair] = cycle_turns
     variable = construction.unknown_count
-    # Links across the input and the wheels get the shared variable.
-    steps = [
-        replace(step, variable=variable, angle_factor=factors[step.pairs[0]])
-        if step.pairs[0] in factors and not step.is_dyad
-        else step
-        for step in construction.steps
-    ]
+    # Links that rotate by the angle of the input or of a wheel get the shared variable.
+    steps = []
+    for step in construction.steps:
+        if step.pairs[0] in factors and not step.is_dyad:
+            factor = factors[step.pairs[0]]
+            steps.append(replace(step, variable=variable, angle_factor=factor))
+        else:
+            steps.append(step)
     return replace(
         construction,
         steps=steps,
+        # The unknowns and the input remain; the variables of the wheels are dropped.
         pairs=construction.pairs[: variable + 1],
         cycle_turns=cycle_turns,
     )
