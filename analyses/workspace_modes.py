@@ -65,7 +65,7 @@ Columns = dict[str, Any]
 
 @dataclass(frozen=True)
 class PoseSamples:
-    """Samples of a workspace, inside and outside of it.
+    """Sampled poses inside and outside of a workspace.
 
     Attributes
     ----------
@@ -129,6 +129,7 @@ class WorkspaceModes:
         poses: Floats,
         tolerance: float,
     ) -> None:
+        """Derive the limits from the constraints; workspaces are computed when needed."""
         self.mechanism = mechanism
         self.kinematics = kinematics
         self.bounds = bounds_of(kinematics, constraints)
@@ -147,9 +148,10 @@ class WorkspaceModes:
 
     @cached_property
     def samples(self) -> dict[tuple[int, ...], PoseSamples]:
-        """Samples by the signs of the mode.
+        """Samples of each workspace, by the signs of its mode.
 
-        They are the vertices of a set of directions, or evenly spread orientations.
+        The samples of a set of directions are the vertices of its mesh. Those of a set of
+        orientations are spread evenly over all orientations.
         """
         samples: dict[tuple[int, ...], PoseSamples] = {}
         for workspace in self.workspaces:
@@ -193,8 +195,8 @@ class WorkspaceModes:
     def _border_columns(self, region: Region) -> list[Columns]:
         """Return the border of a set of directions, one part of the table for each arc.
 
-        `region` is the set. Its border consists of closed curves, each of smooth arcs that
-        belong to one limit.
+        The border of `region`, the set, consists of closed curves. Each curve is divided
+        into smooth arcs, and one limit of the mechanism ends the workspace at each arc.
         """
         columns = []
         for curve, boundary in enumerate(region.boundaries):
@@ -213,11 +215,13 @@ class WorkspaceModes:
         return columns
 
     def _size_columns(self, workspace: Workspace) -> Columns:
-        """Return the size of the whole, and of each part and hole of directions.
+        """Return the sizes of a workspace as columns of a table.
 
-        Each is one row of the table. A part is listed with a sample that is well within it.
-        The whole set of directions has no such sample, but the set of orientations has.
+        The first row is the whole workspace. For directions there follow the connected
+        parts, the outside and the holes, each with a sample well within it. The whole set
+        of directions has no sample (NaN), but the whole set of orientations has one.
         """
+        # One entry for each row of the table.
         kinds = ["whole"]
         numbers = [0]
         curves: list[Sequence[int]] = [()]
@@ -244,14 +248,15 @@ class WorkspaceModes:
             sizes = [orientations.volume]
             samples = [orientations.place]
         poses = np.array(samples)
-        # Adding 0 * pose keeps NaN of parts without a sample.
+        # Adding 0 * pose makes the margin NaN where there is no sample.
         margin = self.judge(workspace, poses).margin + 0.0 * poses[:, 0]
         return {
             "part": kinds,
             "number": numbers,
             "size": sizes,
             "error": error,
-            "curves": [" ".join(str(curve) for curve in of_part) for of_part in curves],
+            # The curves around a part, such as "0 2".
+            "curves": [" ".join(map(str, numbers_of_part)) for numbers_of_part in curves],
             **direction_or_quaternion_columns(poses, self.kinematics.form),
             "margin": margin,
         }
@@ -322,12 +327,12 @@ class WorkspaceModes:
         return record, ""
 
     def examine_poses(self) -> PoseFindings:
-        """Return which poses are reached in which working modes, and how far others are.
+        """Return for each pose in which working modes it is reached.
 
-        A working mode is given by the signs of the legs. For a pose outside, the nearest
-        reachable pose is given.
+        A working mode is given by the signs of the legs. For a pose outside of the
+        workspace of a mode, the nearest reachable pose is given.
         """
-        findings = PoseFindings([], [], [])
+        findings = PoseFindings(records=[], warnings=[], remarks=[])
         if not len(self.poses):
             findings.warnings.append("pose: the mechanism does not close at these inputs")
         for pose in self.poses:
@@ -402,8 +407,9 @@ class WorkspaceModes:
     def _draw_directions(self, workspace: DirectionWorkspace, mode: str) -> list[Scene]:
         """Return two pages with maps of the directions that the output reaches.
 
-        The first map shows the margin, which is the angle to the nearest limit, the second
-        one the angle to the nearest singularity. `mode` is added to the titles.
+        The first map shows the margin, which is the angle to the nearest limit. The second
+        map shows the angle to the nearest singularity. `mode` is added to the titles. If no
+        direction is reached, there is one page with the border only.
         """
         region = workspace.region
         directions = region.surface_points
@@ -412,7 +418,9 @@ class WorkspaceModes:
         if not len(triangles):
             return [Scene(f"Workspace{mode}", border)]
         judged = self.judge(workspace, directions)
+        # On the border rounding can make margins negative or NaN; they are drawn as 0.
         margin = np.maximum(np.nan_to_num(judged.margin), 0.0)
+        # A measure is the sine of the angle to a singularity.
         least_measure = np.nan_to_num(np.fmin(judged.type_1, judged.type_2))
         singularity_angle = np.arcsin(np.clip(least_measure, 0.0, 1.0))
         samples = self.samples[workspace.signs]
@@ -433,13 +441,16 @@ class WorkspaceModes:
         return pages
 
     def _draw_orientations(self, workspace: OrientationWorkspace, title: str) -> Scene:
-        """Return the page of a set of orientations.
+        """Return the page of a set of orientations, with two drawings.
 
-        It shows the rotation that is possible about each direction of the z axis, and the
-        margins in the space of tilt and torsion, with tilts as polar coordinates.
+        An orientation is given by the direction of the z axis (azimuth and tilt) and a
+        torsion, the rotation about this axis. The first drawing is a map on the sphere: for
+        each direction of the z axis the range of torsions that is possible. The second one
+        shows the margins as points, with tilt and azimuth as polar coordinates and the
+        torsion as height.
         """
-        # All torsions at each direction of the z axis. The part of them that is inside is
-        # the possible rotation about this direction.
+        # 1. All torsions at each direction of the z axis. The part of them that is inside
+        # is the possible rotation about this direction.
         directions, triangles = sphere_mesh(DRAWN_AZIMUTHS, DRAWN_TILTS)
         torsions = 2.0 * np.pi * np.arange(DRAWN_TORSIONS) / DRAWN_TORSIONS
         tilts = np.repeat(azimuth_tilt(directions), DRAWN_TORSIONS, axis=0)
@@ -458,10 +469,11 @@ class WorkspaceModes:
                 "rad",
             )
         ]
+
+        # 2. The samples inside, as points without triangles.
         samples = self.samples[workspace.signs]
         is_inside = samples.judged.inside
         if np.any(is_inside):
-            # The samples inside are points without triangles.
             rotations = from_quaternion(samples.poses[is_inside])
             azimuth, tilt, torsion = tilt_torsion(rotations).T
             points = [tilt * np.cos(azimuth), tilt * np.sin(azimuth), torsion]
@@ -480,7 +492,10 @@ class WorkspaceModes:
         return Scene(title, (*parts, self._legend(workspace)))
 
     def _draw_border(self, region: Region) -> list[Primitive]:
-        """Return the border by the limits that end it, each named on its longest arc."""
+        """Return the border of a set of directions, drawn in one colour for each limit.
+
+        The name of a limit is written at the middle of its longest arc.
+        """
         curves: list[Primitive] = []
         for colour, (number, arcs) in enumerate(arcs_by_limit(region).items(), 1):
             name = self.limit_names[number]

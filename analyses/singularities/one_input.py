@@ -87,14 +87,17 @@ GALLERY_HEADER = (
 
 @dataclass(frozen=True)
 class OneInput:
-    """Singularities of the rows of a mechanism with one input.
+    """Tables, drawings and findings on the singularities of a mechanism with one input.
+
+    At type I an output has no velocity while the input moves; at type II the input has no
+    velocity while the output moves; at type III configuration curves cross.
 
     Attributes
     ----------
     batch
-        The rows.
+        The rows, which are configurations of the mechanism along its assembly modes.
     outputs
-        The relative motions of interest, as numbers of links.
+        The relative motions of interest: each is the numbers of two links.
     near
         Angle to a singularity (deg) below which a warning is given.
     """
@@ -105,9 +108,13 @@ class OneInput:
 
     @cached_property
     def sampled(self) -> SampledSingularities:
-        """The singularities on all curves, and the rows on these."""
+        """The singularities on all configuration curves, with the rows on each curve.
+
+        A configuration curve has all configurations that one continuous motion passes.
+        """
         batch = self.batch
-        # A motion with a sense is a simulation, which passes parts of curves only.
+        # A motion with a sense of travel is a simulation, which passes parts of curves
+        # only. Then only singularities on the passed parts count as inside the range.
         is_simulation = batch.motion.sense is not None
         return SampledSingularities(
             batch.tracer,
@@ -130,8 +137,8 @@ class OneInput:
     def points(self) -> Columns:
         """The main table: one row for each singularity, output and input.
 
-        Singularities are points on configuration curves, crossings of curves, and then
-        curves on which the input or an output rests everywhere.
+        The rows are in this order: singular points on configuration curves, crossings of
+        curves, and curves on which the input or an output is at rest everywhere.
         """
         sampled = self.sampled
         report = sampled.report
@@ -139,6 +146,7 @@ class OneInput:
         for point in (*report.points, *report.crossings):
             rows += self._rows_of_point(point)
         for point in report.resting_curves:
+            # A piece is a part of a curve that belongs to one assembly mode.
             pieces = sampled.configurations.curves[point.curve].pieces
             rows.append(
                 {
@@ -158,25 +166,30 @@ class OneInput:
     def _rows_of_point(self, point: SingularPoint) -> list[Columns]:
         """Return the rows of a singularity in the main table.
 
-        There is a row for each input of the range at which it occurs. The note names the
-        geometric conditions of a point on a curve, such as parallel axes, or the curves
-        that cross. Conditions come from the relations c y' = d q' of the output.
+        There is a row for each input of the range at which it occurs. All rows agree except
+        for the input, the assembly modes and whether the input is inside the range. The
+        note names the geometric conditions of a point on a curve, such as parallel axes, or
+        the curves that cross. Conditions come from the relations c y' = d q' between the
+        rates y' of the output and q' of the input: c or d is zero at a singularity.
         """
         sampled = self.sampled
         # The part of the mechanism on which the outputs depend, if it is not the whole.
         part = None if sampled.tracer is self.batch.tracer else sampled.tracer
+        # At type III curves cross.
         is_crossing = point.type is Type.III
-        # A relation that disagrees with the rates has no conditions of this singularity.
+
+        # Conditions. A relation that disagrees with the rates has no conditions of this
+        # singularity.
         relations = [
             relation for relation in point.relations if is_crossing or relation.agrees
         ]
         conditions = [
             condition for relation in relations for condition in relation.conditions
         ]
+        # A question mark marks a condition that is not certain within rounding.
         labels = [
             condition.label + ("" if condition.certain else "?") for condition in conditions
         ]
-        # A question mark denotes a condition that is not certain within rounding.
         residuals = [condition.residual for condition in conditions]
         if is_crossing:
             notes = [*_describe_crossing(point), point.note]
@@ -184,12 +197,15 @@ class OneInput:
             notes = [point.note, *(condition.words for condition in conditions)]
         else:
             notes = [point.note, *(relation.note for relation in point.relations)]
-        # At type I only the output can reverse, at type II only the input.
+
+        # Reversals: the links that turn back here. At type I only the output can reverse,
+        # at type II only the input.
         reversals = []
         if point.input_turns and point.type is not Type.I:
             reversals.append("input")
         if point.output_turns and point.type is not Type.II:
             reversals.append("output")
+
         columns = {
             **configuration_columns(
                 self.batch, point.values[None], point.output, part=part
@@ -204,8 +220,11 @@ class OneInput:
             "output": self._name_links(point.output),
             "curve": point.curve,
             "s": point.s,
+            # Empty notes and repetitions are left out.
             "note": "; ".join(dict.fromkeys(filter(None, notes))),
         }
+        # Each occurrence is an input of the range, the assembly modes there, and whether
+        # the input is inside the range.
         return [
             {
                 **columns,
@@ -220,12 +239,17 @@ class OneInput:
     def relation(self) -> Columns:
         """The table of the relation c y' = d q' and of the nearness of singularities.
 
-        y' is the rate of an output, q' that of the input. The table has every row of the
-        batch once for each output and form of the relation.
+        y' is the rate of an output, q' that of the input, both by the arc length of the
+        configuration curve. The table has every row of the batch once for each output and
+        form of the relation: the output link moves relative to its own reference s in form
+        i, relative to the reference r of the input in form ii. A row has type I if y' = 0
+        and type II if q' = 0. If both are zero, other links move (a self-motion).
         """
         batch = self.batch
         sampled = self.sampled
+        # How firmly the locked input holds all links, absolute and relative.
         sigma, reciprocal_condition = sampled.singular_values()
+        # A problem of the row itself comes before one of its singularity measures.
         status = np.where(batch.status == Status.OK, sampled.status, batch.status)
         tables: list[Columns] = []
         for (output, form), columns in sampled.measures().items():
@@ -275,8 +299,12 @@ class OneInput:
     def findings(self) -> Findings:
         """Return how many singularities there are, and where a mode comes near one.
 
-        The summary has numbers of singularities, near misses and what is not certain.
-        Warnings concern what may be missed and type II; sentences describe the rest.
+        The result has three parts:
+
+        - The summary: numbers of singularities by type, near misses (modes that come near a
+          singularity without reaching it), and uncertain results.
+        - Warnings: singularities that may be missed, type II in the range, near misses.
+        - Remarks: sentences on all other results.
         """
         sampled = self.sampled
         points = self.points
@@ -383,17 +411,21 @@ class OneInput:
 
     @cached_property
     def curve_lines(self) -> dict[tuple[int, int], Floats]:
-        """Input and output (`POINTS_PER_CURVE`, 2) in rad, by curve and output.
+        """Drawn points of all configuration curves, by number of the curve and the output.
 
-        Points are at equal distances in arc length.
+        Each value is an array (`POINTS_PER_CURVE`, 2) of input and output angles in rad.
+        The points are at equal distances in arc length.
         """
         lines: dict[tuple[int, int], Floats] = {}
         sampled = self.sampled
         for number, curve in enumerate(sampled.curves):
+            # The last point is just before the end of the curve.
             s = np.linspace(0.0, curve.length * (1.0 - 1e-12), POINTS_PER_CURVE)
             for output in range(len(self.names)):
                 angle = sampled.output_angle(number, output, s)
                 links = sampled.report.outputs[output]
+                # The output of two links that a pair joins is the pair's angle, which is
+                # drawn modulo turns.
                 if sampled.tracer.mechanism.angle_between(*links) is not None:
                     angle = wrap(angle)
                 q = sampled.input_at(number, s)
@@ -407,15 +439,16 @@ class OneInput:
         return self.curve_lines[curve, output][numbers]
 
     def _input_output_plot(self, output: int, rows: slice) -> Portrait:
-        """Return the output against the input, with all curves and marked singularities.
+        """Return a plot of an output angle against the input angle.
 
-        The moving point follows the rows of the batch. Its output is that of the nearest
-        drawn point of the curve.
+        It shows all configuration curves, marks at singularities, and a point that moves
+        along the rows of the batch. The output of the moving point is taken from the
+        nearest drawn point of the curve.
 
         Parameters
         ----------
         output
-            Position of the output.
+            Number of the output among all outputs.
         rows
             Rows of the batch at which the moving point is drawn.
         """
@@ -438,24 +471,27 @@ class OneInput:
             if np.all(np.isfinite(position)):
                 colour = COLOUR_OF_KIND[str(point.type)]
                 marks.append(Mark(f"type {point.type}", position, colour))
+        curves = []
+        for number in curve_numbers:
+            line = break_at_jumps(self.curve_lines[number, output])
+            curves.append(PlaneCurve(line, CURVE_COLOUR))
         return plot_plane(
             f"plots/input_output/{name.replace('/', '_')}",
             f"output {name} against the input",
             row_points[rows],
             (f"input {batch.moving_inputs[0]}", f"output {name}"),
-            [
-                PlaneCurve(break_at_jumps(self.curve_lines[number, output]), CURVE_COLOUR)
-                for number in curve_numbers
-            ],
+            curves,
             marks,
         )
 
     def _gallery(self) -> Scene:
-        """Return a page on which sample k is singularity k, with what coincides there.
+        """Return a page that draws the singularities: sample k shows singularity k.
 
-        It shows the links, the six pole axes of the relation c y' = d q' (about which its
-        four links turn relative to each other), and the two planes of three axes that
-        coincide. Whole curves, which have no arc length, are left out.
+        Each drawing has the links, six pole axes and two planes. The relation c y' = d q'
+        between the rates of output and input concerns four links. Each two of them turn
+        about a pole axis relative to each other. At a singularity the plane through three
+        of the axes coincides with the plane through three others. Singularities that are
+        whole curves, which have no arc length, are left out.
         """
         sampled = self.sampled
         has_point = np.isfinite(self.points["s"])
@@ -467,14 +503,15 @@ class OneInput:
             output = self.names.index(name)
             relations = sampled.report.evaluate_relations(curve, s[None], output).relations
             six_poles.append(relations[-1].poles)
-        rotations = np.stack(
-            [
-                sampled.configuration(curve, s)
-                for curve, s in zip(curves, points["s"], strict=True)
-            ]
-        )
+        configurations = [
+            sampled.configuration(curve, s)
+            for curve, s in zip(curves, points["s"], strict=True)
+        ]
+        # Orientations of all links (singularities, links, 3, 3).
+        rotations = np.stack(configurations)
         parts: list[Primitive] = [*link_bodies(sampled.tracer.mechanism, rotations)]
         for name, label in LABEL_OF_AXIS.items():
+            # Pole axes (singularities, 3) with this name; NaN where an axis is undefined.
             axes = np.concatenate([getattr(poles, name) for poles in six_poles])
             if np.any(np.isfinite(axes)):
                 parts.append(
@@ -497,22 +534,20 @@ class OneInput:
 
 
 def _gallery_text(points: Mapping[str, Any]) -> str:
-    """Return the list of singularities in Markdown: a table, then what coincides at each.
+    """Return the list of singularities in Markdown: a table, then a note on each.
 
-    `points` are the columns of the main table, one row for each listed singularity.
+    A note names the axes or planes that coincide. `points` are the columns of the main
+    table, one row for each listed singularity.
     """
-    q_texts = [f"{q:.4f}" for q in np.degrees(points["q"])]
     lines = []
-    for row, cells in enumerate(
-        zip(
-            points["kind"],
-            points["condition"],
-            points["assembly_mode"],
-            q_texts,
-            points["output"],
-            strict=True,
+    for row, q in enumerate(np.degrees(points["q"])):
+        cells = (
+            points["kind"][row],
+            points["condition"][row],
+            points["assembly_mode"][row],
+            f"{q:.4f}",
+            points["output"][row],
         )
-    ):
         lines.append(f"| {row} | {' | '.join(cells)} |")
     notes = [f"- sample {row}: {note}" for row, note in enumerate(points["note"]) if note]
     return "\n".join([GALLERY_HEADER, *lines, "", "What coincides:", "", *notes])
