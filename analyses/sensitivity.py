@@ -36,7 +36,7 @@ from .common import (
     row_columns,
 )
 
-DEGREE = np.pi / 180.0
+RAD_PER_DEGREE = np.pi / 180.0
 """One degree in rad."""
 EQUAL_SHARE_RATIO = 1e-9
 """Shares of the variance that differ by a smaller part are equal, as those of sizes that
@@ -208,7 +208,7 @@ class SensitivityAnalysis(AbstractAnalysis):
     def _size_deviations(self, sensitivity: Sensitivity) -> SizeDeviations:
         """Return the distribution of the deviations of the sizes."""
         deviations = sensitivity.deviating(
-            self.deviation * DEGREE, self._deviation_of_key()
+            self.deviation * RAD_PER_DEGREE, self._deviation_of_key()
         )
         return SizeDeviations(deviations, self.distribution, self.draws)
 
@@ -357,7 +357,7 @@ class SensitivityAnalysis(AbstractAnalysis):
     @property
     def _zero_spread(self) -> float:
         """The spread up to which a quantity does not depend on the sizes."""
-        return INDEPENDENT_SPREAD_RATIO * self.deviation * DEGREE
+        return INDEPENDENT_SPREAD_RATIO * self.deviation * RAD_PER_DEGREE
 
     def _make_findings(
         self, summary: Mapping[str, Mapping[str, Any]], sizes: str

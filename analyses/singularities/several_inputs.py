@@ -86,7 +86,7 @@ DEFAULT_SLICES = 12
 EDGES_PER_RANGE = 4.0
 """Edges of the first mesh along the narrowest range of an input, at least. Larger: smaller
 triangles, and more time."""
-MAX_HALVINGS = 2
+MAX_EDGE_HALVINGS = 2
 """How often edges are halved afterwards at most, with vertices on the surface."""
 PARTS_PER_CHORD = 8
 """Parts into which each chord between two nodes of a drawn curve is divided."""
@@ -173,10 +173,10 @@ class SeveralInputs:
         widths = [abs(item.stop - item.start) for item in self.batch.mechanism.inputs]
         longest = min(LONGEST_EDGE_RAD, min(widths) / EDGES_PER_RANGE)
         if self.mesh is None:
-            return longest, MAX_HALVINGS
+            return longest, MAX_EDGE_HALVINGS
         if not self.mesh:
             return 0.0, 0
-        halvings = int(np.clip(np.log2(longest / self.mesh), 0, MAX_HALVINGS))
+        halvings = int(np.clip(np.log2(longest / self.mesh), 0, MAX_EDGE_HALVINGS))
         return self.mesh * 2**halvings, halvings
 
     @cached_property

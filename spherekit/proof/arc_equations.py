@@ -41,7 +41,7 @@ The key (j,) has the first derivative by variable j, the key (j, l) with j <= l 
 derivative by variables j and l. A missing key means zero.
 """
 
-MIN_ARC_SINE = 1e-6
+MIN_PROOF_ARC_SINE = 1e-6
 """Smallest sine of the arc of a link on two axes; at 0 the link can spin about them.
 
 Larger: mechanisms with short arcs are refused. Smaller: the bounds of derivatives, which
@@ -215,7 +215,7 @@ class ArcEquations:
         sine_squared = normal @ normal
         # The factor covers the rounding of square root and product.
         arc_sine = np.sqrt(lower_magnitude(sine_squared)) * (1 - 8 * UNIT_ROUNDOFF)
-        if not arc_sine > MIN_ARC_SINE:
+        if not arc_sine > MIN_PROOF_ARC_SINE:
             structure = self.decimal_mechanism.structure
             raise PlanError(
                 f"{structure.name}: link {structure.links[step.link]} has an arc of about "

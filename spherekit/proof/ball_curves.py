@@ -36,7 +36,7 @@ from spherekit.proof.balls import (
     sine_cosine,
 )
 
-MAX_PANELS = 10_000
+MAX_ARC_LENGTH_PANELS = 10_000
 """Largest number of panels by which a profile is expressed by its arc length.
 
 Larger: profiles with sharper bends succeed, slowly. Smaller: they are refused.
@@ -175,7 +175,7 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
     with series_length_limit(term_count):
         for low, high in pairwise(knots):
             while centre_floats(high - low) > 0.0:
-                if len(panel_series) > MAX_PANELS:
+                if len(panel_series) > MAX_ARC_LENGTH_PANELS:
                     raise EngineError(
                         "the arc length of a profile does not converge; give its "
                         "points more evenly"

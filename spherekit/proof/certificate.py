@@ -84,7 +84,7 @@ def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
 def _construction_table(
     decimal_mechanism: DecimalMechanism, construction: Construction
 ) -> Mapping[str, Any]:
-    """Return an order of placing links, with names of links and pairs.
+    """Return an order of placing links as a table, with names of links and pairs.
 
     Parameters
     ----------
@@ -370,9 +370,10 @@ def pole_table(modes: CertifiedModes) -> list[dict[str, Any]]:
 def singular_table(located: CertifiedSingularities) -> dict[str, Any]:
     """Return the part of a certificate with the singularities over a range of the input.
 
-    Each has its place, the values (rad) of all variables, with the error bound (rad) "off".
-    Outputs without a pair to their reference link have no variable, so that only type II,
-    where the input is stationary, is listed for them.
+    The entry "place" of a singularity has the values (rad) of all variables, and "off" is
+    their error bound (rad). For an output that no pair joins to its reference link, there
+    is no variable of the output. Only type II, where the input is stationary, is then
+    listed.
     """
     return {
         "undecided_parts": located.undecided,
@@ -396,11 +397,11 @@ def _system_tables(
     construction: Construction,
     systems: Sequence[EquationSystem],
 ) -> list[dict[str, Any]]:
-    """Return systems of equations with approximations of all their solutions.
+    """Return systems of equations with approximations of all their solutions, as tables.
 
-    A system is a smallest set of equations that can be solved by itself, after the systems
-    before it. A solution has e^(i angle) of each unknown, or its inverse where "inverse" is
-    true; the inverse of a root at infinity is 0.
+    A system is a smallest set of equations that can be solved by itself if the systems
+    before it are solved. A solution lists for each unknown e^(i angle), or the inverse of
+    it if its entry in "inverse" is true. The inverse of a root at infinity is 0.
 
     Parameters
     ----------

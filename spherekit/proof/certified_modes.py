@@ -66,10 +66,11 @@ apart.
 
 @dataclass(frozen=True)
 class CertifiedModes:
-    """What is proven of the assembly modes at given inputs.
+    """The assembly modes at given inputs, as far as they are proven.
 
-    A mode is a real solution of the loop equations, a *real root*. Complex roots are
-    counted too, since their largest possible number is known.
+    An assembly mode is a real solution of the loop equations, a *real root*. Complex roots
+    are counted too: their largest possible number is known, so if as many are proven, no
+    real root is missing.
 
     Attributes
     ----------
@@ -214,6 +215,7 @@ def certify_modes(
         return CertifiedModes(
             decimal_mechanism, construction, inputs, [only_root], MODE_PRECISIONS_BITS[0]
         )
+    # 1. Prove roots near approximations, with more and more bits.
     approximations: list[Sequence[complex]] = []
     systems: Sequence[EquationSystem] = ()
     for bits in MODE_PRECISIONS_BITS:
@@ -234,6 +236,8 @@ def certify_modes(
     assert len(search.roots) <= construction.mode_bound, (
         "more roots were proven than there can be"
     )
+
+    # 2. If roots may be missing, exclude other real roots in the rest of space.
     box_count = 0
     undecided_boxes = None
     if not is_proven:
@@ -318,6 +322,7 @@ class _RootSearch:
         construction: Construction,
         inputs: Sequence[str],
     ) -> None:
+        """Evaluate the equations at the inputs; no roots are proven at first."""
         self.equations = ArcEquations(decimal_mechanism, construction)
         self.known_angles = read_known_angles(decimal_mechanism, inputs)
         self.circle_points = cosines_and_sines(self.known_angles)
@@ -386,7 +391,12 @@ class _RootSearch:
             self.roots.append(root)
 
     def exclude_other_roots(self) -> tuple[int, BoxSet]:
-        """Exclude other real roots; return the number of boxes and the undecided ones."""
+        """Divide space into boxes, and exclude real roots that are not proven yet.
+
+        Returns
+        -------
+        The number of boxes that were examined, and the boxes that stay undecided.
+        """
         unknown_count = self.equations.unknown_count
         no_width = [exact_ball(0.0)] * len(self.known_angles)
         # Unknown angles range over a full turn, given angles have one value.

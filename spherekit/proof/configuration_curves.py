@@ -77,10 +77,11 @@ class ModeInterval(NamedTuple):
 
 @dataclass(frozen=True)
 class CertifiedCurves:
-    """What is proven of the configuration curves over a range of the only input.
+    """The configuration curves over a range of the only input, as far as they are proven.
 
-    Every closed configuration of the range is on one of the chains, on an arm of one of the
-    crossings, or in one of the undecided boxes.
+    A chain is a configuration curve as a row of certified arcs. A crossing is a place where
+    curves cross or nearly do; branches of curves, its arms, leave it. Every closed
+    configuration of the range is on a chain, on an arm, or in one of the undecided boxes.
 
     Attributes
     ----------
@@ -141,24 +142,28 @@ class CertifiedCurves:
 
     @cached_property
     def input_stationary_points(self) -> list[StationaryPoints]:
-        """For each chain where the input is stationary: type II, its dead centres."""
+        """For each chain the configurations in which the input is stationary.
+
+        These are singularities of type II, the dead centres of the input.
+        """
         return self.locate_stationary_points(self.input_variable)
 
     def locate_stationary_points(self, variable: int) -> list[StationaryPoints]:
-        """Return for each chain where a variable is stationary, and what is undecided.
+        """Return for each chain the stationary points of a variable, proven and undecided.
 
         A chain is one configuration curve. If the variable is constant along it, no
         stationary points are listed.
         """
+        points_of_chains = []
         with working_precision(CURVE_PRECISION_BITS):
-            return [
-                StationaryPoints()
-                if is_constant
-                else find_stationary_points(self.equations, chain, variable)
-                for chain, is_constant in zip(
-                    self.chains, self.find_constant_chains(variable), strict=True
-                )
-            ]
+            for chain, is_constant in zip(
+                self.chains, self.find_constant_chains(variable), strict=True
+            ):
+                points = StationaryPoints()
+                if not is_constant:
+                    points = find_stationary_points(self.equations, chain, variable)
+                points_of_chains.append(points)
+        return points_of_chains
 
     @cached_property
     def chain_arms(self) -> list[tuple[Arm | None, Arm | None]]:
@@ -169,7 +174,10 @@ class CertifiedCurves:
 
     @cached_property
     def has_constant_input(self) -> list[bool]:
-        """For each chain whether the input is constant: a whole curve of modes there."""
+        """For each chain whether the input is constant along it.
+
+        At this input a whole curve of configurations is possible, and not single modes.
+        """
         return self.find_constant_chains(self.input_variable)
 
     def find_constant_chains(self, variable: int) -> list[bool]:
@@ -187,7 +195,7 @@ class CertifiedCurves:
         near a saddle, a place where curves cross or nearly do; or it may be stationary in a
         stretch of a curve of which this is not decided. Parts that overlap are joined.
         """
-        # Undecided boxes.
+        # 1. Undecided boxes: the input angles that each of them covers.
         ranges = []
         for centre, radius in zip(
             self.undecided_boxes.centres, self.undecided_boxes.radii, strict=True
@@ -195,11 +203,11 @@ class CertifiedCurves:
             low = self.input_angle(centre - radius)
             high = self.input_angle(centre + radius)
             ranges.append((low, high))
-        # Parts of curves in which the input may be stationary, as (position, error,
-        # offset): the input differs from that at the position by at most the error. Where
-        # this part lies modulo whole cycles is decided at one of its points, the position
-        # plus offset times error. The middle is tried, and for stretches both ends, since a
-        # stretch outside of the range may reach into it.
+        # 2. Parts of curves in which the input may be stationary, as tuples (position,
+        # error, offset): the input variable differs from that at the position by at most
+        # the error. A point of this part (offset 0: its middle, -1 and 1: its ends) decides
+        # by how many whole cycles the part is moved into the range. The ends of stretches
+        # are tried as well, since a stretch with its middle outside may reach into it.
         doubtful_positions = [
             (saddle.centre, error, 0.0)
             for saddle, error in zip(
@@ -228,7 +236,9 @@ class CertifiedCurves:
         """Return how far from each saddle a variable may be stationary on its arms.
 
         A saddle is a place where curves cross or narrowly miss each other. It has four
-        arms, branches of curves in the four quadrants of two coordinates.
+        arms, branches of curves in the four quadrants of two coordinates. On an arm the
+        variable is not stationary if the sign of its rate is proven. The arms of chains
+        along which the variable is constant are left out.
 
         Returns
         -------
@@ -362,12 +372,12 @@ class CertifiedCurves:
 
     @cached_property
     def intervals(self) -> list[ModeInterval]:
-        """The range cut where the number of modes may change, with the number of each part.
+        """The parts of the range, each with its number of assembly modes.
 
-        It may change at turning points of the input, where curves cross, at inputs with
-        whole curves of modes, and at the ends of undecided parts. Undecided parts are left
-        out. The list is empty if two chains may belong to one curve, so that modes would be
-        counted twice.
+        The range is cut where this number may change: at turning points of the input, at
+        crossings of curves, at inputs with whole curves of configurations, and at the ends
+        of undecided parts. Undecided parts are left out. The list is empty if two chains
+        may belong to one curve, so that modes would be counted twice.
         """
         if OVERLAPPING in self.problems:
             return []
@@ -442,8 +452,10 @@ def _join_ranges(ranges: list[tuple[float, float]]) -> list[tuple[float, float]]
 
 
 def _describe_saddles(saddles: Sequence[Saddle]) -> str:
-    """Return a part of a sentence that says how many curves cross or nearly do."""
+    """Return a part of a sentence with the numbers of places where curves cross or miss."""
     parts = []
+    # Level signs of a saddle: 0 if curves cross, 1 or -1 if they miss each other, None if
+    # neither is proven.
     for words, level_signs in (
         ("cross", (0,)),
         ("miss each other", (1, -1)),
@@ -522,9 +534,9 @@ def _search_curves(
 ) -> tuple[CurveSearch, int, BoxSet]:
     """Search the whole range for curves of configurations.
 
-    The space of all variables is divided into boxes. Configurations near boxes that are not
-    proven to be empty start curves, which are followed. What they cover needs no further
-    division.
+    The space of all variables is divided into boxes. If a box is not proven to be empty, a
+    configuration near it is searched, and the curve through this configuration is followed.
+    Boxes that are covered by known curves need no further division.
 
     Parameters
     ----------

@@ -97,10 +97,11 @@ def _revolute_kinematics(first: Array, second: Array) -> PairKinematics:
 def _contact_kinematics(
     curves: Sequence[Curve], variables: tuple[int, int], starts: Array
 ) -> PairKinematics:
-    """Return the kinematics of a contact pair, whose curve frames coincide at the contact.
+    """Return the kinematics of a contact pair of two profile curves.
 
-    A curve returns at arc lengths (n,) its frames (n, 3, 3), whose columns are tangent,
-    normal and point.
+    A curve is a function that returns at arc lengths (n,) its frames (n, 3, 3), with the
+    tangent, normal and point as columns. At the contact the frames of both curves coincide,
+    so the rotation from the second to the first link is (first frame) (second frame)^T.
 
     Parameters
     ----------
@@ -114,9 +115,11 @@ def _contact_kinematics(
     """
 
     def contact_frame(side: int, values: Array) -> Array:
+        """Return curve frames (n, 3, 3) of one link, at variables (n, m) of the pair."""
         return curves[side](values[:, variables[side]] + starts[side])
 
     def rotation(values: Array) -> Array:
+        """Return the rotations (n, 3, 3) from the second link to the first."""
         return contact_frame(0, values) @ contact_frame(1, values).swapaxes(1, 2)
 
     return PairKinematics(rotation, axis=lambda values: contact_frame(0, values)[:, :, 2])
@@ -125,9 +128,9 @@ def _contact_kinematics(
 def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
     """Return the arc lengths (2,) rad at which two profiles touch in the reference pose.
 
-    There the rotation of the contact, by which both curve frames coincide, is the identity.
-    Newton's method in the sense of least squares is used, since profiles may miss each
-    other by rounding of the float64 geometry.
+    The rotation of the second link by which both curve frames coincide is the identity at
+    this contact. It is found by Newton's method in the sense of least squares, since the
+    profiles may miss each other by the rounding of the float64 geometry.
 
     Parameters
     ----------
@@ -157,7 +160,7 @@ def _find_contact(curves: Sequence[Curve], arc_lengths: Array) -> Array:
 
 
 def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
-    """Return the angular velocities of a pair at unit rates of its single variables.
+    """Return the angular velocity of a pair for the unit rate of each of its variables.
 
     Parameters
     ----------
@@ -171,6 +174,7 @@ def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
     (n, m, 3) in the axes of the first link.
     """
     vectors = []
+    # One variable moves at the rate 1 while the others rest.
     for direction in exact_balls(np.eye(values.shape[1])):
         moving_values = power_series(values, np.broadcast_to(direction, values.shape))
         vectors += angular_velocities(rotation(moving_values), 1)
@@ -280,6 +284,7 @@ class Linkage:
     """
 
     def __init__(self, mechanism: Mechanism, frames: Frames | None = None) -> None:
+        """Choose the pairs that place links and those that close loops."""
         self.mechanism = mechanism
         ends = mechanism.ends
         all_kinematics = _make_pair_kinematics(
@@ -373,10 +378,10 @@ class Linkage:
         )
 
     def variable_vectors(self, values: Array, orientations: Array) -> Array:
-        """Return the angular velocities of pairs at unit rates of single variables.
+        """Return for each variable the angular velocity of its pair at unit rate.
 
-        The angular velocity of a pair is that of its second link relative to the first. For
-        an R pair it is the axis.
+        One variable moves while the others rest. The angular velocity of a pair is that of
+        its second link relative to the first. For an R pair it is the axis.
 
         Parameters
         ----------
@@ -441,9 +446,10 @@ class Linkage:
     def close_loops(self, start: Array, held: Sequence[int], eps: float) -> LoopClosure:
         """Close the loops by Newton's method, with some variables held.
 
-        A step is left inverse of the Jacobian times residual. The iteration of a row ends
-        with a step that is rounding: one that no longer shrinks and is small compared with
-        eps times the condition number. Rows that fail have a status other than OK.
+        A step is -J^+ r, with the left inverse J^+ of the Jacobian and the residual r. The
+        iteration of a row ends when steps are only rounding: they no longer shrink and are
+        small compared with eps times the condition number. Rows that fail have a status
+        other than OK.
 
         Parameters
         ----------
@@ -457,9 +463,11 @@ class Linkage:
         k, count = start.shape
         free = [variable for variable in range(count) if variable not in held]
         values = start.copy()
+        # (k,) size of the previous step of each row (rad).
         last_step_size = np.full(k, np.inf)
         status = np.full(k, Status.NOT_CONVERGED, dtype=np.int8)
         is_active = np.ones(k, dtype=bool)
+        # One array (k,) for each step.
         step_sizes = []
         while True:
             orientations, residuals = self.place_links(values)
@@ -481,8 +489,8 @@ class Linkage:
             last_step_size = step_size
             active_change = np.where(is_active[:, None], change, 0)
             values[:, free] = exact_centres(values[:, free] + active_change)
-        # Near one solution only, the second step is much shorter than the first. After one
-        # step the first one is compared with itself.
+        # If there is only one solution near the start, the second step is much shorter than
+        # the first. If there was only one step, it takes the place of the second.
         second_step = step_sizes[:2][-1]
         is_ambiguous = second_step > np.maximum(rounding, MAX_CONTRACTION * step_sizes[0])
         return LoopClosure(
@@ -499,9 +507,10 @@ class Linkage:
     def expand_motion(
         self, closure: LoopClosure, moving_variable: int, order: int
     ) -> list[Array]:
-        """Return all variables as power series in one that moves.
+        """Return all variables as power series in one variable that moves.
 
-        The coefficient of each order solves linear equations with the same matrix, the
+        The coefficients of one power after another are computed so that the loops stay
+        closed. They solve linear equations with the same matrix for all powers, the
         Jacobian of the loops by the free variables.
 
         Parameters
@@ -524,8 +533,8 @@ class Linkage:
         ]
         coefficients[1][:, moving_variable] = exact_ball(1.0)
         for power in range(1, order + 1):
-            # With the coefficient of this power still 0, the residual of this power is
-            # what the coefficient has to remove.
+            # The coefficient of this power is still 0. It has to remove the residual of
+            # this power.
             _, residuals = self.place_links(power_series(*coefficients[: power + 1]))
             residual = series_coefficient(residuals, power)
             coefficients[power][:, closure.free] = -np.matvec(closure.inverse, residual)
@@ -539,6 +548,8 @@ def largest_in_rows(values: Array) -> Floats:
 
 def angular_velocities(rotations: Array, order: int) -> list[Array]:
     """Return the angular velocity and its derivatives from power series of rotations.
+
+    The angular velocity of a rotation R(t) is the vector of the skew part of R' R^T.
 
     Parameters
     ----------
@@ -555,11 +566,12 @@ def angular_velocities(rotations: Array, order: int) -> list[Array]:
     parts = [series_coefficient(rotations, power) for power in range(order + 1)]
     results = []
     for power in range(order):
-        # Coefficient of this power of R' R^T, whose skew part is the angular velocity.
+        # Coefficient of this power of R' R^T: the sum of the products of coefficients.
         products = [
             (k + 1) * parts[k + 1] @ parts[power - k].swapaxes(-1, -2)
             for k in range(power + 1)
         ]
+        # A derivative is the factorial times the coefficient of the power.
         results.append(factorial(power) * skew_part(np.sum(products, axis=0)))
     return results
 
@@ -574,8 +586,9 @@ def skew_part(matrices: Array) -> Array:
 def left_inverses(matrices: Array) -> tuple[Array, Floats]:
     """Return left inverses of matrices, and their condition numbers.
 
-    The left inverse of A is (A^T A)^-1 A^T. A^T A loses twice the digits of the condition
-    number, so it is inverted with more than twice the digits.
+    The left inverse of A is (A^T A)^-1 A^T. The condition number of A^T A is the square of
+    that of A, so twice as many digits are lost. It is therefore inverted with more than
+    twice the digits.
 
     Parameters
     ----------

@@ -121,10 +121,10 @@ class RootAngles:
 
 @dataclass(frozen=True)
 class SystemFindings:
-    """What is proven of the roots of a system for several modes of the systems before.
+    """Proven properties of the roots of a system of equations.
 
-    Systems of equations are solved one after another. A mode is a real root of all systems
-    before, over a box of inputs.
+    Systems are solved one after another. A mode is a real root of all systems before this
+    one, over a box of inputs. The system has several roots for each mode.
 
     Attributes
     ----------
@@ -174,6 +174,7 @@ class EquationSystem:
     def __init__(
         self, equations: ArcEquations, rows: Sequence[int], unknowns: Sequence[int]
     ) -> None:
+        """Number the given variables and bound the number of roots (by Bezout)."""
         self.equations = equations
         self.rows = rows
         self.unknowns = unknowns
@@ -197,6 +198,7 @@ class EquationSystem:
             (m, given, 2) cosines and sines of the given variables, each rounded once.
         """
         harmonics = self.equations.harmonics
+        # For each equation the coefficients, and their derivatives by the given variables.
         parts = [
             harmonics.partial_polynomials(row, self.unknowns, circle_points)
             for row in self.rows
@@ -219,12 +221,12 @@ class EquationSystem:
     def prove_roots(
         self, modes: Array, centres: Floats, circle_points: Floats, half: Floats
     ) -> SystemFindings:
-        """Return what is proven of the roots of this system, over one box for each mode.
+        """Prove the roots of this system over one box of inputs for each mode.
 
         A mode is a real root of the systems solved before, over its box of inputs. The
-        roots of this system are approximated at the centre of the box, and proven to be
-        alone in a tube about their linear motion over the box. If all roots at the centre
-        are proven, they are added to `solved`.
+        roots of this system are approximated at the centre of the box. Each is then proven
+        to be alone in a tube, which is a neighbourhood of its linear motion over the box.
+        If all roots at the centre are proven, they are added to `solved`.
 
         Parameters
         ----------
@@ -238,6 +240,7 @@ class EquationSystem:
         half
             (modes, inputs) half widths (rad) of the boxes.
         """
+        # An input has no error, and the derivative 1 by itself.
         no_error = 0.0 * centres
         unit_rates = no_error[..., None] + np.eye(centres.shape[1])
 
@@ -273,12 +276,12 @@ class EquationSystem:
         return SystemFindings(roots.row, is_complete, is_real, angles)
 
     def _follow_roots(self, given: Floats) -> ChartRoots:
-        """Return approximate roots, followed from the nearest choices that are solved.
+        """Return approximate roots at some values of the given variables.
 
-        A choice is a set of values of the given variables. Roots of the nearest choice in
-        `solved` are moved by one step along the tangent to the values asked for. If no
-        solved choice is near, the roots come from a homotopy at these values, and the step
-        is zero.
+        The roots are followed from those that are known in `solved` for other values. The
+        nearest of these values are taken, and their roots are moved by one step along the
+        tangent. If no such values are near, the roots are computed by a homotopy at the
+        requested values, and the step is zero.
 
         Parameters
         ----------
@@ -350,9 +353,10 @@ def count_modes(
 ) -> tuple[Bools, Indices]:
     """Return over which boxes of the inputs all modes are proven, and their numbers.
 
-    The systems are solved one after another. For each real root of the systems before, the
-    real roots of the next system are proven over the box. A box is given up if not all
-    roots of a system are proven to be different, and real or not.
+    The systems of equations are solved one after another. A mode of the systems so far is a
+    real root of all of them. For each mode, the roots of the next system are proven over
+    the box, and its real roots extend the mode. A box is given up if the roots of a system
+    are not all proven to be different, and each proven to be real or not.
 
     Parameters
     ----------

@@ -56,10 +56,10 @@ CHEAP_SWEEPS = 15
 Larger: fewer and longer steps with more sweeps each. Smaller: more and shorter steps.
 """
 
-STEP_GROWTH = 1.05
+CHEAP_STEP_GROWTH = 1.05
 """Length of the next step over that of a step with few sweeps."""
 
-STEP_REDUCTION = 0.8
+COSTLY_STEP_REDUCTION = 0.8
 """Length of the next step over that of a step with many sweeps or a large error."""
 
 MAX_TRUNCATION_ROUNDINGS = 16
@@ -118,8 +118,8 @@ JOINT_LIMIT_SWITCH = -1
 def find_table_kinks(parts: Sequence[LoadComponent], until: float) -> list[Ball]:
     """Return the times (s) between 0 and `until` at which tables of torques have kinks.
 
-    A table is piecewise linear in time, with kinks at its times. If it is periodic, they
-    repeat.
+    A table is piecewise linear in time, with kinks at its listed times. The kinks of a
+    periodic table repeat with its period.
     """
     times: list[Ball] = []
     for table in (part.magnitude for part in parts):
@@ -131,6 +131,7 @@ def find_table_kinks(parts: Sequence[LoadComponent], until: float) -> list[Ball]
             period_count = int(farthest / float(period)) + 1 if table.periodic else 0
             for number in range(-period_count, period_count + 1):
                 times.extend(exact_centres(table_times + number * period))
+    # By their float64 numbers, so that equal times are listed once.
     kinks = {float(t): t for t in times if 0.0 < float(t) < until}
     return sorted(kinks.values(), key=float)
 
@@ -182,11 +183,12 @@ class _CoordinateState:
 
 @dataclass(frozen=True)
 class _Step:
-    """A step of the motion. Within it x goes from -1 to 1, proportional to the time.
+    """A step of the motion, described by two series in a position x from -1 to 1.
 
-    The coordinate c is a pair variable, and p = sqrt(B) dc/dt with the equivalent inertia
-    B. Loads may have switches: conditions on whose sign `abs`, `sign`, `min` or `max`
-    depend. Within a step each is held on one side.
+    The position x is proportional to the time. The coordinate c is a pair variable, and
+    p = sqrt(B) dc/dt with the equivalent inertia B. Loads may have switches, which are
+    conditions whose sign decides the value of `abs`, `sign`, `min` or `max`. Within a step
+    each condition keeps one sign, its side.
 
     Attributes
     ----------
@@ -199,8 +201,8 @@ class _Step:
     sides
         (switches,) sides of all conditions.
     conditions
-        Legendre series of conditions and joint limits. Each becomes negative where the step
-        has to end. The first entry is the number of the switch, -1 for a joint limit.
+        For each condition or joint limit the number of its switch (-1 for a joint limit),
+        and a Legendre series that becomes negative where the step has to end.
     truncation
         Size of the last terms of the series, in roundings.
     sweeps
@@ -225,7 +227,7 @@ class _Step:
 class _SignChange:
     """The first sign change of a condition in a step.
 
-    A condition belongs to a switch, on whose sign a load depends, or to a joint limit.
+    A condition belongs to a switch (a load depends on its sign) or to a joint limit.
 
     Attributes
     ----------
@@ -260,8 +262,8 @@ def _integrate_series(coefficients: Array) -> Array:
 class ExactSimulation:
     """The motion of a mechanism with one degree of freedom under its loads.
 
-    It is computed step by step, each step as a series in time for a pair variable and its
-    momentum.
+    The motion is computed step by step. In each step one pair variable, the coordinate c,
+    and p = sqrt(B) dc/dt are series in time, where B is the equivalent inertia.
 
     Parameters
     ----------
@@ -305,6 +307,7 @@ class ExactSimulation:
         until: float,
         float_solution: FloatSolution,
     ) -> None:
+        """Prepare the nodes and matrices of the series, and compute the motion."""
         self.arithmetic = arithmetic
         self.mechanism = mechanism
         self.until = until
@@ -320,6 +323,7 @@ class ExactSimulation:
             self._load_parts = [
                 part for load in mechanism.loads for part in load.components(mechanism)
             ]
+            # Gauss nodes in [-1, 1] in rising order, and their weights.
             count = 10 + arithmetic.digits
             self._node_count = count
             legendre_root = flint_library().arb.legendre_p_root
@@ -327,13 +331,16 @@ class ExactSimulation:
                 legendre_root(count, k, weight=True) for k in range(count)[::-1]
             ]
             self._nodes, weights = exact_centres(np.array(nodes_and_weights)).T
-            # (nodes, nodes): Legendre coefficients from values at the nodes, and integrals
-            # from -1 to the nodes from values at the nodes.
+            # Two (nodes, nodes) matrices that multiply values at the nodes: one gives the
+            # Legendre coefficients, the other one the integrals from -1 to each node. The
+            # coefficient of degree n is (n + 1/2) times the integral of value and
+            # polynomial, which Gauss quadrature gives.
             polynomials = legvander(self._nodes, count - 1) * (np.arange(count) + 0.5)
             self._to_series = exact_centres((polynomials * weights[:, None]).T)
             self._to_integrals = exact_centres(
                 _evaluate_series(_integrate_series(self._to_series), self._nodes)
             )
+            # Positions at which the signs of conditions are examined.
             sample_count = SWITCH_SAMPLES_PER_NODE * count + 1
             self._samples = np.linspace(-1.0, 1.0, sample_count)
             self._run(driven, q, dq)
@@ -408,10 +415,12 @@ class ExactSimulation:
     ) -> tuple[Array, list[Array]]:
         """Return the generalised force of the loads, and the conditions of their switches.
 
-        A switch is an `abs`, `sign`, `min` or `max` in a load; its condition is the term on
-        whose sign it depends. Each is held on a given side, so that the load is smooth. The
-        force is the sum over the loads of magnitude times the rate on which it does work.
-        Numbers in expressions count as exact float64 numbers.
+        A load has a magnitude (a table or an expression) and a velocity with which it does
+        work, such as the rate of a pair. The generalised force by the coordinate is the sum
+        over all loads of the magnitude times this velocity per unit rate of the coordinate.
+        A switch is an `abs`, `sign`, `min` or `max` in an expression. Its condition is the
+        term whose sign decides; it keeps a given side, so that the load is smooth. Numbers
+        in expressions count as exact float64 numbers.
 
         Parameters
         ----------
@@ -432,7 +441,8 @@ class ExactSimulation:
         force
             (n,) generalised force by the coordinate (N m).
         conditions
-            (n,) for each condition, in the order in which expressions are evaluated.
+            For each condition its values (n,), in the order in which expressions are
+            evaluated.
         """
         variables = self.mechanism.angles
         conditions = list[Array]()
@@ -489,14 +499,14 @@ class ExactSimulation:
             else:
                 root = require_expression(part.magnitude).root
                 magnitude = fold(root, exact_ball, evaluate_name, apply_function)
-            # Rates on which the magnitude does work, per unit rate of the coordinate.
+            # Velocities with which the magnitude does work, per rate of the coordinate.
             rates = [moving.rates[:, variables[part.pair]]] if part.pair else []
             for moment in part.moments:
                 link = self.mechanism.link_number[moment.link]
                 velocity = moving.w[:, link]
                 rotation = moving.rotations[:, link]
                 if moment.arm is not None:
-                    # A force at a point: its work is that of the point's velocity.
+                    # A force at a point: it does work with the velocity of the point.
                     velocity = np.cross(velocity, rotation @ exact_balls(moment.arm))
                 direction = exact_balls(moment.direction)
                 if moment.axes == "link":
@@ -533,10 +543,11 @@ class ExactSimulation:
         return closure
 
     def _evaluate_coordinate(self, values: Array, coordinate: int) -> _CoordinateState:
-        """Return rates and inertia at nearly closed configurations.
+        """Return rates, inertia and closing steps at nearly closed configurations.
 
-        Rates are per unit rate of the coordinate. One Newton step towards closed loops,
-        with the coordinate held, is returned too.
+        With the closure Jacobian J of the free variables, the rates per unit rate of the
+        coordinate are -J^-1 (column of the coordinate). The Newton step that closes the
+        loops while the coordinate is held is -J^-1 (residuals).
 
         Parameters
         ----------
@@ -564,9 +575,10 @@ class ExactSimulation:
     def _run(self, driven: int, q: float, dq: float) -> None:
         """Compute all steps from the start to the end.
 
-        Each step ends at the first of these: its length, a kink of a torque table, a sign
-        change of a switch (a condition on whose sign a load depends), a joint limit. The
-        steps, the end, its kind and the times of switches become attributes.
+        A step ends at the first of four events: its length is over, a torque table has a
+        kink, the condition of a switch (a load depends on its sign) changes its sign, or a
+        joint reaches its limit. The results become attributes: the steps, the end, its
+        kind, and the times of switches.
 
         Parameters
         ----------
@@ -589,7 +601,7 @@ class ExactSimulation:
         last_switch: int | None = None
         length = targets[0] / 16
         while targets:
-            # A variable that moves faster becomes the coordinate.
+            # 1. Choose the coordinate: a variable that moves much faster replaces it.
             rates = centre_floats(state.moving.rates[0])
             fastest = int(np.argmax(np.abs(rates)))
             if abs(rates[fastest]) > COORDINATE_CHANGE_RATIO:
@@ -598,7 +610,7 @@ class ExactSimulation:
                 p = p if rates[fastest] > 0.0 else -p
             time_left = (targets[0] - self.end).mid()
             length = min(length, time_left)
-            # Halve the length until the series converge.
+            # 2. Compute a step, and halve its length until the series converge.
             step: _Step | None = None
             while step is None or step.truncation > MAX_TRUNCATION_ROUNDINGS:
                 shortest = min(MIN_STEP_RATIO * self.until, float(time_left))
@@ -609,7 +621,7 @@ class ExactSimulation:
                     )
                 step = self._try_step(values[0, coordinate], p, coordinate, length, sides)
                 length = (length / 2).mid()
-            # The step is used up to its first sign change, or as a whole.
+            # 3. Use the step up to its first sign change, or as a whole.
             sign_change = min(
                 self._find_sign_changes(step),
                 key=lambda change: float(change.x),
@@ -626,7 +638,7 @@ class ExactSimulation:
             reaches_target = switch is None and step.length is time_left
             step_end = (step.start + step.length * (sign_change.x + 1) / 2).mid()
             self.end = targets.pop(0) if reaches_target else step_end
-            # The state from which the next step starts.
+            # 4. The state from which the next step starts, and its sides and length.
             values = self._close_loops(np.array([self.end]), c, coordinate).values
             state = self._evaluate_coordinate(values, coordinate)
             sides = step.sides.copy()
@@ -638,7 +650,9 @@ class ExactSimulation:
                 sides[switch] = -sides[switch]
                 self.switches.append(self.end)
             is_costly = step.sweeps > CHEAP_SWEEPS or step.truncation > 1.0
-            length = (step.length * (STEP_REDUCTION if is_costly else STEP_GROWTH)).mid()
+            length = (
+                step.length * (COSTLY_STEP_REDUCTION if is_costly else CHEAP_STEP_GROWTH)
+            ).mid()
         if not self._steps:
             raise EngineError(f"{self.mechanism.name}: the motion ends where it starts")
 
@@ -647,10 +661,10 @@ class ExactSimulation:
     ) -> _Step | None:
         """Return a step from the present end, None if Picard's iteration does not converge.
 
-        With the equivalent inertia B and the generalised force Q, the equations are
-        dc/dt = p / sqrt(B) and dp/dt = Q / sqrt(B). Each sweep of the iteration evaluates
-        their right sides at all nodes of the step and integrates them again. It also makes
-        one Newton step that closes the loops.
+        The equations for the coordinate c and p = sqrt(B) dc/dt are dc/dt = p / sqrt(B) and
+        dp/dt = Q / sqrt(B), with the equivalent inertia B and the generalised force Q. Each
+        sweep of Picard's iteration evaluates the right sides at all Gauss nodes of the step
+        and integrates them again. It also makes one Newton step that closes the loops.
 
         Parameters
         ----------
@@ -666,7 +680,7 @@ class ExactSimulation:
         half = length / 2
         t = self.end + half * (self._nodes + 1)
         time_inside = float(self.end + half)
-        # Start: the float64 solution at the nodes. The coordinate is integrated from its
+        # 1. Start: the float64 solution at the nodes. The coordinate is integrated from its
         # exact start.
         values, rates = map(exact_balls, self._float_solution(centre_floats(t)))
         speed = rates[:, coordinate]
@@ -675,6 +689,7 @@ class ExactSimulation:
         p_nodes: Array | None = None
         last_change = np.inf
         for sweep in range(1, MAX_PICARD_SWEEPS + 1):
+            # 2. The right sides at the nodes.
             state = self._evaluate_coordinate(values, coordinate)
             moving = state.moving
             p_nodes = state.root_inertia * speed if p_nodes is None else p_nodes
@@ -688,14 +703,16 @@ class ExactSimulation:
                 moving, speed, t, sides, time_inside
             )
             p_rate = force / state.root_inertia
-            # Both equations are integrated once more.
+            # 3. Both equations are integrated once more, and the other variables follow
+            # the change of the coordinate and the Newton step.
             new_c = exact_centres(c + half * (self._to_integrals @ speed))
             new_p = exact_centres(p + half * (self._to_integrals @ p_rate))
             values = exact_centres(
                 values + state.closing_step + moving.rates * (new_c - c_nodes)[:, None]
             )
             values[:, coordinate] = new_c
-            # Largest change of this sweep, in roundings; that of p is relative to its size.
+            # 4. Largest change of this sweep, in roundings; that of p is relative to its
+            # size.
             p_scale = max(self._largest_p, _largest(new_p), abs(float(p))) or 1.0
             largest_change = max(
                 _largest(new_c - c_nodes),
@@ -712,7 +729,7 @@ class ExactSimulation:
                 and last_change / 2 <= change <= STAGNATION_ROUNDINGS
             )
             if change <= CONVERGED_ROUNDINGS or has_stagnated:
-                # Converged: Legendre series of both rates, integrated from the start.
+                # 5. Converged: Legendre series of both rates, integrated from the start.
                 rate_series = self._to_series @ np.stack([speed, p_rate], axis=1)
                 series = half * _integrate_series(rate_series)
                 series[0] += np.array([c, p])
@@ -739,10 +756,11 @@ class ExactSimulation:
     def _expand_conditions(
         self, conditions: Sequence[Array], sides: Floats, values: Array
     ) -> list[tuple[int, Array]]:
-        """Return Legendre series of conditions and joint limits, positive while they hold.
+        """Return Legendre series that are positive as long as a step may continue.
 
-        A condition is a term on whose sign a load depends; the load is evaluated on one of
-        its sides. Each joint limit gives two series, one for each end of its range.
+        There is one series for each condition of a load: the term whose sign decides the
+        value of the load, times the side on which it is. Each joint limit gives two series,
+        the distances from both ends of its range.
 
         Parameters
         ----------

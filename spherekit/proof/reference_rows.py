@@ -175,17 +175,18 @@ def exact_rows_by_input(
     inputs: Array | None = None,
     frames: Frames | None = None,
 ) -> tuple[ExactRows, ...]:
-    """Return `exact_rows` for each of some inputs that move alone, the others locked.
+    """Return reference values of rows of a motion for each of several moving inputs.
 
-    Newton's method closes the loops from the rows of the motion. Power series in the moving
-    input then give all derivatives. The configurations are computed only once.
+    One input moves at unit rate while the others are locked. Newton's method closes the
+    loops from the rows of the motion, once for all inputs. Power series in the moving input
+    then give all derivatives.
 
     Parameters
     ----------
     motion, rows, arithmetic, order, inputs
         See `exact_rows`.
     driven
-        Numbers of the input pairs.
+        Numbers of the input pairs, each of which moves alone.
     frames
         Frames of the R pairs. By default those of the sizes as float64 numbers; those of
         the decimal sizes are from `DecimalMechanism.revolute_frames`.
@@ -211,17 +212,21 @@ def exact_rows_by_input(
         input_variables = [
             mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs
         ]
+        # 1. Close the loops. The inputs are exact, the other variables are starts.
         start = exact_balls(chosen.values)
-        # Variables may have been wrapped into one turn; then the inputs are wrapped too.
+        # Variables may have been wrapped into one turn. The inputs are then moved by the
+        # same whole turns.
         turns = np.round((chosen.inputs - chosen.values[:, input_variables]) / TURN)
         input_values = exact_balls(chosen.inputs) if inputs is None else inputs
         start[:, input_variables] = input_values - turns * (2 * pi_ball())
         closure = linkage.close_loops(start, input_variables, arithmetic.eps)
-        # Rows with another status become NaN.
+        # Rows with a status other than OK become NaN.
         status = _closure_status(chosen, closure)
         is_good = status == Status.OK
         orientations, _ = linkage.place_links(closure.values)
         axes = linkage.pair_axes(closure.values, orientations)
+
+        # 2. Rates and derivatives for each moving input.
         references = []
         for pair in driven:
             (moving_variable,) = mechanism.variables_of(pair)
@@ -261,10 +266,11 @@ def _nan_unless(is_good: Bools, balls: Array) -> Array:
 
 
 def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
-    """Return the status (n,) of reference rows; rows that had failed keep theirs.
+    """Return the status (n,) of reference rows.
 
-    A solution that is too far from its row, or beside another one, is in another assembly
-    mode: MODE_LOST. One with open loops is NOT_CLOSED.
+    Rows of the motion that had failed keep their status. Otherwise a solution with open
+    loops is NOT_CLOSED. A solution that is too far from its row, or that has another
+    solution beside it, may be in another assembly mode: it is MODE_LOST.
 
     Parameters
     ----------
@@ -347,8 +353,8 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
         if joining_pair is not None:
             vector = reference.axes[:, joining_pair]
         else:
-            # Rounding of relative velocities. That of their derivatives is larger by the
-            # condition number once more.
+            # Rounding error of relative velocities, relative to the velocities of the
+            # links. That of their derivatives is larger by the condition number once more.
             rounding = reference.arithmetic.eps * reference.condition
             speed = _relative_size(velocity, reference.w, pole)
             change = _relative_size(derivative, reference.slopes, pole)
@@ -370,7 +376,7 @@ def exact_direction(reference: ExactRows, pole: Pole, toward: Floats) -> Array:
 
 
 def _relative_size(relative: Array, vectors: Array, pole: Pole) -> Floats:
-    """Return the size of relative vectors of two links, over those of the two links.
+    """Return the size of the difference of two links' vectors, relative to their own size.
 
     A size is the largest magnitude of a component.
 

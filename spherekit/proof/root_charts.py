@@ -67,17 +67,18 @@ class Polynomials:
     Attributes
     ----------
     coefficients
-        For each of the k equations (m, 2 m_1 + 1, 2 m_2 + 1, ...): coefficient of the
-        powers of z of each unknown, the power 0 first. m_1, m_2, ... are its trigonometric
-        degrees in the unknowns.
+        For each of the k equations an array (m, 2 d_1 + 1, 2 d_2 + 1, ...) of coefficients.
+        The first axis is the choice of the given variables. Each further axis is the power
+        of z of one unknown, from 0 to 2 d, with the trigonometric degree d of the equation
+        in this unknown.
     slopes
         For each equation (m, given, ...): derivatives of the coefficients by the given
         variables.
     error
         (k,) error bound of each coefficient.
     derivative_bound
-        (k,) bounds C: a derivative of the equation by real angles is at most C times the
-        product of the degrees in these angles.
+        (k,) bounds C: a derivative of the equation by real angles, of any order, is at most
+        C times the product of the degrees in these angles (Bernstein's inequality).
     degrees
         (k, variables) trigonometric degrees, the unknowns first, then the given variables.
     """
@@ -112,7 +113,11 @@ class ChartRoots:
 
     @staticmethod
     def from_points(points: Complexes, row: Indices) -> "ChartRoots":
-        """Return points e^(i angle) (n, k), infinite ones too, in their charts."""
+        """Return points e^(i angle) (n, k), infinite ones too, in their charts.
+
+        `row` (n,) is the choice of the given variables to which each point belongs.
+        """
+        # The negated comparison includes NaN, which stands for infinity.
         inverse = ~(np.abs(points) <= 1.0)
         z = np.where(inverse, 1.0 / points, points)
         return ChartRoots(np.where(np.isfinite(points), z, 0.0), inverse, row)
@@ -169,10 +174,12 @@ class ChartRoots:
         n, count = self.z.shape
         parts = []
         for coefficients in polynomials:
-            # `variables` are the unknowns by which one derivative is taken.
+            # `variables` are the unknowns by which one derivative is taken; an unknown that
+            # occurs twice means a second derivative.
             for variables in np.ndindex(*[count] * order):
                 part = coefficients[self.row]
-                # Sum over the last axis first: that of the last unknown.
+                # The axes of coefficients are summed with the powers of the unknowns, the
+                # last axis (last unknown) first. n: point, p: power.
                 for column in reversed(range(count)):
                     powers = self._powers(column, part.shape[-1], variables.count(column))
                     part = np.einsum("n...p,np->n...", part, powers)
@@ -279,10 +286,10 @@ def apply_matrices(matrices: Array, vectors: Array) -> Array:
 
 
 def _bound_rounding(polynomials: Polynomials, rows: Indices) -> Floats:
-    """Return error bounds (n, k) of values where all |z| are at most 1.
+    """Return error bounds (n, k) of polynomial values at points with all |z| at most 1.
 
-    They cover the errors of the coefficients and the rounding of the sums. `rows` (n,) are
-    the rows of the points.
+    The bounds cover the errors of the coefficients and the rounding of the sums. `rows`
+    (n,) are the choices of the given variables to which the points belong.
     """
     magnitudes = [
         np.abs(array).reshape(len(array), -1) for array in polynomials.coefficients
@@ -295,10 +302,10 @@ def _bound_rounding(polynomials: Polynomials, rows: Indices) -> Floats:
 
 @dataclass(frozen=True)
 class ChangeBounds:
-    """How much polynomials P and their derivatives may change near n roots.
+    """Bounds of the changes of polynomials P and their derivatives near n roots.
 
-    A tube contains a root for all inputs of a box. Its axis is the approximate root, moving
-    linearly with the inputs.
+    A tube is a region that contains a root for all inputs of a box. Its axis is the
+    approximate root, which moves linearly with the inputs.
 
     Attributes
     ----------
@@ -308,7 +315,8 @@ class ChangeBounds:
         (n, k, k) bound of the change of the derivatives P_z by the unknowns z, within a
         radius about the root and over the box of inputs.
     drift
-        (n, k) bound of what is neglected if P is taken as linear along the tube's axis.
+        (n, k) bound of the error that is made if P is taken as linear along the axis of
+        the tube.
     """
 
     value_error: Floats
@@ -319,12 +327,12 @@ class ChangeBounds:
 def _bound_changes(
     polynomials: Polynomials, roots: ChartRoots, radius: Floats, given_change: Floats
 ) -> ChangeBounds:
-    """Return how much polynomials and derivatives may change near roots.
+    """Return bounds of the changes of polynomials and their derivatives near roots.
 
-    Changes are bounded by second derivatives at the root, times the radius about the root
-    and the changes of the given variables, and by remainders of third order. Derivatives of
-    order three are bounded by the constant times powers of the degrees, by Bernstein's
-    inequality.
+    A change is bounded by two terms. The first one has second derivatives at the root,
+    times the radius about the root or the changes of the given variables. The second one is
+    a remainder with third derivatives. By Bernstein's inequality, a third derivative is at
+    most `derivative_bound` times the product of the degrees in its variables.
 
     Parameters
     ----------
@@ -389,8 +397,8 @@ class RootTubes:
     """Tubes about n approximate roots, each with exactly one root for all inputs of a box.
 
     A root has k coordinates z, each e^(i angle) of an unknown or its inverse. The axis of a
-    tube is the approximation at the centre of the box of inputs, moving linearly with the
-    inputs. Distances are in z, the largest of all coordinates.
+    tube is the approximate root, which moves linearly with the inputs. Distances are in z,
+    the largest of all coordinates.
 
     Attributes
     ----------
@@ -423,12 +431,13 @@ def enclose_roots(
 ) -> RootTubes:
     """Return tubes about approximate roots with exactly one root for each input.
 
-    Let Y be near the inverse of P_z at the approximation, and let Y P_z differ from the
-    identity by at most `slack` < 1 within the radius and over the box. A root is then no
-    farther from any point there than the largest |Y P| over 1 - slack. On the axis of the
-    tube |Y P| is small: Y P_z and Y P_g change at most linearly, so that their mean change
-    is half of the largest one. The path of the root, z' = -P_z^-1 P and then
-    -P_z^-1 P_g g', therefore does not leave the radius.
+    P are the polynomials, P_z and P_g their derivatives by the unknowns z and by the given
+    variables g. Let the matrix Y be near the inverse of P_z at the approximate root.
+    Suppose that Y P_z differs from the identity by at most `slack` < 1 within a radius and
+    for all inputs of the box. The distance of the root from any point there is then at most
+    the largest |Y P| at this point, divided by 1 - slack. On the axis of the tube |Y P| is
+    small: Y P_z and Y P_g change at most linearly, so that their mean change is half of the
+    largest one. If the resulting distance is less than the radius, the root stays inside.
 
     Parameters
     ----------
@@ -506,10 +515,11 @@ def enclose_roots(
 
 
 def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
-    """Return approximations of all roots of one polynomial in one unknown.
+    """Return approximations of all roots of an equation with one unknown.
 
-    The roots are the eigenvalues of the companion matrix. There is one polynomial for each
-    of the m rows, choices of the given variables.
+    The equation is a polynomial, with other coefficients for each of m choices of the given
+    variables. The roots are the eigenvalues of the companion matrix: it has ones below the
+    diagonal, and -c_k / c_n in the last column, with the coefficients c_0, ..., c_n.
     """
     (coefficients,) = polynomials.coefficients
     m, size = coefficients.shape
@@ -524,8 +534,9 @@ def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
 def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) -> Bools:
     """Return for which rows all roots are good and proven different from each other.
 
-    A row is one choice of the given variables. Roots are compared as points a / b in
-    homogeneous coordinates, so that those at infinity are like any other.
+    A row is one choice of the given variables. A root is written as a fraction a / b, so
+    that a root at infinity has b = 0 and is like any other. Two roots a / b and c / d
+    differ if |a d - b c| exceeds its largest change within the error radii.
 
     Parameters
     ----------
@@ -556,16 +567,23 @@ def classify_real_roots(
 ) -> tuple[Bools, Bools]:
     """Return which roots are proven to have real angles, and which are proven not to.
 
-    Each coordinate z is e^(i angle) or its inverse. With z, its mirror image 1/conj(z) is a
-    root too. If both are in a ball that contains exactly one root, they are equal, and
-    |z| = 1. If |z| differs from 1 in the whole ball, an angle is not real.
+    Each coordinate z is e^(i angle) or its inverse, so the angle is real if |z| = 1. If z
+    is a root, its mirror image 1/conj(z) in the unit circle is a root, too, since the
+    equations are real. If both are in a ball that contains exactly one root, they are
+    equal, and |z| = 1. If |z| differs from 1 in the whole ball, the angle is not real.
 
     Parameters
     ----------
     roots
         The approximate roots.
     radius, uniqueness_radius
-        (n,) see `RootTubes.centre_radius` and `RootTubes.uniqueness_radius`.
+        (n,) largest distance of each root from its approximation, and radius in which it is
+        the only root.
+
+    Returns
+    -------
+    is_real, is_not_real
+        (n,) bools. Both are false if nothing is proven.
     """
     magnitude = np.abs(roots.z)
     # 1e-14 covers the rounding of magnitudes.

@@ -100,9 +100,10 @@ class DirectionRates:
 
 
 def _bound_arm_slopes(hessian: Array, form_error: float) -> dict[int, tuple[float, float]]:
-    """Return bounds of v / u on the arms, by the sign of v / u.
+    """Return bounds of the slope v / u of the arms, by the sign of this slope.
 
-    On an arm Q = a u^2 + 2 b u v - d v^2 is 0 up to an error, so that
+    Arms are the four branches of curves that leave a saddle. On an arm the quadratic form
+    Q = a u^2 + 2 b u v - d v^2 is 0 up to an error, so that
     v / u = (b +- sqrt(b^2 + a d)) / d.
 
     Parameters
@@ -140,8 +141,10 @@ def _evaluate_direction(
 ) -> DirectionRates:
     """Return the slopes of g and the signs of all rates in a direction (1, slope).
 
-    At the point (u, v) the slopes of g are g'' (u, v), up to an error of `slope_error`
-    times the larger of |u| and |v|. The curve g = 0 has the tangent (-g_v, g_u).
+    The configurations near a saddle are the curve g(u, v) = 0. At the point (u, v) the
+    slopes (g_u, g_v) are the matrix g'' times (u, v), up to an error of `slope_error` times
+    the larger of |u| and |v|. The curve has the tangent (-g_v, g_u), and the rates of the
+    variables along it are their derivatives by u and v times this tangent.
     """
     error = slope_error * max(1.0, abs(slope))
     direction = exact_balls([1.0, slope])
@@ -152,11 +155,11 @@ def _evaluate_direction(
 
 
 def bound_arm_rates(form: SaddleForm, errors: ArmErrors) -> ArmRates:
-    """Return the signs of all rates on the four arms, and how far the variables go.
+    """Return the signs of all rates on the four arms, and the changes of the variables.
 
     The arms are the zeros of g(u, v) near a saddle, one in each quadrant. The slope v / u
-    of an arm has two bounds. A rate is linear in the direction (u, v), so between both
-    directions it has the sign that it has in both.
+    of an arm is between two bounds. A rate is linear in the direction (u, v). If it has the
+    same sign at both bounds, it therefore has this sign on the whole arm.
 
     Parameters
     ----------

@@ -208,9 +208,10 @@ def _prove_saddle(
 ) -> Saddle | None:
     """Return the saddle with a rectangle of one size, None if that is not proven.
 
-    In the rectangle of two coordinates u and v, the configurations must be four branches,
-    the arms. Then the level decides how the arms are joined: 0 if they cross. At last the
-    signs of the rates of all variables along the arms are looked for.
+    The configurations near the saddle are the zeros of a function g(u, v), the reduced
+    equation, in a rectangle of two coordinates. They have to be four branches, the arms.
+    The level, the value of g at its saddle point, decides how the arms are joined; if it is
+    0, they cross. The signs of the rates of all variables along the arms follow.
 
     Parameters
     ----------
@@ -225,6 +226,8 @@ def _prove_saddle(
     rectangle = np.array([1.0, HEIGHT_RATIO]) * size * reduced_equation.units
     normals = frame[:, 2:].T
     centre = exact_balls(reduced_equation.centre)
+
+    # 1. The box: the rectangle, and limits of all other coordinates.
     level, residual = reduced_equation.split_residual(centre)
     # Room for the other coordinates: their second-order change, and a part of the size.
     bend = rectangle @ reduced_equation.other_curvatures @ rectangle
@@ -236,8 +239,9 @@ def _prove_saddle(
         derivatives = reduced_equation.differentiate(box_balls, residual)
         variable_rates = derivatives.variable_rates
         hessian = derivatives.hessian
-        # The path to F = g l: first the residual at the centre is removed, then u and v
-        # change. The other coordinates must stay within their limit.
+        # 2. Derivatives over the box. The other coordinates follow from u and v: first the
+        # residual at the centre is removed, then u and v change. They must stay within
+        # their limit.
         other_changes = normals @ derivatives.correction[:-1] + (
             normals @ variable_rates
         ) @ zero_balls(rectangle)
@@ -252,23 +256,30 @@ def _prove_saddle(
         )
         if not _has_four_arms(limits, value, gradient, hessian):
             return None
-        # From here on u and v are in the scaled units, which are 1 at most.
+        # 3. The saddle in scaled units of u and v, in which they have the same size.
         units = exact_balls(reduced_equation.units)
         form = SaddleForm(
             variable_rates=variable_rates * units,
             hessian=hessian * units * units[:, None],
             size=1.001 * size,
         )
-        # A crossing: the level is 0, and the arms meet in one point.
+        # 4. A crossing: the level is 0, and the arms meet in one point.
         box = OrientedBox(reduced_equation.centre, frame, limits)
         none_monotonic = np.zeros(limits.shape, dtype=bool)
         if is_proven_crossing(box):
             arm_rates = bound_arm_rates(form, ArmErrors(form=0.0, slope=0.0, centre=1e-12))
-            return _make_saddle(box, 0, 0.0, 0.0 * limits, arm_rates, none_monotonic)
+            return _make_saddle(
+                box,
+                level_sign=0,
+                gap=0.0,
+                central_zone=0.0 * limits,
+                arm_rates=arm_rates,
+                is_monotonic=none_monotonic,
+            )
 
+        # 5. Otherwise the level, with its sign if that is proven, bounds the gap between
+        # the curves.
         level, slope_at_saddle = _enclose_level(reduced_equation, limits)
-        # Otherwise the level, with its sign if that is proven, bounds the gap between the
-        # curves.
         least_curvature = min(
             lower_magnitude(hessian[0, 0]), lower_magnitude(hessian[1, 1])
         )
@@ -287,15 +298,17 @@ def _prove_saddle(
             centre=4.0 * straight_distance,
         )
         rate_sums = np.array([sum(map(upper_magnitude, row)) for row in variable_rates])
+        arm_rates = bound_arm_rates(form, errors)
+        is_monotonic = none_monotonic
+        if level_sign:
+            is_monotonic = find_monotonic_variables(form, level, slope_at_saddle)
         return _make_saddle(
             box,
-            level_sign or None,
-            gap,
-            4.0 * straight_distance * rate_sums + 1e-12,
-            bound_arm_rates(form, errors),
-            find_monotonic_variables(form, level, slope_at_saddle)
-            if level_sign
-            else none_monotonic,
+            level_sign=level_sign or None,
+            gap=gap,
+            central_zone=4.0 * straight_distance * rate_sums + 1e-12,
+            arm_rates=arm_rates,
+            is_monotonic=is_monotonic,
         )
     except ZeroDivisionError:
         return None
@@ -326,9 +339,10 @@ def _make_saddle(
 def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[Ball, float]:
     """Return the level of a saddle, and a bound of the slopes of g at a point near it.
 
-    The level is the value of g(u, v) at its saddle point. Newton's method approximates this
-    point. The level differs from the value there by at most the slopes times the size of
-    the rectangle. The precision is increased until the level is told from 0.
+    The configurations near a saddle are the zeros of g(u, v). The level is the value of g
+    at its saddle point, which Newton's method approximates. The level differs from the
+    value at the approximation by at most the slopes times the size of the rectangle. The
+    precision is increased until the sign of the level is known.
 
     Parameters
     ----------
@@ -374,9 +388,10 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
 def _has_four_arms(limits: Floats, value: Ball, gradient: Array, hessian: Array) -> bool:
     """Return whether the zeros of g in a rectangle are four arms, one in each quadrant.
 
-    g(u, v) is convex in u and concave in v. It has to be positive on the sides of constant
-    u. It has to be negative at the points (0, v) from the inner height on, a small part of
-    the height of the rectangle, also where the least value over u is taken.
+    The function g(u, v) is convex in u and concave in v. It has to be positive on the sides
+    of constant u, and negative at the points (0, v) with |v| above an inner height, which
+    is a small part of the height of the rectangle. Lower bounds of both are estimated from
+    the value and slopes at the centre and from bounds of the second derivatives.
 
     Parameters
     ----------

@@ -97,8 +97,9 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     """Return bounds of the rates of all variables along a certified arc.
 
     The arc is z = z0 + t s + N y(s) with the tangent t and the normals N at its centre z0.
-    Rates are z' = t + N y', where y' is bounded, and z'' = -N (F'N)^-1 F''(z', z'). Y is
-    near the inverse of F'N at the centre.
+    It solves the equations F(z) = 0. The rates are z' = t + N y', where y' is bounded, and
+    their derivatives are z'' = -N (F'N)^-1 F''(z', z'). The matrix Y is near the inverse of
+    F'N at the centre.
 
     Parameters
     ----------
@@ -204,9 +205,10 @@ class StationaryPoints:
 
 @dataclass(frozen=True)
 class _StretchSigns:
-    """What is proven of a rate in a stretch in which it may vanish; 0 if a sign is open.
+    """Proven signs of the rate of a variable in a stretch, a part of a curve.
 
-    The rate is that of one variable along the curve, a stretch is a part of the curve.
+    The rate is the derivative of the variable along the curve. It may vanish in the
+    stretch. A sign that is not proven is 0.
 
     Attributes
     ----------
@@ -271,8 +273,9 @@ def find_stationary_points(
         Number of the variable.
     """
     result = StationaryPoints()
-    # Successive stretches with one sign of the derivative are joined to a run. In it the
-    # rate passes zero at most once, so its sign at the joints may stay open.
+    # Successive stretches in which the derivative of the rate has the same sign are joined
+    # to a run. The rate passes zero at most once in a run, so only its signs at both ends
+    # of the run matter; at the joints between stretches they may stay open.
     run_start = chain.pieces[0]
     run_start_sign = 0
     run_derivative = 0
@@ -293,7 +296,8 @@ def find_stationary_points(
                     _Stretch(stretch.piece, finding.centre, finding.centre_error, depth),
                 ]
                 continue
-            # None: the rate does not vanish in this stretch, which ends a run.
+            # The finding None means that the rate does not vanish in this stretch, which
+            # ends a run.
             signs = finding or _StretchSigns(at_start=0, derivative=0, at_end=0)
             continues_run = (
                 signs.derivative
@@ -368,10 +372,11 @@ def _examine_stretch(
 
 
 def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
-    """Return where a variable may be stationary in a stretch: near the centre of its arc.
+    """Return the centre of a stretch's arc, with a bound of the change of a variable.
 
-    The error is the smaller of two bounds of the change of the variable in the stretch: by
-    the extent of the stretch, and by the largest rate of the variable times its length.
+    The variable may be stationary in the stretch. The bound is the smaller one of two: the
+    extent of the stretch in this variable, and the largest rate of the variable times the
+    length of the stretch.
     """
     piece = stretch.piece
     reach = min(stretch.reach, piece.half_length)
@@ -419,9 +424,10 @@ def _enclose_zero(
 ) -> StationaryPoint:
     """Return an enclosure of the only zero of a rate in a stretch.
 
-    The rate is that of a variable along a curve, and the stretch a part of the curve. The
-    zero is first approximated. Then arcs on both sides of it are looked for at which the
-    rate has proven signs, at growing distances. The zero lies between both arcs.
+    A stretch is a part of a curve, and the rate is the derivative of a variable along it.
+    First the zero is approximated. Then certified arcs on both sides of it are searched, at
+    growing distances, until the rate has proven signs at their centres. The zero is between
+    both arcs.
 
     Parameters
     ----------
@@ -453,7 +459,8 @@ def _enclose_zero(
             return end_sign * np.zeros(1)
         return end_sign * tangent_frame.frame[variable, :1]
 
-    # The part of the way at which the rate is 0. Bracket: the rate is -1 at 0, and 1 at 1.
+    # The part of the way at which the rate is 0. It is between 0, where the signed rate is
+    # negative, and 1, where it is positive.
     one = np.ones(1)
     (zero_ratio,), _ = find_bracketed_zeros(
         signed_rate, 0.0 * one, one, -one, one, PRODUCT_ROUNDING
@@ -463,6 +470,7 @@ def _enclose_zero(
     end_error = stretch.end_error
     bracket = FIRST_BRACKET_RAD
     while bracket < length and (start is piece or end is stretch.end):
+        # Side 1 is after the approximate zero, side -1 before it.
         for side in (1, -1):
             ratio = zero_ratio + 0.5 * side * bracket / length
             middle = _find_middle_piece(equations, piece, stretch.end, ratio)
