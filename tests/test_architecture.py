@@ -10,8 +10,8 @@ import tomllib
 from dataclasses import fields
 
 import pytest
-from public_packages import PUBLIC
-from sources import ANALYSES, FILES, PACKAGE, ROOT, nodes_of, tree_of
+from helpers.public_packages import PUBLIC
+from helpers.source_files import ANALYSES, FILES, PACKAGE, ROOT, nodes_of, tree_of
 
 import spherekit
 from spherekit.files.study import Study

@@ -11,8 +11,8 @@ from typing import Literal, Union, get_args, get_origin
 
 import numpy as np
 import pytest
+from helpers.refusals import TABLES, check_call
 from numpy.typing import ArrayLike
-from refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.argument_validation import checked, resolved_annotation

@@ -6,8 +6,14 @@ reference pose, so the axes are all that the independent searches need to know.
 
 import numpy as np
 import pytest
-from chains import EIGHT_BARS, STEPHENSON, joints, mechanism, random_axes
-from independent import multi_start
+from mechanism_examples.linkages import (
+    EIGHT_BARS,
+    STEPHENSON,
+    mechanism_from_chain,
+    parse_chain,
+    random_axes,
+)
+from oracles.configuration_search import search_configurations
 
 import spherekit as sk
 from spherekit.planning.assembly_plan import plan_assembly
@@ -27,7 +33,7 @@ BUTTERFLY, FLIER = EIGHT_BARS[8], EIGHT_BARS[5]
 
 
 def made_of(chain, driven, axes):
-    return mechanism(chain, axes).with_inputs(*driven)
+    return mechanism_from_chain(chain, axes).with_inputs(*driven)
 
 
 def solved(made, q=None):
@@ -57,7 +63,7 @@ def check_complete(chain, driven, axes, random, starts, roots):
     assert found.methods[0].description == f"elimination: all {roots} complex roots"
     placed, gaps = poses(solver, found)
     assert np.max(np.abs(gaps)) < 1e-13
-    searched, links = multi_start(made, random, starts)
+    searched, links = search_configurations(made, random, starts)
     apart = np.max(np.abs(placed[:, None, links] - placed[None, :, links]), axis=(2, 3, 4))
     assert np.all(apart + np.eye(len(placed)) > 1e-6)
     for turn in searched:
@@ -71,7 +77,7 @@ def test_all_seven_body_groups_of_eight_bars_are_eliminated():
     roots = {}
     for chain in EIGHT_BARS:
         axes = random_axes(random, 10)
-        for a, b in joints(chain):
+        for a, b in parse_chain(chain):
             made = made_of(chain, (f"p{a}_{b}",), axes)
             assembly = plan_assembly(made)
             if len(assembly.groups[0].bodies) == 7:
@@ -80,15 +86,16 @@ def test_all_seven_body_groups_of_eight_bars_are_eliminated():
                 assert not problem
                 roots[chain, a, b] = find_elimination_orders(group)[0].root_count
     assert len(roots) == 32
-    butterfly = {joint: roots[BUTTERFLY, *joint] for joint in joints(BUTTERFLY)}
+    butterfly = {joint: roots[BUTTERFLY, *joint] for joint in parse_chain(BUTTERFLY)}
     assert {joint for joint, count in butterfly.items() if count == 32} == {(1, 2), (4, 7)}
     assert sorted(butterfly.values()) == [24] * 8 + [32] * 2
-    flier = {joint: roots.get((FLIER, *joint)) for joint in joints(FLIER)}
+    flier = {joint: roots.get((FLIER, *joint)) for joint in parse_chain(FLIER)}
     found = {None: [(1, 2), (1, 4), (2, 3), (3, 4)], 16: [(2, 7), (6, 7)]}
     found[24] = [(1, 5), (3, 8), (5, 6), (6, 8)]
     assert flier == {joint: count for count, some in found.items() for joint in some}
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(
     ("chain", "driven", "roots", "count", "starts"),
@@ -105,7 +112,7 @@ def test_a_search_finds_no_mode_that_is_missing(chain, driven, roots, count, sta
     random = np.random.default_rng(roots)
     modes = searched = 0
     for _ in range(count):
-        axes = random_axes(random, len(joints(chain)))
+        axes = random_axes(random, len(parse_chain(chain)))
         here, there = check_complete(chain, driven, axes, random, starts, roots)
         modes, searched = modes + here, searched + there
     assert searched > 0.9 * modes >= 8
@@ -191,7 +198,9 @@ def test_the_summary_tells_the_method(name, words):
 
 
 def test_no_search_is_told_too():
-    made = mechanism(STEPHENSON, random_axes(np.random.default_rng(13), 7), "p1_6")
+    made = mechanism_from_chain(
+        STEPHENSON, random_axes(np.random.default_rng(13), 7), "p1_6"
+    )
     words = "component only: the mode of the reference pose; no others were looked for"
     assert PositionAnalysis(made, search=False).search == words
 

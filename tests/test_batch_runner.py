@@ -5,10 +5,10 @@ from contextlib import suppress
 
 import numpy as np
 import pytest
-from random_mechanisms import random_mechanism, shaped_mechanism
-from refusals import text_of
-from same_rows import both_ways, differences
-from special_mechanisms import special_mechanism
+from helpers.kernel_comparison import evaluate_both_ways, find_differences
+from helpers.refusals import mechanism_text
+from mechanism_examples.random_mechanisms import random_mechanism, shaped_mechanism
+from mechanism_examples.special_mechanisms import special_mechanism
 
 import spherekit as sk
 from benchmarks.harness import list_own_mechanisms
@@ -38,10 +38,10 @@ def _from_the_first_row(monkeypatch):
 
 def compared(made, same_signs=True, **options):
     """Return the share of rows by the kernel, None without one; both ways are the same."""
-    ways = both_ways(made, **options)
+    ways = evaluate_both_ways(made, **options)
     if ways is None:
         return None
-    found = differences(ways, same_signs)
+    found = find_differences(ways, same_signs)
     assert found.none, found
     return found.share
 
@@ -53,6 +53,7 @@ def test_shipped_mechanisms(name):
     assert compared(sk.load(name), samples=9) is not None
 
 
+@pytest.mark.slow
 def test_random_mechanisms():
     """Many topologies, half with degenerate geometry; rows beside modes' ends."""
     shares = []
@@ -68,7 +69,9 @@ def test_contacts_of_any_profile(seed):
     """Chains of turning, rolling and sliding pairs, with circles, series and points."""
     assert compared(shaped_mechanism(seed), samples=5) > 0.4
     sides = {"links": '["base", "wheel"]', "driven": "pinion_shaft", "contact": "external"}
-    begun = text_of("gears").format(teeth=[20, 40], phase="start = [20, 50]", **sides)
+    begun = mechanism_text("gears").format(
+        teeth=[20, 40], phase="start = [20, 50]", **sides
+    )
     assert compared(loads(begun), samples=5) == 1.0
 
 
@@ -77,8 +80,8 @@ def test_contacts_of_any_profile(seed):
 )
 def test_input_grids(name, samples):
     """Of several inputs, reached and not."""
-    ways = both_ways(sk.load(name), samples=samples, grid=True)
-    found = differences(ways)
+    ways = evaluate_both_ways(sk.load(name), samples=samples, grid=True)
+    found = find_differences(ways)
     assert found.none, found
     assert found.share == np.mean(ways.careful.status == Status.OK)
 
@@ -99,8 +102,8 @@ def test_directions_reverse_within_blocks(name, monkeypatch):
     monkeypatch.setattr(batch_runner, "SLICE_NUMBERS", 1)
     for size in (batch_runner.SLICE_ROWS, 1):  # within a slice, and from one to the next
         monkeypatch.setattr(batch_runner, "SLICE_ROWS", size)
-        ways = both_ways(sk.load(name), samples=300)
-        found = differences(ways)
+        ways = evaluate_both_ways(sk.load(name), samples=300)
+        found = find_differences(ways)
         assert found.none, found
         # Two of the six modes of `three_rrr` close at 20 of the 300 samples only, so rows
         # that are OK are counted: 0.689 of all, and 0.687 are by the kernel.
@@ -109,6 +112,7 @@ def test_directions_reverse_within_blocks(name, monkeypatch):
     assert sum(np.count_nonzero(np.diff(item)) for item in signs) > 10
 
 
+@pytest.mark.slow
 def test_special_geometry():
     """Four-bars and more that fold flat, at and beside where they do."""
     count = 0
@@ -120,11 +124,12 @@ def test_special_geometry():
     assert count >= 5
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "five_bar", "shaped_cam"])
 def test_close_samples_are_predicted(name):
     """Configurations are read between nodes, closed, and the same as others."""
-    ways = both_ways(sk.load(name), samples=3000)
-    motion, found = ways.quick, differences(ways)
+    ways = evaluate_both_ways(sk.load(name), samples=3000)
+    motion, found = ways.quick, find_differences(ways)
     assert found.none, found
     assert found.share > 0.95 * np.mean(motion.status == Status.OK)
     assert np.nanmax(motion.residual) < 6e-15

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from example_mechanisms import one_link
-from newton_euler import heavy, hold_to
+from mechanism_examples.named_mechanisms import one_link_mechanism
+from oracles.newton_euler import check_simulated_motion, with_point_masses
 
 import spherekit as sk
 
@@ -12,7 +12,7 @@ def spun(grip, positions=(0.2, 0.7)):
     """Return a wheel out of balance on one axis, on two bearings 0.5 m apart or on one."""
     tensor = (2.0, 0.0, 0.3), (0.0, 2.0, 0.4), (0.3, 0.4, 1.0)
     rub = sk.Bearings("rub", "12", positions, 0.25 * grip, 1.0, 1e-3)
-    return one_link(tensor, rub, axis=(0.0, 0.0, 1.0))
+    return one_link_mechanism(tensor, rub, axis=(0.0, 0.0, 1.0))
 
 
 @pytest.mark.parametrize("positions", [(0.2, 0.7), (0.25,)])
@@ -47,10 +47,11 @@ def test_bearings_that_lock_end_a_simulation():
     assert sk.simulate(spun(1.9), sk.Start(0.0, 5.0), 0.01).end.kind == "time"
 
 
+@pytest.mark.slow
 def test_rows_at_singularities_say_nothing_of_what_bearings_carry():
     """At a change point reactions are open, which is no fault of the other rows."""
     sizes = dict(zip("1234", (60.0, 40.0, 60.0, 40.0), strict=True))
-    made = heavy("four_bar").with_sizes(angle_unit="deg", arcs=sizes)
+    made = with_point_masses("four_bar").with_sizes(angle_unit="deg", arcs=sizes)
     made = made.with_inputs(ranges={"21": (0.0, 1.0)}, angle_unit="rad")
     rub = sk.Bearings("rub", "41", (0.4, 0.9), 0.1, 0.3, speed=0.05)
     run = sk.run(made.with_loads(rub), ["eksergian", "dynamics"], samples=3)
@@ -68,7 +69,7 @@ CASES = {
 
 
 def moving(name):
-    made = heavy(name)
+    made = with_point_masses(name)
     return made.with_inputs(*([item.pair for item in made.inputs] or ["21"]))
 
 
@@ -118,4 +119,4 @@ def test_free_bodies_with_all_reactions_and_friction_move_the_same_way(name):
         return [5.0 * np.sin(2.0 * t) - 0.5 * rates[0], *(0.0 for _ in inputs[1:])]
 
     grips = dict.fromkeys(rubbing, 2 * 0.4 * 0.1 / 0.5)
-    hold_to(found, driving, grips, 0.05, within=1e-9)
+    check_simulated_motion(found, driving, grips, 0.05, within=1e-9)

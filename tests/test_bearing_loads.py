@@ -5,9 +5,9 @@ from itertools import product
 
 import numpy as np
 import pytest
-from example_mechanisms import one_link
-from newton_euler import loaded, row_of, spatial
-from refusals import text_of
+from helpers.refusals import mechanism_text
+from mechanism_examples.named_mechanisms import one_link_mechanism
+from oracles.newton_euler import bearing_forces, row_of_torques, with_masses_and_loads
 from test_reactions import STARTS, moving
 
 import spherekit as sk
@@ -19,7 +19,7 @@ STARTS = STARTS | {"bevel_differential": (0.3, 0.2)}
 
 def borne(name, seed=3, distance=0.7):
     """Return a mechanism with bearings in all R pairs, as many floating as is needed."""
-    made, joint = loaded(name, np.random.default_rng(seed))
+    made, joint = with_masses_and_loads(name, np.random.default_rng(seed))
     made = made.with_inputs(*[item.pair for item in made.inputs])
     pairs = tuple(
         pair
@@ -53,10 +53,10 @@ def test_links_that_bearings_alone_hold_give_the_same_loads(name):
     assert not np.any(found.open_forces) and not found.lacking.wanted
     torques = found.torques
     for row in range(len(torques.t)):
-        given = row_of(torques, row, joint)
+        given = row_of_torques(torques, row, joint)
         meshes = [pair.name for pair in made.pairs if pair.pressure_angle is not None]
         solved = [
-            spatial(*given, dict(zip(meshes, sides, strict=True)))
+            bearing_forces(*given, dict(zip(meshes, sides, strict=True)))
             for sides in product((1.0, -1.0), repeat=len(meshes))
         ]
         # Of the flanks those that push are the ones that touch.
@@ -81,7 +81,7 @@ def test_links_that_bearings_alone_hold_give_the_same_loads(name):
             assert on_bearings == pytest.approx(want, abs=1e-11 * size)
 
 
-SHAFT = text_of("shaft")
+SHAFT = mechanism_text("shaft")
 
 
 def test_a_vertical_shaft_stands_on_its_fixed_bearing(tmp_path, capsys):
@@ -134,7 +134,7 @@ def test_a_spinning_shaft_is_slowed_by_its_weight_on_the_fixed_bearing():
     rub = sk.Bearings("rub", "12", (0.2, 0.7), 0.05, 0.4, 1e-3, axial=(1.0, 0.0))
     loads, up = (sk.Gravity("weight", (0.0, 0.0, -10.0)), rub), (0.0, 0.0, 1.0)
     tensor, centre = np.diag([0.5, 0.5, 0.2]), (0.0, 0.0, 0.3)
-    made = one_link(tensor, *loads, mass=4.0, centre=centre, axis=up)
+    made = one_link_mechanism(tensor, *loads, mass=4.0, centre=centre, axis=up)
     slowed = 0.4 * 0.05 * 40.0 / 0.2
     found = sk.simulate(made, sk.Start(0.0, 9.0), 1.0)
     history = found.at([0.5, 1.0])
@@ -172,7 +172,7 @@ def test_friction_follows_from_radial_and_axial_forces():
 
 
 def test_what_would_determine_the_forces_is_said():
-    made, _ = loaded("stephenson", np.random.default_rng(3))
+    made, _ = with_masses_and_loads("stephenson", np.random.default_rng(3))
     light = replace(made.masses[2], mass=None, centre=None)
     masses = (*made.masses[:2], light, *made.masses[3:])
     made = replace(made, masses=masses, loads=made.loads[1:])

@@ -5,10 +5,10 @@ from dataclasses import replace
 import mpmath as mp
 import numpy as np
 import pytest
-from chains import grown
-from exact_configurations import deviations
-from special_mechanisms import four_bar, special_mechanism
-from stated_errors import judge_bounds
+from helpers.error_bound_checks import judge_bounds
+from mechanism_examples.linkages import grow_dyad_chain
+from mechanism_examples.special_mechanisms import four_bar, special_mechanism
+from oracles.exact_configurations import deviations
 
 import spherekit as sk
 from spherekit.errors import SpherekitError
@@ -36,6 +36,7 @@ pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 SLOW = pytest.param(range(6, 40), marks=pytest.mark.slow)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seeds", [range(6), SLOW])
 def test_angles_beside_folds_are_right_or_left_out(seeds):
     judged = 0
@@ -120,7 +121,7 @@ def test_a_folding_four_bar_has_rates_beside_its_dead_centre(off):
 def test_a_followed_group_has_rows_up_to_its_dead_centre():
     """A triad beside the end of its mode, which the nodes of the curve do not reach."""
     random = np.random.default_rng(2)
-    made = grown(random, 8, True)
+    made = grow_dyad_chain(random, 8, True)
     made = replace(made, inputs=(Input(made.inputs[0].pair, -1.5, 1.5),))
     guides = [mode.guide for mode in PositionAnalysis(made, samples=5).assembly_modes]
     ends = [guide.inputs[0] for guide in guides if guide.ends[0] == Status.OUT_OF_REACH]

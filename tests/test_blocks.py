@@ -6,7 +6,9 @@ from typing import ClassVar, final
 
 import numpy as np
 import pytest
-from common import Asking, Listener, rows_of, with_springs
+from helpers.minimal_analysis import MinimalAnalysis, with_row_columns
+from helpers.scene_listener import SceneListener
+from mechanism_examples.shipped_mechanisms import four_bar_with_springs
 
 import spherekit as sk
 from spherekit.conventions import TURN
@@ -38,6 +40,7 @@ def many_turns():
     return PositionAnalysis(sk.load("four_bar"), path=np.linspace(0.5, -25.0, 161)[:, None])
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("size", [1, 7, 100])
 def test_blocks_go_on_where_the_one_before_ended(size):
@@ -109,7 +112,7 @@ def data_of(result, name):
 @pytest.mark.parametrize("course", COURSES)
 def test_eksergian_in_blocks_and_at_once(course):
     """Up to the rounding of a motion evaluated in other blocks."""
-    made = with_springs("21", "32", "43")
+    made = four_bar_with_springs("21", "32", "43")
     whole, blocks = (
         sk.run(made, "eksergian", **COURSES[course], block=block) for block in (None, 7)
     )
@@ -136,9 +139,9 @@ def test_eksergian_in_blocks_and_at_once(course):
 
 
 def test_a_portrait_has_one_frame_whatever_the_blocks():
-    listener = Listener()
+    listener = SceneListener()
     how = {**COURSES["loads"], "block": 50, "recorder": listener}
-    frame = sk.run(with_springs("21", "32", "43"), "eksergian", **how).frame()
+    frame = sk.run(four_bar_with_springs("21", "32", "43"), "eksergian", **how).frame()
     every = [part for scene in listener.scenes for part in scene.primitives]
     portraits = [part for part in every if isinstance(part, Portrait)]
     assert sum(len(portrait.x) for portrait in portraits) == 120
@@ -149,7 +152,7 @@ def test_a_portrait_has_one_frame_whatever_the_blocks():
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Counting(Asking):
+class Counting(MinimalAnalysis):
     """Says how many rows it saw, or something that differs from block to block."""
 
     name: ClassVar = "counting"
@@ -163,7 +166,7 @@ class Counting(Asking):
         return Needs(continued_values=frozenset(["41"]))
 
     def compute(self, batch):
-        return {"counting": rows_of(batch, x=batch.continued_value("41"))}
+        return {"counting": with_row_columns(batch, x=batch.continued_value("41"))}
 
     def findings(self, batch):
         return Findings({"rows": len(batch)})
@@ -189,7 +192,7 @@ def test_findings_of_blocks_are_joined():
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Apart(Asking):
+class Apart(MinimalAnalysis):
     """Reads no samples, and shows four rows of its own."""
 
     name: ClassVar = "apart"
@@ -212,7 +215,7 @@ OWN = Axis("row", "", np.arange(4.0))
 
 
 def test_what_reads_no_samples_is_asked_once(tmp_path):
-    made, pages = sk.load("four_bar"), Listener()
+    made, pages = sk.load("four_bar"), SceneListener()
     Apart.calls.clear()
     result = sk.run(made, [Apart(), "poles"], samples=25, block=4, recorder=pages)
     assert Apart.calls == [0] and result.summary["samples_in_a_block"] == 4
@@ -223,7 +226,7 @@ def test_what_reads_no_samples_is_asked_once(tmp_path):
     samples, inputs, times = logged["Apart"]
     assert (samples, times) == ([0, 1, 2, 3], None)
     assert np.allclose(inputs, np.arange(4) * np.pi / 2.0)
-    timed = Listener()
+    timed = SceneListener()
     sk.run(made, Apart(), samples=25, block=4, duration=2.0, recorder=timed)
     (own,) = (each for each in timed.logged if isinstance(each[0], str))
     assert own[2] is None and own[3].tolist() == [0.0, 0.5, 1.0, 1.5]

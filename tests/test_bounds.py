@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from random_mechanisms import random_mechanism
-from refusals import text_of
-from special_mechanisms import special_mechanism
-from stated_errors import KINDS, evaluate, judged_special, stated
+from helpers.error_bound_checks import KINDS, evaluate, judged_special, stated
+from helpers.refusals import mechanism_text
+from mechanism_examples.random_mechanisms import random_mechanism
+from mechanism_examples.special_mechanisms import special_mechanism
 
 import spherekit as sk
 from spherekit.planning.pole_plan import all_poles
@@ -17,7 +17,7 @@ from spherekit.velocities.pole_request import request
 def test_what_follows_from_rates_in_doubt_has_a_status(tmp_path):
     """Beside where a four-bar of right angles folds flat."""
     file = tmp_path / "special.toml"
-    file.write_text(text_of("special").format(90, 90, 90, 90) + MASSES)
+    file.write_text(mechanism_text("special").format(90, 90, 90, 90) + MASSES)
     made = sk.load(file)
     path = np.pi - np.array([1e-1, 1e-2, 1e-4])
     frame = sk.run(made, "eksergian", path=path[:, None], assembly_mode=0).frame(
@@ -36,6 +36,7 @@ tensor = [[2.0, 0.0, 0.0], [0.0, 1.9, 0.0], [0.0, 0.0, 0.3]]
 LONG = pytest.param(range(12, 400), marks=pytest.mark.long)
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("seeds", [range(7), range(7, 12), LONG])
 def test_special_geometry_keeps_to_what_is_stated(seeds):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from example_mechanisms import four_bar
+from mechanism_examples.named_mechanisms import four_bar
 
 import spherekit as sk
 from spherekit.mechanism.inertia import Mass

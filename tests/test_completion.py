@@ -54,6 +54,7 @@ def test_examples_in_help_are_understood(words, capsys):
         build_parser().parse_args(shlex.split(found[1]))
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("kind", [path.stem for path in TEMPLATES.glob("*.toml")])
 def test_a_new_mechanism_runs_as_it_is(kind, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)

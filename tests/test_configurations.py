@@ -2,8 +2,15 @@
 
 import numpy as np
 import pytest
-from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
-from independent import multi_start
+from mechanism_examples.linkages import (
+    EIGHT_BARS,
+    STEPHENSON,
+    WATT,
+    mechanism_from_chain,
+    parse_chain,
+    random_axes,
+)
+from oracles.configuration_search import search_configurations
 
 import spherekit as sk
 from spherekit.completeness import Guarantee
@@ -23,7 +30,7 @@ TURN = 2.0 * np.pi
 
 def with_curves(chain, axes, driven, span=(0.0, TURN)):
     """Return a tracer over the whole turn of an input, and all its curves."""
-    tracer = PositionAnalysis(mechanism(chain, axes, driven, span=span))
+    tracer = PositionAnalysis(mechanism_from_chain(chain, axes, driven, span=span))
     return tracer, tracer.configurations
 
 
@@ -88,6 +95,7 @@ HIDDEN = [
 for inputs of 119 to 141 and of 324.2 to 346.3 deg only."""
 
 
+@pytest.mark.slow
 def test_components_between_five_equally_spaced_inputs_are_found():
     axes = np.array(HIDDEN) / np.linalg.norm(HIDDEN, axis=1, keepdims=True)
     tracer, found = with_curves(STEPHENSON, axes, "p5_6")
@@ -140,7 +148,7 @@ def test_curves_do_not_depend_on_the_pair_that_finds_them():
 def test_curves_have_every_mode_that_a_search_finds(chain, seed, inputs):
     """What the search finds has to lie on the curves; it may miss some."""
     random = np.random.default_rng(100 + seed)
-    edges = joints(chain)
+    edges = parse_chain(chain)
     a, b = edges[random.integers(len(edges))]
     tracer, found = with_curves(chain, random_axes(random, len(edges)), f"p{a}_{b}")
     assert not found.mismatches and found.guarantee is Guarantee.COMPLETE
@@ -153,7 +161,7 @@ def test_curves_have_every_mode_that_a_search_finds(chain, seed, inputs):
         )
         placed = at.rotations
         assert np.max(at.closure_residual, initial=0.0) < 1e-12
-        searched, links = multi_start(tracer.mechanism, random, 96, q=q)
+        searched, links = search_configurations(tracer.mechanism, random, 96, q=q)
         for turn in searched:
             gaps = np.max(np.abs(placed[:, links] - turn), axis=(1, 2, 3))
             assert np.min(gaps) < 1e-5
@@ -164,7 +172,7 @@ def test_curves_have_every_mode_that_a_search_finds(chain, seed, inputs):
 def test_a_mechanism_with_a_hard_input_is_searched_at_another_pair():
     """The single flier is one group of seven bodies, or a dyad and a triad."""
     axes = random_axes(np.random.default_rng(15), 10)
-    made = mechanism(EIGHT_BARS[5], axes, "p5_6", span=(0.0, TURN))
+    made = mechanism_from_chain(EIGHT_BARS[5], axes, "p5_6", span=(0.0, TURN))
     solver = PositionSolver(made, plan_assembly(made))
     assert len(solver.assembly.groups) == 1
     drive = choose_driving_pair(solver)

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from broken_plugins import BROKEN, UNNOTICED, Sound
-from common import distribution
+from helpers.broken_plugins import BROKEN, UNNOTICED, Sound
+from helpers.entry_points import write_distribution
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -37,7 +37,7 @@ def installed(tmp_path, monkeypatch):
     (tmp_path / "raises_at_import.py").write_text('raise RuntimeError("not today")\n')
     (tmp_path / "exits_at_import.py").write_text("raise SystemExit(3)\n")
     lines = [f"{name} = {target}" for name, (target, _) in BROKEN_AT_IMPORT.items()]
-    distribution(tmp_path, "broken", "[spherekit.analyses]", *lines)
+    write_distribution(tmp_path, "broken", "[spherekit.analyses]", *lines)
     monkeypatch.syspath_prepend(str(tmp_path))
 
 
@@ -84,7 +84,7 @@ def test_what_does_not_load_is_listed_beside_the_others(installed, capsys):
 
 def test_what_is_installed_later_on_is_found(installed, tmp_path):
     assert "raises_at_import" in analysis_names() and "later" not in analysis_names()
-    distribution(tmp_path, "later", "[spherekit.analyses]", "later = later:Later")
+    write_distribution(tmp_path, "later", "[spherekit.analyses]", "later = later:Later")
     assert "later" in analysis_names()
 
 

@@ -5,20 +5,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from common import field_of
-from example_mechanisms import (
+from helpers.analysis_runs import evaluate_poles_of_motion
+from helpers.refusals import TABLES, check_call, mechanism_text
+from mechanism_examples.named_mechanisms import (
     ARM,
     DEGREE,
     DISC,
     ECCENTRICITY,
     GROUND,
     ROLLER,
-    at,
-    cam,
+    cam_with_follower,
+    direction_at_colatitude,
     open_cam,
 )
-from oracles import null_space, off_axis
-from refusals import TABLES, check_call, text_of
+from oracles.velocity_equations import null_space, sine_between_lines
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -43,7 +43,7 @@ SHAPE = Profile("fourier", (0.0, 0.0, 1.0), cosines=EVEN, sines=ODD)
 BY_GRAPH = {"bevel_pair": 0, "rolling_cones": 0, "planetary_bevel": -1} | dict.fromkeys(
     ("roller_cam", "flat_cam", "shaped_cam", "shaped_flat_cam"), 1
 )
-HUMPAGE = text_of("humpage")
+HUMPAGE = mechanism_text("humpage")
 
 
 def test_gears_of_a_train_turn_about_coaxial_pairs(tmp_path, capsys):
@@ -95,23 +95,27 @@ def test_internal_bevel_gears():
         for p in base.pairs
     )
     made = replace(base, pairs=pairs, geometry=SizeGeometry(sizes))
-    _, field = field_of(made, samples=13)
+    _, field = evaluate_poles_of_motion(made, samples=13)
     assert np.max(np.abs(field.velocity_coefficient[0, 2] - 20 / 50)) < 1e-13
 
 
+@pytest.mark.slow
 def test_redundant_constraints_are_named_and_rigid_wheels_refused():
     made = sk.load("bevel_pair")
     assert plan(made).steps
     # two wheels that also roll on each other elsewhere cannot turn: rank leaves no freedom
-    circle = Profile("circle", at(0.3), 0.2)
+    circle = Profile("circle", direction_at_colatitude(0.3), 0.2)
     pairs = (*made.pairs, Pair("x", "Cr", ("1", "2"), (circle, circle)))
     with pytest.raises(sk.SpherekitError):
         sk.trace(replace(made, pairs=pairs))
 
 
+@pytest.mark.slow
 def test_running_off_an_open_profile_has_a_status():
     """An arc of the shaped cam alone: the follower loses it where it ends."""
-    whole = cam(GROUND, SHAPE, Profile("circle", at(ARM), ROLLER))
+    whole = cam_with_follower(
+        GROUND, SHAPE, Profile("circle", direction_at_colatitude(ARM), ROLLER)
+    )
     motion = sk.trace(whole, samples=73, search=False)
     open_motion = sk.trace(open_cam(), samples=73, search=False)
     assert np.any(open_motion.status == sk.Status.OK)
@@ -123,8 +127,8 @@ def test_running_off_an_open_profile_has_a_status():
 
 BEVEL = (ROOT / "mechanisms" / "bevel_pair.toml").read_text()
 ECCENTRIC, ROUND = (
-    Profile("circle", at(ECCENTRICITY), DISC),
-    Profile("circle", at(ARM), ROLLER),
+    Profile("circle", direction_at_colatitude(ECCENTRICITY), DISC),
+    Profile("circle", direction_at_colatitude(ARM), ROLLER),
 )
 
 
@@ -137,7 +141,7 @@ def apart():
     """Return a mechanism whose profiles do not touch in the reference pose."""
     circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
     posed = PoseGeometry({"12": (1.0, 0.0, 0.0), "13": (0.0, 1.0, 0.0)})
-    return replace(cam(GROUND, circle, circle), geometry=posed)
+    return replace(cam_with_follower(GROUND, circle, circle), geometry=posed)
 
 
 def crossing():
@@ -158,10 +162,10 @@ def test_pole_of_two_sliding_contacts_is_where_their_planes_meet():
     made = sk.load("two_contacts")
     (step,) = [s for s in plan(made).steps if getattr(s, "contacts", ()) and not s.via]
     assert step.case == "c"
-    motion, field = field_of(made, samples=41, search=False)
+    motion, field = evaluate_poles_of_motion(made, samples=41, search=False)
     assert np.all(motion.status == sk.Status.OK)
     types = [pair.type for pair in made.pairs]
     for row in range(0, 41, 5):
         w, _ = null_space(3, made.ends, motion.axes[row], types)
         for i, j in all_poles(3):
-            assert off_axis(field.direction[i, j][row], w[j] - w[i]) < 1e-11
+            assert sine_between_lines(field.direction[i, j][row], w[j] - w[i]) < 1e-11

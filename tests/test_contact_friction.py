@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from refusals import text_of
+from helpers.refusals import mechanism_text
 
 import spherekit as sk
 
-CAM = text_of("rubbed_cam")
+CAM = mechanism_text("rubbed_cam")
 SPEED, STIFFNESS, INERTIA = 1.3, 2.0, 0.4
 FRAME, OFF_SHAFT, CENTRES, ARM = 1.1, 0.15, 0.65, 0.8
 

@@ -4,9 +4,9 @@ import json
 from collections import Counter
 from dataclasses import replace
 
-import chains
 import numpy as np
 import pytest
+from mechanism_examples import linkages as chains
 from rerun.chunk import RrdReader
 
 import spherekit as sk
@@ -73,6 +73,7 @@ def logged(path):
     return rows
 
 
+@pytest.mark.slow
 def test_recordings_hold_what_was_asked(twelve, tmp_path):
     found, sizes = {}, {}
     for name, text in (("narrow", NARROW), ("wide", WIDE)):
@@ -96,6 +97,7 @@ def test_recordings_hold_what_was_asked(twelve, tmp_path):
     assert sizes["wide"] > 3 * sizes["narrow"]
 
 
+@pytest.mark.slow
 def test_tables_fall_with_the_request(twelve, tmp_path):
     size = {}
     for name, text in (("narrow", NARROW), ("wide", WIDE)):
@@ -173,6 +175,7 @@ def test_only_needed_refuses_what_looks_at_the_whole(twelve):
         sk.run(twelve, NARROW, only_needed=True, start=start, duration=1.0)
 
 
+@pytest.mark.slow
 def test_singularities_of_a_part_are_listed_once(twelve):
     """By default in the modes of the whole; its rows are those of the table of poles."""
     text = "singularities:output=4/1"
@@ -215,6 +218,7 @@ def test_only_needed_keeps_numbers(analysis):
     assert one == other and len(other) == len(part.summary["assembly_modes"])
 
 
+@pytest.mark.slow
 def test_explain_predicts_rows_and_bytes(twelve, tmp_path, capsys):
     path = tmp_path / "x.rrd"
     words = ["explain", "four_bar", "--samples", "2000", "--json", "--recording"]
@@ -248,7 +252,7 @@ def test_what_is_not_known_is_not_predicted(capsys):
 @pytest.mark.parametrize("triads", [False, True])
 def test_explain_of_a_long_chain_measures_few_rows(triads, tmp_path, capsys, monkeypatch):
     """Of one mode; and what it says is what a run of one mode writes."""
-    made = chains.grown(np.random.default_rng(5), 30, triads)
+    made = chains.grow_dyad_chain(np.random.default_rng(5), 30, triads)
     path = tmp_path / "chain.toml"
     sk.dump(made, path)
     calls = []

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from refusals import TABLES, check_call
+from helpers.refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.cli.main import main

@@ -61,6 +61,7 @@ def touching_at(random, first, second):
 LONG = pytest.param(3450, 3, marks=pytest.mark.long)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "seed"), [(50, 1), LONG])
 def test_profiles_that_touch_are_found_to(count, seed):
     """Of all kinds, beside each other, or one within another that is less curved there."""

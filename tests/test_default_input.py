@@ -78,6 +78,7 @@ ALL = (
 QUICK = ("singularities", "statics", "eksergian")
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "more", [(), pytest.param(("--only-needed",), marks=pytest.mark.slow)]
 )
@@ -173,6 +174,7 @@ def test_the_wiper_has_four_singularities_of_type_i(capsys):
     assert status == 0 and "dyad of pairs tip, joint, hinge" in text
 
 
+@pytest.mark.slow
 def test_no_mode_is_lost_by_leaving_out_what_is_not_needed(capsys):
     """Hooke's joint has two modes, also where its shipped file states no input."""
     for more in ((), ("--only-needed",)):

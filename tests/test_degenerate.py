@@ -4,8 +4,8 @@ import warnings
 
 import numpy as np
 import pytest
-from chains import mechanism, random_axes
-from example_mechanisms import four_bar
+from mechanism_examples.linkages import mechanism_from_chain, random_axes
+from mechanism_examples.named_mechanisms import four_bar
 
 import spherekit as sk
 from spherekit.errors import SolveError
@@ -35,6 +35,7 @@ def run(made, samples=7, search=False):
 CHANGING = (60, 40, 60, 40), (60,) * 4, (40, 60, 40, 60), (90,) * 4, (60, 20, 40, 40)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("arcs", [*CHANGING, (60, 120, 70, 130)])
 def test_change_points_have_a_status_and_no_garbage(arcs):
     frame = run(four_bar(np.radians(arcs)), samples=37)
@@ -85,5 +86,5 @@ def test_a_link_of_a_triad_with_coincident_axes_is_no_traceback():
     edges = [(1, 2), (2, 3), (3, 4), (1, 4), (2, 5), (5, 8), (3, 6), (6, 8), (4, 7), (7, 8)]
     axes = random_axes(np.random.default_rng(1), 13)
     axes[5] = axes[4]
-    made = mechanism([*edges, (1, 9), (9, 10), (8, 10)], axes)
+    made = mechanism_from_chain([*edges, (1, 9), (9, 10), (8, 10)], axes)
     assert np.all(sk.trace(made, samples=3).status != sk.Status.OK)

@@ -12,8 +12,8 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
-from common import Listener
-from public_packages import PUBLIC
+from helpers.public_packages import PUBLIC
+from helpers.scene_listener import SceneListener
 
 import spherekit as sk
 from benchmarks.__main__ import main as benchmarks
@@ -225,9 +225,11 @@ def test_the_example_of_a_plugin_is_the_one_in_its_folder():
 
 
 def test_plugin_tutorial_has_a_scene(folder):
-    cls, seen = importlib.import_module(PLUGIN).TorqueRatio, Listener()
+    cls, seen = importlib.import_module(PLUGIN).TorqueRatio, SceneListener()
     sk.run(sk.load("four_bar"), cls(link="4"), samples=5, recorder=seen)
-    rows = [own for (_, path), own in seen.rows.items() if path == "plots/ratio"]
+    rows = [
+        own for (_, path), own in seen.samples_by_primitive.items() if path == "plots/ratio"
+    ]
     assert [len(own) for own in rows] == [5, 5]
 
 

@@ -7,14 +7,14 @@ their links with all reactions.
 
 from dataclasses import replace
 
-import example_mechanisms
 import mpmath as mp
 import numpy as np
 import pytest
-from common import ENGINES
-from exact_four_bar import four_bar as four_bar_at
-from newton_euler import loaded
-from refusals import TABLES, check_call
+from helpers.engines import ENGINES
+from helpers.refusals import TABLES, check_call
+from mechanism_examples import named_mechanisms as example_mechanisms
+from oracles.exact_four_bar import four_bar as four_bar_at
+from oracles.newton_euler import with_masses_and_loads
 from spherekit_analyses.eksergian import Eksergian
 
 import spherekit as sk
@@ -131,6 +131,7 @@ def test_torque_at_another_pair_does_the_same_work(four_bar):
 # --- motion from torque ----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_stored_model_gives_the_same_motion(four_bar):
     t = np.linspace(0.0, 10.0, 101)
     exactly = simulate(four_bar, Start(0.3, 1.0), 10.0, torque=DRIVING, tolerance=1e-11)
@@ -145,7 +146,7 @@ def test_a_stored_model_gives_the_same_motion(four_bar):
 
 
 def test_a_stored_model_ends_with_its_curve_and_knows_all_loads(tmp_path):
-    mechanism, joint = loaded("four_bar", np.random.default_rng(8))
+    mechanism, joint = with_masses_and_loads("four_bar", np.random.default_rng(8))
     table = sk.TorqueTable("motor_table", joint, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
     mechanism = replace(
         mechanism,
@@ -192,6 +193,7 @@ def differences_of_the_source(mechanism, start, until, torque, step):
     return np.array(q, dtype=float)
 
 
+@pytest.mark.slow
 def test_the_differences_of_the_source_tend_to_the_motion_found(four_bar):
     free, start = replace(four_bar, loads=()), Start(0.3, 1.0)
     exactly = simulate(free, start, 0.5, torque=DRIVING, tolerance=1e-11)
@@ -207,6 +209,7 @@ def test_the_differences_of_the_source_tend_to_the_motion_found(four_bar):
     assert errors[-1] < 1e-3
 
 
+@pytest.mark.slow
 def test_a_rocker_is_driven_over_its_dead_centres_and_starts_on_none(four_bar):
     free = replace(four_bar, loads=())
     crank = simulate(free, Start(0.3, 3.0), 5.0, tolerance=1e-11)
@@ -238,6 +241,7 @@ def test_steps_begin_anew_where_a_torque_table_has_kinks(four_bar):
     assert found.checks.error < 1e-9 and found.checks.energy < 1e-10
 
 
+@pytest.mark.slow
 def test_a_contact_that_runs_off_its_profile_ends_with_the_reason():
     tensor = (0.1, 0.0, 0.0), (0.0, 0.1, 0.0), (0.0, 0.0, 0.15)
     opened = replace(example_mechanisms.open_cam(), masses=(Mass("2", tensor),))
@@ -254,6 +258,7 @@ def test_a_contact_that_runs_off_its_profile_ends_with_the_reason():
     assert history.q[-1] > last - 0.01 and np.ptp(history.kinetic) < 1e-7
 
 
+@pytest.mark.slow
 def test_a_crossing_of_curves_is_passed_where_that_is_asked():
     """A parallelogram that flattens may go on as one or as an antiparallelogram."""
     flat = FLAT_ONE

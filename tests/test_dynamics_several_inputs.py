@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from common import compiled
-from newton_euler import heavy, hold_to
-from refusals import TABLES, check_call, text_of
+from helpers.engines import needs_heyoka
+from helpers.refusals import TABLES, check_call, mechanism_text
+from oracles.newton_euler import check_simulated_motion, with_point_masses
 
 import spherekit as sk
 from spherekit.dynamics.inertia import christoffel
@@ -32,7 +32,7 @@ def laws_of(made, name):
 @pytest.mark.parametrize("name", STARTS)
 def test_inertia_is_symmetric_positive_and_changes_as_its_derivatives_say(name):
     """M' along a motion comes from M alone, by the series through it at 28 times."""
-    made = heavy(name)
+    made = with_point_masses(name)
     nodes = np.cos(np.pi * (np.arange(28)[::-1] + 0.5) / 28)
     found = inverse_dynamics(made, laws_of(made, name), 0.2 + 0.2 * nodes, assembly_mode=0)
     M = found.M
@@ -50,22 +50,25 @@ def test_inertia_is_symmetric_positive_and_changes_as_its_derivatives_say(name):
     assert np.max(np.abs(own + np.swapaxes(own, 1, 2))) < 1e-13 * size
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("name", "engine", "until"),
     [
         ("two_dof_spm", "numpy", 0.6),
         ("three_rrr", "numpy", 0.6),
-        pytest.param("three_rrr", "compiled", 0.6, marks=compiled),
+        pytest.param("three_rrr", "compiled", 0.6, marks=needs_heyoka),
         ("five_bar", "numpy", 2.6),
-        pytest.param("five_bar", "compiled", 1.8, marks=compiled),
+        pytest.param("five_bar", "compiled", 1.8, marks=needs_heyoka),
         ("bevel_differential", "numpy", 1.0),
-        pytest.param("bevel_differential", "compiled", 1.0, marks=compiled),
-        pytest.param("two_dof_spm", "compiled", 0.6, marks=[compiled, pytest.mark.long]),
+        pytest.param("bevel_differential", "compiled", 1.0, marks=needs_heyoka),
+        pytest.param(
+            "two_dof_spm", "compiled", 0.6, marks=[needs_heyoka, pytest.mark.long]
+        ),
     ],
 )
 def test_bodies_held_together_move_the_same_way(name, engine, until):
     """The five-bar passes a configuration at 1.588 s where its inputs do not hold it."""
-    made = heavy(name)
+    made = with_point_masses(name)
     driven, *passive = [item.pair for item in made.inputs]
     dq = tuple(0.1 * (-1) ** (k + 1) for k in range(len(made.inputs)))
     torque = {driven: f"5*sin(2*t) - 0.5*dtheta_{driven}"}
@@ -82,12 +85,14 @@ def test_bodies_held_together_move_the_same_way(name, engine, until):
     def drive(t, rates):
         return [5.0 * np.sin(2.0 * t) - 0.5 * rates[0], *(0.0 for _ in passive)]
 
-    hold_to(found, drive, within=1e-10)
+    check_simulated_motion(found, drive, within=1e-10)
 
 
-@compiled
+@needs_heyoka
 def test_a_stop_beyond_a_singularity_of_type_2_ends_both_engines_alike():
-    held = replace(heavy("five_bar"), joint_limits=(JointLimit("51", -1.0, 1.35),))
+    held = replace(
+        with_point_masses("five_bar"), joint_limits=(JointLimit("51", -1.0, 1.35),)
+    )
     ends = [
         sk.simulate(
             held, sk.Start((1.0, 1.2), (0.3, 0.2)), 3.0, engine=engine, tolerance=1e-12
@@ -104,7 +109,7 @@ def test_the_mid_plane_s_rotation_is_driven_by_its_torques():
 
     The torques are handed to the direct problem as functions of time alone.
     """
-    made = heavy("two_dof_spm")
+    made = with_point_masses("two_dof_spm")
     form = sk.mid_plane_form(made)
     start, stop = (normal_at(*np.radians(pose)) for pose in [(75, -20), (70, 20)])
     turn = form.rotation_between(start, stop, modes=(-1, 1, 1))
@@ -139,17 +144,17 @@ def test_the_mid_plane_s_rotation_is_driven_by_its_torques():
 
 
 @pytest.mark.parametrize(
-    "engine", ["numpy", pytest.param("compiled", marks=[compiled, pytest.mark.long])]
+    "engine", ["numpy", pytest.param("compiled", marks=[needs_heyoka, pytest.mark.long])]
 )
 def test_where_sets_of_configurations_cross_a_simulation_ends(engine):
-    made = heavy("two_dof_spm")
+    made = with_point_masses("two_dof_spm")
     found = sk.simulate(made, sk.Start((0.3, 0.25), (0.3, -0.3)), 3.0, engine=engine)
     assert found.end.t == pytest.approx(0.379394747, abs=1e-6)
     assert found.end.kind == "singularity" and 0.1 < found.end.t < 1.0
     assert "cross" in found.end.message
 
 
-FIVE = heavy("five_bar")
+FIVE = with_point_masses("five_bar")
 
 
 @pytest.mark.parametrize("call", TABLES["several inputs"])
@@ -159,7 +164,7 @@ def test_what_is_wrong_is_said(call):
 
 def test_the_command_recovers_the_torques_that_acted(tmp_path):
     study = tmp_path / "pushed.study.toml"
-    study.write_text(text_of("dynamics_several_inputs_text.study"))
+    study.write_text(mechanism_text("dynamics_several_inputs_text.study"))
     found = sk.run(sk.load_study(study))
     table = found.frame("dynamics")
     assert np.all(table["status"] == "OK")

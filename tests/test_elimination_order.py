@@ -9,8 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from chains import EIGHT_BARS, grown, mechanism, random_axes
-from oracles import null_space
+from mechanism_examples.linkages import (
+    EIGHT_BARS,
+    grow_dyad_chain,
+    mechanism_from_chain,
+    random_axes,
+)
+from oracles.velocity_equations import null_space
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -70,7 +75,7 @@ def miura(rows=2, columns=2, driven="z00", span=(10.0, 170.0)):
 
 def doubled_coupler(random):
     """Return a four-bar whose coupler has a twin on the same two axes."""
-    made = mechanism(
+    made = mechanism_from_chain(
         ((1, 2), (2, 3), (3, 4), (1, 4), (2, 5), (4, 5)), random_axes(random, 6)
     )
     axes = dict(made.geometry.axes)
@@ -113,6 +118,7 @@ def test_command_gives_rates_in_every_mode(capsys, tmp_path):
     assert "AT_SINGULARITY" not in out
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("driven", "span"),
     [
@@ -163,11 +169,14 @@ def test_ordinary_mechanisms(seed):
     """One order serves dyads, triads and eight-bars; nothing changes for them."""
     random = np.random.default_rng(seed)
     chain = EIGHT_BARS[seed]
-    made = mechanism(chain, random_axes(random, 10), span=(-0.3, 0.3))
+    made = mechanism_from_chain(chain, random_axes(random, 10), span=(-0.3, 0.3))
     assert check_against_null_space(made, samples=3) > 0
-    assert check_against_null_space(grown(random, 8, seed % 2 == 0), samples=3) > 0
+    assert (
+        check_against_null_space(grow_dyad_chain(random, 8, seed % 2 == 0), samples=3) > 0
+    )
 
 
+@pytest.mark.slow
 def test_evaluate_one_mode_at_one_input():
     """The expressions of floats are made with the order of their own mode."""
     mechanism = sk.load(MIURA)
@@ -207,6 +216,7 @@ def miura_jacobians():
     return motion.linearisation.jacobian, motion.passive_variables
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("position", ["first", "between", "last"])
 @pytest.mark.parametrize("kind", ["zero", "two equal columns"])
 def test_singular_configurations_take_no_order_from_others(position, kind):

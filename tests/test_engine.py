@@ -7,10 +7,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-from common import ENGINES, compiled
-from example_mechanisms import four_bar
-from newton_euler import body, loaded
-from refusals import TABLES, check_call
+from helpers.engines import ENGINES, needs_heyoka
+from helpers.refusals import TABLES, check_call
+from mechanism_examples.named_mechanisms import four_bar
+from oracles.newton_euler import random_mass, with_masses_and_loads
 
 import spherekit as sk
 from spherekit.dynamics.compiled_equation import compile_equation
@@ -37,7 +37,7 @@ COEFFICIENTS = ["velocity_coefficient", "acceleration_coefficient"]
 def with_masses(mechanism):
     """Return a mechanism whose links have arbitrary physical tensors."""
     random = np.random.default_rng(3)
-    masses = tuple(body(random, link) for link in mechanism.links[1:])
+    masses = tuple(random_mass(random, link) for link in mechanism.links[1:])
     return replace(mechanism, masses=masses, loads=())
 
 
@@ -114,6 +114,7 @@ def test_expressions_equal_the_plan(name, engine):
     agree(values, *reference(made, motion), 2e-14)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "watt", "eight_bar_01"])
 def test_closed_form_positions_equal_the_plan(name, engine):
@@ -154,7 +155,7 @@ run = partial(sk.simulate, engine="compiled")
 
 def with_all_loads(name):
     """Return a shipped mechanism with masses and loads of every kind."""
-    made, pair = loaded(name, np.random.default_rng(3))
+    made, pair = with_masses_and_loads(name, np.random.default_rng(3))
     twist = sk.Moment("twist", made.links[-1], ("0.3*t", "-1", f"theta_{pair}"), "ground")
     table = sk.TorqueTable("table", pair, (0.0, 0.4, 0.5), (3.0, -1.0, 3.0), True)
     return replace(made, loads=(*made.loads, twist, table))
@@ -179,7 +180,7 @@ CASES = "paper", "stephenson", "rocker", "four_bar", "roller_cam", "planetary_be
 
 
 @pytest.mark.many
-@compiled
+@needs_heyoka
 @pytest.mark.parametrize("case", CASES)
 def test_both_engines_find_the_same_motion(case):
     made, start, options = case_of(case)
@@ -209,7 +210,7 @@ def kite(*arcs):
 
 
 @pytest.mark.many
-@compiled
+@needs_heyoka
 @pytest.mark.parametrize("arcs", [(60, 40, 60, 40), (60, 50, 70, 40)])
 @pytest.mark.parametrize("assembly_mode", [0, 1])
 def test_a_change_point_ends_both_engines_at_any_tolerance(arcs, assembly_mode):
@@ -226,7 +227,7 @@ def test_a_change_point_ends_both_engines_at_any_tolerance(arcs, assembly_mode):
     assert abs(ends[0].end.t - ends[1].end.t) < 1e-6
 
 
-@compiled
+@needs_heyoka
 def test_friction_that_sticks_ends_the_motion_where_it_rests():
     made = with_torque(load("four_bar"), "21", "-3*sign(dtheta_21)")
     found = run(made, Start(0.3, 0.5), 50.0)
@@ -243,7 +244,7 @@ def rocker():
     return kite(60.0, 55.0, 70.0, 40.0)
 
 
-@compiled
+@needs_heyoka
 def test_a_rocker_swings_over_its_dead_centre_1000_times():
     made = with_torque(rocker(), "41", "-5*sin(theta_41)")
     found = run(made, PoseStart(start_of(made, 2.0), "41", 5.0), 400.0, tolerance=1e-15)
@@ -288,6 +289,7 @@ def test_a_stop_beyond_a_turn_ends_the_motion_where_it_is(engine):
     assert stayed.at([0.0]).q[0] == 0.3
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("text", ["sqrt(1 - t)", "1/(1 - t)**2"])
 def test_a_load_beyond_its_domain_or_bounds_ends_the_motion(text, engine):
@@ -317,7 +319,7 @@ def geared_five_bar():
 
 
 @pytest.mark.slow
-@compiled
+@needs_heyoka
 def test_chosen_equations_that_come_to_depend_on_each_other_are_no_crossing(monkeypatch):
     """Of a loop too many the equations chosen at one pose are dependent at another.
 
@@ -342,7 +344,7 @@ def test_chosen_equations_that_come_to_depend_on_each_other_are_no_crossing(monk
     assert np.max(np.abs(found.at(t).values - reference.at(t).values)) < 1e-8
 
 
-@compiled
+@needs_heyoka
 @pytest.mark.slow
 def test_both_engines_move_a_loop_too_many_whose_wheels_are_known():
     """The same mechanism, with the wheels known to hold the cranks."""
@@ -358,7 +360,7 @@ def test_both_engines_move_a_loop_too_many_whose_wheels_are_known():
     assert np.max(np.abs(one.at(t).values - other.at(t).values)) < 1e-8
 
 
-@compiled
+@needs_heyoka
 def test_another_torque_table_needs_no_compiling():
     made = replace(load("four_bar"), masses=load("four_bar").masses[:1])
     masses = (Mass("2", ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 0.5))),)
@@ -375,7 +377,7 @@ def test_another_torque_table_needs_no_compiling():
         assert (found.engine.compile_seconds == 0.0) == (k == 1)
 
 
-@compiled
+@needs_heyoka
 def test_what_was_compiled_is_kept():
     made = load("four_bar")
     engines = ("compiled", "auto")
@@ -386,7 +388,8 @@ def test_what_was_compiled_is_kept():
     assert again[1].reason == "it was compiled before"
 
 
-@compiled
+@pytest.mark.slow
+@needs_heyoka
 def test_a_short_run_is_not_compiled_and_a_long_one_is():
     heavy = with_masses(load("double_butterfly"))
     pose = PoseStart(start_of(heavy, 0.5), heavy.inputs[0].pair, 1.0)
@@ -403,7 +406,7 @@ def test_a_short_run_is_not_compiled_and_a_long_one_is():
     assert "kinks" in kinked.engine.reason
 
 
-@compiled
+@needs_heyoka
 def test_two_threads_may_use_one_compiled_equation_and_compile_it_once():
     made = with_torque(load("four_bar"), "21", "0.125*cos(t)")
     with ThreadPoolExecutor(2) as pool:
@@ -438,7 +441,7 @@ def test_without_heyoka_numpy_runs_and_says_so(monkeypatch):
 MADE = load("four_bar")
 
 
-@compiled
+@needs_heyoka
 @pytest.mark.parametrize("call", TABLES["engines"])
 def test_bad_input_is_refused_before_any_integration(call):
     check_call(call, globals(), TABLES["engines"][call])

@@ -2,7 +2,13 @@
 
 import numpy as np
 import pytest
-from chains import FOUR_BAR, WATT, joints, mechanism, random_axes
+from mechanism_examples.linkages import (
+    FOUR_BAR,
+    WATT,
+    mechanism_from_chain,
+    parse_chain,
+    random_axes,
+)
 
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -52,7 +58,7 @@ def test_no_more_digits_are_lost_than_the_configuration_has_not(pair, sense, ang
     for _ in range(4):
         axes = random_axes(random, 4)
         axes[pair] = sense * tilted(random, axes[3], angle)
-        lost.append(digits_lost(mechanism(FOUR_BAR, axes)))
+        lost.append(digits_lost(mechanism_from_chain(FOUR_BAR, axes)))
     assert np.median(lost) < 10.0
 
 
@@ -62,11 +68,11 @@ def test_bodies_of_several_links(which, sense):
     """Watt's chain driven at 2-3, where a body of its dyads is several links."""
     random, lost = np.random.default_rng(4), []
     for _ in range(4):
-        axes = random_axes(random, len(joints(WATT)))
-        made = mechanism(WATT, axes, driven="p2_3")
+        axes = random_axes(random, len(parse_chain(WATT)))
+        made = mechanism_from_chain(WATT, axes, driven="p2_3")
         outer, other = outer_and_other(made, which)
         axes[other] = sense * tilted(random, axes[outer], 1e-3)
-        lost.append(digits_lost(mechanism(WATT, axes, driven="p2_3")))
+        lost.append(digits_lost(mechanism_from_chain(WATT, axes, driven="p2_3")))
     assert np.median(lost) < 10.0
 
 

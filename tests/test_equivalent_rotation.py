@@ -5,9 +5,13 @@ from itertools import product
 
 import numpy as np
 import pytest
-from mid_plane import driven_variables, folds_of, mid_plane_mechanism
-from oracles import closure_gap, revolute_frames
-from refusals import TABLES, check_call
+from helpers.refusals import TABLES, check_call
+from mechanism_examples.mid_plane_mechanism import (
+    driven_variables,
+    fold_angles,
+    mid_plane_mechanism,
+)
+from oracles.velocity_equations import closure_gap, revolute_frames
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
@@ -45,7 +49,7 @@ def inside(form, count, seed, away=0.0):
     n = random.normal(size=(100 * count, 3))
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     n[:, 2] = np.abs(n[:, 2])
-    folds = folds_of(form.plane, n)
+    folds = fold_angles(form.plane, n)
     good = np.all(folds[:, list(form.plane.driven)] - np.radians(10.0) > away, axis=1)
     good &= np.all(2.0 * form.plane.arcs - folds > away, axis=1)
     return n[good & (n[:, 0] < 0.0)][:count]

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from common import Listener
-from refusals import TABLES, check_call
+from helpers.refusals import TABLES, check_call
+from helpers.scene_listener import SceneListener
 from scipy.optimize import brentq
 
 import spherekit as sk
@@ -53,7 +53,7 @@ def degrees(result, *columns):
 
 @pytest.fixture(scope="module")
 def listener():
-    return Listener()
+    return SceneListener()
 
 
 @pytest.fixture(scope="module")
@@ -104,6 +104,7 @@ def test_schedule_is_a_table_in_time(table_3):
     assert frame["ddq_21"].abs().max() <= 70.0 + 1e-9
 
 
+@pytest.mark.slow
 def test_schedule_in_cycles_of_a_controller():
     """A row for each cycle, a whole number of them, no limit passed, no time wasted."""
     way = "start=phi=75+gamma=-20,end=phi=70+gamma=20,speed=30,samples=5"
@@ -235,6 +236,7 @@ def test_a_direction_as_the_end():
     assert np.min(np.linalg.norm(turned - wanted, axis=1)) < 1e-12
 
 
+@pytest.mark.slow
 def test_a_direction_of_a_mid_plane_form():
     """The one mid-plane in closed form against the inverse kinematics of all links."""
     made = sk.load("two_dof_spm")
@@ -334,7 +336,7 @@ def test_a_dead_centre_at_the_start_is_named():
 
 
 def test_page_of_a_rotation(table_3, listener):
-    scene, rows = listener.last("Equivalent rotation")
+    scene, rows = listener.last_scene("Equivalent rotation")
     assert len(scene.over[0].values) == rows == 4
     parts = {part.path: part for part in scene.primitives}
     assert sum(path.startswith("link/") for path in parts) == 10
@@ -357,7 +359,7 @@ def test_page_of_a_rotation(table_3, listener):
 
 
 def test_page_of_a_schedule(table_3, listener):
-    scene, rows = listener.last("Equivalent rotation in time")
+    scene, rows = listener.last_scene("Equivalent rotation in time")
     frame = table_3.frame("equivalent_rotation", "schedule")
     assert scene.over[0].values.tolist() == frame["t"].tolist() and rows == 41
     plots = {item.path: item.values for item in scene.primitives if type(item) is Series}
@@ -369,23 +371,23 @@ def test_page_of_a_schedule(table_3, listener):
 def test_pages_where_the_rotation_ends_early():
     """Rows beyond the reach are NaN, and no page fails for it."""
     text = "start=a1=40+a2=50+a3=60,end=ux=0+uy=0+uz=1+angle=170,samples=9,speed=10"
-    watcher = Listener()
+    watcher = SceneListener()
     result = ran("three_rrr", text, recorder=watcher)
     assert findings(result)["end"] != "OK" and np.any(np.isnan(degrees(result, "q_a1")))
     told = "; ".join(result.summary["warnings"])
     assert "the rotation ends at" in told and "there is no schedule" in told
-    assert "Equivalent rotation in time" not in watcher.pages
+    assert "Equivalent rotation in time" not in watcher.primitives_by_page
 
 
 def test_base_that_moves():
     """An output relative to a moving link: axis and links are in ground axes."""
     made = replace(sk.load("five_bar"), outputs=(Output("hand", "3", "5"),))
     text = "start=21=60+51=100,end=21=75+51=75,samples=5"
-    watcher = Listener()
+    watcher = SceneListener()
     result = ran(made, text, recorder=watcher)
     own = findings(result)
     assert own["output"] == "hand"
-    parts = {part.path: part for part in watcher.pages["Equivalent rotation"]}
+    parts = {part.path: part for part in watcher.primitives_by_page["Equivalent rotation"]}
     base = from_quaternion(parts["link/5"].quaternions)
     assert np.max(np.abs(parts["axis"].directions - base @ own["axis"])) < 1e-12
     link = from_quaternion(parts["link/3"].quaternions)
@@ -397,6 +399,7 @@ def test_base_that_moves():
 WRIST = str(Path(__file__).parent / "files" / "coaxial_wrist.toml")
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("angle", [90.0, -50.0, 20.0])
 def test_the_end_is_in_the_mode_of_the_start(angle):
@@ -412,6 +415,7 @@ def test_the_end_is_in_the_mode_of_the_start(angle):
     assert np.array(told["axis"]) * np.sign(angle) == pytest.approx([0, 0, 1], abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("mode", ["1", "2", "3"])
 def test_every_mode_of_the_start_has_its_end(mode):

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from refusals import HERE, text_of
-from special_mechanisms import special_mechanism, straight_mechanism
-from stated_errors import KINDS, Stated, judge_bounds, stated
+from helpers.error_bound_checks import KINDS, Stated, judge_bounds, stated
+from helpers.refusals import HERE, mechanism_text
+from mechanism_examples.special_mechanisms import special_mechanism, straight_mechanism
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -29,7 +29,7 @@ def test_run_verifies_a_link_whose_arc_is_nearly_half_a_turn(capsys):
 
 
 def test_a_small_coefficient_with_a_large_derivative_has_a_bound_that_holds():
-    result = sk.run(loads(text_of("bound_a")), "poles", samples=7, verify=28)
+    result = sk.run(loads(mechanism_text("bound_a")), "poles", samples=7, verify=28)
     verdict = result.summary["verified"]
     for name in ("rates", "rate_derivatives", "direction_derivatives"):
         assert verdict[name]["count"] == verdict[name]["within_bound"] > 200
@@ -42,6 +42,7 @@ def test_a_small_coefficient_with_a_large_derivative_has_a_bound_that_holds():
 LONG = pytest.param(range(100, 400), marks=pytest.mark.long)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seeds", [range(8), LONG])
 def test_arcs_near_0_and_180_degrees_keep_to_their_bounds(seeds):
     """By the float64 numbers and by the decimal degrees, in 20 digits or 50."""
@@ -69,6 +70,7 @@ def test_bounds_of_ordinary_mechanisms_are_not_grossly_wide(names, samples):
         assert np.median(bound[seen] / error[seen]) < 1e5, kind
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("inputs", [0.7, [0.7, 1.9, 3.3]])
 @pytest.mark.parametrize("assembly_mode", [None, 0])
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "shaped_cam"])

@@ -17,8 +17,8 @@ from functools import cache
 from xml.etree import ElementTree
 
 import pytest
-from hostile_texts import FREE, TEXTS, fields, free_fields, hostile_file
-from page_waits import wait_until
+from helpers.hostile_texts import FREE, TEXTS, fields, free_fields, hostile_file
+from helpers.page_waits import wait_until
 
 import spherekit as sk
 from spherekit import escaping
@@ -143,6 +143,7 @@ def stripped(path, language):
 NEEDED = {"c": GCC, "cpp": GPP, "js": NODE}
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("language", MARK)
 def test_hostile_texts_are_comments_of_sources(language, harmless, tmp_path):
     if not NEEDED.get(language, "always"):
@@ -200,6 +201,7 @@ def test_hostile_texts_are_not_in_what_has_no_place_for_them(language, harmless,
     assert hashed.sub("", written) == hashed.sub("", plain)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("what", TEXTS)
 def test_hostile_texts_come_back_from_files(what, tmp_path):
     mechanism = loads(hostile_file(TEXTS[what]), what)
@@ -224,6 +226,7 @@ def test_every_field_that_takes_any_text_is_hostile_here():
     assert all(sort != FREE for path, sort in fields().items() if "*" in path)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("what", sorted(TEXTS))
 def test_names_and_expressions_are_refused_in_visible_letters(what, tmp_path, capsys):
     """Names and expressions take no such text, and the message is safe to print."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from refusals import TABLES, check_call
+from helpers.refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.designs.design_variables import DESIGNED, design_variable, make_design
@@ -128,6 +128,7 @@ def check_all(given, least):
     assert len(accepted) >= least, accepted
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("given, least", [("shaped_cam", 1), ("bevel_pair", 2)])
 def test_arguments_have_their_effect_or_are_refused(given, least):
@@ -178,6 +179,7 @@ def test_numbers_of_a_profile_are_refused_by_name(key, language, tmp_path):
         sk.export("shaped_cam", tmp_path / "x.c", vary=[key])
 
 
+@pytest.mark.slow
 def test_a_page_has_no_slider_that_does_nothing(tmp_path):
     """A slider moves something on the sphere or in a curve; a named key is refused."""
     maker = PageMaker("bevel_pair", None, None, None)
@@ -215,6 +217,7 @@ CANCELLING = {
 }
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", CANCELLING)
 @pytest.mark.parametrize("key", ["links.2.arc", "links.4.arc", "pairs.41.zero"])
 def test_sizes_of_results_that_are_zero_but_for_rounding_are_idle(name, key):

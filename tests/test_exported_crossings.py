@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flat_mechanisms import KINDS, file_text, sectors_of
-from languages import GCC, GPP, JULIA, NODE, compiled, script
+from helpers.exported_languages import GCC, GPP, JULIA, NODE, compiled, script
+from mechanism_examples.flat_mechanisms import KINDS, four_bar_text, random_crossing_arcs
 from test_mode_meetings import flat_loop, loaded, two_vertices
 
 import spherekit as sk
@@ -191,6 +191,7 @@ def test_sources_follow_smooth_curves(name, tmp_path):
     assert compared > 60 and changed == 2
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("language", ["cpp", "js", "julia", "casadi"])
 def test_other_languages_follow_them_too(language, tmp_path):
     compared, changed = compare_sources(case("cp2"), tmp_path, languages=[language])
@@ -209,11 +210,11 @@ def test_sources_of_many_vertices_and_change_points(tmp_path):
 
 def compare_random(seed, folder):
     random = np.random.default_rng(seed)
-    arcs = sectors_of(random, KINDS[seed % len(KINDS)])
+    arcs = random_crossing_arcs(random, KINDS[seed % len(KINDS)])
     low = int(random.choice([-180, -60, 0]))
     high = low + int(random.choice([360, 360, 250]))
     driven = str(random.choice(["c1", "c2"]))
-    mechanism = loaded(file_text(arcs, low, high, str(random.choice([0, 180])), driven))
+    mechanism = loaded(four_bar_text(arcs, low, high, str(random.choice([0, 180])), driven))
     return compare_sources(mechanism, folder, seed)[1]
 
 
@@ -226,7 +227,7 @@ def test_sources_of_several_dyads_that_change_at_once(tmp_path):
 @pytest.mark.slow
 def test_an_inner_dyad_at_a_change_point(tmp_path):
     """A six-bar whose four-bar 70, 30, 60, 40 deg carries a further dyad."""
-    four = file_text((70, 30, 60, 40), -170, 190, zero="0")
+    four = four_bar_text((70, 30, 60, 40), -170, 190, zero="0")
     more = (
         '[links.s5]\naxes = ["d1", "d2"]\narcs = [50]\n'
         '[links.s6]\naxes = ["d2", "d3"]\narcs = [60]\n'

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from languages import GCC, NODE, c_function, js_function, script
-from special_mechanisms import four_bar
+from helpers.exported_languages import GCC, NODE, c_function, js_function, script
+from mechanism_examples.special_mechanisms import four_bar
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -150,6 +150,7 @@ def expected(made, mode, q, found):
     return motion.rows(np.array(nearest)), {}
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", CASES)
 def test_modes_through_a_singular_middle(name, tmp_path):
     """At the middle of their range a dyad is in line: no sign can be read there."""
@@ -170,6 +171,7 @@ def test_a_change_point_by_numbers():
     assert found[1] == pytest.approx([2.72287, 1.26604, -1.95178], abs=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("first", range(5))
 def test_modes_of_special_four_bars(first, tmp_path):
@@ -184,6 +186,7 @@ def test_modes_of_a_hundred_special_four_bars(tmp_path):
         check_modes(special_four_bar(seed), tmp_path, least=0.2)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "name",
     [
@@ -227,6 +230,7 @@ def test_a_mode_that_formulas_do_not_give_is_not_written(tmp_path, monkeypatch, 
         sk.export("four_bar", path, assembly_mode=1)
 
 
+@pytest.mark.slow
 def test_a_mode_without_a_regular_sample_is_named():
     """A range of no width at a change point: every row there is singular."""
     flat = replace(case("cp2"), inputs=(Input("in", np.pi, np.pi + 1e-9),))

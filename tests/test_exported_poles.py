@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from languages import languages
+from helpers.exported_languages import languages
 
 import spherekit as sk
 from spherekit.exchange.formula_maker import formulas

@@ -3,7 +3,7 @@
 import mpmath as mp
 import numpy as np
 import pytest
-from closed_forms import four_bar_angles, four_bar_coefficients
+from oracles.closed_forms import four_bar_angles, four_bar_coefficients
 
 import spherekit as sk
 from benchmarks import extremes

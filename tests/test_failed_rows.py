@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from refusals import TABLES
+from helpers.refusals import TABLES
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -26,6 +26,7 @@ LOADS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(("load", "share"), LOADS)
 @pytest.mark.parametrize(

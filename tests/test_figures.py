@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from common import Asking, rows_of
+from helpers.minimal_analysis import MinimalAnalysis, with_row_columns
 
 pytest.importorskip("matplotlib")
 
@@ -56,6 +56,7 @@ def legend_of(figure):
     }
 
 
+@pytest.mark.slow
 def test_curves_are_the_columns_of_the_table(four_bar):
     figure = four_bar.plot("poles/velocity coefficients")
     frame = four_bar.frame("poles")
@@ -100,6 +101,7 @@ def test_a_mode_has_one_colour_in_all_figures(four_bar):
     assert seen == {"mode 0": {style.MODE_COLOURS[0]}, "mode 1": {style.MODE_COLOURS[1]}}
 
 
+@pytest.mark.slow
 def test_singularities_are_marked_in_all_plots_over_the_input(four_bar):
     frame = four_bar.frame("singularities")
     places = np.degrees(np.sort(frame["q"].to_numpy()))
@@ -249,6 +251,7 @@ def test_labels_of_crowded_points_do_not_cover_each_other():
     assert np.array_equal(found[3], place_labels(["ab"] * 12, places[3:4], 6.0)[0])
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("pair", ["21", "41"])
 def test_axodes_touch_and_the_gnomonic_chart_has_the_poles(pair):
     """Driven at 41 no mode has a configuration at the first samples."""
@@ -277,7 +280,7 @@ def test_axodes_touch_and_the_gnomonic_chart_has_the_poles(pair):
 
 
 @dataclass(frozen=True)
-class Bare(Asking):
+class Bare(MinimalAnalysis):
     """An analysis that says nothing of what is to be seen."""
 
     name: ClassVar[str] = "bare"
@@ -288,7 +291,7 @@ class Bare(Asking):
 
     def compute(self, batch):
         some = np.sin(batch.q) + batch.assembly_mode
-        return {"bare": rows_of(batch, q=batch.q, v=some)}
+        return {"bare": with_row_columns(batch, q=batch.q, v=some)}
 
 
 def test_an_analysis_without_a_scene_has_its_columns_drawn_over_blocks():
@@ -322,6 +325,7 @@ def test_run_draws_figures_into_its_folder(tmp_path, capsys):
     assert "--figures does nothing without" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_without_matplotlib_it_says_what_to_install():
     code = (
         "import sys; sys.modules['matplotlib'] = None\nimport spherekit as sk\ntry:\n    "

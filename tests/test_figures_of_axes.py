@@ -181,6 +181,7 @@ def drawn_figures():
         yield plan_figures(scenes, {}, columns=columns)
 
 
+@pytest.mark.slow
 def test_titles_of_round_panels_are_inside_their_figures():
     count = 0
     for figures in drawn_figures():

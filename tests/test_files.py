@@ -6,7 +6,7 @@ from dataclasses import MISSING, fields
 import jsonschema
 import numpy as np
 import pytest
-from refusals import changed, text_of
+from helpers.refusals import mechanism_text, replace_passages
 
 from spherekit.conventions import MAX_NAME_LENGTH
 from spherekit.errors import FileError
@@ -20,9 +20,9 @@ from spherekit.mechanism.load_expression import MAX_LENGTH
 from spherekit.mechanism.load_kinds import LOADS
 from spherekit.positions.position_analysis import PositionAnalysis
 
-SIZES = text_of("sizes")
+SIZES = mechanism_text("sizes")
 
-POSE = text_of("pose")
+POSE = mechanism_text("pose")
 
 
 def fault(text):
@@ -48,8 +48,8 @@ def test_faults_are_listed_in_the_order_of_the_file():
     message = fault(text.replace("lonlat = [90.0, 0.0]\n", "", 1))
     assert message.startswith("x.toml:8: pairs.a: no geometry: give axes and arcs")
 
-    text = changed(SIZES, 'type = "R"', 'type = "X"')
-    lines = fault(changed(text, "[user]", "[users]")).split("\n")
+    text = replace_passages(SIZES, 'type = "R"', 'type = "X"')
+    lines = fault(replace_passages(text, "[user]", "[users]")).split("\n")
     assert [line.split(": ")[0] for line in lines] == ["x.toml:22", "x.toml:44"]
     many = SIZES + "".join(f"[x{k}]\n" for k in range(20))
     assert fault(many).endswith("x.toml: and 12 more faults")
@@ -58,7 +58,7 @@ def test_faults_are_listed_in_the_order_of_the_file():
 def test_windows_line_ends_and_user_data_are_kept():
     text = "\ufeff" + SIZES.replace("\n", "\r\n")
     assert loads(text) == loads(SIZES)
-    assert fault(changed(text, "70.5", "nan")).startswith("x.toml:16: ")
+    assert fault(replace_passages(text, "70.5", "nan")).startswith("x.toml:16: ")
 
     text = SIZES + "x = nan\nangle_unit = 7\ntype.R = [1979-05-27, {a = 1.5}]\n"
     user = loads(text).user

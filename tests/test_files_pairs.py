@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from refusals import changed, text_of
+from helpers.refusals import mechanism_text, replace_passages
 
 import spherekit as sk
 from spherekit.errors import ModelError
@@ -14,15 +14,15 @@ from spherekit.mechanism.elements import Profile
 
 DEGREE = np.pi / 180.0
 
-CONES = text_of("cones")
+CONES = mechanism_text("cones")
 
-CAM = text_of("cam")
+CAM = mechanism_text("cam")
 
-ROLLER_ON_A_PIN = text_of("pinned_roller")
+ROLLER_ON_A_PIN = mechanism_text("pinned_roller")
 
-SLIDER = text_of("slider")
+SLIDER = mechanism_text("slider")
 
-POSED_SLIDER = text_of("posed_slider")
+POSED_SLIDER = mechanism_text("posed_slider")
 
 HALF_ANGLES = "half_angles = [30.0, 45.0]"
 FOLLOWER = 'follower = { link = "3", roller = 12.0, centre_lonlat = [90.0, 45.0] }'
@@ -60,7 +60,7 @@ def rolled(text):
     ],
 )
 def test_cones_roll_by_the_sines_of_their_half_angles(shaft, contact, given, expected):
-    text = changed(CONES, "75.0", f"{shaft}.0", "[30.0, 45.0]", given)
+    text = replace_passages(CONES, "75.0", f"{shaft}.0", "[30.0, 45.0]", given)
     text = text.replace('type = "Cr"', f'type = "Cr"\ncontact = "{contact}"')
     assert np.allclose(radii(text), expected, rtol=0, atol=1e-13)
     sign = -1.0 if contact == "external" else 1.0
@@ -71,16 +71,16 @@ def test_cones_roll_by_the_sines_of_their_half_angles(shaft, contact, given, exp
 
 def test_half_angles_mean_the_same_in_both_forms_and_as_teeth():
     """sin 30 / sin 45 is not a ratio of teeth; 20 and 40 teeth are cones of any digits."""
-    posed = changed(CONES, 'axes = ["a", "b"]\narcs = [75.0]\n', "")
-    posed = changed(posed, '[links.1]\naxes = ["a"]', "[links.1]")
-    posed = changed(posed, '[links.2]\naxes = ["b"]', "[links.2]")
-    posed = changed(posed, '["0", "1"]', '["0", "1"]\nxyz = [0, 0, 1]')
-    posed = changed(posed, '["0", "2"]', '["0", "2"]\nlonlat = [90.0, 15.0]')
+    posed = replace_passages(CONES, 'axes = ["a", "b"]\narcs = [75.0]\n', "")
+    posed = replace_passages(posed, '[links.1]\naxes = ["a"]', "[links.1]")
+    posed = replace_passages(posed, '[links.2]\naxes = ["b"]', "[links.2]")
+    posed = replace_passages(posed, '["0", "1"]', '["0", "1"]\nxyz = [0, 0, 1]')
+    posed = replace_passages(posed, '["0", "2"]', '["0", "2"]\nlonlat = [90.0, 15.0]')
     assert np.allclose(radii(posed), [30, 45], rtol=0, atol=1e-13)
     assert np.allclose(rolled(posed), rolled(CONES), rtol=0, atol=1e-12)
-    by_teeth = radii(changed(CONES, HALF_ANGLES, "teeth = [20, 40]"))
+    by_teeth = radii(replace_passages(CONES, HALF_ANGLES, "teeth = [20, 40]"))
     rounded = f"half_angles = [{by_teeth[0]:.6f}, {by_teeth[1]:.6f}]"
-    made_to_fit = radii(changed(CONES, HALF_ANGLES, rounded))
+    made_to_fit = radii(replace_passages(CONES, HALF_ANGLES, rounded))
     assert np.allclose(made_to_fit, by_teeth, rtol=0, atol=1e-6)
     assert sum(made_to_fit) == pytest.approx(75.0, abs=1e-13)
 
@@ -88,7 +88,7 @@ def test_half_angles_mean_the_same_in_both_forms_and_as_teeth():
 def test_half_angles_that_touch_are_kept_to_the_last_bit():
     for first in np.arange(1, 75):
         given = f"half_angles = [{first}.3, {74.7 - first:.1f}]"
-        made = loads(changed(CONES, HALF_ANGLES, given)).pair("mesh").profiles
+        made = loads(replace_passages(CONES, HALF_ANGLES, given)).pair("mesh").profiles
         assert made[0].radius == math.radians(float(f"{first}.3"))
         assert made[1].radius == math.radians(float(f"{74.7 - first:.1f}"))
 
@@ -100,12 +100,12 @@ kind = "circle"
 centre_lonlat = [90.0, 45.0]
 radius = 12.0
 """
-    assert loads(CAM) == loads(changed(CAM, FOLLOWER + "\n", "") + circle)
+    assert loads(CAM) == loads(replace_passages(CAM, FOLLOWER + "\n", "") + circle)
     flat = 'follower = { link = "3", flat = true, pole_xyz = [0.0, 0.6, -0.8] }'
-    made = loads(changed(CAM, FOLLOWER, flat)).pair("touch").profiles
+    made = loads(replace_passages(CAM, FOLLOWER, flat)).pair("touch").profiles
     assert made[0] == loads(CAM).pair("touch").profiles[0]
     assert made[1] == Profile("great_circle", (0.0, 0.6, -0.8))
-    first = loads(changed(CAM, '["2", "3"]', '["3", "2"]')).pair("touch").profiles
+    first = loads(replace_passages(CAM, '["2", "3"]', '["3", "2"]')).pair("touch").profiles
     assert first == loads(CAM).pair("touch").profiles[::-1]
 
 
@@ -134,16 +134,16 @@ def test_the_pin_of_a_slider_stays_on_its_arc():
 
 
 def test_the_axis_of_an_arc_is_its_pole():
-    by_pole = changed(POSED_SLIDER, THROUGH, "xyz = [0.0, 0.0, 1.0]")
+    by_pole = replace_passages(POSED_SLIDER, THROUGH, "xyz = [0.0, 0.0, 1.0]")
     assert loads(POSED_SLIDER) == loads(by_pole)
-    assert loads(by_pole) == loads(changed(by_pole, 'type = "P"', 'type = "R"'))
+    assert loads(by_pole) == loads(replace_passages(by_pole, 'type = "P"', 'type = "R"'))
     other_way = "through_xyz = [[0.0, 0.0, 1.0], [0.6, 0.8, 0.0]]"
-    axes = loads(changed(POSED_SLIDER, THROUGH, other_way)).geometry.axes
+    axes = loads(replace_passages(POSED_SLIDER, THROUGH, other_way)).geometry.axes
     assert axes["guide"] == pytest.approx((-0.8, 0.6, 0.0), abs=1e-15)
     random = np.random.default_rng(5)
     for ends in random.uniform((-180, -90), (180, 90), (50, 2, 2)):
         given = f"through_lonlat = {ends.tolist()}"
-        made = loads(changed(POSED_SLIDER, THROUGH, given))
+        made = loads(replace_passages(POSED_SLIDER, THROUGH, given))
         pole = np.array(made.geometry.axes["guide"])
         (east, west), (up, down) = ends.T * DEGREE
         first, second = (
@@ -157,9 +157,14 @@ def test_the_axis_of_an_arc_is_its_pole():
 
 FLAT = 'follower = { link = "3", flat = true, pole_lonlat = [9, 7] }'
 STATED = (
-    *(CONES, changed(CONES, "[30.0, 45.0]", "[23.7]"), CAM, changed(CAM, FOLLOWER, FLAT)),
+    *(
+        CONES,
+        replace_passages(CONES, "[30.0, 45.0]", "[23.7]"),
+        CAM,
+        replace_passages(CAM, FOLLOWER, FLAT),
+    ),
     *(ROLLER_ON_A_PIN, SLIDER, POSED_SLIDER),
-    changed(POSED_SLIDER, "[80.0, 0.0]", "[81.3, 17.9]"),
+    replace_passages(POSED_SLIDER, "[80.0, 0.0]", "[81.3, 17.9]"),
 )
 
 
@@ -175,7 +180,7 @@ def test_every_key_is_written_as_what_it_stands_for(text, unit):
 
 def with_cam(profile):
     """Return the cam file with another profile of the cam."""
-    return changed(CAM, PROFILE_OF_2, f"[pairs.touch.profiles.2]\n{profile}")
+    return replace_passages(CAM, PROFILE_OF_2, f"[pairs.touch.profiles.2]\n{profile}")
 
 
 TURN = np.arange(16) * (2 * np.pi / 16) + 0.1
@@ -201,7 +206,7 @@ def test_a_run_names_the_roller_that_is_too_large_for_a_concave_cam():
     """A cam with a waist: the concave radius there is below that of a 30 deg roller."""
     waist = 'kind = "fourier"\ncentre_xyz = [0.0, 0.0, 1.0]\ncosines = [25.0, 0.0, 9.0]\n'
     small, large = (
-        loads(changed(with_cam(waist), "roller = 12.0", f"roller = {radius}"))
+        loads(replace_passages(with_cam(waist), "roller = 12.0", f"roller = {radius}"))
         for radius in (2.0, 30.0)
     )
     run = sk.run(large, "poles", samples=31)

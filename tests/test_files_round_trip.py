@@ -9,7 +9,7 @@ import tomllib
 
 import numpy as np
 import pytest
-from refusals import TABLES, check_call
+from helpers.refusals import TABLES, check_call
 
 import spherekit as sk
 from spherekit.errors import OutputError
@@ -149,6 +149,7 @@ def random_mechanism(seed):
 SEEDS = [*range(10), *(pytest.param(x, marks=pytest.mark.slow) for x in range(10, 40))]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_random_mechanisms(seed, unit, tmp_path):

@@ -4,11 +4,11 @@ They are judged by the closure equations in 50 digits with the decimal sizes of 
 (`exact_configurations`).
 """
 
-import chains
 import numpy as np
 import pytest
-from exact_configurations import deviations, deviations_beside
-from folding_mechanisms import folding_mechanism, inputs_beside_folds
+from mechanism_examples import linkages as chains
+from mechanism_examples.folding_mechanisms import folding_mechanism, inputs_beside_folds
+from oracles.exact_configurations import deviations, deviations_beside
 
 from spherekit.errors import SpherekitError
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -68,6 +68,7 @@ def test_angles_at_folds_are_right_or_left_out(seeds, least):
     assert known >= least
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("seed", range(3))
 def test_rows_of_long_chains_stay_ok_within_their_bounds(seed):
     """A bound in quad precision multiplies over the 28 dyads of a chain of 60 links.
@@ -75,7 +76,7 @@ def test_rows_of_long_chains_stay_ok_within_their_bounds(seed):
     It is then useless, although the loops as a whole are well conditioned in float64. The
     row is OK by the bound of the whole mechanism.
     """
-    made = chains.grown(np.random.default_rng(seed), 60, False)
+    made = chains.grow_dyad_chain(np.random.default_rng(seed), 60, False)
     motion = PositionAnalysis(made, samples=12, search=False).motion()
     assert not np.any(motion.status == Status.AT_SINGULARITY)
     rows = motion.rows(np.flatnonzero(motion.status == Status.OK)[:2])

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from refusals import text_of
+from helpers.refusals import mechanism_text
 
 import spherekit as sk
 from spherekit.cli.command_line import build_parser, command_parsers
@@ -42,7 +42,7 @@ def put(base, things):
             path.write_text(text)
 
 
-THINGS = tomllib.loads(text_of("folders"))
+THINGS = tomllib.loads(mechanism_text("folders"))
 
 
 @pytest.mark.parametrize("prepare", THINGS["no run"])

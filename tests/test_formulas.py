@@ -10,9 +10,9 @@ import subprocess
 
 import numpy as np
 import pytest
-from languages import GCC, STRICT, c_function, languages
-from refusals import TABLES, check_call
-from sources import ROOT
+from helpers.exported_languages import GCC, STRICT, c_function, languages
+from helpers.refusals import TABLES, check_call
+from helpers.source_files import ROOT
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -102,6 +102,7 @@ def samples(made, seed=1):
     return motion, places, sizes
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "name", [pytest.param(x, marks=MARKS.get(x, pytest.mark.long)) for x in EVERY]
 )
@@ -131,6 +132,7 @@ def test_sources_return_what_the_terms_do(name, tmp_path):
         assert np.all(off[known] <= allowed[known]), language
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "name, keys",
     [
@@ -192,6 +194,7 @@ def test_what_is_asked_for_less_takes_less():
     assert list(one.results) == ["theta_16"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not GCC, reason="no C compiler")
 def test_a_step_of_newton_s_method_closes_loops(tmp_path):
     made = formulas("double_butterfly", ["theta_*"])

@@ -8,14 +8,14 @@ import tomllib
 
 import numpy as np
 import pytest
-from closed_forms import (
+from mechanism_examples.named_mechanisms import LINKS, PAIRS, four_bar_from_file
+from oracles.closed_forms import (
     FOUR_BAR_ARCS,
     four_bar_angles,
     four_bar_axes,
     four_bar_coefficients,
     four_bar_frames,
 )
-from example_mechanisms import LINKS, PAIRS, built
 
 import spherekit as sk
 from spherekit.files.library import find
@@ -111,6 +111,7 @@ def test_one_input_is_a_row_of_many_and_a_row_of_a_run(name):
                 assert value * sense == pytest.approx(wanted, abs=1e-11, nan_ok=True)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "double_butterfly"])
 def test_one_row_of_a_mode_is_found_by_terms_of_floats(name, monkeypatch):
     mechanism, asked = sk.load(name), {"poles": ["31"], "assembly_mode": 0}
@@ -143,10 +144,12 @@ def test_a_file_and_the_same_data_in_code_are_one_mechanism(name):
 
 
 def test_a_mechanism_without_a_file():
-    made = built(inputs={"drive": (0, 360)})
+    made = four_bar_from_file(inputs={"drive": (0, 360)})
     one, other = sk.evaluate(made, [0.2, 0.7]), sk.evaluate("four_bar", [0.2, 0.7])
     assert one.variable("hinge") == pytest.approx(other.variable("41"), abs=1e-7)
-    exact = built(links={**LINKS, "crank": {"axes": ["drive", "tip"], "arcs": [20]}})
+    exact = four_bar_from_file(
+        links={**LINKS, "crank": {"axes": ["drive", "tip"], "arcs": [20]}}
+    )
     one = sk.evaluate(exact, [0.2, 0.7])
     assert one.variable("hinge") == pytest.approx(other.variable("41"), abs=1e-14)
 
@@ -155,7 +158,7 @@ def test_the_same_by_axes_and_contacts():
     names = ["base", "crank", "coupler", "rocker"]
     axes = {"drive": (0, 90), "tip": (90, 70), "joint": (20, 15), "hinge": (70, 30)}
     ends = {**PAIRS, "hinge": PAIRS["hinge"]["links"]}
-    posed = built(
+    posed = four_bar_from_file(
         links=names,
         pairs={n: {"links": ends[n], "lonlat": axes[n]} for n in axes},
         inputs="drive",
@@ -292,6 +295,7 @@ DOCUMENTED = dict(documented())
 NEEDS = {"import_mechanism": "mujoco", "RunResult.plot": "matplotlib"}
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", DOCUMENTED)
 def test_the_examples_of_help_do_what_they_say(name, tmp_path, monkeypatch):
     if name in NEEDS:

@@ -215,6 +215,7 @@ def sweep():
     return sweep_of("four_bar", space, [], [create_analysis("poles")], 3, tables=True)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("file", ["designs", "tables/poles", "_sweep.json"])
 def test_parts_of_sweeps(sweep, file, count, tmp_path):
     """Also by a part that other programs have written, with the same notes or none."""
@@ -256,6 +257,7 @@ def stop_after_two(done, total):
         raise KeyboardInterrupt
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("file", ["journal.json", "poles.poles.000000.parquet"])
 def test_unfinished_runs(file, count, tmp_path):
     """It goes on to the same rows, or says that it cannot."""

@@ -5,9 +5,9 @@ import io
 import warnings
 
 import pytest
+from helpers.hypothesis_strategies import EFFORT, FILES, commands, damaged
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import EFFORT, FILES, commands, damaged
 
 from spherekit.cli.main import main
 

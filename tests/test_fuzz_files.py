@@ -4,10 +4,11 @@ import re
 import warnings
 
 import numpy as np
-from common import as_floats
+import pytest
+from helpers.expressions import expression_as_function
+from helpers.hypothesis_strategies import EFFORT, FILES, expressions, files, is_toml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import EFFORT, FILES, expressions, files, is_toml
 
 from spherekit.errors import EngineError, FileError, ModelError, SpherekitError
 from spherekit.files.mechanism_reader import load, loads
@@ -19,6 +20,7 @@ PLACED = re.compile(r"damaged\.toml(:\d+)?: \S")
 TEXTS = st.text(max_size=60) | st.text(alphabet="[]{}\"=.#\n\\'ab1 ", max_size=40)
 
 
+@pytest.mark.slow
 @settings(max_examples=100 * EFFORT)
 @given(files | TEXTS)
 def test_damaged_mechanism_files(text):
@@ -82,7 +84,7 @@ def test_expressions_of_loads(text):
         array = made.evaluate(at)
         assert array.shape == () and array.dtype == np.float64
         try:
-            value = as_floats(made, names)(list(at.values()))
+            value = expression_as_function(made, names)(list(at.values()))
             assert np.isclose(value, array, rtol=1e-9, atol=1e-12, equal_nan=True)
         except (ValueError, ArithmeticError, EngineError):
             assert not np.isfinite(array)

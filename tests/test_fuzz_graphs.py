@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from random_mechanisms import random_mechanism, reordered, turned
+from mechanism_examples.random_mechanisms import random_mechanism, reordered, turned
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
@@ -169,6 +169,7 @@ def check_no_jumps(seeds, span):
         check_one_mode(motion)
 
 
+@pytest.mark.slow
 def test_no_branch_jumps_to_another_mode():
     check_no_jumps(range(500, 506), 1.2)
 

@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
-from common import field_of
-from fuzz_judge import sweep
-from random_mechanisms import FAMILIES, random_mechanism
+from helpers.analysis_runs import evaluate_poles_of_motion
+from helpers.fuzz_checks import sweep
+from mechanism_examples.random_mechanisms import FAMILIES, random_mechanism
 
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.status import Status
 
 
+@pytest.mark.slow
 def test_no_wrong_value_without_a_status():
     tally = sweep(range(26))
     assert tally.wrong == [] and tally.mechanisms["evaluated"] >= 15
@@ -37,6 +38,7 @@ FOUND_ONCE = {
 }
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("seed", FOUND_ONCE)
 def test_what_a_sweep_found_once(seed):
     assert sweep([seed]).wrong == []
@@ -53,6 +55,6 @@ def test_a_short_range_is_searched_too():
     family, made = random_mechanism(58)
     assert (family, made.inputs[0].stop) == ("triads", 1e-6)
     assert not plan_assembly(made).has_closed_form
-    motion, field = field_of(made, samples=3)
+    motion, field = evaluate_poles_of_motion(made, samples=3)
     assert len(motion.assembly_modes) > 1
     assert np.any(field.status == Status.OK)

@@ -38,15 +38,15 @@ def judged(call):
 
 def everything(folder):
     """Return what becomes of every hostile file, by name."""
-    import hostile_files
+    from helpers import hostile_files
 
     found = {"warm": judged(lambda: load("four_bar"))}
-    for name, text in hostile_files.texts().items():
+    for name, text in hostile_files.hostile_mechanism_texts().items():
         found[name] = judged(lambda text=text: loads(text, "hostile.toml"))
     for name, path in hostile_files.make_files(folder).items():
         found[f"file {name}"] = judged(lambda path=path: load(Path(path)))
     study = folder / "hostile.study.toml"
-    for name, text in hostile_files.studies().items():
+    for name, text in hostile_files.hostile_study_texts().items():
         study.write_text(text)
         found[f"study {name}"] = judged(lambda: load_study(str(study)))
     return found
@@ -98,7 +98,7 @@ def test_limits_are_told(outcomes):
 
 
 def test_a_thousand_links_and_pairs_are_read_and_no_more():
-    from hostile_files import FOUR_BAR
+    from helpers.hostile_files import FOUR_BAR
 
     def made(count):
         return FOUR_BAR + "".join(f"[links.q{k}]\n" for k in range(count - 4))

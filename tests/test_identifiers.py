@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from page_waits import wait_until
+from helpers.page_waits import wait_until
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -100,6 +100,7 @@ def words_of(comment):
     return comment.replace("\n * ", " ")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not GPP, reason="there is no g++")
 def test_sources_of_cpp_compile_with_each_name(tmp_path):
     texts, calls = [], []

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from refusals import HERE, TABLES, check_call, text_of
+from helpers.refusals import HERE, TABLES, check_call, mechanism_text
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -29,7 +29,7 @@ GEARED = ("bevel_differential", "bevel_pair", "planetary_bevel", "rolling_cones"
 WRIST = (HERE / "files" / "wrist.xml").read_text(encoding="utf-8")
 
 URDF = (HERE / "files" / "two_inputs.urdf").read_text(encoding="utf-8")
-LOOPS = tomllib.loads(text_of("import_loops"))
+LOOPS = tomllib.loads(mechanism_text("import_loops"))
 
 
 def written(tmp_path, text, name="model.xml"):

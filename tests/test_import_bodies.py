@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from refusals import HERE
+from helpers.refusals import HERE
 
 import spherekit as sk
 from spherekit.cli.main import main

@@ -8,7 +8,7 @@ import re
 
 import numpy as np
 import pytest
-from refusals import HERE
+from helpers.refusals import HERE
 
 import spherekit as sk
 from spherekit.cli.main import main

@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
-from chains import EIGHT_BARS, mechanism, random_axes
-from common import field_of
+from helpers.analysis_runs import evaluate_poles_of_motion
+from mechanism_examples.linkages import EIGHT_BARS, mechanism_from_chain, random_axes
 
 
 def vectors(made):
     """Return pole vectors by link names, {(link, relative to): (n, 3)}."""
-    _, field = field_of(made, samples=3, search=False)
+    _, field = evaluate_poles_of_motion(made, samples=3, search=False)
     found = {}
     for (i, j), direction in field.direction.items():
         w = direction * field.velocity_coefficient[i, j][:, None]
@@ -20,7 +20,7 @@ def vectors(made):
 
 def test_another_ground_gives_the_same_relative_motions():
     """Only the axes in which directions are given change: those of the new ground."""
-    made = mechanism(EIGHT_BARS[4], random_axes(np.random.default_rng(11), 10))
+    made = mechanism_from_chain(EIGHT_BARS[4], random_axes(np.random.default_rng(11), 10))
     one, other = vectors(made), vectors(replace(made, ground="5"))
     assert one.keys() == other.keys() and len(one) == 56
     for key, value in one.items():

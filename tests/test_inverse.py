@@ -5,8 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from example_mechanisms import posed, serial, unlike_legs
-from refusals import TABLES, check_call
+from helpers.refusals import TABLES, check_call
+from mechanism_examples.named_mechanisms import (
+    platform_with_unlike_legs,
+    posed_three_rrr,
+    serial_chain,
+)
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
@@ -43,10 +47,10 @@ def poses_for(kinematics, count, seed):
 
 MADE = {
     **{name: lambda name=name: sk.load(name) for name in SHIPPED},
-    "unlike_legs": unlike_legs,
-    "serial_3": lambda: serial(3),
-    "serial_2": lambda: serial(2),
-    "posed": posed,
+    "unlike_legs": platform_with_unlike_legs,
+    "serial_3": lambda: serial_chain(3),
+    "serial_2": lambda: serial_chain(2),
+    "posed": posed_three_rrr,
 }
 
 
@@ -239,6 +243,7 @@ def test_names_of_the_wrist_give_way():
     assert legs == ("dyad of 21, 32, turn", "dyad of tilt, 54, 51")
 
 
+@pytest.mark.slow
 def test_every_turn_of_the_mid_plane_mechanism_is_found():
     """The closed form has two places for each of the three legs, where they reach."""
     made = sk.load("two_dof_spm")

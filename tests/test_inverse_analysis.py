@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from common import Listener, told_by
-from oracles import least_misfit
-from refusals import TABLES, check_call
+from helpers.analysis_runs import run_single_analysis
+from helpers.refusals import TABLES, check_call
+from helpers.scene_listener import SceneListener
+from oracles.velocity_equations import least_misfit
 from scipy.spatial.transform import Rotation
 from spherekit_analyses.inverse_kinematics.pose_lists import read_poses
 
@@ -26,7 +27,7 @@ AWAY = 0.05
 """Measures above this are not near a singularity."""
 
 
-found_in = partial(told_by, "inverse_kinematics")
+found_in = partial(run_single_analysis, "inverse_kinematics")
 
 
 def poses_for(solver, count, seed=1):
@@ -126,6 +127,7 @@ def test_derivatives_of_phi_and_gamma_by_differences():
                 assert abs((other - one) / (2.0 * step) - slope) < 1e-7 * (1.0 + abs(slope))
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", [*CLOSED, "universal_joint"])
 def test_the_pose_that_is_offered_is_one(name):
     with pytest.raises(AnalysisError, match="found no poses") as problem:
@@ -239,20 +241,22 @@ def test_nearest_orientation_is_inside():
 @pytest.mark.parametrize("how", ["window", "poses"])
 def test_scene(how):
     """A window is a mesh, a list is points; values are the numbers of solutions."""
-    watcher = Listener()
+    watcher = SceneListener()
     text = "azimuth:0:350:36+tilt:5:175:18"
     if how == "poses":
         text = "+".join(f"azimuth={a}+tilt={b}" for a, b in ((10, 20), (60, 70), (10, 179)))
     asked = [f"inverse_kinematics:{how}={text},nearest=0"]
     result = sk.run(sk.load("five_bar"), asked, samples=2, search=False, recorder=watcher)
     assert not result.failures
-    shown = next(p for p in watcher.pages["Inverse"] if isinstance(p, SphereMap))
+    shown = next(
+        p for p in watcher.primitives_by_page["Inverse"] if isinstance(p, SphereMap)
+    )
     assert len(shown.triangles) == (2 * 35 * 17 if how == "window" else 0)
     table = result.frame()
     solved = table[table["status"] != "OUT_OF_REACH"].groupby("pose").size()
     assert np.array_equal(np.flatnonzero(shown.values), solved.index)
     assert np.array_equal(shown.values[shown.values > 0], solved)
-    assert set(watcher.pages) >= {"Inverse", "Measure"}
+    assert set(watcher.primitives_by_page) >= {"Inverse", "Measure"}
 
 
 def test_pairs_asked_for():

@@ -62,6 +62,7 @@ def test_forward_is_the_formula_of_the_differential(wrist):
     assert np.max(np.abs(poses.rotations - hand)) < 1e-12
 
 
+@pytest.mark.slow
 def test_inputs_of_a_pose_lead_back_to_it_over_all_turns_of_the_wheels(wrist):
     """Both yaws, each with the side gears turned least of all that have the hand there."""
     poses = from_tilt_torsion(POSES)
@@ -101,6 +102,7 @@ def gimbal(roll):
     )
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("made", ["differential", "pan_tilt", "pan_tilt_roll"])
 def test_the_closed_form_is_that_of_the_graph(made, wrist):
     """Inputs, pairs, rates and both measures, against the velocity equations."""

@@ -243,6 +243,7 @@ def compare(made, text, here, found, row):
     return np.max(np.abs(off))
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("number", range(12))
 def test_printed_formulas_give_what_the_engine_gives(number):
     made = [*mechanisms(np.random.default_rng(number))][number]

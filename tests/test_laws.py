@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from refusals import TABLES, check_call, text_of
+from helpers.refusals import TABLES, check_call, mechanism_text
 
 from spherekit.errors import FileError, ModelError
 from spherekit.files.study import Start
@@ -76,7 +76,7 @@ def test_laws_that_are_none(call):
     check_call(call, globals(), TABLES["laws"][call])
 
 
-STUDY = text_of("laws_study.study")
+STUDY = mechanism_text("laws_study.study")
 CYCLOID = 'kind = "cycloidal"\nfrom = 0\nto = 90\nduration = 2'
 CONSTANT = 'kind = "constant_speed"\nspeed = 90.0\nfrom = 10\n'
 TABLE = 'kind = "table"\ntimes = [0, 1, 3]\nangles = [0, 90, 900]\nrest_at_ends = true\n'

@@ -4,13 +4,13 @@ import os
 import sys
 
 import pytest
-from refusals import text_of
+from helpers.refusals import mechanism_text
 
 from spherekit.errors import FileError
 from spherekit.files.library import GROUP, find, shipped
 from spherekit.files.mechanism_reader import load
 
-SOUND = text_of("library_sound")
+SOUND = mechanism_text("library_sound")
 
 
 @pytest.fixture

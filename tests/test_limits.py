@@ -30,6 +30,7 @@ def fits(judge, *given):
     return True
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", NAMES)
 def test_limits_are_those_of_the_format(name):
     document = document_of(name)

@@ -47,6 +47,7 @@ CASES = {
 }
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", CASES)
 def test_a_spring_at_a_pair_that_swings_needs_no_turns(name):
     mechanism = sprung(*CASES[name])

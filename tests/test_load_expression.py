@@ -7,8 +7,8 @@ import re
 
 import numpy as np
 import pytest
-from common import as_floats
-from refusals import TABLES, check
+from helpers.expressions import expression_as_function
+from helpers.refusals import TABLES, check_fragments
 
 from spherekit.errors import ModelError
 from spherekit.mechanism.load_expression import (
@@ -51,7 +51,7 @@ def test_values(text):
     result = expression.evaluate(VALUES)
     np.testing.assert_allclose(result, expected, rtol=4e-16, atol=1e-16)
     names = ("t", "theta_21", "dtheta_21")
-    call = as_floats(expression, names)
+    call = expression_as_function(expression, names)
     for row in itertools.product((-2.0, 0.0, 0.7), repeat=3):
         want = expression.evaluate(dict(zip(names, row, strict=True)))
         try:
@@ -78,7 +78,7 @@ def test_names_used_and_missing():
 def test_nothing_else_gets_through(text):
     with pytest.raises(ModelError) as caught:
         parse(text, NAMES)
-    check(str(caught.value), TABLES["expressions"][text])
+    check_fragments(str(caught.value), TABLES["expressions"][text])
 
 
 def test_deep_and_long_expressions_are_refused_and_ordinary_sums_are_not():

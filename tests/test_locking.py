@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from example_mechanisms import posed
-from newton_euler import heavy
-from refusals import TABLES, check_call, text_of
+from helpers.refusals import TABLES, check_call, mechanism_text
+from mechanism_examples.named_mechanisms import posed_three_rrr
+from oracles.newton_euler import with_point_masses
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -24,7 +24,9 @@ CASES = {
 
 
 def pulled(name):
-    made = heavy(posed()) if name == "posed" else heavy(name)
+    made = (
+        with_point_masses(posed_three_rrr()) if name == "posed" else with_point_masses(name)
+    )
     return made.with_loads(
         sk.Gravity("weight", (1.0, -2.0, -9.0)),
         sk.PairTorque("pull", made.pairs[1].name, f"0.3 - theta_{CASES[name][0]}"),
@@ -34,6 +36,7 @@ def pulled(name):
 LONG = pytest.param("two_dof_spm", marks=pytest.mark.long)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr", "posed", LONG])
 def test_poses_and_torques_are_those_with_the_input_held(name, tmp_path):
     pair, value, others = CASES[name]
@@ -83,10 +86,11 @@ def test_a_pair_between_moving_links_and_one_beside_a_contact():
     motion = sk.trace(single, samples=5)
     carrier = motion.values[:, single.angles["carrier_axle"]]
     assert carrier == pytest.approx(0.5 * motion.q, abs=1e-12)
-    wheels = loads(text_of("geared_five_bar_wheels").format(20, 30, 0, 360))
+    wheels = loads(mechanism_text("geared_five_bar_wheels").format(20, 30, 0, 360))
     assert "5" in sk.lock(wheels, {"54": 20.0}, angle_unit="deg").links  # it has a contact
 
 
+@pytest.mark.slow
 def test_commands_lock(tmp_path, capsys):
     held = ["five_bar", "--lock", "51=80"]
     assert main(["run", *held, "-a", "eksergian", "--samples", "5"]) == 0

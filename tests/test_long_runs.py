@@ -18,7 +18,9 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from common import Asking, Listener, rows_of, with_springs
+from helpers.minimal_analysis import MinimalAnalysis, with_row_columns
+from helpers.scene_listener import SceneListener
+from mechanism_examples.shipped_mechanisms import four_bar_with_springs
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -61,7 +63,7 @@ def irreducible(folder=None, **options):
 def wound(folder=None, **options):
     """Springs that remember how often they were wound, over several turns."""
     options = {"samples": 60, "block": 10, "folder": folder} | options
-    return sk.run(with_springs("32", "43"), "eksergian", **options)
+    return sk.run(four_bar_with_springs("32", "43"), "eksergian", **options)
 
 
 def wound_by_law(folder=None, **options):
@@ -100,6 +102,7 @@ def interrupt(number, is_last=False):
     return progress
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(
     "job", [four_bar, swinging, irreducible, wound, wound_by_law, wound_by_loads]
@@ -138,6 +141,7 @@ sk.run(
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 def test_killed_runs_go_on(tmp_path):
     """SIGKILL twice; what was written after the last journal is overwritten."""
@@ -180,6 +184,7 @@ def signalled(number, handler, words):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -358,7 +363,7 @@ def test_csv_has_no_negative_zero(tmp_path):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Words(Asking):
+class Words(MinimalAnalysis):
     """Texts that come up block by block, with all that CSV has to quote."""
 
     name: ClassVar = "words"
@@ -377,7 +382,7 @@ class Words(Asking):
         words = [odd[k * k % len(odd)] for k in batch.sample.tolist()]
         none = np.zeros(0)
         return {
-            "words": rows_of(batch, word=words),
+            "words": with_row_columns(batch, word=words),
             "plain": {"x": batch.sample},
             "empty": {"sample": none, "assembly_mode": none, "y": none},
         }
@@ -389,7 +394,7 @@ class Words(Asking):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Whole(Asking):
+class Whole(MinimalAnalysis):
     """The analysis of texts as one that wants all samples at once."""
 
     name, tables, compute = Words.name, Words.tables, Words.compute
@@ -427,6 +432,7 @@ def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("job, count", [(four_bar, 5_000), (wound, 1_500)])
 def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch):
@@ -487,14 +493,16 @@ def test_tables_that_were_not_kept_are_told(tmp_path):
 
 def shown(listener):
     """The samples of all primitives that a recorder was given on pages."""
-    return [own for (page, _), own in listener.rows.items() if page is not None]
+    return [
+        own for (page, _), own in listener.samples_by_primitive.items() if page is not None
+    ]
 
 
 def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path):
     from spherekit.runs import recording_session
 
     monkeypatch.setattr(recording_session, "MAX_RECORDED_SAMPLES", 10)
-    listener = Listener()
+    listener = SceneListener()
     result = four_bar(samples=45, recorder=listener)
     wanted = [0, 5, 10, 15, 20, 25, 30, 35, 40, 44]
     assert all(samples == wanted for samples in shown(listener))
@@ -502,15 +510,15 @@ def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path)
     assert listener.properties["logged"] == "one of 5 successive samples"
     assert result.summary["recording"] == {"one_of": 5, "from_sample": 0}
     assert len(result.frame("motion")) == 90
-    all_of_them = Listener()
+    all_of_them = SceneListener()
     four_bar(samples=45, recorder=all_of_them, log_every=1)
     assert all(len(own) == 45 for own in shown(all_of_them))
-    grid = Listener()
+    grid = SceneListener()
     sk.run("five_bar", samples=(3, 4), assembly_mode=0, recorder=grid, log_every=2)
     assert all(own == [0, 2, 4, 6, 8, 10] for own in shown(grid))
     assert grid.row == 2
     with pytest.raises(AnalysisError, match="log_every must be at least 1"):
-        four_bar(recorder=Listener(), log_every=0)
+        four_bar(recorder=SceneListener(), log_every=0)
     words = ["run", "four_bar", "--samples", "50", "--save", str(tmp_path / "x.rrd")]
     assert main(words) == 0
     assert "one of 5 samples of each assembly mode" in capsys.readouterr().err
@@ -519,7 +527,7 @@ def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path)
 def test_a_resumed_recording_says_where_it_begins(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         four_bar(tmp_path, progress=interrupt(2))
-    listener = Listener()
+    listener = SceneListener()
     result = four_bar(tmp_path, unfinished="resume", recorder=listener)
     assert all(own == list(range(20, 60)) for own in shown(listener))
     assert result.summary["recording"]["from_sample"] == 20

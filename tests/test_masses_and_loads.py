@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from refusals import TABLES, check_call, text_of
+from helpers.refusals import TABLES, check_call, mechanism_text
 
 import spherekit as sk
 from spherekit.files.mechanism_reader import loads
@@ -14,7 +14,7 @@ from spherekit.mechanism.inertia import Mass
 from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.mechanism.pair_frames import link_axes
 
-LOADED = text_of("loaded")
+LOADED = mechanism_text("loaded")
 BASE = LOADED.partition("[mass")[0]
 
 

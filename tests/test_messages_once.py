@@ -25,6 +25,7 @@ SWEEP = ("sweep", "four_bar", "--vary", "links.2.arc=10:40:2", "--samples", "9")
 MERIT = ("--reduce", "s=range(theta_41)")
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(("mode", "label"), [("0", "+"), ("1", "-"), ("p0", "-")])
 def test_a_sweep_has_the_rows_of_the_mode_that_is_asked_for(mode, label, capsys):
     """By number or name, with the values that the mode has among all modes."""

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from common import bare
-from refusals import TABLES, check_call, text_of
+from helpers.refusals import TABLES, check_call, mechanism_text
+from mechanism_examples.shipped_mechanisms import load_without_loads
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -153,7 +153,7 @@ def test_second_bodies_share_the_inertia_of_their_link():
     assert np.sum(twinned.body_mass) == pytest.approx(np.sum(model.body_mass), rel=1e-14)
 
 
-MASSLESS = text_of("massless_crank")
+MASSLESS = mechanism_text("massless_crank")
 """A four-bar with the links c (crank), k and r (rocker), of which the crank has no mass."""
 
 MASSLESS_HEAD = MASSLESS[: MASSLESS.index("[mass.k]")]
@@ -219,7 +219,7 @@ def test_the_command_says_which_links_were_given_a_mass(tmp_path, capsys):
     assert "links without mass were given 1e-09 of the largest" in capsys.readouterr().err
 
 
-HELD = text_of("mjcf_held")
+HELD = mechanism_text("mjcf_held")
 
 
 def test_an_export_names_each_load_that_it_leaves_out(tmp_path, capsys):
@@ -245,7 +245,7 @@ def test_an_export_names_each_load_that_it_leaves_out(tmp_path, capsys):
 
 
 def test_a_mechanism_without_masses_is_held_by_servos():
-    mechanism, values = find_pose(bare("stephenson"), inputs=0.5)
+    mechanism, values = find_pose(load_without_loads("stephenson"), inputs=0.5)
     written = MujocoModel(mechanism, values)
     assert "kinematics only" in written.notes[0]
     model, data = started(written.text)

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from chains import mechanism as chain_of
-from chains import random_axes
-from flat_mechanisms import KINDS, file_text, sectors_of
-from refusals import written_of
+from helpers.refusals import decimal_mechanism
+from mechanism_examples.flat_mechanisms import KINDS, four_bar_text, random_crossing_arcs
+from mechanism_examples.linkages import mechanism_from_chain as chain_of
+from mechanism_examples.linkages import random_axes
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -42,7 +42,7 @@ def contradictions(text, low, high):
     """Return in what the claim of a run and its inputs contradict what is proven."""
     position_analysis = PositionAnalysis(loaded(text), samples=10)
     found = find_input_turning_points(position_analysis.solver, *position_analysis.range)
-    proven = certify_curves(written_of(text), (str(low), str(high)))
+    proven = certify_curves(decimal_mechanism(text), (str(low), str(high)))
     named = [meeting.input for meeting in position_analysis.mode_meetings]
     crossed = [
         (proven.wrap_into_range(proven.input_angle(saddle.centre)), saddle.level_sign)
@@ -83,9 +83,9 @@ def compare_with_proof(count, seed):
     random = np.random.default_rng(seed)
     compared = with_crossing = 0
     while compared < count:
-        arcs = sectors_of(random, KINDS[compared % len(KINDS)])
+        arcs = random_crossing_arcs(random, KINDS[compared % len(KINDS)])
         low, high = symmetric_range(random)
-        text = file_text(arcs, low, high, zero=str(random.choice(["0", "180"])))
+        text = four_bar_text(arcs, low, high, zero=str(random.choice(["0", "180"])))
         try:
             wrong, named = contradictions(text, low, high)
         except SpherekitError as problem:
@@ -106,6 +106,7 @@ def test_command_names_the_crossing_and_claims_nothing_false(capsys):
     assert "modes 0 and 1 meet at c1 = 0 deg, where curves cross" in out
 
 
+@pytest.mark.slow
 def test_claims_do_not_contradict_proofs():
     assert compare_with_proof(8, seed=44) > 3
 
@@ -116,6 +117,7 @@ def test_claims_do_not_contradict_proofs_in_many_ranges():
     assert compare_with_proof(400, seed=45) > 200
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("shift", [0.0, 0.1, 1.0])
 @pytest.mark.parametrize("power", [2, 4])
 def test_zero_of_even_order_is_never_taken_for_none(shift, power):
@@ -135,6 +137,7 @@ def test_zero_of_even_order_is_never_taken_for_none(shift, power):
         assert np.all(parts[:, 1] - parts[:, 0] < (1e-5 if power == 2 else 5e-3))
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("off", ["0", "1e-4", "1e-7", "1e-10", "1e-13"])
 def test_a_near_miss_is_no_crossing(off):
     """A kite off by 1e-10 deg has two modes all the way, or a gap without any."""
@@ -142,7 +145,7 @@ def test_a_near_miss_is_no_crossing(off):
 
     for sense in (-1, 1):
         arcs = ["60", "60", "80", format(80 + sense * Decimal(off), "f")]
-        text = file_text(arcs, -50, 50)
+        text = four_bar_text(arcs, -50, 50)
         position_analysis = PositionAnalysis(loaded(text), samples=10)
         named = len(position_analysis.mode_meetings)
         assert named == (off == "0") or off == "1e-13"
@@ -159,7 +162,7 @@ def test_fold_angles_of_a_flat_vertex_go_through_the_flat_state(arcs):
     For fold angles f and g of a flat-foldable vertex of degree four tan(g/2) = p tan(f/2)
     with a constant p (Huffman 1976; Evans et al. 2015), through the flat state as well.
     """
-    text = file_text(arcs, -40, 40)
+    text = four_bar_text(arcs, -40, 40)
     motion = sk.trace(loaded(text), samples=10, crossings="pass")
     folds = np.tan(0.5 * motion.values.reshape(2, 10, 4))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -183,7 +186,7 @@ def test_fold_angles_of_a_flat_vertex_go_through_the_flat_state(arcs):
 )
 def test_smooth_curves_of_change_points(arcs, low, high):
     """They are those that are followed in arc length, whose tangent is continuous."""
-    mechanism = loaded(file_text(arcs, low, high, zero="0"))
+    mechanism = loaded(four_bar_text(arcs, low, high, zero="0"))
     position_analysis = PositionAnalysis(mechanism, samples=96, crossings="pass")
     motion = position_analysis.motion()
     meetings = position_analysis.mode_meetings
@@ -265,13 +268,14 @@ def test_reference_pose_is_exact_where_it_is_flat(capsys, tmp_path):
     assert np.abs(alone.values[0]).max() < 1e-15
     # At exact change points of sizes too, at the middle and at both ends of a range.
     for arcs, zero in (((60, 30, 60, 30), "0"), ((70, 30, 60, 40), "0")):
-        turned = sk.trace(loaded(file_text(arcs, 0, 360, zero)), samples=5)
+        turned = sk.trace(loaded(four_bar_text(arcs, 0, 360, zero)), samples=5)
         singular = turned.status == sk.Status.AT_SINGULARITY
         assert np.any(singular)
         away = np.degrees(turned.values[singular]) / 90.0
         assert np.abs(away - np.round(away)).max() < 1e-12
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("arcs", "zero"),
     [
@@ -284,7 +288,7 @@ def test_reference_pose_is_exact_where_it_is_flat(capsys, tmp_path):
 )
 def test_angles_go_on_through_crossings(arcs, zero):
     """Loads that count turns see no jump by a turn where the mode is smooth."""
-    mechanism = loaded(file_text(arcs, 0, 360, zero))
+    mechanism = loaded(four_bar_text(arcs, 0, 360, zero))
     position_analysis = PositionAnalysis(mechanism, samples=145, crossings="pass")
     motion = position_analysis.motion()
     names = [pair.name for pair in mechanism.pairs]

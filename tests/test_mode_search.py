@@ -2,9 +2,14 @@
 
 import numpy as np
 import pytest
-from chains import any_inputs, mechanism, random_axes, random_chain
-from independent import lacking, multi_start
-from mode_counts import cams, ten_bar
+from mechanism_examples.linkages import (
+    choose_random_inputs,
+    mechanism_from_chain,
+    random_axes,
+    random_chain,
+)
+from mechanism_examples.searched_mechanisms import random_cam_chain, ten_bar
+from oracles.configuration_search import count_missing, search_configurations
 
 import spherekit as sk
 from spherekit import progress
@@ -26,20 +31,23 @@ def chain(links):
     """Return a chain of dyads and triads, all of whose modes are eliminated or closed."""
     random = np.random.default_rng(links)
     edges = random_chain(random, links)
-    return any_inputs(random, mechanism(edges, random_axes(random, len(edges))), 1)
+    return choose_random_inputs(
+        random, mechanism_from_chain(edges, random_axes(random, len(edges))), 1
+    )
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("made", "least"),
     [(ten_bar(0), 4), (ten_bar(2), 4), (chain(4), 2), (chain(8), 2)]
-    + [(cams(seed), 1) for seed in range(3)],
+    + [(random_cam_chain(seed), 1) for seed in range(3)],
     ids=["nine bodies", "nine others", "four links", "eight links", *"abc"],
 )
 def test_modes_are_those_of_an_independent_search(made, least):
-    turns, links = multi_start(made, np.random.default_rng(0), 400)
+    turns, links = search_configurations(made, np.random.default_rng(0), 400)
     solver = solver_of(made)
     placed = solver.closure.at(enumerate_assemblies(solver, np.zeros(1)).values).rotations
-    assert len(turns) >= least and lacking(turns, placed[:, links], 1e-5) == 0
+    assert len(turns) >= least and count_missing(turns, placed[:, links], 1e-5) == 0
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -56,7 +64,7 @@ def test_curves_that_are_short_along_the_input_are_met():
     small = np.radians(0.2)
     crank, coupler = [np.sin(small), 0.0, np.cos(small)], [0.6, 0.6, np.sqrt(0.28)]
     axes = np.array([[0.0, 0.0, 1.0], crank, coupler, [1.0, 0.0, 0.0]])
-    made = mechanism("1-2 2-3 3-4 1-4", axes, "p1_4")
+    made = mechanism_from_chain("1-2 2-3 3-4 1-4", axes, "p1_4")
     solver = solver_of(made)
     turn = np.array([np.pi])
     _, values, _ = next(random_starts(solver, -turn, turn))

@@ -8,9 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from chains import any_inputs, grown, mechanism, random_axes, random_chain
-from coupler_circle import count_configurations
-from independent import lacking, multi_start
+from mechanism_examples.linkages import (
+    choose_random_inputs,
+    grow_dyad_chain,
+    mechanism_from_chain,
+    random_axes,
+    random_chain,
+)
+from oracles.configuration_search import count_missing, search_configurations
+from oracles.platform_configurations import count_configurations
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -119,6 +125,7 @@ def run_in(folder, *arguments):
     return json.loads((folder / "summary.json").read_text()), rows
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("arguments", "traced"),
     [
@@ -151,6 +158,7 @@ def test_a_run_has_each_configuration_once(arguments, traced, tmp_path):
     assert [len(rows.get(k, [])) for k in sure.tolist()] == counted[sure].tolist()
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("name", "count", "seed"),
     [
@@ -182,6 +190,7 @@ def test_inputs_asked_together_have_what_each_has_alone(name, count, seed):
     assert str(count) in together.search
 
 
+@pytest.mark.slow
 def test_an_input_that_nothing_reaches_has_a_status_alone_too():
     made = wide("three_rrr")
     q = np.random.default_rng(1).uniform(-2.6, 2.6, (20, 3))
@@ -208,6 +217,7 @@ def test_more_samples_lose_no_modes(samples):
     assert whole[samples] == 4  # the other two exist at the end of the range only
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("name", "backwards"),
     [
@@ -258,7 +268,9 @@ def test_modes_of_dyads_at_all_samples_of_a_grid(size):
     for seed in range(14):
         random = np.random.default_rng(seed)
         edges = random_chain(random, 9, 2)
-        made = any_inputs(random, mechanism(edges, random_axes(random, len(edges))), 2)
+        made = choose_random_inputs(
+            random, mechanism_from_chain(edges, random_axes(random, len(edges))), 2
+        )
         if made is None:
             continue
         inputs = [replace(item, start=-2.0, stop=2.0) for item in made.inputs]
@@ -305,6 +317,7 @@ def graph_of(name, shape):
     return ConfigurationGraph(tracer.solver, tracer.input_grid), found
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm", "agile_eye", "three_rrr"])
 @pytest.mark.parametrize("distance", [0.0, 3e-13, 1e-9, 4e-7])
 def test_equal_configurations_that_are_added_together_are_one_node(name, distance):
@@ -343,6 +356,7 @@ def test_configurations_on_both_sides_of_a_meeting_stay_two_nodes(signs, equal):
     ]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("name", "shape", "at_once"),
     [
@@ -392,7 +406,7 @@ def test_faulty_paths_to_one_node_are_noticed_whatever_is_followed_together(
 
 def chain_of_dyads(seed, links):
     """Return a four-bar with dyads, whose modes are many."""
-    made = grown(np.random.default_rng(seed), links, 0)
+    made = grow_dyad_chain(np.random.default_rng(seed), links, 0)
     return driven_at(made)
 
 
@@ -491,8 +505,8 @@ def test_random_chains_with_several_inputs(seed):
         if (3 * (links - 1) - freedoms) % 2:
             freedoms = 5 - freedoms
         edges = random_chain(random, links, freedoms)
-        made = any_inputs(
-            random, mechanism(edges, random_axes(random, len(edges))), freedoms
+        made = choose_random_inputs(
+            random, mechanism_from_chain(edges, random_axes(random, len(edges))), freedoms
         )
     inputs = [replace(item, start=-0.6, stop=0.9) for item in made.inputs]
     made = replace(made, inputs=tuple(inputs))
@@ -507,8 +521,8 @@ def test_random_chains_with_several_inputs(seed):
     if "all configurations at each" in tracer.search:
         assert count_rows(motion, len(tracer.input_grid))[chosen].tolist() == alone
     pose = sk.trace(made, path=np.zeros((1, len(inputs))))
-    turns, links = multi_start(made, random, 400)
-    assert lacking(turns, pose.rotations[:, links], 1e-5) == 0
+    turns, links = search_configurations(made, random, 400)
+    assert count_missing(turns, pose.rotations[:, links], 1e-5) == 0
 
 
 @pytest.mark.parametrize(
@@ -543,6 +557,7 @@ def test_without_a_search_the_claim_is_of_what_was_looked_for(degrees, is_reache
         assert np.min(away) < SAME
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("name", "degrees"),
     [

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from closed_forms import FOUR_BAR_ARCS, four_bar_angles
-from refusals import TABLES, check_call
+from helpers.refusals import TABLES, check_call
+from oracles.closed_forms import FOUR_BAR_ARCS, four_bar_angles
 
 import spherekit as sk
 from spherekit.cli.main import main

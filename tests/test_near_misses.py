@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from example_mechanisms import four_bar
-from singular_examples import findings_of
+from mechanism_examples.named_mechanisms import four_bar
+from oracles.four_bar_singularities import findings_and_warnings
 
 import spherekit as sk
 from spherekit.mechanism.elements import Input
@@ -17,7 +17,7 @@ NEAR = np.tan(np.radians(5.0))
 
 
 def near_misses(made, samples=361, analysis=NAME):
-    figures, warnings = findings_of(sk.run(made, analysis, samples=samples))
+    figures, warnings = findings_and_warnings(sk.run(made, analysis, samples=samples))
     return figures["near_misses"], [w for w in warnings if "without meeting" in w]
 
 
@@ -41,6 +41,7 @@ def least_of_table(made, pole, samples=3601):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name, pole", [("single_flier", "61"), ("double_butterfly", "41")])
 def test_near_misses_of_type_i_are_the_least_velocity_coefficients(name, pole):
@@ -57,6 +58,7 @@ def test_near_misses_of_type_i_are_the_least_velocity_coefficients(name, pole):
     assert f"nearest {np.degrees(least['angle_rad']):.3g} deg" in warnings[0]
 
 
+@pytest.mark.slow
 def test_a_four_bar_nearly_folds_where_it_lies_in_a_plane_of_symmetry():
     made = four_bar(np.radians([60.0, 30.0, 50.0, 79.7]))
     turned = replace(made, inputs=(Input("21", np.radians(-23.0), np.radians(337.0)),))
@@ -68,6 +70,7 @@ def test_a_four_bar_nearly_folds_where_it_lies_in_a_plane_of_symmetry():
         assert [m for miss in misses for m in miss["assembly_modes"]] == [0, 1]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("low, high, nearest", [(20.0, 26.0, 26.0), (30.0, 36.0, 30.0)])
 def test_a_range_that_ends_before_a_dead_centre_is_nearest_at_its_end(low, high, nearest):
     low, high, nearest = np.radians([low, high, nearest])
@@ -79,6 +82,7 @@ def test_a_range_that_ends_before_a_dead_centre_is_nearest_at_its_end(low, high,
     assert abs(miss["velocity_coefficient"] - abs(there)) < 1e-9
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("samples, start", [(4, 180.0), (5, 33.0), (181, 33.0)])
 def test_the_least_transmission_angle_is_between_samples_too(samples, start):
     """And where the curve begins, in the middle of the range."""
@@ -157,6 +161,7 @@ def test_minima_of_values_alone():
     )
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("follower", [78.0, 79.0, 79.6, 79.65, 79.7, 79.8, 79.9])
 def test_a_four_bar_is_near_type_ii_by_its_transmission_angle(follower):
     """The dyad of 50 deg and the follower closes an arc of 60 - 30 deg at the least.
@@ -171,6 +176,7 @@ def test_a_four_bar_is_near_type_ii_by_its_transmission_angle(follower):
     assert {miss["type"] for miss in misses} <= {"II"}
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("part", [1.0, 0.3, 0.1, 0.03, 0.01])
 def test_distance_ii_is_proportional_to_short_arcs_and_transmission_is_not(part):
     """The arcs of four-bars of one shape, all shortened by a factor."""

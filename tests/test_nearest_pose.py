@@ -63,6 +63,7 @@ def check_nearest(kinematics, bounds, signs, count, seed=0, tries=40_000):
     return poses, np.array(angles)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("name", "mode", "count"),
     [

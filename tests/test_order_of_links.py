@@ -109,6 +109,7 @@ def test_tables_name_the_later_link_first_whatever_was_asked(tmp_path):
     np.testing.assert_allclose(of_mode, expected, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_singularities_of_an_output_named_the_other_way_round_are_seen_from_the_other():
     """The places are the same; the orientation of link 1 from link 4 is the inverse one."""
     one, other = (

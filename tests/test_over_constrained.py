@@ -145,6 +145,7 @@ SLOW = ("cardan_dup", "five_bar_b", "posed_rods")
 NAMES = [pytest.param(x, marks=pytest.mark.slow) if x in SLOW else x for x in VARIANTS]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", NAMES)
 def test_modes_in_sources_are_those_of_evaluate(name, tmp_path):
     mechanism = VARIANTS[name]()
@@ -152,6 +153,7 @@ def test_modes_in_sources_are_those_of_evaluate(name, tmp_path):
     assert check_modes(mechanism, tmp_path, least=0.3) < 1e-9
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", NAMES)
 def test_it_is_explained_and_has_a_page(name, tmp_path, capsys):
     mechanism = VARIANTS[name]()
@@ -182,6 +184,7 @@ def test_the_rest_moves_as_without_the_second_rod():
         assert found[1] == pytest.approx(both[int(np.argmin(off))][1], abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("command", ["explain", "page", "export"])
 def test_what_is_rigid_is_refused_as_before(command, tmp_path, capsys):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from page_waits import wait_until
+from helpers.page_waits import wait_until
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -115,6 +115,7 @@ def by_python(mechanism, q, name):
     return torques[:, rows.input_pairs.index(of[-1]) if others else 0]
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name", EVERY)
 def test_numbers_at_the_cursor_are_those_of_python(opened, name, tmp_path):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from flat_mechanisms import KINDS, file_text, sectors_of
+from mechanism_examples.flat_mechanisms import KINDS, four_bar_text, random_crossing_arcs
 from test_mode_meetings import flat_loop, loaded, two_vertices
 
 import spherekit as sk
@@ -108,9 +108,9 @@ def test_modes_of_a_page_are_those_of_evaluate(open_page, name):
 @pytest.mark.parametrize("seed", range(12))
 def test_modes_of_random_pages(open_page, seed):
     random = np.random.default_rng(seed + 300)
-    arcs = sectors_of(random, KINDS[seed % len(KINDS)])
+    arcs = random_crossing_arcs(random, KINDS[seed % len(KINDS)])
     low = int(random.choice([-180, -60, 0]))
-    mechanism = loaded(file_text(arcs, low, low + int(random.choice([360, 250]))))
+    mechanism = loaded(four_bar_text(arcs, low, low + int(random.choice([360, 250]))))
     tab = open_page(mechanism)
     assert compare_page(tab, mechanism, seed=seed) > 0
 
@@ -123,17 +123,18 @@ def test_several_dyads_change_at_once_on_a_page(open_page):
     assert tab.inner_text("#crossings").endswith("through crossings at 0°.")
 
 
+@pytest.mark.slow
 def test_crossings_are_those_of_the_sizes_on_the_page(open_page):
     """They vanish with one size, and another vertex that folds flat has some again."""
-    mechanism = loaded(file_text((100, 60, 80, 120), -40, 40))
+    mechanism = loaded(four_bar_text((100, 60, 80, 120), -40, 40))
     tab = open_page(mechanism, "links.s3.arc=83")
     assert tab.inner_text("#crossings").startswith("With these sizes no curves cross")
     arcs = (100, 60, 83, 120)
-    assert compare_page(tab, loaded(file_text(arcs, -40, 40)), "end") > 20
+    assert compare_page(tab, loaded(four_bar_text(arcs, -40, 40)), "end") > 20
     tab.evaluate("spherekit.change('sizes', {sizes: [95, 70, 85, 110]})")
     tab.wait_for_timeout(200)
     assert "crossings at 0°" in tab.inner_text("#crossings")
-    assert compare_page(tab, loaded(file_text((95, 70, 85, 110), -40, 40))) > 20
+    assert compare_page(tab, loaded(four_bar_text((95, 70, 85, 110), -40, 40))) > 20
 
 
 def bends_along_drag(tab, inputs):
@@ -158,6 +159,7 @@ def bends_along_drag(tab, inputs):
     return np.abs(np.diff(np.array(rows, dtype=float), 2, axis=0))
 
 
+@pytest.mark.slow
 def test_a_knob_is_dragged_through_a_crossing(open_page):
     """Drawn axes of pairs move on evenly; with "end" they turn back at the crossing."""
     inputs = np.linspace(2.9, 3.4, 10)

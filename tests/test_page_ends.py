@@ -99,6 +99,7 @@ def curve(tab, mode):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.many(slow=20)
 @pytest.mark.parametrize("name", EVERY_PAGE, ids=lambda name: Path(name).stem)
 def test_a_page_is_drawn_at_every_end_of_every_slider(open_page, name):
@@ -106,6 +107,7 @@ def test_a_page_is_drawn_at_every_end_of_every_slider(open_page, name):
     assert tab.evaluate(DRIVE_TO_ENDS) == []
 
 
+@pytest.mark.slow
 def test_the_stephenson_with_a_long_crank(open_page):
     """The inner dyad ends before the outer one, whose square is not a number there."""
     tab = open_page("stephenson", "links.2.arc=46")
@@ -186,6 +188,7 @@ NARROW = [(70.0, 30.0, 60.0, 40.002), (70.0, 30.0, 60.0, 39.998)]
 """Ground, crank, coupler and rocker (deg) near a change point: 70 + 30 = 60 + 40."""
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("arcs", NARROW)
 def test_a_gap_between_two_samples_is_found(open_page, arcs):
     """The crank turns fully, or not by half a degree; samples are two degrees apart."""
@@ -203,6 +206,7 @@ def test_a_gap_between_two_samples_is_found(open_page, arcs):
         assert bool(gaps) == bool(len(exact)) and not of_page["meets"]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(("name", "where"), [("cp2", 180.0), ("parallelogram", 180.0)])
 def test_modes_that_meet_are_marked_and_do_not_end(open_page, name, where):
     path = str(FILES / f"{name}.toml")
@@ -252,6 +256,7 @@ BREAK_THE_SPHERE = (
 )
 
 
+@pytest.mark.slow
 def test_an_error_in_a_drawing_is_shown_and_stops_no_number(browser, tmp_path):
     """Fields, numbers and the saved file are those of one state, the picture or not."""
     path = tmp_path / "page.html"
@@ -271,6 +276,7 @@ def test_an_error_in_a_drawing_is_shown_and_stops_no_number(browser, tmp_path):
     tab.evaluate("delete CanvasRenderingContext2D.prototype.strokeText")
 
 
+@pytest.mark.slow
 def test_a_field_never_says_what_the_page_does_not_show(open_page):
     tab = open_page("four_bar")
     field = tab.locator(".row:has(label[title='links.2.arc']) input[type=number]")
@@ -313,6 +319,7 @@ LIMITS += [pytest.param(*case, marks=pytest.mark.slow) for case in (("41", 1), (
 """Pairs of the four-bar that get a joint limit, and turns by which it is stated farther."""
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(("pair", "turns"), LIMITS)
 def test_a_page_shows_where_a_mode_is_beyond_a_joint_limit(open_page, pair, turns):
     """The limits are the middle half of what the pair's angle runs through in mode 0."""
@@ -343,6 +350,7 @@ SIGNED = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name", SIGNED)
 def test_velocity_coefficients_have_the_signs_of_evaluate(open_page, name):
@@ -428,6 +436,7 @@ def test_a_dashed_curve_lies_on_a_solid_one_everywhere(open_page):
     assert dashed
 
 
+@pytest.mark.slow
 def test_every_mode_has_a_colour_of_its_own(open_page):
     tab = open_page("four_bar", vary=[])
     for theme in ("light", "dark"):
@@ -474,6 +483,7 @@ NEXT_PICTURE = """() => new Promise(done =>
   requestAnimationFrame(() => requestAnimationFrame(() => done(null))))"""
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("case", SPRUNG)
 def test_springs_count_turns_as_inverse_dynamics_does(open_page, case):

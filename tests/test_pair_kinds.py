@@ -4,7 +4,7 @@ import ast
 import re
 
 import pytest
-from sources import ANALYSES, FILES, ROOT, nodes_of, tree_of
+from helpers.source_files import ANALYSES, FILES, ROOT, nodes_of, tree_of
 
 from spherekit.mechanism.joint import KINDS
 

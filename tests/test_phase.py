@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from refusals import text_of
+from helpers.refusals import mechanism_text
 
 import spherekit as sk
 from spherekit.files.mechanism_reader import loads, read
@@ -11,7 +11,7 @@ from spherekit.files.toml_document import parse
 from spherekit.proof.balls import centre_float, working_precision
 from spherekit.proof.decimal_mechanism import read_decimals
 
-GEARS = text_of("gears")
+GEARS = mechanism_text("gears")
 OUTSIDE = {"teeth": [20, 40], "contact": "external"}
 INSIDE = {"teeth": [20, 60], "contact": "internal"}
 
@@ -56,7 +56,7 @@ def test_the_proof_knows_the_phase():
     said = "phase = { wheel_shaft = -7.0, pinion_shaft = 30.0 }"
     links = '["base", "wheel"]'
     gears = GEARS.format(links=links, **OUTSIDE, phase=said, driven="pinion_shaft")
-    posed = text_of("posed_geared_five_bar").format(20, 40, 0.0, 360.0)
+    posed = mechanism_text("posed_geared_five_bar").format(20, 40, 0.0, 360.0)
     for text, expected in ((gears, -7.0 - 0.5 * 60.0), (posed, -31.0 - 0.5 * 69.5)):
         document = parse(text, "gears")
         with working_precision(80):

@@ -35,6 +35,7 @@ def same(one, other):
     pd.testing.assert_frame_equal(one, other, check_exact=True)
 
 
+@pytest.mark.slow
 def test_runs_in_a_pool_are_those_of_this_process(tmp_path):
     """Tables, summary, failures, figures and recordings."""
     mechanisms = [

@@ -5,7 +5,12 @@ from collections import Counter
 import networkx as nx
 import numpy as np
 import pytest
-from chains import EIGHT_BARS, joints, mechanism, random_axes
+from mechanism_examples.linkages import (
+    EIGHT_BARS,
+    mechanism_from_chain,
+    parse_chain,
+    random_axes,
+)
 
 import spherekit as sk
 from spherekit.errors import PlanError
@@ -17,6 +22,7 @@ from spherekit.planning.pole_plan import LinePole, all_poles
 from spherekit.planning.pole_planner import plan
 
 
+@pytest.mark.slow
 def test_plan_for_one_pole_holds_only_its_ancestors():
     planned = sk.plan(sk.load("stephenson"))
     lines = [describe(planned, step) for step in planned.steps]
@@ -28,7 +34,7 @@ def test_plan_for_one_pole_holds_only_its_ancestors():
     assert secondary == [(0, 2), (0, 4), (1, 4)]
     assert len(planned.steps) == 7 + 3
     for chain in EIGHT_BARS:
-        whole = plan(mechanism(chain, random_axes(np.random.default_rng(1), 10)))
+        whole = plan(mechanism_from_chain(chain, random_axes(np.random.default_rng(1), 10)))
         for pole in all_poles(8):
             known, used, by_line = set(), {pole}, set()
             for step in plan(whole.mechanism, [pole]).steps:
@@ -45,10 +51,14 @@ def test_two_eight_bars_are_indeterminate_and_completed():
     names[5:5] = ["single_flier"]
     names[8:8] = ["double_butterfly"]
     for name, chain in zip(names, EIGHT_BARS, strict=True):
-        assert nx.is_isomorphic(nx.Graph(sk.load(name).ends), nx.Graph(joints(chain))), name
+        assert nx.is_isomorphic(
+            nx.Graph(sk.load(name).ends), nx.Graph(parse_chain(chain))
+        ), name
     stuck = []
     for number, chain in enumerate(EIGHT_BARS, start=1):
-        planned = plan(mechanism(chain, random_axes(np.random.default_rng(number), 10)))
+        planned = plan(
+            mechanism_from_chain(chain, random_axes(np.random.default_rng(number), 10))
+        )
         assert set(planned.rounds) == set(all_poles(8))
         if planned.blocks:
             (block,) = planned.blocks
@@ -67,7 +77,7 @@ def test_groups_of_every_input_of_the_eight_bars():
     # 75 inputs leave dyads only, 53 a dyad and a triad, 32 one group of seven bodies
     count = Counter()
     for chain in EIGHT_BARS:
-        made = mechanism(chain, random_axes(np.random.default_rng(2), 10))
+        made = mechanism_from_chain(chain, random_axes(np.random.default_rng(2), 10))
         for pair in made.pairs:
             groups = plan_assembly(made.with_inputs(pair.name)).groups
             assert sum(len(group.bodies) - 1 for group in groups) == 6
@@ -86,9 +96,9 @@ def test_groups_of_every_input_of_the_eight_bars():
     ],
 )
 def test_chains_without_a_single_freedom_are_refused(edges, words):
-    axes = random_axes(np.random.default_rng(0), len(joints(edges)))
+    axes = random_axes(np.random.default_rng(0), len(parse_chain(edges)))
     with pytest.raises(PlanError) as caught:
-        plan(mechanism(edges, axes))
+        plan(mechanism_from_chain(edges, axes))
     for word in words:
         assert word in str(caught.value)
 

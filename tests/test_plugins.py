@@ -5,8 +5,9 @@ from typing import ClassVar, final
 
 import numpy as np
 import pytest
-from broken_plugins import Tuned
-from common import Asking, distribution
+from helpers.broken_plugins import Tuned
+from helpers.entry_points import write_distribution
+from helpers.minimal_analysis import MinimalAnalysis
 
 import spherekit as sk
 from spherekit.errors import AnalysisError, PluginError
@@ -33,7 +34,7 @@ from spherekit.tables.table import (
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Swing(Asking):
+class Swing(MinimalAnalysis):
     """The largest swing of one pair per assembly mode: an analysis of whole batches."""
 
     name: ClassVar = "swing"
@@ -55,7 +56,7 @@ class Swing(Asking):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Greedy(Asking):
+class Greedy(MinimalAnalysis):
     """Reads what it has not declared."""
 
     name: ClassVar = "greedy"
@@ -83,7 +84,7 @@ class Greedy(Asking):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Ranges(Asking):
+class Ranges(MinimalAnalysis):
     """Inputs by name, how often they were gathered, and words to whoever runs it."""
 
     name: ClassVar = "ranges"
@@ -175,7 +176,7 @@ def test_every_kind_of_parameter_can_be_given_on_the_command_line():
 
 def test_the_same_name_twice_is_refused(tmp_path, monkeypatch):
     lines = "[spherekit.analyses]", "poles = broken_plugins:Sound"
-    distribution(tmp_path, "third_party", *lines)
+    write_distribution(tmp_path, "third_party", *lines)
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(PluginError, match="several distributions"):
         load_analysis("poles")
@@ -185,7 +186,7 @@ def test_one_class_under_two_names_of_its_distribution_is_one(tmp_path, monkeypa
     """As where a distribution was installed before and after it was renamed."""
     analyses = "[spherekit.analyses]", "poles = spherekit_analyses.poles:Poles"
     mechanisms = "[spherekit.mechanisms]", "spherekit = spherekit_mechanisms"
-    distribution(tmp_path, "third_party", *analyses, *mechanisms)
+    write_distribution(tmp_path, "third_party", *analyses, *mechanisms)
     monkeypatch.syspath_prepend(str(tmp_path))
     assert load_analysis("poles").name == "poles"
     assert len(sk.mechanisms()) == len(set(sk.mechanisms()))

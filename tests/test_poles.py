@@ -1,11 +1,12 @@
 """Pole axes and coefficients against closed forms, 50 digits and the null space."""
 
 import numpy as np
-from chains import EIGHT_BARS, mechanism, random_axes
-from common import field_of
-from example_mechanisms import four_bar
-from oracles import null_space, off_axis
-from refusals import text_of
+import pytest
+from helpers.analysis_runs import evaluate_poles_of_motion
+from helpers.refusals import mechanism_text
+from mechanism_examples.linkages import EIGHT_BARS, mechanism_from_chain, random_axes
+from mechanism_examples.named_mechanisms import four_bar
+from oracles.velocity_equations import null_space, sine_between_lines
 from scipy.optimize import brentq
 
 import spherekit as sk
@@ -24,7 +25,7 @@ def test_universal_joint():
     """tan psi = tan theta / cos beta and its first two derivatives, to 1e-13."""
     made = sk.load("universal_joint")
     beta = np.radians(35.0)
-    motion, field = field_of(made)
+    motion, field = evaluate_poles_of_motion(made)
     psi = np.arctan2(np.sin(motion.q), np.cos(beta) * np.cos(motion.q))
     turn = motion.values[:, motion.mechanism.pair_number["41"]] - psi
     opposite = motion.assembly_mode == motion.assembly_mode[np.argmax(np.cos(turn) < 0)]
@@ -66,13 +67,14 @@ def test_coefficient_where_the_published_formula_is_indeterminate():
         assert abs(abs(field.velocity_coefficient[0, 2][1]) - 1.0) < 1e-13
 
 
+@pytest.mark.slow
 def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
     """Many passes over random axes multiply rounding; the equations do not."""
     random = np.random.default_rng(5)
     taken = 0
     for chain in (*EIGHT_BARS, *[EIGHT_BARS[4]] * 6):
-        made = mechanism(chain, random_axes(random, 10))
-        motion, field = field_of(made, samples=3, search=False)
+        made = mechanism_from_chain(chain, random_axes(random, 10))
+        motion, field = evaluate_poles_of_motion(made, samples=3, search=False)
         w, gap = null_space(8, made.ends, motion.axes[1])
         taken += bool(field.is_quad_precision[1])
         a, b = made.ends[motion.assembly.inputs[0]]
@@ -80,7 +82,7 @@ def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
         for i, j in all_poles(8):
             vector = w[j] - w[i]
             size = np.linalg.norm(vector)
-            distance = off_axis(field.direction[i, j][1], vector)
+            distance = sine_between_lines(field.direction[i, j][1], vector)
             bound = max(field.direction_error[i, j][1], 1e-14 / (gap * size))
             assert distance < bound, (i, j, distance, bound)
             # In quad precision loops are closed first, beside the configuration of w.
@@ -94,7 +96,7 @@ def test_badly_conditioned_plan_falls_back_to_the_velocity_equations():
 
 def test_links_that_rest_for_a_moment_are_known_as_well_as_others():
     """Bounds along an axis that relative rates leave open are those of the plan's axis."""
-    result = sk.run(loads(text_of("odd_six")), "poles", samples=3, verify=4)
+    result = sk.run(loads(mechanism_text("odd_six")), "poles", samples=3, verify=4)
     rows = result.frame()
     assert np.min(np.abs(rows["velocity_coefficient"])) < 1e-15
     assert np.all(rows["status"] == "OK") and not result.summary["warnings"]

@@ -7,8 +7,8 @@ import random
 
 import numpy as np
 import pytest
-from proof_checker import check, recorded, refuse
-from refusals import written_of
+from helpers.refusals import decimal_mechanism
+from oracles.proof_checker import check, recorded, refuse
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -41,6 +41,7 @@ def proven(name, pair, inputs, tolerance=0.0):
     return certify_modes(read_decimals(mechanism, tolerance=tolerance), inputs)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(("name", "pair", "inputs", "bound"), CASES)
 def test_all_complex_modes_are_proven_and_the_real_ones_are_those_found(
     name, pair, inputs, bound
@@ -122,6 +123,7 @@ def tampered(certificate, moves):
     return changed
 
 
+@pytest.mark.slow
 def test_the_checker_refuses_a_hundred_tampered_certificates():
     moves = random.Random(17)
     whole = [
@@ -142,9 +144,10 @@ def stretched(coupler):
     """A four-bar whose crank at 0 leaves 40 degrees to a follower of 30 and a coupler."""
     text = read_decimals(sk.load("four_bar")).document.text
     text = text.replace("arcs = [40.0]", "arcs = [30.0]")
-    return written_of(text.replace("arcs = [70.0]", f"arcs = [{coupler}]"))
+    return decimal_mechanism(text.replace("arcs = [70.0]", f"arcs = [{coupler}]"))
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("digits", (6, 12, 28))
 def test_modes_however_close_are_told_apart_and_a_double_one_is_never_certified(digits):
     far = certify_modes(stretched("9." + "9" * digits), ("0",))
@@ -177,6 +180,7 @@ def kite():
     return read_decimals(sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs))
 
 
+@pytest.mark.slow
 def test_a_curve_of_modes_at_one_input_is_a_cluster_and_beside_it_modes_are_certified():
     curve = certify_modes(kite(), ("0",))
     assert not curve.is_complete and not curve.real
@@ -187,6 +191,7 @@ def test_a_curve_of_modes_at_one_input_is_a_cluster_and_beside_it_modes_are_cert
     assert beside.is_complete and len(beside.real) == 2
 
 
+@pytest.mark.slow
 def test_the_checker_repeats_that_nothing_else_is_there():
     whole = recorded(modes_certificate(certify_modes(stretched("10"), ("0",))))
     assert whole["undecided_rad"] and not whole["complete"]

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from proof_checker import check, recorded
-from refusals import text_of, written_of
+from helpers.refusals import decimal_mechanism, mechanism_text
+from oracles.proof_checker import check, recorded
 
 from spherekit.completeness import Guarantee
 from spherekit.proof.ball_frames import exact_ball
@@ -34,7 +34,7 @@ def tripod(plate):
             text += f'[pairs.{name}]\ntype = "R"\nlinks = ["{one}", "{other}"]\n'
             text += f"lonlat = [{longitude}, {90 - angle}]\n"
     text += "".join(f"[inputs.base_{leg}]\nfrom = 0\nto = 360\n" for leg in "abc")
-    return written_of(text)
+    return decimal_mechanism(text)
 
 
 def turned(plate, digits):
@@ -60,6 +60,7 @@ def modes_beside(plate, digits):
     return certify_modes(tripod(plate), (step, step, step))
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("digits", range(4, 13))
 def test_modes_of_a_triad_from_a_millionth_to_1e_14_apart_are_told_apart(digits):
     gap, real = turned(50, digits)
@@ -92,7 +93,7 @@ def test_a_double_mode_of_a_triad_is_a_cluster():
     assert len(near) == 1
 
 
-TWO_DYADS = text_of("two_dyads")
+TWO_DYADS = mechanism_text("two_dyads")
 JOINTS = {"a": "12", "b": "14", "c": "16", "d": "23", "e": "25", "f": "34", "h": "56"}
 
 
@@ -102,7 +103,7 @@ def two_dyads(ground, crank, turn, coupler, rocker):
     text = TWO_DYADS.format(ground=ground, crank=crank, turn=turn, **sizes)
     for name, (one, other) in JOINTS.items():
         text += f'[pairs.{name}]\ntype = "R"\nlinks = ["{one}", "{other}"]\n'
-    return written_of(text + "[inputs.a]\nfrom = 0\nto = 360\n")
+    return decimal_mechanism(text + "[inputs.a]\nfrom = 0\nto = 360\n")
 
 
 DEAD = np.arccos(
@@ -121,6 +122,7 @@ def test_dead_centres_at_one_input_in_different_modes_are_each_certified():
     assert [count for _, _, count in curves.intervals] == [4, 0]
 
 
+@pytest.mark.slow
 def test_two_equal_dyads_that_fold_together_leave_one_small_part_undecided():
     # both are in line in one configuration, where two curves cross, or nearly: that they
     # do follows from no loop in line, and is told apart in no number of bits
@@ -138,9 +140,10 @@ def test_two_equal_dyads_that_fold_together_leave_one_small_part_undecided():
     )
 
 
-FOUR_BAR = text_of("four_bar_proof_adversaries")
+FOUR_BAR = mechanism_text("four_bar_proof_adversaries")
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("arcs", "crossings", "still"),
     [
@@ -156,7 +159,7 @@ FOUR_BAR = text_of("four_bar_proof_adversaries")
     ],
 )
 def test_special_four_bars_have_the_modes_of_the_closed_form(arcs, crossings, still):
-    curves = certify_curves(written_of(FOUR_BAR.format(*arcs)), ("0", "360"))
+    curves = certify_curves(decimal_mechanism(FOUR_BAR.format(*arcs)), ("0", "360"))
     assert curves.completeness.guarantee is Guarantee.CERTIFIED
     assert [saddle.level_sign for saddle in curves.saddles] == [0] * crossings
     assert np.allclose(np.degrees(curves.constant_input_values), still, atol=1e-9)

@@ -4,8 +4,8 @@ import copy
 import random
 
 import pytest
-from proof_checker import check, recorded, refuse
-from refusals import written_of
+from helpers.refusals import decimal_mechanism
+from oracles.proof_checker import check, recorded, refuse
 
 import spherekit as sk
 from spherekit.proof.balls import working_precision
@@ -35,7 +35,7 @@ def over_boxes():
     """A part of the inputs of a 5R that its type II curve goes through."""
     text = read_decimals(sk.load("five_bar")).document.text
     text = text.replace("from = 40.0\nto = 140.0", "from = 78.0\nto = 96.0")
-    written = written_of(text)
+    written = decimal_mechanism(text)
     ends = [written.input_range_text(item.pair) for item in written.mechanism.inputs]
     found = certify_input_map(written, ends, 0.08)
     assert {0, 1, 2} >= set(found.kind.tolist()) >= {0, 1}
@@ -62,6 +62,7 @@ def test_wheels_are_repeated_by_the_angular_velocities_of_rolling(name):
         refuse(changed)
 
 
+@pytest.mark.slow
 def test_a_map_with_two_systems_of_two_unknowns_each_is_repeated():
     written = read_decimals(sk.load("two_dof_spm"))
     found = certify_input_map(written, [("20", "20.01"), ("17", "17.01")])
@@ -125,6 +126,7 @@ def tampered_map(changed, moves):
         changed["shares"]["regular"] = nudged(changed["shares"]["regular"], moves)
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("count", [4, 40])
 def test_the_checker_refuses_tampered_certificates(by_systems, over_boxes, count):

@@ -3,8 +3,8 @@
 import copy
 
 import pytest
-from proof_checker import Refused, check, recorded, refuse
-from refusals import text_of
+from helpers.refusals import mechanism_text
+from oracles.proof_checker import Refused, check, recorded, refuse
 from test_proof_geared import PLANET, geared
 from test_wheels import FIVE_BAR
 
@@ -20,7 +20,7 @@ from spherekit.proof.configuration_curves import certify_curves
 WITHIN = FIVE_BAR + 'contact = "internal"\n'
 TURNED = FIVE_BAR.replace('links = ["1", "5"]', 'links = ["5", "1"]')
 BACKWARDS = FIVE_BAR.replace("inputs.left", "inputs.right")
-POSED = text_of("posed_geared_five_bar")
+POSED = mechanism_text("posed_geared_five_bar")
 
 
 def certificate_of(teeth, ends, text=FIVE_BAR):

@@ -6,8 +6,8 @@ import re
 
 import numpy as np
 import pytest
-from proof_checker import check, recorded
-from refusals import text_of, written_of
+from helpers.refusals import decimal_mechanism, mechanism_text
+from oracles.proof_checker import check, recorded
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -19,7 +19,7 @@ from spherekit.proof.certified_modes import certify_modes
 from spherekit.proof.decimal_mechanism import read_decimals
 from spherekit.runs.proven_poles import check_provable, prove_poles
 
-DISCS = text_of("proof_contacts_discs")
+DISCS = mechanism_text("proof_contacts_discs")
 BARS = {"a": (70.0, 0.0, 25.0), "b": (75.0, 55.0, 31.5), "c": (50.0, 0.0, 19.0)}
 """Three discs on links 1, 1 and 2: arc and angle of the centre there, radius there."""
 PLATE = {"a": (0.0, 0.0, 14.0), "b": (35.0, 0.0, 20.25), "c": (28.0, 62.0, 26.0)}
@@ -70,7 +70,7 @@ def bars(internal=""):
 
 
 def proven(text, *inputs):
-    return certify_modes(written_of(text), inputs)
+    return certify_modes(decimal_mechanism(text), inputs)
 
 
 @pytest.mark.parametrize("internal", ["", "a"])
@@ -154,7 +154,7 @@ LOOPS = [
 
 @pytest.mark.parametrize("teeth", LOOPS)
 def test_wheels_in_a_loop_turn_as_in_a_run(teeth):
-    found = compared(written_of(geared(teeth)).mechanism, ["75"], 2)
+    found = compared(decimal_mechanism(geared(teeth)).mechanism, ["75"], 2)
     rows = len(found.data["status"])
     assert rows > 0 and all(each.total() == rows for each in found.counts.values())
     assert not found.exceeded
@@ -195,6 +195,6 @@ def test_other_contacts_are_refused():
             read_decimals(sk.load(name))
     text = plate().replace('type = "Cs"\nlinks = ["2"', 'type = "Cr"\nlinks = ["2"')
     with pytest.raises(PlanError, match="pair c is a rolling contact, and no link carries"):
-        written_of(text)
+        decimal_mechanism(text)
     with pytest.raises(AnalysisError, match="-a poles"):
         check_provable(sk.load("four_bar"), ["statics"], whole=True)

@@ -6,7 +6,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from refusals import written_of
+from helpers.refusals import decimal_mechanism
 from test_proof_adversaries import FOUR_BAR, two_dyads
 from test_proof_range import check_counts
 
@@ -24,7 +24,7 @@ def four_bar(arcs, unit="deg"):
     text = FOUR_BAR.format(*arcs).replace('"deg"', f'"{unit}"')
     if unit == "rad":
         text = text.replace("to = 360", "to = 6.28")
-    return written_of(text)
+    return decimal_mechanism(text)
 
 
 def nudged(arcs, link, step):
@@ -66,6 +66,7 @@ def test_a_crossing_and_narrow_gaps_are_told_apart(step, link, sense):
                 assert 0 not in sides and (sides[0] != sides[1]) == closes
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("ends", "crossed"),
     [
@@ -96,9 +97,10 @@ def crossing_dyads():
     ):
         assert old in text
         text = text.replace(old, new)
-    return written_of(text)
+    return decimal_mechanism(text)
 
 
+@pytest.mark.slow
 def test_curves_of_two_loops_cross_once_in_each_mode_of_the_other():
     curves = certify_curves(crossing_dyads(), TURN)
     assert curves.completeness.guarantee is Guarantee.CERTIFIED
@@ -123,7 +125,7 @@ def test_links_in_radians_are_in_line_where_both_sides_are_the_same_sum():
 
 
 def test_a_tolerance_leaves_open_whether_curves_cross():
-    written = written_of(FOUR_BAR.format(*FOLDS), tolerance=1e-12)
+    written = decimal_mechanism(FOUR_BAR.format(*FOLDS), tolerance=1e-12)
     curves = certify_curves(written, TURN)
     assert curves.completeness.guarantee is Guarantee.TO_BOX
     assert [saddle.level_sign for saddle in curves.saddles] == [None]

@@ -6,7 +6,7 @@ and two arcs close the loop where they reach over the gap between the tips, with
 
 import numpy as np
 import pytest
-from refusals import written_of
+from helpers.refusals import decimal_mechanism
 from scipy.optimize import brentq
 from test_wheels import FIVE_BAR, closes, right_crank
 
@@ -23,7 +23,7 @@ PLANET = PLANET.replace('axes = ["left", "right"]\n', 'axes = ["left", "32"]\n')
 
 
 def geared(teeth, text=FIVE_BAR):
-    return written_of(text.format(*teeth, 0.0, 360.0))
+    return decimal_mechanism(text.format(*teeth, 0.0, 360.0))
 
 
 def margin(q, teeth):

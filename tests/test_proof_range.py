@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from chains import EIGHT_BARS, mechanism, random_axes
-from proof_checker import check, recorded, refuse
+from mechanism_examples.linkages import EIGHT_BARS, mechanism_from_chain, random_axes
+from oracles.proof_checker import check, recorded, refuse
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -45,6 +45,7 @@ def check_counts(curves, intervals):
         assert modes.is_complete and len(modes.real) == count
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("name", "pair", "ends", "turning"),
     [
@@ -70,7 +71,7 @@ def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
     """Where a piece is all but too long to prove, its bounds are those of the piece."""
     chain = EIGHT_BARS[0]
     axes = random_axes(np.random.default_rng(seed), len(chain.split()))
-    made = mechanism(chain, axes)
+    made = mechanism_from_chain(chain, axes)
     made = replace(made, inputs=(Input(made.pairs[0].name, 0.0, 2.0 * np.pi),))
     curves = over(made)
     assert curves.completeness.guarantee is Guarantee.CERTIFIED, curves.completeness
@@ -145,6 +146,7 @@ def tampered(certificate, moves):
     return changed
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("count", [4, 24])
 def test_the_checker_proves_curves_again_and_refuses_tampered_ones(count):
@@ -166,6 +168,7 @@ def with_singularities(name, pair, ends):
     return recorded({**curves_certificate(curves), "singularities": table})
 
 
+@pytest.mark.slow
 def test_the_checker_repeats_turning_points_and_singularities():
     whole = with_singularities("four_bar", "21", ("26", "30"))
     stops = [stop for curve in whole["curves"] for stop in curve["input_stops"]]

@@ -22,6 +22,7 @@ def run_of():
     return mechanism, *tables
 
 
+@pytest.mark.slow
 def test_every_pole_of_a_run_is_enclosed_and_its_bounds_hold(run_of):
     mechanism, motion, poles = run_of
     found = prove_poles(mechanism, motion, poles)

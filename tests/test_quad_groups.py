@@ -9,9 +9,9 @@ from dataclasses import replace
 import mpmath as mp
 import numpy as np
 import pytest
-from chains import grown
-from exact_configurations import deviations
-from special_mechanisms import four_bar
+from mechanism_examples.linkages import grow_dyad_chain
+from mechanism_examples.special_mechanisms import four_bar
+from oracles.exact_configurations import deviations
 
 from spherekit.mechanism.elements import Input
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -97,7 +97,7 @@ def _difference(placed, other, row):
 @pytest.mark.parametrize("seed", [2, 11])
 def test_modes_of_triads_end_at_their_dead_centre(seed):
     """Two modes on one side of the end of a mode, and none on the other."""
-    made = grown(np.random.default_rng(seed), 8, True)
+    made = grow_dyad_chain(np.random.default_rng(seed), 8, True)
     made = replace(made, inputs=(Input(made.inputs[0].pair, -1.5, 1.5),))
     guides = [mode.guide for mode in PositionAnalysis(made, samples=5).assembly_modes]
     ends = {

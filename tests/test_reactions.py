@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from newton_euler import loaded, newton_euler, row_of
+from oracles.newton_euler import newton_euler, row_of_torques, with_masses_and_loads
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -42,7 +42,7 @@ def moving(made, starts, t, rate=0.3, bend=0.2):
 
 @pytest.mark.parametrize("name", [*STARTS, *OTHERS])
 def test_newton_and_euler_give_the_same_torques_and_reactions(name):
-    made, joint = loaded(name, np.random.default_rng(sum(map(ord, name))))
+    made, joint = with_masses_and_loads(name, np.random.default_rng(sum(map(ord, name))))
     made = made.with_inputs(*[item.pair for item in made.inputs])
     found = reactions(moving(made, (STARTS | OTHERS)[name], [0.0, 0.2, 0.4]))
     torques = found.torques
@@ -50,11 +50,11 @@ def test_newton_and_euler_give_the_same_torques_and_reactions(name):
     assert np.max(found.unbalanced) < 1e-12 * size
     assert np.any(found.is_open) == (name == "bevel_differential")
     for row in range(len(torques.t)):
-        want = newton_euler(*row_of(torques, row, joint))
+        want = newton_euler(*row_of_torques(torques, row, joint))
         assert torques.torques[row] == pytest.approx(want, rel=1e-10, abs=1e-10)
         if np.any(found.is_open) or any(pair.pressure_angle for pair in made.pairs):
             continue  # the equations leave how teeth press open
-        want = newton_euler(*row_of(torques, row, joint), full=True)
+        want = newton_euler(*row_of_torques(torques, row, joint), full=True)
         for k, pair in enumerate(made.pairs):
             held = len(want[pair.name])
             got = found.moments[row, k]
@@ -150,7 +150,7 @@ def test_redundant_constraints_are_named_and_left_open(capsys):
 
 
 def test_bearings_that_lock_are_refused(tmp_path):
-    made, _ = loaded("stephenson", np.random.default_rng(5))
+    made, _ = with_masses_and_loads("stephenson", np.random.default_rng(5))
     tight = sk.Bearings("rub", "14", (0.1,), radius=0.5, coefficient=0.9, speed=0.01)
     locked = reactions(moving(made.with_loads(tight), (0.4,), [0.1]))
     assert locked.torques.status[0] != Status.OK
@@ -165,6 +165,7 @@ def test_bearings_that_lock_are_refused(tmp_path):
             refused()
 
 
+@pytest.mark.slow
 def test_a_simulation_ends_where_a_one_sided_contact_lifts_off(tmp_path):
     """Where the torque that presses the follower is all that its acceleration takes.
 

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from chains import mechanism
-from newton_euler import body
-from test_dynamics_several_inputs import STARTS, heavy
+from mechanism_examples.linkages import mechanism_from_chain
+from oracles.newton_euler import random_mass, with_point_masses
+from test_dynamics_several_inputs import STARTS
 
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
@@ -21,7 +21,7 @@ mujoco = pytest.importorskip("mujoco")
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
 def test_what_holds_loops_together_is_what_mujoco_says(name):
     """Of each hinge, the torque there of the moments at the pairs that close loops."""
-    made = heavy(name)
+    made = with_point_masses(name)
     dq = tuple(0.4 * (-1) ** (k + 1) for k in range(len(made.inputs)))
     found = sk.simulate(made, sk.Start(STARTS[name], dq), 0.01)
     begun = found.at([0.0])
@@ -59,10 +59,10 @@ def test_what_holds_loops_together_is_what_mujoco_says(name):
 def test_forces_of_an_open_chain_are_what_mujoco_says():
     """A wrist of three R pairs: the wrench of each hinge, without any constraint."""
     axes = np.array([[0.1, 0.2, 1.0], [1.0, 0.3, 0.2], [0.2, -1.0, 0.4]])
-    made = mechanism("1-2 2-3 3-4", axes / np.linalg.norm(axes, axis=1)[:, None])
+    made = mechanism_from_chain("1-2 2-3 3-4", axes / np.linalg.norm(axes, axis=1)[:, None])
     random = np.random.default_rng(8)
     made = made.with_inputs(*[pair.name for pair in made.pairs])
-    made = replace(made, masses=tuple(body(random, link) for link in made.links[1:]))
+    made = replace(made, masses=tuple(random_mass(random, link) for link in made.links[1:]))
     made = made.with_loads(sk.Gravity("weight", (1.0, -2.0, -9.0)))
     q, dq, ddq = (0.3, -0.5, 0.8), (1.0, -2.0, 1.5), (4.0, 3.0, -6.0)
     laws = {

@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from common import Listener
-from refusals import text_of
+from helpers.refusals import mechanism_text
+from helpers.scene_listener import SceneListener
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
@@ -111,6 +111,7 @@ def test_ticks_are_round_and_colours_go_from_first_to_last():
     assert (tuple(low), tuple(high)) == (HEAT[0], HEAT[-1])
 
 
+@pytest.mark.slow
 def test_what_is_to_be_seen_is_kept_after_the_first_time(tmp_path):
     pytest.importorskip("matplotlib", reason="figures are drawn by matplotlib")
     options = {"samples": 13, "block": 5}
@@ -129,6 +130,7 @@ def test_what_is_to_be_seen_is_kept_after_the_first_time(tmp_path):
     assert rows[0] == rows[1] and len(rows[0]) == 13
 
 
+@pytest.mark.slow
 def test_what_was_asked_for_comes_first(tmp_path):
     pose = "inverse_kinematics:poses=x=0.5+y=0.6+z=0.62"
     _, pages = recorded(tmp_path / "a.rrd", "five_bar", [pose, "poles"], samples=3)
@@ -140,7 +142,7 @@ def test_what_was_asked_for_comes_first(tmp_path):
 
 
 def test_solved_poses_are_drawn():
-    listener = Listener()
+    listener = SceneListener()
     wanted = np.array([0.5, 0.6, 0.62]) / np.linalg.norm([0.5, 0.6, 0.62])
     pose = "inverse_kinematics:poses=x=0.5+y=0.6+z=0.62"
     result = sk.run("five_bar", pose, recorder=listener, samples=3)
@@ -155,7 +157,7 @@ def test_solved_poses_are_drawn():
 
 
 def test_the_moving_axode_rolls_on_the_fixed_one():
-    listener = Listener()
+    listener = SceneListener()
     result = sk.run("four_bar", "poles:only=31,axodes=31", recorder=listener, samples=2881)
     frame = result.frame().query("assembly_mode == 0")
     pages = [scene.primitives for scene in listener.scenes if scene.page == 0]
@@ -178,9 +180,10 @@ def test_the_moving_axode_rolls_on_the_fixed_one():
     assert np.max((sine / size)[2:-2]) < 5e-3  # tangent
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "four_bar"])
 def test_each_step_of_the_construction_gives_a_pole_where_its_lines_meet(name):
-    listener = Listener()
+    listener = SceneListener()
     poles = "poles:circles=4/1" if name == "four_bar" else "poles"  # the axis of a pair
     result = sk.run(name, poles, recorder=listener, samples=3, assembly_mode=0)
     (page,) = [scene for scene in listener.scenes if scene.page == "Construction"]
@@ -221,7 +224,7 @@ def test_a_mechanism_is_seen_before_any_run(tmp_path):
         assert along == pytest.approx(value, rel=2e-3)
 
 
-FAR = text_of("far")
+FAR = mechanism_text("far")
 
 
 def test_a_mechanism_that_does_not_close_everywhere_says_where_it_is_shown(tmp_path):

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from common import bare
-from refusals import TABLES, check_call
+from helpers.refusals import TABLES, check_call
+from mechanism_examples.shipped_mechanisms import load_without_loads
 
 from spherekit.cli.main import main
 from spherekit.dynamics.inverse_dynamics import inverse_dynamics
@@ -80,7 +80,7 @@ def test_every_pole_and_coefficient_is_that_of_the_plan(four_bar, models, assemb
 
 
 def test_a_pole_that_turns_fast_has_narrow_cells_and_the_same_error():
-    mechanism = bare("stephenson")
+    mechanism = load_without_loads("stephenson")
     names = ("6/3", "5/2", "3/1")
     model = reduced_model(mechanism, poles=names)
     assert len(model.groups[1].edges) > len(model.groups[2].edges)
@@ -144,7 +144,7 @@ def test_an_open_curve_refuses_places_beyond_its_ends(four_bar):
 
 @pytest.mark.parametrize("call", TABLES["stored models"])
 def test_bad_requests_name_the_nearest_match(models, call):
-    names = {"model": models[0], "reduced_model": reduced_model, "bare": bare}
+    names = {"model": models[0], "reduced_model": reduced_model, "bare": load_without_loads}
     check_call(call, names, TABLES["stored models"][call])
 
 

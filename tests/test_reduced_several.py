@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from newton_euler import loaded
+from oracles.newton_euler import with_masses_and_loads
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -24,7 +24,7 @@ def narrowed(mechanism, *spans):
 
 @pytest.fixture(scope="module")
 def mechanism():
-    made, _ = loaded("five_bar", np.random.default_rng(3))
+    made, _ = with_masses_and_loads("five_bar", np.random.default_rng(3))
     return narrowed(made, (1.0, 1.15), (1.2, 1.3))
 
 
@@ -80,6 +80,7 @@ def test_a_torque_given_later_is_one_more_load(model):
         model.with_torque({"32": "1"})
 
 
+@pytest.mark.slow
 def test_the_domain_is_where_the_assembly_mode_is_away_from_its_ends(tmp_path):
     made = narrowed(sk.load("five_bar"), (1.2, 1.45), (1.25, 1.5))
     path, _, notes = sk.export(made, tmp_path / "part.npz", tolerance=1e-6)

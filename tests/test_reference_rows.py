@@ -6,10 +6,10 @@ from functools import cache
 import mpmath as mp
 import numpy as np
 import pytest
-from chains import mechanism
-from exact_four_bar import angle, arcs_of
-from random_mechanisms import random_mechanism
-from stated_errors import KINDS, stated
+from helpers.error_bound_checks import KINDS, stated
+from mechanism_examples.linkages import mechanism_from_chain
+from mechanism_examples.random_mechanisms import random_mechanism
+from oracles.exact_four_bar import angle, arcs_of
 
 import spherekit as sk
 from spherekit.errors import EngineError, SolveError, SpherekitError
@@ -116,6 +116,7 @@ def check_arcs(made, found):
                 assert np.max(np.abs(np.sum(one * two, axis=1) - cosine)) < closed
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", CHAINS)
 def test_the_equations_of_every_pair(name):
     """Arcs are those declared, relative rates lie along axes, differences are derivatives.
@@ -272,7 +273,7 @@ def test_no_rows_and_no_loops():
     motion = traced("four_bar")
     none = sk.exact_rows(motion, np.zeros(len(motion), dtype=bool), 0, order=3)
     assert none.ddw.shape == (0, 4, 3)
-    hinge = mechanism("1-2", [(0.0, 0.6, 0.8)], span=(0.0, 1.0))
+    hinge = mechanism_from_chain("1-2", [(0.0, 0.6, 0.8)], span=(0.0, 1.0))
     motion = sk.trace(hinge, samples=3, search=False)
     found = sk.exact_rows(motion, np.ones(3, dtype=bool), 0, FIFTY)
     assert np.all(found.condition == 1.0) and np.all(motion.conditioning == 1.0)

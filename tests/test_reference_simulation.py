@@ -6,10 +6,10 @@ from functools import partial
 import mpmath as mp
 import numpy as np
 import pytest
-from common import compiled
-from exact_four_bar import arcs_of
-from exact_four_bar import four_bar as four_bar_at
-from example_mechanisms import one_link
+from helpers.engines import needs_heyoka
+from mechanism_examples.named_mechanisms import one_link_mechanism
+from oracles.exact_four_bar import arcs_of
+from oracles.exact_four_bar import four_bar as four_bar_at
 
 import spherekit as sk
 from spherekit.dynamics.forward_dynamics import simulate
@@ -37,7 +37,7 @@ def digits():
 
 
 pendulum = partial(
-    one_link, np.diag([INERTIA, 0.5, 0.5]), mass=WEIGHT, centre=(0.0, 0.0, -0.25)
+    one_link_mechanism, np.diag([INERTIA, 0.5, 0.5]), mass=WEIGHT, centre=(0.0, 0.0, -0.25)
 )
 
 
@@ -62,6 +62,7 @@ def test_a_pendulum_swings_by_elliptic_functions():
     assert off(at[2][:, 0], [-w * w * mp.sin(x) for x in angles]) < 2e-17
 
 
+@pytest.mark.slow
 def test_kinks_stops_and_tables_by_closed_forms():
     t = np.linspace(0.0, 2.0, 9)
     # free to 0.5 rad, then pushed away from there
@@ -123,6 +124,7 @@ def four_bar():
         return t, *([mp.mpf(x) for x in column[:, 0]] for column in found[:2])
 
 
+@pytest.mark.slow
 def test_a_four_bar_moves_by_conservation_of_energy(four_bar):
     _, q, rates = four_bar
     energies = [
@@ -194,6 +196,7 @@ def tables_of(made, analysis, setting, t, start):
     return compute_timed_tables(course, create_analysis(analysis), Setting())[0]
 
 
+@pytest.mark.slow
 def test_reported_errors_of_a_four_bar_are_within_a_factor_two(four_bar):
     t, q, rates = four_bar
     found = traded(FOUR_BAR, samples=len(t), start=START, duration=0.5, settings=SETTINGS)
@@ -229,14 +232,14 @@ def test_the_table_says_what_the_reference_was(monkeypatch):
     assert EPS <= found.floor < 1e-10
 
 
-@compiled
+@needs_heyoka
 def test_ends_that_depend_on_a_tolerance_have_no_reference():
     made = pendulum(PairTorque("burst", "12", "1/(0.1 - t)"))
     with pytest.raises(EngineError, match="ended at 0.1 s .* shorter time"):
         reference_simulation(made, Start(0.0, 1.0), 0.2)
 
 
-@compiled
+@needs_heyoka
 def test_dry_friction_is_compared_until_it_sticks():
     brake = PairTorque("brake", "21", "-0.6*sign(dtheta_21)")
     made = replace(FOUR_BAR, loads=(brake,))

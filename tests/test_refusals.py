@@ -9,9 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from broken_plugins import Tuned
-from example_mechanisms import LINKS, built, two_four_bars
-from refusals import TABLES, changed, check, check_call, text_of
+from helpers.broken_plugins import Tuned
+from helpers.refusals import (
+    TABLES,
+    check_call,
+    check_fragments,
+    mechanism_text,
+    replace_passages,
+)
+from mechanism_examples.named_mechanisms import LINKS, four_bar_from_file, two_four_bars
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -49,7 +55,7 @@ CALLED = (
         Tabulated,
         aspects,
         range_variation,
-        built,
+        four_bar_from_file,
     ),
     *(find_region, inverse_dynamics, output_of, reduced_model, replace, simulate),
     *(singular_curves, singular_surface, trade, two_four_bars),
@@ -86,8 +92,8 @@ def cases(*tables):
 def test_mistakes_in_mechanism_files(name, case):
     old, new, *fragments = TABLES[name][case]
     with pytest.raises(FileError) as caught:
-        loads(changed(text_of(name), old, new), "x.toml")
-    check(str(caught.value), fragments)
+        loads(replace_passages(mechanism_text(name), old, new), "x.toml")
+    check_fragments(str(caught.value), fragments)
 
 
 NINES = "9" * 400
@@ -102,17 +108,17 @@ HUGE = [
 @pytest.mark.parametrize(("old", "new", "fragments"), HUGE, ids=range(len(HUGE)))
 def test_what_is_huge_is_refused(old, new, fragments):
     with pytest.raises(FileError) as caught:
-        loads(changed(text_of("sizes"), old, new), "x.toml")
-    check(str(caught.value), fragments)
+        loads(replace_passages(mechanism_text("sizes"), old, new), "x.toml")
+    check_fragments(str(caught.value), fragments)
 
 
 @pytest.mark.parametrize(("name", "case"), cases(*STUDIES))
 def test_mistakes_in_study_files(name, case):
     old, new, *fragments = TABLES[name][case]
-    Path("x.study.toml").write_text(changed(text_of(name), old, new))
+    Path("x.study.toml").write_text(replace_passages(mechanism_text(name), old, new))
     with registered(Tuned), pytest.raises(FileError) as caught:
         sk.run("x.study.toml")
-    check(str(caught.value), fragments)
+    check_fragments(str(caught.value), fragments)
 
 
 def told(command, capsys):
@@ -130,17 +136,17 @@ def told(command, capsys):
 @pytest.mark.parametrize("case", TABLES["template"])
 def test_mistakes_in_mechanism_files_by_the_command(case, capsys):
     old, new, *fragments = TABLES["template"][case]
-    Path("mine.toml").write_text(changed(TEMPLATE.read_text(), old, new))
+    Path("mine.toml").write_text(replace_passages(TEMPLATE.read_text(), old, new))
     status, said = told("run mine.toml", capsys)
     assert status == 1
-    check(said, fragments)
+    check_fragments(said, fragments)
 
 
 @pytest.mark.parametrize("command", TABLES["commands"])
 def test_mistakes_in_commands(command, capsys):
     status, said = told(command.replace("LONG", "x" * 300), capsys)
     assert status in (1, 2) and (status == 2) == ("See: spherekit" in said)
-    check(said, TABLES["commands"][command])
+    check_fragments(said, TABLES["commands"][command])
 
 
 @pytest.mark.parametrize(("table", "call"), cases("calls", "answers"))

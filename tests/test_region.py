@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from sphere_areas import common_area
+from oracles.sphere_areas import common_area
 
 from spherekit.errors import RegionError
 from spherekit.geometry.direction_region import find_region
@@ -272,6 +272,7 @@ def test_everything_and_nothing():
     assert nothing.volume == nothing.error == 0.0 and nothing.depth < 0.0
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("angle", [0.4, 1.5, 2.8])
 def test_turns_by_at_most_an_angle(angle):
     """The volume is 8 pi (a - sin a); that of tilts by a 4 pi^2 (1 - cos a)."""
@@ -290,6 +291,7 @@ def test_turns_by_at_most_an_angle(angle):
     assert abs(found.volume - 4.0 * np.pi**2 * (1.0 - low)) <= 0.3 * found.error
 
 
+@pytest.mark.slow
 def test_one_axis_in_common_caps():
     """The volume is 2 pi times the area in which the axis may be."""
     rng = np.random.default_rng(11)

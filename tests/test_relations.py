@@ -148,6 +148,7 @@ def test_pole_columns_change_as_their_derivatives_say():
             assert np.nanmedian(off) < 1e-3 * allowed
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("name", "vary", "samples", "by"),
     [
@@ -241,6 +242,7 @@ def test_forces_on_bearings_are_those_of_moment_and_force():
     assert sized > 1e-3
 
 
+@pytest.mark.slow
 def test_relations_of_singularities_are_coefficients():
     names = ["singularities:output=6/1", "poles:only=61"]
     run = sk.run("stephenson", names, samples=37)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from chains import FOUR_BAR, mechanism, random_axes
+from mechanism_examples.linkages import FOUR_BAR, mechanism_from_chain, random_axes
 
 import spherekit as sk
 from spherekit.errors import SolveError
@@ -38,6 +38,7 @@ def sharp_rows(motion, wanted, fields):
     return good
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", MECHANISMS.split())
 def test_all_routes_agree_where_all_are_sharp(name):
     tracer = PositionAnalysis(sk.load(name), samples=25)
@@ -72,7 +73,9 @@ def test_only_the_best_route_changes_over():
     """With two nearly parallel axes the great circles fail, the equations do not."""
     axes = random_axes(np.random.default_rng(5), 4)
     axes[1] = axes[0] + 1e-9 * axes[2]
-    made = mechanism(FOUR_BAR, axes / np.linalg.norm(axes, axis=1, keepdims=True))
+    made = mechanism_from_chain(
+        FOUR_BAR, axes / np.linalg.norm(axes, axis=1, keepdims=True)
+    )
     made = replace(made, inputs=(Input(made.inputs[0].pair, 0.0, 1e-3),))
     tracer = PositionAnalysis(made, search=False, samples=2)
     wanted = asked(tracer, tracer.inputs[0])

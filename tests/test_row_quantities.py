@@ -6,7 +6,7 @@ from itertools import permutations, product
 
 import numpy as np
 import pytest
-from common import with_values
+from mechanism_examples.shipped_mechanisms import with_file_numbers
 
 import spherekit as sk
 from spherekit.designs.design_variables import design_variable
@@ -100,6 +100,7 @@ class Rows:
         return [("" if one else f"_by_{pair}", pair) for pair in self.inputs]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", MARKED)
 def test_vectors_are_those_of_evaluation_by_names(name):
     mechanism = sk.load(name)
@@ -141,6 +142,7 @@ def test_vectors_are_those_of_evaluation_by_names(name):
             assert np.max(np.abs(own - seen @ output.direction)) < 1e-12
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", MARKED)
 def test_forces_and_free_accelerations_are_those_of_inverse_dynamics(name):
     rows = Rows(name, lambda x: x.startswith(("torque", "gen", "free", "kin", "B_")))
@@ -177,6 +179,7 @@ class Stencil:
         return tuple(self.states[:, np.rint(np.asarray(t) / MOMENT).astype(int)])
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", MARKED)
 def test_linearised_accelerations_are_differences_of_inverse_dynamics(name):
     rows = Rows(name, lambda x: x.startswith(("A_", "B_torque")))
@@ -260,7 +263,9 @@ def test_derivatives_by_sizes_are_differences_of_designs(name, key, quantities):
         return sensitivity.at(rows, motion.values)
 
     shares = (-2, -1, 1, 2)
-    moved = [with_values(nominal, {key: value + np.degrees(1e-4 * k)}) for k in shares]
+    moved = [
+        with_file_numbers(nominal, {key: value + np.degrees(1e-4 * k)}) for k in shares
+    ]
     values = [at(mechanism)[0] for mechanism in moved]
     wanted = np.tensordot([1.0, -8.0, 8.0, -1.0], values, 1) / 12e-4
     own = at(nominal)[1][0]
@@ -273,7 +278,7 @@ def test_what_points_along_an_axis_follows_it_in_other_designs():
     figures = [f"{x}={text}" for x, text in zip("xyz", texts, strict=True)]
     found = sk.sweep("five_bar", {key: [60.0, 80.0]}, figures, samples=3).frame()
     for arc, rows in found.groupby("links_3_arc"):
-        mechanism = with_values("five_bar", {key: arc})
+        mechanism = with_file_numbers("five_bar", {key: arc})
         turned = sk.evaluate(mechanism, np.radians([[50.0, 60.0]])).rotation("3")
         wanted = turned @ mechanism.outputs[0].direction
         assert np.allclose(rows[["x", "y", "z"]], wanted, rtol=0.0, atol=1e-12)
@@ -288,7 +293,7 @@ def test_where_outputs_point_varies(tmp_path):
     assert len(found) == 4
     turned = sk.evaluate(path, np.radians([[50.0, 60.0]])).rotation("3")
     for longitude, rows in found.groupby("outputs_pointer_longitude"):
-        direction = with_values(path, {key: longitude}).outputs[0].direction
+        direction = with_file_numbers(path, {key: longitude}).outputs[0].direction
         assert np.arctan2(*direction[1::-1]) == pytest.approx(np.radians(longitude))
         own = rows[["x", "y", "z"]]
         assert np.allclose(own, turned @ direction, rtol=0.0, atol=1e-12)

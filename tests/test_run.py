@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from common import Listener
+from helpers.scene_listener import SceneListener
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -117,22 +117,22 @@ def test_folders_that_cannot_be_written(result, tmp_path, capsys):
 
 
 def test_scenes_come_block_by_block_while_the_run_goes_on():
-    listener, order = Listener(), []
+    listener, order = SceneListener(), []
     how = {"samples": 25, "block": 10, "recorder": listener}
-    how["progress"] = lambda *counts: order.append((*counts, len(listener.when)))
+    how["progress"] = lambda *counts: order.append((*counts, len(listener.row_counts)))
     sk.run(sk.load("four_bar"), "poles", **how)
     assert [entry[:2] for entry in order] == [(10, 25), (20, 25), (25, 25)]
     assert order[0][2] < order[1][2] < order[2][2]
     assert listener.assembly_modes == {0: "Mode 0 (+, p1)", 1: "Mode 1 (-, p0)"}
-    assert listener.still == ["link/1", "plan", "graph"]
-    for (page, _), rows in listener.rows.items():
+    assert listener.static_paths == ["link/1", "plan", "graph"]
+    for (page, _), rows in listener.samples_by_primitive.items():
         steps = page == "Construction"  # a page with rows of its own
         assert rows == list(range(3 if steps else 25))
     assert np.linalg.norm(listener.focus) == pytest.approx(1.0)
 
 
 def test_several_inputs_are_told_apart_on_the_stage():
-    listener = Listener()
+    listener = SceneListener()
     sk.run(sk.load("five_bar"), "poles", samples=(3, 4), assembly_mode=0, recorder=listener)
     assert listener.inputs is None and listener.row == 4
     plots = {path for path in listener.paths if path.startswith("plots/velocity/")}

@@ -5,8 +5,8 @@ from typing import ClassVar, final
 
 import numpy as np
 import pytest
-from broken_plugins import Sound
-from common import Asking
+from helpers.broken_plugins import Sound
+from helpers.minimal_analysis import MinimalAnalysis
 
 import spherekit as sk
 from spherekit import plugin
@@ -237,7 +237,7 @@ def test_wrong_pages_and_axes_are_refused(scene, fragment):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Crooked(Asking):
+class Crooked(MinimalAnalysis):
     """Shows something of a wrong shape."""
 
     name: ClassVar = "crooked"
@@ -257,6 +257,7 @@ class Crooked(Asking):
         return (unchecked(Scene, 0, (WRONG[self.fault][0],)),)
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(
     "fault", ["Series as a column", "InputMarks 1-D", "SphereCurves of a plane"]
@@ -309,7 +310,7 @@ def test_shapes_are_in_the_help_of_every_primitive():
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Constant(Asking):
+class Constant(MinimalAnalysis):
     """Reads no samples, and has rows with numbers of samples all the same."""
 
     name: ClassVar = "constant"

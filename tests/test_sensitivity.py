@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from example_mechanisms import crank_rocker
-from refusals import text_of
+from helpers.refusals import mechanism_text
+from mechanism_examples.named_mechanisms import crank_rocker
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -35,13 +35,13 @@ FOUR = (2.0**-12, {-2.0: 1 / 12, -1.0: -2 / 3, 1.0: 2 / 3, 2.0: -1 / 12})
 CAM = "pairs.contact.profiles.cam"
 HARMONIC = f"{CAM}.cosines.1"
 POINTED = (
-    text_of("cam_profile_sensitivity")
+    mechanism_text("cam_profile_sensitivity")
     + """kind = "points"
 points = [[0.0, 58.0], [37.0, 62.0], [85.0, 66.0], [120.0, 68.0], [165.0, 66.0],
     [200.0, 63.5], [243.0, 61.0], [280.0, 60.0], [325.0, 58.5]]
 """
 )
-WRITTEN = {"cam_and_rocker": text_of("cam_and_rocker"), "pointed": POINTED}
+WRITTEN = {"cam_and_rocker": mechanism_text("cam_and_rocker"), "pointed": POINTED}
 CASES = [
     ("four_bar", ("links.1.arc", "links.3.arc", "pairs.41.zero"), TWO),
     ("stephenson", ("links.3.angle", "links.1.arcs.16", "links.5.arc"), TWO),
@@ -62,6 +62,7 @@ def samples_of(motion):
     return np.stack([motion.q, ones, 0.0 * ones, motion.q], axis=1)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name, keys, difference", CASES)
 def test_derivatives_are_those_of_differences_in_fifty_digits(
     name, keys, difference, tmp_path
@@ -150,6 +151,7 @@ def test_nothing_matters_most_where_a_quantity_hangs_on_no_size():
     assert rows["share"].isna().all() and not rows["matters_most"].astype(str).any()
 
 
+@pytest.mark.slow
 def test_transmission_angles_are_the_same_from_variables_and_in_closed_form():
     motion = sk.trace("stephenson", samples=5)
     names = [f"transmission_angle_{pair}" for pair in ("34", "56")]
@@ -168,6 +170,7 @@ def test_transmission_angles_are_the_same_from_variables_and_in_closed_form():
                 assert np.radians(row[f"low_{k}"]) == pytest.approx(near, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_deviating_profiles_close_where_the_mechanism_with_them_does(tmp_path):
     """Near its dead centre, where Newton's method does not go there at once."""
     before = find("two_contacts").read_text()
@@ -212,7 +215,7 @@ def test_the_zero_of_the_second_of_coincident_axes_jumps_by_half_a_turn():
 def test_what_no_size_changes_is_said_to_be_so(tmp_path, capsys):
     """The crank of a geared five-bar turns by its teeth, whatever the arcs are."""
     path = tmp_path / "geared.toml"
-    path.write_text(text_of("geared_five_bar"))
+    path.write_text(mechanism_text("geared_five_bar"))
     arguments = ["--samples", "5", "-a", "sensitivity:of=theta_right+theta_43,draws=0"]
     assert main(["run", str(path), *arguments]) == 0
     said = capsys.readouterr().out
@@ -335,6 +338,7 @@ def test_derivatives_by_masses_and_loads_are_those_of_differences():
     assert np.allclose(gradients[3], same[0], rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_each_number_may_have_a_deviation_of_its_own():
     by = "by=links.crank.arc+links.rocker.arc+loads.coil.stiffness+loads.coil.rest"
     own = "deviations=links.rocker.arc:0.02+loads.coil.stiffness:0.3+loads.coil.rest:2"
@@ -353,7 +357,7 @@ def test_each_number_may_have_a_deviation_of_its_own():
     assert alone in run.summary["remarks"][-1]
 
 
-POSED = text_of("posed")
+POSED = mechanism_text("posed")
 SLID = (
     'pairs.pivot = { type = "R", links = ["frame", "follower"], lonlat = [90.0, 30.0] }\n'
 )

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from example_mechanisms import dixon
-from oracles import locked_rates, off_axis
+from mechanism_examples.named_mechanisms import dixon_mechanism
+from oracles.velocity_equations import locked_rates, sine_between_lines
 from scipy.optimize import brentq
 
 import spherekit as sk
@@ -64,7 +64,7 @@ def test_poles_of_every_single_freedom_mechanism(name):
                 ours = coefficient * field.direction[i, j][row]
                 assert np.linalg.norm(ours - vector) < 1e-9 * scale
                 if size > 1e-4:
-                    assert off_axis(field.direction[i, j][row], vector) < 1e-9
+                    assert sine_between_lines(field.direction[i, j][row], vector) < 1e-9
     assert judged > 50
 
 
@@ -94,7 +94,7 @@ def test_a_grid_holds_every_path_and_blocks_do_not_matter(name):
 
 def test_an_over_constrained_mechanism_moves():
     """Dixon's K(3,3): mobility 0 by the graph, 1 by rank; bars keep their lengths."""
-    made = dixon(np.random.default_rng(3))
+    made = dixon_mechanism(np.random.default_rng(3))
     motion = sk.trace(made, samples=11, search=False)
     assert graph_mobility(made) == 0
     assert np.all(motion.status == Status.OK)

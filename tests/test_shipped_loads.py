@@ -16,6 +16,7 @@ LOADED = {
 """Shipped mechanisms, and how far (rad) MuJoCo may be off."""
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", LOADED)
 def test_no_table_of_forces_is_empty(name):
     run = sk.run(name, ["dynamics", "reactions", "statics"], samples=13)

@@ -10,7 +10,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from languages import GPP
+from helpers.exported_languages import GPP
 
 import spherekit as sk
 from spherekit.exchange.formula_maker import formulas

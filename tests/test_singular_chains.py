@@ -2,8 +2,15 @@
 
 import numpy as np
 import pytest
-from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
-from exact_rest import exact_rest
+from mechanism_examples.linkages import (
+    EIGHT_BARS,
+    STEPHENSON,
+    WATT,
+    mechanism_from_chain,
+    parse_chain,
+    random_axes,
+)
+from oracles.resting_links import exact_rest
 
 from spherekit.completeness import Guarantee
 from spherekit.positions.assembly_enumeration import enumerate_assemblies
@@ -25,10 +32,10 @@ def analysed(number):
     links 5 and 3.
     """
     random = np.random.default_rng(200 + number)
-    edges = joints(CHAINS[number])
+    edges = parse_chain(CHAINS[number])
     a, b = edges[random.integers(len(edges))]
     axes = random_axes(random, len(edges))
-    made = mechanism(CHAINS[number], axes, f"p{a}_{b}", span=(-np.pi, np.pi))
+    made = mechanism_from_chain(CHAINS[number], axes, f"p{a}_{b}", span=(-np.pi, np.pi))
     tracer = PositionAnalysis(made, samples=9)
     found = tracer.configurations
     curves = [item.curve for item in found.curves]
@@ -97,6 +104,7 @@ def marked(number):
     return pytest.param(number, marks=marks.get(number, pytest.mark.long))
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("number", [marked(k) for k in range(len(CHAINS))])
 def test_singularities_of_random_chains_are_exact_and_all(number):

@@ -2,11 +2,16 @@
 
 import numpy as np
 import pytest
-from example_mechanisms import four_bar
-from refusals import text_of
+from helpers.refusals import mechanism_text
+from mechanism_examples.named_mechanisms import four_bar
+from oracles.four_bar_singularities import (
+    ROCKER,
+    angles_with_links_in_line,
+    axes_at_configuration,
+    findings_and_warnings,
+)
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
-from singular_examples import ROCKER, axes_at, findings_of, in_line
 
 import spherekit as sk
 from spherekit import progress
@@ -18,7 +23,7 @@ from spherekit.singularities.singular_surface import singular_surface
 from spherekit.time_limit import TimeLimit
 
 NAME = "singularities"
-GEARED = text_of("geared_five_bar_singular_roots")
+GEARED = mechanism_text("geared_five_bar_singular_roots")
 """A five-bar whose cranks are wheels of 20 and 40 teeth: the input comes back after 720."""
 
 
@@ -35,7 +40,10 @@ def dead_inputs_of_geared(made, low, high):
     """
     motion = PositionAnalysis(made, samples=61).motion()
     row = int(np.flatnonzero(~motion.failed)[0])
-    axes, number = axes_at(made, motion.values[row : row + 1])[0], made.pair_number
+    axes, number = (
+        axes_at_configuration(made, motion.values[row : row + 1])[0],
+        made.pair_number,
+    )
     left, right, one, other = (axes[number[name]] for name in ("left", "right", "32", "54"))
 
     def gap(q, across):
@@ -76,14 +84,14 @@ def test_places_of_a_geared_five_bar_are_at_their_turn(low, high, tmp_path):
     assert np.all((outside < np.radians(low)) | (outside > np.radians(high)))
 
 
-DWELL = text_of("dwell_drive")
+DWELL = mechanism_text("dwell_drive")
 """A cam swings a wheel that turns the crank of a four-bar: what has rolled at an input
 does not grow with the input, but comes back with it."""
 
 
 def test_what_lies_outside_the_range_is_marked_at_the_nearest_turn():
     """Dead centres of a rocker: coupler and follower in line, an angle of their arcs."""
-    turn = np.max(in_line(*ROCKER))
+    turn = np.max(angles_with_links_in_line(*ROCKER))
     whole = sk.run(four_bar(ROCKER), NAME, samples=9).frame()
     dead = np.sort(whole[whole["kind"] == "II"]["q"])
     assert np.min(np.abs(np.mod(dead - turn + np.pi, 2 * np.pi) - np.pi)) < 1e-9
@@ -96,14 +104,16 @@ def test_what_lies_outside_the_range_is_marked_at_the_nearest_turn():
     turned = away["q"].to_numpy() + 2 * np.pi * np.array([[0], [1], [-1]])
     gap, *again = np.maximum(low - turned, turned - high)
     assert np.all(gap > 0.0) and np.all(gap <= again)
-    figures, _ = findings_of(result)
+    figures, _ = findings_and_warnings(result)
     assert "II" not in figures["singularities"] and figures["outside"]["II"] == len(away)
 
 
 @pytest.mark.parametrize(("low", "high"), [(0.0, 720.0), (-500.0, 400.0), (10.0, 370.0)])
 def test_places_are_listed_for_every_turn_of_a_range(low, high):
     """Dead centres of a rocker by the spherical law of cosines, at plus and minus."""
-    turns = np.arange(-3, 4)[:, None] * 360.0 + np.degrees(in_line(*ROCKER))
+    turns = np.arange(-3, 4)[:, None] * 360.0 + np.degrees(
+        angles_with_links_in_line(*ROCKER)
+    )
     truth = np.sort(turns[(turns > low) & (turns < high)])
     made = four_bar(ROCKER).with_inputs("21")
     path = np.radians(np.linspace(low, high, 31))[:, None]
@@ -112,7 +122,7 @@ def test_places_are_listed_for_every_turn_of_a_range(low, high):
     own = frame[frame["kind"] == "II"]
     assert np.degrees(np.sort(own["q"])) == pytest.approx(truth, abs=1e-7)
     assert set(own["inside"]) == {"yes"} and set(own["assembly_mode"]) == {"0+1"}
-    figures, _ = findings_of(result)
+    figures, _ = findings_and_warnings(result)
     assert not figures["checks_failed"] and "complete" in figures["guarantee"]
     relation = result.frame(NAME, "relation")
     q, margin = (

@@ -5,10 +5,10 @@ from itertools import product
 
 import numpy as np
 import pytest
-from chains import mechanism, random_axes
-from oracles import locked_rates, off_axis
+from mechanism_examples.linkages import mechanism_from_chain, random_axes
+from oracles.four_bar_singularities import axes_at_configuration, count_configuration_curves
+from oracles.velocity_equations import locked_rates, sine_between_lines
 from scipy import ndimage
-from singular_examples import axes_at, components
 
 import spherekit as sk
 from spherekit.mechanism.elements import Output
@@ -36,7 +36,7 @@ def unit(vector):
 
 def three_legs(axes, driven=CRANKS):
     """Return a 3-RRR, its axes (9, 3) leg by leg in the reference pose."""
-    made = mechanism(LEGS, axes, driven=driven[0])
+    made = mechanism_from_chain(LEGS, axes, driven=driven[0])
     return replace(
         made.with_inputs(*driven), outputs=(Output("platform", "8", "1"),), name="3-RRR"
     )
@@ -61,6 +61,7 @@ def through(random, line):
     return in_plane(random, line, other), in_plane(random, line, other)
 
 
+@pytest.mark.slow
 def test_superposition_gives_the_motion_of_all_inputs_together():
     """Eq. (7) of the method: rates of each input alone, against the velocity equations."""
     random = np.random.default_rng(1)
@@ -78,7 +79,7 @@ def test_superposition_gives_the_motion_of_all_inputs_together():
         for k, driven in enumerate(motion.assembly.inputs):
             alone, _ = locked_rates(motion, 0, driven)
             assert np.allclose(found.w[0, k], alone[7], rtol=1e-9, atol=1e-11)
-            assert off_axis(found.u[0, k], alone[7]) < 1e-10
+            assert sine_between_lines(found.u[0, k], alone[7]) < 1e-10
             ratio = found.output_rate[0, k] / abs(found.input_rate[0, k])
             assert ratio == pytest.approx(np.linalg.norm(alone[7]), rel=1e-9)
 
@@ -119,7 +120,7 @@ def test_coincident_poles_are_type_two_and_a_leg_stretched_into_their_line_type_
     line, axes = common(np.random.default_rng(5 + seed))
     found, _ = at_reference(three_legs(axes))
     assert found.type[0] == RowType.II and found.group[0] == 1
-    assert np.all(off_axis(found.u[0], line) < 1e-12)
+    assert np.all(sine_between_lines(found.u[0], line) < 1e-12)
     assert np.all(np.abs(found.c[0]) < 1e-12)
     assert np.all(np.abs(found.input_rate[0]) < 1e-12)
     assert np.all(np.abs(found.d[0]) > 1e-6) and found.type_one[0] > 1e-6
@@ -128,6 +129,7 @@ def test_coincident_poles_are_type_two_and_a_leg_stretched_into_their_line_type_
     assert found.type[0] == RowType.III and found.group[0] == 1
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("seed", range(8))
 def test_theorem_1_coplanar_poles_of_regular_single_freedom_mechanisms(seed):
     """Inputs at two pairs of one leg: its stretched pose is type I of the second group.
@@ -229,14 +231,16 @@ def test_five_bar_type_one_curves_are_the_borders_of_the_annuli():
     made = five_bar()
     found = singular_curves(whole(made), "I", pointing="43", slices_of_each=2)
     stretched, folded = with_flat_chain("I")[:2], with_flat_chain("I")[2:]
-    assert sum(each.closed for each in found.curves) == sum(map(components, folded))
-    assert [components(bars) for bars in stretched] == [1, 1]
+    assert sum(each.closed for each in found.curves) == sum(
+        map(count_configuration_curves, folded)
+    )
+    assert [count_configuration_curves(bars) for bars in stretched] == [1, 1]
     assert sum(not each.closed for each in found.curves) == 4 and not len(found.stray)
     legs = np.radians(SIZES[1:])
     for each in found.curves:
         values = each.points.values
         assert np.max(each.points.residual) < 1e-12
-        axes = axes_at(made, values)
+        axes = axes_at_configuration(made, values)
         assert np.allclose(each.points.pointing, axes[:, 2], atol=1e-13)
         cosines = [np.sum(axes[:, k] * axes[:, 2], axis=1) for k in (0, 4)]
         sign = -1 if each.closed else 1
@@ -251,17 +255,18 @@ def test_five_bar_type_one_curves_are_the_borders_of_the_annuli():
             assert np.max(np.abs(np.sin(values[[0, -1]][:, [1, 3]]))) < 1e-4
 
 
+@pytest.mark.slow
 def test_five_bar_type_two_curves_have_coplanar_distal_axes():
     made = five_bar()
     found = singular_curves(whole(made), "II", pointing="43", slices_of_each=5)
-    assert len(found.curves) == sum(map(components, with_flat_chain("II")))
+    assert len(found.curves) == sum(map(count_configuration_curves, with_flat_chain("II")))
     assert not len(found.stray)
     both = np.concatenate([each.both.values for each in found.curves])
     seen = coefficients(make_motion(solver_of(made), both), output_of(made, pointing="43"))
     assert len(both) and np.all(seen.type == RowType.III)
     for each in found.curves:
         assert each.closed
-        axes = axes_at(made, each.points.values)
+        axes = axes_at_configuration(made, each.points.values)
         assert np.max(np.abs(np.linalg.det(axes[:, 1:4]))) < 1e-12
         assert np.min(each.points.output_rate) > 0.1
         gaps = np.linalg.norm(np.diff(each.points.values, axis=0), axis=1)
@@ -341,7 +346,7 @@ def test_surface_of_type_two_in_a_three_rrr(monkeypatch):
     mesh = singular_surface(whole(made), "II", slices_of_each=1, side=0.3)
     assert str(mesh.claim).endswith("searched; stopped at 80 vertices")
     assert np.max(mesh.points.residual) < 1e-12
-    axes = axes_at(made, mesh.points.values)
+    axes = axes_at_configuration(made, mesh.points.values)
     normals = np.stack([np.cross(axes[:, k + 1], axes[:, k + 2]) for k in (0, 3, 6)], 1)
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     assert np.max(np.abs(np.linalg.det(normals))) < 1e-12

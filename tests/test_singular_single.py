@@ -4,8 +4,15 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from chains import EIGHT_BARS, STEPHENSON, WATT, joints, mechanism, random_axes
-from example_mechanisms import four_bar
+from mechanism_examples.linkages import (
+    EIGHT_BARS,
+    STEPHENSON,
+    WATT,
+    mechanism_from_chain,
+    parse_chain,
+    random_axes,
+)
+from mechanism_examples.named_mechanisms import four_bar
 
 from spherekit.planning.pole_plan import all_poles, pole_of
 from spherekit.planning.pole_planner import plan
@@ -35,7 +42,9 @@ def test_a_tangential_zero_of_an_output_is_one_double_point():
     axes = random_axes(np.random.default_rng(4), 7)
     axes[0], axes[3] = axes[1] + 0.7 * axes[2], axes[4] - 0.4 * axes[5]
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    tracer = PositionAnalysis(mechanism(WATT, axes, span=(-0.3, 0.3)), samples=31)
+    tracer = PositionAnalysis(
+        mechanism_from_chain(WATT, axes, span=(-0.3, 0.3)), samples=31
+    )
     curve = follow_arc(tracer.solver.closure, np.zeros(7))
     (simple,), (double,) = (
         report_at(tracer, curve, output, "2/1") for output in ("4/1", "6/1")
@@ -105,7 +114,7 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
     p16, p56, p45 = flat([50.0, 85.0, 35.0], [0.0, 0.6, 0.8])
     both = np.array([p12, p23, p34, common, p45, p56, p16])
     closure = PositionAnalysis(
-        mechanism(WATT, both, span=(-1.0, 1.0)), samples=3
+        mechanism_from_chain(WATT, both, span=(-1.0, 1.0)), samples=3
     ).solver.closure
     crossing = find_crossing(closure, np.full(7, 1e-6))
     assert crossing.freedoms == 3
@@ -113,7 +122,7 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
     found = crossing.tangents[:, [3, 6]] / crossing.tangents[:, [0, 3]]
     slopes = []
     for axes in (both[:4], both[3:]):
-        one = mechanism("1-2 2-3 3-4 1-4", axes, span=(-1.0, 1.0))
+        one = mechanism_from_chain("1-2 2-3 3-4 1-4", axes, span=(-1.0, 1.0))
         closed = PositionAnalysis(one, samples=3).solver.closure
         alone = find_crossing(closed, np.full(4, 1e-6))
         slopes.append(alone.tangents[:, 3] / alone.tangents[:, 0])
@@ -126,12 +135,15 @@ def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
     assert np.max(ahead.residual) < 1e-13
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(("text", "seed"), [(STEPHENSON, 3), (EIGHT_BARS[0], 1)])
 def test_no_zero_of_any_pole_is_missed_or_invented(text, seed):
     """A relative rate reverses between two of many samples, and in finer ones vanishes."""
-    axes = random_axes(np.random.default_rng(seed), len(joints(text)))
-    tracer = PositionAnalysis(mechanism(text, axes, span=(-np.pi, np.pi)), samples=41)
+    axes = random_axes(np.random.default_rng(seed), len(parse_chain(text)))
+    tracer = PositionAnalysis(
+        mechanism_from_chain(text, axes, span=(-np.pi, np.pi)), samples=41
+    )
     along = SingleFreedomSingularities(tracer, all_curves(tracer)[:1], []).curve_motions[0]
     every = all_poles(len(tracer.mechanism.links))
     s = np.linspace(0.0, along.curve.length, 1501)
@@ -159,7 +171,9 @@ def test_no_zero_of_any_pole_is_missed_or_invented(text, seed):
 @pytest.mark.parametrize("text", [EIGHT_BARS[1], EIGHT_BARS[10]])
 def test_relations_of_random_quadruples_of_links_hold_for_the_velocity_equations(text):
     random = np.random.default_rng(11)
-    made = mechanism(text, random_axes(random, len(joints(text))), span=(-0.3, 0.3))
+    made = mechanism_from_chain(
+        text, random_axes(random, len(parse_chain(text))), span=(-0.3, 0.3)
+    )
     motion = PositionAnalysis(made, samples=7).motion()
     motion = motion.rows(motion.status == Status.OK)
     rates = evaluate(motion, request(made, made.inputs[0].pair, ()))

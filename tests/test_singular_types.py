@@ -4,9 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from chains import any_inputs, joints, mechanism, random_axes, random_chain
-from common import bare
-from example_mechanisms import four_bar
+from mechanism_examples.linkages import (
+    choose_random_inputs,
+    mechanism_from_chain,
+    parse_chain,
+    random_axes,
+    random_chain,
+)
+from mechanism_examples.named_mechanisms import four_bar
+from mechanism_examples.shipped_mechanisms import load_without_loads
 from scipy.linalg import null_space
 from scipy.spatial.transform import Rotation
 
@@ -27,7 +33,7 @@ from spherekit.tolerances import SINGULAR_TRANSMISSION
 from spherekit.velocities.transmission import Transmission
 
 NAME = "singularities"
-FIVE = joints("1-2 2-3 3-4 4-5 1-5")
+FIVE = parse_chain("1-2 2-3 3-4 4-5 1-5")
 RANK = 1e-7
 
 
@@ -83,7 +89,7 @@ def posed(edges, driven, *outputs, axes=None, span=1.0):
     """Return a chain in a pose, with inputs and with outputs (link, relative to)."""
     if axes is None:
         axes = random_axes(np.random.default_rng(2), len(edges))
-    return declared(mechanism(edges, axes), driven, outputs, span)
+    return declared(mechanism_from_chain(edges, axes), driven, outputs, span)
 
 
 def declared(made, driven, outputs, span=1.0):
@@ -96,12 +102,12 @@ def declared(made, driven, outputs, span=1.0):
 
 
 AHEAD = (0.0, 0.6, 0.8)
-PASSIVE = posed([*FIVE, *joints("1-6 6-7 7-3")], ["p1_2", "p1_5"], (3, 1, AHEAD))
+PASSIVE = posed([*FIVE, *parse_chain("1-6 6-7 7-3")], ["p1_2", "p1_5"], (3, 1, AHEAD))
 CRANK = posed(FIVE, ["p1_2", "p1_5"], (2, 1, None), (3, 1, AHEAD))
 RELATIVE = posed(FIVE, ["p1_2", "p1_5"], (2, 5, None))
 ONE_LEG = posed(FIVE, ["p1_2", "p2_3"], (3, 1, AHEAD))
 DRIVEN = posed(
-    [*FIVE, *joints("1-6 6-7 7-2")], ["p1_6", "p1_5"], (7, 1, None), (3, 1, AHEAD)
+    [*FIVE, *parse_chain("1-6 6-7 7-2")], ["p1_6", "p1_5"], (7, 1, None), (3, 1, AHEAD)
 )
 
 
@@ -164,7 +170,7 @@ def test_one_input_has_the_same_name_for_what_moves_neither():
 
 def test_no_note_takes_an_output_for_the_input():
     """Stephenson's with a short last link: its dyad stretches, and the crank waits."""
-    made = bare("stephenson").with_sizes(angle_unit="rad", arcs={"6": 0.5})
+    made = load_without_loads("stephenson").with_sizes(angle_unit="rad", arcs={"6": 0.5})
     frame = sk.run(made, f"{NAME}:output=2/3", samples=9).frame(NAME)
     rows = frame[frame.kind == "self-motion"]
     assert len(rows) and rows.note.str.contains("stand still together").all()
@@ -190,7 +196,7 @@ def drawn(number):
     freedoms = 3 if number % 5 == 4 else 2
     kind = number % 3
     if freedoms == 3:
-        edges = joints("1-2 2-3 3-4 1-5 5-6 6-4 1-7 7-8 8-4")
+        edges = parse_chain("1-2 2-3 3-4 1-5 5-6 6-4 1-7 7-8 8-4")
     elif kind == 0:
         edges = random_chain(random, 7, freedoms)
     else:
@@ -199,8 +205,10 @@ def drawn(number):
         a, b = random.choice(range(1, 6), 2, replace=False)
         edges += [(int(a), 11), (11, 12), (12, int(b))]
     if kind == 2 and freedoms == 2:
-        edges += joints("1-11 11-12 12-2")
-    made = any_inputs(random, mechanism(edges, random_axes(random, len(edges))), freedoms)
+        edges += parse_chain("1-11 11-12 12-2")
+    made = choose_random_inputs(
+        random, mechanism_from_chain(edges, random_axes(random, len(edges))), freedoms
+    )
     assert made is not None
     links = [random.choice(made.links, 2, replace=False) for _ in range(2)]
     links.append(made.pairs[made.pair_number[made.inputs[0].pair]].links)
@@ -267,6 +275,7 @@ def check_types(made, count):
 LONG = pytest.param(range(12, 200), marks=pytest.mark.long)
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("numbers", [range(0, 4), range(4, 12), LONG])
 def test_random_mechanisms_by_the_kernel(numbers):
@@ -274,6 +283,7 @@ def test_random_mechanisms_by_the_kernel(numbers):
     assert {"regular", "I", "II", "self-motion"} <= set(met)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr", "agile_eye", "two_dof_spm"])
 def test_shipped_mechanisms_by_the_kernel(name):
     """Rows, loci, inverse kinematics and the kernel say the same of one configuration."""

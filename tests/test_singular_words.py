@@ -1,6 +1,7 @@
 """What a run says of singularities in a few lines, by hand formulas."""
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
@@ -45,6 +46,7 @@ def built(name, links, joined, outputs=("wing", "vane")):
     )
 
 
+@pytest.mark.slow
 def test_a_dyad_at_its_limit_is_no_crossing_for_an_output_before_it():
     """Where the tie and the vane are in line crank and wing rest, and no curves cross."""
     said = said_of(flapper())
@@ -54,6 +56,7 @@ def test_a_dyad_at_its_limit_is_no_crossing_for_an_output_before_it():
     assert "least transmission angle of vane/body: 0 deg" in said
 
 
+@pytest.mark.slow
 def test_a_plate_about_a_moving_pole_does_not_swing():
     """A wobbling plate held by a gimbal: its rate's size is integrated over a turn."""
     tilt = 18.0
@@ -78,6 +81,7 @@ def test_a_plate_about_a_moving_pole_does_not_swing():
     assert abs(float(line.split(" deg")[0].split()[-1]) - turned) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_cone_that_never_returns_turns_by_its_ratio():
     """About the line of contact, by the sines of the shaft angle and its half angle."""
     said = said_of(sk.load("rolling_cones"))

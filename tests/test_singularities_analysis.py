@@ -6,10 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from chains import mechanism
-from common import Listener
-from example_mechanisms import dixon, four_bar
-from singular_examples import ROCKER, findings_of, in_line
+from helpers.scene_listener import SceneListener
+from mechanism_examples.linkages import mechanism_from_chain
+from mechanism_examples.named_mechanisms import dixon_mechanism, four_bar
+from oracles.four_bar_singularities import (
+    ROCKER,
+    angles_with_links_in_line,
+    findings_and_warnings,
+)
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -23,7 +27,7 @@ Z, SLANT = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])
 
 @pytest.fixture(scope="module")
 def rocker():
-    pages = Listener()
+    pages = SceneListener()
     result = sk.run(four_bar(ROCKER), NAME, samples=61, recorder=pages)
     assert not result.failures
     return result, pages
@@ -40,7 +44,7 @@ def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker):
     """By the cosine theorem, with kinds, assembly modes and conditions."""
     frame = rocker[0].frame()
     still, dead = (frame[frame["kind"] == kind] for kind in ("I", "II"))
-    angles = np.sort(np.mod(in_line(*ROCKER), 2.0 * np.pi))
+    angles = np.sort(np.mod(angles_with_links_in_line(*ROCKER), 2.0 * np.pi))
     assert len(dead) == len(angles) > 0 and len(frame) == len(dead) + len(still)
     assert np.max(np.abs(np.sort(dead["q"]) - angles)) < 1e-12
     assert set(dead["reversal"]) == {"input"} and set(still["reversal"]) <= {"output"}
@@ -63,13 +67,14 @@ def test_the_relation_holds_in_every_row(rocker):
     assert np.all(good[good["form"] == "ii"]["transmission"].notna())
 
 
+@pytest.mark.slow
 def test_findings_count_and_warn_as_near_asks(rocker):
-    figures, warnings = findings_of(rocker[0])
+    figures, warnings = findings_and_warnings(rocker[0])
     assert figures[NAME] == rocker[0].frame()["kind"].value_counts().to_dict()
     assert figures["guarantee"].startswith("complete")
     assert not figures["checks_failed"] and not figures["notes"]
     (_, wide), (_, none) = (
-        findings_of(sk.run(four_bar(ROCKER), f"{NAME}:near={near}", samples=61))
+        findings_and_warnings(sk.run(four_bar(ROCKER), f"{NAME}:near={near}", samples=61))
         for near in (25, 0)
     )
     meets = "output 4/1 meets type II in the range: the locked input does not hold it there"
@@ -81,13 +86,13 @@ def test_findings_count_and_warn_as_near_asks(rocker):
 def test_pages_show_every_singularity_and_mark_it_on_the_portrait(rocker):
     result, pages = rocker
     frame = result.frame()
-    page, _ = pages.last("Singularities")
+    page, _ = pages.last_scene("Singularities")
     assert len(page.over[0].values) == len(frame)
     (words,) = (p.markdown for p in page.primitives if isinstance(p, Text))
     listed = [line for line in words.splitlines() if line.startswith("|")]
     assert len(listed) == 2 + len(frame)
     for assembly_mode in set(result.frame("motion")["assembly_mode"]):
-        (portrait,) = pages.of(Portrait, assembly_mode).values()
+        (portrait,) = pages.primitives(Portrait, assembly_mode).values()
         marked = sorted(mark.label for mark in portrait.marks)
         assert marked == sorted(f"type {kind}" for kind in frame["kind"])
         places = np.array([mark.place for mark in portrait.marks])
@@ -156,13 +161,14 @@ def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
     assert "AT_SINGULARITY" in set(relation["status"].astype(str))
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("away", [0.0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-14, -1e-3, -1e-14])
 def test_a_sample_on_a_dead_centre_or_beside_it_is_right_or_has_a_status(away):
     """There the input is a quadratic function of the arc length, its rate goes as a root.
 
     Both modes end there; beyond it neither closes.
     """
-    dead = float(in_line(*ROCKER)[0])
+    dead = float(angles_with_links_in_line(*ROCKER)[0])
     made = replace(four_bar(ROCKER), inputs=(Input("21", dead - 0.5, dead - away),))
     result = sk.run(made, NAME, samples=5)
     points, frame = result.frame(), result.frame(NAME, "relation")
@@ -187,9 +193,9 @@ def test_a_sample_on_a_dead_centre_or_beside_it_is_right_or_has_a_status(away):
 def test_a_mechanism_that_is_singular_everywhere_says_so(coaxial, freedoms, off):
     axes = np.array([Z] * coaxial + [SLANT] * (4 - coaxial))
     axes[0] = np.sin(off), 0.0, np.cos(off)
-    made = mechanism("1-2 2-3 3-4 1-4", axes, span=(-1.0, 1.0))
+    made = mechanism_from_chain("1-2 2-3 3-4 1-4", axes, span=(-1.0, 1.0))
     result = sk.run(made, NAME, samples=9)
-    figures, warnings = findings_of(result)
+    figures, warnings = findings_and_warnings(result)
     assert not result.failures and not len(result.frame())
     assert figures["freedoms_everywhere"] == freedoms
     assert any("singular everywhere" in words for words in warnings)
@@ -198,10 +204,10 @@ def test_a_mechanism_that_is_singular_everywhere_says_so(coaxial, freedoms, off)
 @pytest.mark.slow
 def test_a_chain_that_moves_against_its_count_has_its_singularities():
     """Dixon's K(3,3): the bars of one point turn about one line, so form i is empty."""
-    result = sk.run(dixon(np.random.default_rng(3)), NAME, samples=9)
+    result = sk.run(dixon_mechanism(np.random.default_rng(3)), NAME, samples=9)
     frame, relation = result.frame(), result.frame(NAME, "relation")
     assert not result.failures and set(frame["certain"]) == {"yes"}
-    notes = " ".join(findings_of(result)[0]["notes"])
+    notes = " ".join(findings_and_warnings(result)[0]["notes"])
     assert "lie in one plane everywhere" in notes
     assert "are one line everywhere, so form i says nothing" in notes
     distances = {"distance_I", "distance_II", "transmission", "input_margin_II"}
@@ -212,8 +218,8 @@ def test_a_chain_that_moves_against_its_count_has_its_singularities():
 
 def test_what_is_true_of_every_gear_train_is_noted_and_no_warning():
     """Axes in one plane, three on one line, and pages though nothing is singular."""
-    result = sk.run("planetary_bevel", NAME, samples=5, recorder=Listener())
-    figures, warnings = findings_of(result)
+    result = sk.run("planetary_bevel", NAME, samples=5, recorder=SceneListener())
+    figures, warnings = findings_and_warnings(result)
     assert not warnings and not result.failures and result.frame().empty
     assert any("lie in one plane everywhere" in note for note in figures["notes"])
 
@@ -277,7 +283,7 @@ def test_the_class_of_a_four_bar_is_how_its_links_turn(name):
 
 def test_the_summary_answers_what_a_designer_asks_of_a_four_bar():
     found = sk.run("four_bar", NAME)
-    figures, warnings = findings_of(found)
+    figures, warnings = findings_and_warnings(found)
     assert figures["grashof"] == "crank-rocker" and not warnings
     said = "\n".join(found.summary["remarks"])
     g, a, h, b = np.radians([60.0, 20.0, 70.0, 40.0])
@@ -294,6 +300,7 @@ def test_the_summary_answers_what_a_designer_asks_of_a_four_bar():
         assert all(f"{angle % 360.0:.6g}" in said for angle in (turn, -turn))
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("rate", [6.0, -2.0])
 def test_a_simulation_has_the_places_that_it_passes_with_their_turn(rate):
     """Type I of the rocker is where its rate changes sign, in whichever turn it is."""

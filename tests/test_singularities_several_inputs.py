@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from common import Listener
+from helpers.scene_listener import SceneListener
 from rerun.chunk import RrdReader
 
 import spherekit as sk
@@ -21,6 +21,7 @@ def five_bar(tmp_path_factory):
     return result, path
 
 
+@pytest.mark.slow
 def test_points_of_singular_curves_say_why_they_are_singular(five_bar):
     result, _ = five_bar
     frame = result.frame("singularities")
@@ -68,11 +69,11 @@ def test_recording_has_the_curves_on_the_sphere_and_in_the_plane_of_inputs(five_
 
 
 def test_three_inputs_have_coefficients_and_no_surface_if_it_is_left_out():
-    pages = Listener()
+    pages = SceneListener()
     result = sk.run(
         "three_rrr", "singularities:input_grid=3,mesh=0", samples=3, recorder=pages
     )
     assert result.frame("singularities").empty
     assert set(result.frame("singularities", "relation").moving) == {"a1", "a2", "a3"}
-    parts = [part for own in pages.pages.values() for part in own]
+    parts = [part for own in pages.primitives_by_page.values() for part in own]
     assert not any(isinstance(p, Surface | Portrait | SphereCurves) for p in parts)

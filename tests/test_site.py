@@ -10,7 +10,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 from filelock import FileLock
-from public_packages import PUBLIC
+from helpers.public_packages import PUBLIC
 
 ROOT = Path(__file__).parent.parent
 SOME = ("four_bar", "bevel_differential")

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from chains import mechanism, random_axes
+from mechanism_examples.linkages import mechanism_from_chain, random_axes
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
@@ -47,7 +47,7 @@ def no_silent_division():
 def open_chain(chain):
     edges = chain.split()
     axes = random_axes(np.random.default_rng(len(edges)), len(edges))
-    made = mechanism(chain, axes)
+    made = mechanism_from_chain(chain, axes)
     inputs = tuple(Input(pair.name, -1.0, 1.0) for pair in made.pairs)
     last = made.links[-1]
     masses = tuple(Mass(link, INERTIA, 1.0, (0.1, 0.2, -0.3)) for link in made.links[1:])
@@ -166,7 +166,7 @@ def test_the_smallest_that_cannot_move():
     axes = random_axes(np.random.default_rng(5), 3)
     for chain in ("1-2 2-3 1-3", "1-2 2-3"):
         with pytest.raises(PlanError, match=r"rigid|mobility"):
-            sk.trace(mechanism(chain, axes[: len(chain.split())]), samples=3)
+            sk.trace(mechanism_from_chain(chain, axes[: len(chain.split())]), samples=3)
 
 
 def test_inputs_that_can_move_without_any_mass_are_named():

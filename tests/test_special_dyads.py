@@ -5,8 +5,13 @@ import warnings
 
 import numpy as np
 import pytest
-from chains import FOUR_BAR, STEPHENSON, mechanism, random_axes
-from example_mechanisms import four_bar
+from mechanism_examples.linkages import (
+    FOUR_BAR,
+    STEPHENSON,
+    mechanism_from_chain,
+    random_axes,
+)
+from mechanism_examples.named_mechanisms import four_bar
 from scipy.optimize import brentq
 
 import spherekit as sk
@@ -58,7 +63,7 @@ def dead_pose(chain, driven, random):
             return new / np.linalg.norm(new, axis=1, keepdims=True)
 
         def determinant(part, at=at):
-            made = mechanism(chain, at(part), driven)
+            made = mechanism_from_chain(chain, at(part), driven)
             jacobian = LoopTree.of_mechanism(made).jacobian(at(part)[None])[0]
             number = made.pair_number[driven]
             return np.linalg.det(np.delete(jacobian, number, axis=1))
@@ -74,7 +79,7 @@ def test_a_pose_at_a_dead_centre_is_there_and_has_a_way_on(chain, driven):
     """With a triad nothing but the pose was: both sides were OUT_OF_REACH."""
     random = np.random.default_rng(11)
     for _ in range(2):
-        made = mechanism(chain, dead_pose(chain, driven, random), driven)
+        made = mechanism_from_chain(chain, dead_pose(chain, driven, random), driven)
         path = np.array([0.0, -1e-4, 1e-4])
         motion = PositionAnalysis(made, path=path, search=False).motion()
         assert motion.status[0] == Status.AT_SINGULARITY

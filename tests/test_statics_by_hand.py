@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from refusals import text_of
+from helpers.refusals import mechanism_text
 from test_reactions import moving
 
 import spherekit as sk
@@ -14,7 +14,7 @@ def at_rest(made, pair):
     return reactions(moving(made.with_inputs(pair), (0.3,), [0.0], 0.0, 0.0))
 
 
-BEVEL_GEARS = text_of("example")
+BEVEL_GEARS = mechanism_text("example")
 
 
 def test_the_load_and_the_thrust_of_bevel_gears(tmp_path):

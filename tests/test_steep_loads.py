@@ -5,9 +5,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from common import ENGINES
-from example_mechanisms import one_link as linked
-from newton_euler import heavy, hold_to
+from helpers.engines import ENGINES
+from mechanism_examples.named_mechanisms import one_link_mechanism as linked
+from oracles.newton_euler import check_simulated_motion, with_point_masses
 
 from spherekit.cli.main import FAILED_SAMPLES, main
 from spherekit.dynamics.forward_dynamics import simulate
@@ -32,7 +32,7 @@ RUBBED = [
 @pytest.mark.parametrize(("name", "rubbing", "speed", "dry"), RUBBED)
 def test_dry_friction_is_that_of_newton_and_euler(name, rubbing, speed, dry, engine):
     """That of up to 6 N m holds against 10 sin 2t N m, lets go, and holds again."""
-    made = replace(load(name), loads=()) if name == "four_bar" else heavy(name)
+    made = replace(load(name), loads=()) if name == "four_bar" else with_point_masses(name)
     made = made.with_inputs(made.inputs[0].pair if made.inputs else "21")
     drive, speed = f"10*sin(2*t) - 2*dtheta_{made.inputs[0].pair}", np.deg2rad(speed)
     rubs = [Friction(f"rub_{pair}", pair, dry, 0.0, speed) for pair in rubbing]
@@ -43,7 +43,9 @@ def test_dry_friction_is_that_of_newton_and_euler(name, rubbing, speed, dry, eng
     def driving(t, rates):
         return [10.0 * np.sin(2.0 * t) - 2.0 * rates[0]]
 
-    hold_to(found, driving, speed=speed, within=1e-7, dry=dict.fromkeys(rubbing, dry))
+    check_simulated_motion(
+        found, driving, speed=speed, within=1e-7, dry=dict.fromkeys(rubbing, dry)
+    )
     rates = found.at(np.linspace(0.0, 2.0, 201)).dq
     assert dry < 1.0 or np.min(np.abs(rates)) < 1e-3 < np.max(np.abs(rates))
 
@@ -71,6 +73,7 @@ IMPULSES = {
 }
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("width", [pytest.param(WIDE, marks=pytest.mark.slow), NARROW])
 @pytest.mark.parametrize("kind", IMPULSES)
@@ -94,6 +97,7 @@ def test_an_impulse_however_short_changes_the_momentum(kind, width, engine):
     assert found.missed is None
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_a_narrow_step_of_the_potential_changes_the_energy(sense, engine):
@@ -105,6 +109,7 @@ def test_a_narrow_step_of_the_potential_changes_the_energy(sense, engine):
     assert abs(found.at([1.7]).dq[0] - np.sqrt(1.0 + 2.0 * work / INERTIA)) < 1e-8
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(
     "speed", [1e-3, *(pytest.param(x, marks=pytest.mark.slow) for x in (1e-2, 0.1))]
@@ -136,6 +141,7 @@ def test_a_stop_that_is_touched_ends_the_motion(engine):
     assert abs(found.end.t - (1.0 - np.sqrt(2e-9))) < 1e-9
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("engine", ENGINES)
 def test_the_command_says_that_a_tolerance_is_missed(engine, tmp_path, capsys):
     """On its way into a saddle; for a second it gets there, for seven it does not."""

@@ -57,6 +57,7 @@ def files(folder):
     return {x: x.stat().st_mtime_ns for x in folder.rglob("*") if x.is_file()}
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc of Linux")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
@@ -90,6 +91,7 @@ def test_processes_of_a_sweep_end_with_it(number, tmp_path):
         assert {path.name for path in left} == {"_sweep.json", ".sweep.lock"}
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(
     "words, redirected, status, says",

@@ -77,6 +77,7 @@ class Order:
             self.last |= dict(zip(samples.tolist(), rows, strict=True))
 
 
+@pytest.mark.slow
 def test_links_are_logged_while_a_simulation_is_solved(monkeypatch):
     monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
     order = Order(monkeypatch)

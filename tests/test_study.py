@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from broken_plugins import Tuned
-from refusals import text_of
+from helpers.broken_plugins import Tuned
+from helpers.refusals import mechanism_text
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -18,7 +18,7 @@ from spherekit.files.study_reader import load_study
 from spherekit.runs.registry import registered
 from spherekit.runs.study_analyses import make_study_analyses
 
-STUDY = text_of("study.study")
+STUDY = mechanism_text("study.study")
 
 
 @pytest.fixture(autouse=True)

@@ -147,6 +147,7 @@ def machines(tmp_path):
         made.end()
 
 
+@pytest.mark.slow
 def test_threads_of_one_worker_make_the_same_rows(tmp_path, wanted):
     """Those of a cluster within this process, which share one sweep."""
     from dask.distributed import LocalCluster
@@ -288,6 +289,7 @@ class FailedFuture:
         raise self.error
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("error", [OSError(28, "No space left"), TimeoutError("a lock")])
 def test_an_error_of_a_part_is_not_taken_for_a_lost_scheduler(error):
     sweep = swept(None).sweep

@@ -92,6 +92,7 @@ def test_parts_of_other_processors_are_recorded_and_said(tmp_path):
     assert set(notes["processor"]) == {"instructions", "blas", "arithmetic"}
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("library", ["spherekit", "numpy", "scipy", "heyoka", "machine"])
 def test_parts_of_other_versions_are_refused(library, folder_of_sweep, monkeypatch):
     code = run_identity.code_identity() | {library: "1.2.3"}
@@ -149,6 +150,7 @@ FAULTS = [
 ]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_file_that_is_no_part_is_refused_in_a_sentence(fault, folder_of_sweep, capsys):
     path = part(folder_of_sweep)

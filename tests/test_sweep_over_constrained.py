@@ -164,6 +164,7 @@ def turned_east(axis):
     return level * np.cos(east), level * np.sin(east), axis[2]
 
 
+@pytest.mark.many
 @pytest.mark.parametrize("name", marked(OPEN))
 def test_a_design_that_does_not_agree_has_the_reason_of_a_run(name, tmp_path):
     make, (key, nominal, number), change = OPEN[name]

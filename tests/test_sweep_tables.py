@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 import pytest
-from common import Asking
+from helpers.minimal_analysis import MinimalAnalysis
 
 import spherekit as sk
 from spherekit.api.sweep import sweep_of
@@ -47,6 +47,7 @@ def alike(rows, wanted):
             assert list(rows[name].astype(str)) == list(wanted[name].astype(str)), name
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name, vary, analyses, samples", CASES)
 def test_tables_of_designs_are_those_of_runs(name, vary, analyses, samples, tmp_path):
@@ -114,7 +115,7 @@ def test_figures_in_the_same_assembly_mode_share_a_row(name, link, arc, modes):
 
 
 @dataclass(frozen=True)
-class Doubled(Asking):
+class Doubled(MinimalAnalysis):
     """Twice the input; of inputs up to one turn only."""
 
     name: ClassVar[str] = "doubled"
@@ -146,6 +147,7 @@ def test_plugins_without_figures_have_tables_and_failures_have_reasons(tmp_path)
     assert set(result.table("motion")["design"]) == {0}
 
 
+@pytest.mark.slow
 def test_a_part_without_one_of_its_files_is_made_again(tmp_path):
     vary = {"links.2.arc": list(np.linspace(10.0, 40.0, 40))}
     first = swept(vary, tmp_path)

@@ -163,6 +163,7 @@ PROGRAMS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_a_sweep_needs_no_main_guard(program, tmp_path):
@@ -194,6 +195,7 @@ def test_what_cannot_be_sent_is_refused_in_a_sentence(tmp_path, monkeypatch):
         sweep_of_runs(tmp_path)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     ("python", "says"),
     [

@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 import pyarrow.parquet as pq
 import pytest
-from common import bare, with_values
-from example_mechanisms import crank_rocker
-from refusals import text_of
+from helpers.refusals import mechanism_text
+from mechanism_examples.named_mechanisms import crank_rocker
+from mechanism_examples.shipped_mechanisms import load_without_loads, with_file_numbers
 
 import spherekit as sk
 from spherekit.api.sweep import sweep_of
@@ -75,6 +75,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name, keys, pair, link", CASES)
 def test_rows_are_those_of_each_design_on_its_own(name, keys, pair, link):
@@ -96,7 +97,7 @@ def test_rows_are_those_of_each_design_on_its_own(name, keys, pair, link):
         design = dict(zip(keys, values, strict=True))
         vary = {key: [value] for key, value in design.items()}
         found = sk.sweep(name, vary, reduce, samples=SAMPLES).frame()
-        changed = with_values(name, design)
+        changed = with_file_numbers(name, design)
         modes = sk.trace(changed, samples=SAMPLES).assembly_modes
         assert sorted(found["mode"]) == sorted(mode.label for mode in modes)
         for mode in modes:
@@ -107,6 +108,7 @@ def test_rows_are_those_of_each_design_on_its_own(name, keys, pair, link):
                 assert row[figure] == pytest.approx(value, rel=1e-9, abs=1e-9), figure
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name, middle", [("four_bar", "43"), ("stephenson", "56")])
 def test_figures_of_analyses_are_those_of_their_tables(name, middle):
@@ -136,6 +138,7 @@ def test_reactions_are_figures():
     assert found.frame()["largest_reaction_43"].tolist() == most.tolist()
 
 
+@pytest.mark.slow
 def test_tables_of_runs_give_figures_of_what_no_kernel_knows():
     key = "pairs.contact.profiles.cam.cosines.1"
     text = (
@@ -189,9 +192,10 @@ def test_the_command_prints_a_word_for_each_design_and_each_reason_once(capsys):
     ]
 
 
-ACTED = text_of("sweeps_acted")
+ACTED = mechanism_text("sweeps_acted")
 
 
+@pytest.mark.slow
 def test_masses_and_loads_are_inputs_of_the_kernel(tmp_path):
     path = tmp_path / "acted.toml"
     whole = find("four_bar").read_text()
@@ -220,7 +224,7 @@ def test_masses_and_loads_are_inputs_of_the_kernel(tmp_path):
     assert found["reason"][bad].str.contains("mass").all() and sum(bad) == 8
     for _, row in found[~bad].iloc[::5].iterrows():
         design = {key: row[key.replace(".", "_")] for key in vary}
-        run = sk.run(with_values(path, design), "eksergian", samples=19)
+        run = sk.run(with_file_numbers(path, design), "eksergian", samples=19)
         table = run.frame("eksergian")
         table = table[table["assembly_mode"] == (0 if row["mode"] == "+" else 1)]
         assert row["peak"] == pytest.approx(table["tau"].abs().max(), rel=1e-9)
@@ -230,7 +234,7 @@ def test_masses_and_loads_are_inputs_of_the_kernel(tmp_path):
 
 def test_masses_stated_by_sizes_follow_them(tmp_path):
     path = tmp_path / "bar.toml"
-    path.write_text(text_of("bar"))
+    path.write_text(mechanism_text("bar"))
     found = sk.sweep(path, {"links.c.arc": [20.0, 40.0]}, "max(B)", samples=5).frame()
     for arc in (20.0, 40.0):
         alpha = np.radians(arc)
@@ -482,7 +486,7 @@ def test_coils_are_wound_on_beyond_half_a_turn(pair, zero, range_, crank, sample
 @pytest.mark.slow
 def test_coils_are_wound_on_in_groups_beyond_dyads_and_at_inputs():
     spring = sk.Spring("coil", "C", stiffness=2.0, rest=0.3)
-    mechanism = bare("double_butterfly").with_loads(spring)
+    mechanism = load_without_loads("double_butterfly").with_loads(spring)
     inertia = [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
     mechanism = mechanism.with_mass("8", inertia)
     wanted = torques_of_runs(mechanism, 73)
@@ -501,7 +505,7 @@ def test_coils_are_wound_on_in_groups_beyond_dyads_and_at_inputs():
 def test_angles_in_groups_beyond_dyads_are_those_of_runs():
     keys = ["C.longitude", "E.latitude", "H.latitude", "F.longitude"]
     changed = dict(zip([f"pairs.{key}" for key in keys], [5, 15, 12, 30], strict=True))
-    motion = sk.trace(with_values("double_butterfly", changed), samples=37)
+    motion = sk.trace(with_file_numbers("double_butterfly", changed), samples=37)
     theta = np.degrees(motion.values[:, motion.mechanism.variable_names.index("theta_F")])
     theta = theta.reshape(-1, 37)
     wanted = np.stack([np.nanmax(theta, axis=1), np.nanmin(theta, axis=1)], axis=1)

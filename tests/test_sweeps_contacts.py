@@ -2,22 +2,22 @@
 
 import numpy as np
 import pytest
-from common import with_values
-from refusals import text_of
+from helpers.refusals import mechanism_text
+from mechanism_examples.shipped_mechanisms import with_file_numbers
 
 import spherekit as sk
 from spherekit.designs.figure_gradients import FigureGradients
 from spherekit.designs.sensitivity import Sensitivity
 from spherekit.designs.synthesis_modes import SynthesisMode
 
-WHEELS = text_of("three_wheels")
+WHEELS = mechanism_text("three_wheels")
 
-DIFFERENTIAL = text_of("differential_with_rocker")
+DIFFERENTIAL = mechanism_text("differential_with_rocker")
 
 # A platform on three legs of which one is driven by a wheel, or is a contact.
-PLATFORM = text_of("platform")
-GEARED = PLATFORM.format(text_of("sweeps_contacts_geared"))
-PUSHED = PLATFORM.format(text_of("sweeps_contacts_pushed"))
+PLATFORM = mechanism_text("platform")
+GEARED = PLATFORM.format(mechanism_text("sweeps_contacts_geared"))
+PUSHED = PLATFORM.format(mechanism_text("sweeps_contacts_pushed"))
 
 CASES = {
     "roller_cam": (
@@ -62,6 +62,7 @@ def written(folder, text):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(
     "case", [pytest.param(case, marks=SLOW if case == "geared" else ()) for case in CASES]
@@ -85,9 +86,9 @@ def test_wheels_and_contacts_in_any_group_are_those_of_runs(case, tmp_path):
         design = {key: rows[key.replace(".", "_")].iloc[0] for key in vary}
         if rows["status"].iloc[0] != "OK":
             with pytest.raises(sk.SpherekitError):
-                sk.trace(with_values(mechanism, design), samples=9)
+                sk.trace(with_file_numbers(mechanism, design), samples=9)
             continue
-        run = sk.evaluate(with_values(mechanism, design), np.radians(places))
+        run = sk.evaluate(with_file_numbers(mechanism, design), np.radians(places))
         theta = run.variable(pair)
         rates = run.variable_coefficient(pair, "right" if several else None)
         for k in range(len(places)):
@@ -100,6 +101,7 @@ def test_wheels_and_contacts_in_any_group_are_those_of_runs(case, tmp_path):
             assert mine[order[0]] == pytest.approx(wanted[order[1]], rel=1e-12, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_wheels_that_deviate_mesh_as_gears_do(tmp_path):
     """By the contacts as they are, and by ratios and offsets: two formulations."""
     wheels = sk.load(written(tmp_path, WHEELS))
@@ -130,6 +132,7 @@ def test_a_differential_has_derivatives_though_its_equations_repeat(tmp_path):
     assert gradients[0, 0] == pytest.approx(slope, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_gradients_of_figures_on_wheels_are_those_of_differences(tmp_path):
     """Whole turns with which wheels are put together are no change."""
     keys = {"links.1.arcs.c": [70.0], "links.1.arcs.b": [50.0]}

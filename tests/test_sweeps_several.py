@@ -4,8 +4,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from common import with_values
-from refusals import text_of
+from helpers.refusals import mechanism_text
+from mechanism_examples.shipped_mechanisms import with_file_numbers
 
 import spherekit as sk
 from spherekit.designs.design_variables import design_variable
@@ -13,7 +13,7 @@ from spherekit.files.library import find
 from spherekit.files.number_change import document_of
 from spherekit.files.study import Study
 
-MASSES = text_of("sweeps_several_masses")
+MASSES = mechanism_text("sweeps_several_masses")
 
 
 def designs_of(name, keys, changes):
@@ -21,7 +21,9 @@ def designs_of(name, keys, changes):
     own = {key: design_variable(document_of(name), key).value for key in keys}
     vary = {key: [own[key], own[key] + changes] for key in keys}
     designs = product(*vary.values())
-    return vary, [with_values(name, dict(zip(keys, row, strict=True))) for row in designs]
+    return vary, [
+        with_file_numbers(name, dict(zip(keys, row, strict=True))) for row in designs
+    ]
 
 
 def figures_of(mechanism, samples, link, pair, moving):
@@ -45,6 +47,7 @@ def figures_of(mechanism, samples, link, pair, moving):
     return np.array(made)
 
 
+@pytest.mark.many
 @pytest.mark.parametrize(
     "name, keys, samples, link, pair",
     [
@@ -93,7 +96,7 @@ def test_moments_of_several_inputs_are_those_of_the_dynamics(tmp_path):
     reduce += [f"B_{i}_{k}=max(B_{i}_by_{k})" for i in inputs for k in inputs]
     found = sk.sweep(study, {"mass.4.mass": [2.0, 1.5]}, reduce).frame()
     for mass, rows in found.groupby("mass_4_mass"):
-        own = with_values(mechanism, {"mass.4.mass": mass})
+        own = with_file_numbers(mechanism, {"mass.4.mass": mass})
         run = sk.run(Study("", own, samples=5, duration=1.0, laws=laws), "dynamics")
         known = run.frame("dynamics")
         for (_, row), (_, table) in zip(

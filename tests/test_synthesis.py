@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from refusals import TABLES, changed, check_call, text_of
+from helpers.refusals import TABLES, check_call, mechanism_text, replace_passages
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk
@@ -30,6 +30,7 @@ def random_best(path, count):
     return best
 
 
+@pytest.mark.slow
 def test_the_rocker_follows_the_function():
     path = EXAMPLES / "function.toml"
     found = sk.synthesize(path, designs=1024, starts=4)
@@ -118,6 +119,7 @@ def test_other_fronts_are_beaten_by_no_random_design(designs, count, starts, see
     check_front("trade_off.toml", designs, count, starts, seed)
 
 
+@pytest.mark.slow
 def test_cutting_planes_find_the_centre_of_the_smallest_ball():
     rng = np.random.default_rng(3)
     corners = np.array([[0.1, 0.2, 0.3], [0.9, 0.2, 0.3], [0.5, 0.2 + 0.16**0.5, 0.3]])
@@ -198,7 +200,7 @@ def test_gradients_of_figures_are_those_of_differences(tmp_path):
         assert closes_with_gradients(evaluator, at, step, mode, 1e-7) == 1.0
 
 
-ACTED = text_of("synthesis_acted")
+ACTED = mechanism_text("synthesis_acted")
 
 
 def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):
@@ -240,7 +242,7 @@ def test_numbers_at_their_limits_have_slopes():
 def test_mistakes_say_what_is_wrong(call, tmp_path):
     def made(*changes):
         path = tmp_path / "synthesis.toml"
-        path.write_text(changed(text_of("synthesis_small"), *changes))
+        path.write_text(replace_passages(mechanism_text("synthesis_small"), *changes))
         sk.synthesize(path, designs=8, starts=1)
 
     check_call(call, {"made": made}, TABLES["syntheses"][call])

@@ -133,6 +133,7 @@ SMOOTH = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name, vary, samples, figures", SMOOTH)
 def test_gradients_are_those_of_differences(name, vary, samples, figures, tmp_path):

@@ -9,8 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from common import Asking
-from refusals import text_of
+from helpers.minimal_analysis import MinimalAnalysis
+from helpers.refusals import mechanism_text
 from test_view import columns
 
 import spherekit as sk
@@ -27,7 +27,7 @@ from spherekit.runs.needs import Needs
 from spherekit.runs.runner import run
 from spherekit.tables.table import Column, Table
 
-HEAD = text_of("timed.study")
+HEAD = mechanism_text("timed.study")
 LAWS = {
     "constant": 'kind = "constant_speed"\nspeed = -1.5\nfrom = 4',
     "polynomial": 'kind = "polynomial"\ncoefficients = [0.2, 3.0, -2.0, 0.4]',
@@ -78,7 +78,7 @@ def test_without_a_law_the_input_turns_at_1_rad_per_s(study):
 
 
 @dataclass(frozen=True)
-class LastInput(Asking):
+class LastInput(MinimalAnalysis):
     """Shows what an analysis may read of time."""
 
     name: ClassVar[str] = "last_input"

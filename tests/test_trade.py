@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from common import Asking
+from helpers.minimal_analysis import MinimalAnalysis
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -134,6 +134,7 @@ MANY = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(("name", "count", "samples"), MANY)
 def test_recommended_settings_meet_the_tolerance(name, count, samples):
@@ -176,6 +177,7 @@ ALIKE = ((1.0, 1e-10), (1.05, 1e-15), (1.5, 1e-16))
 """Times of settings, of which the first two are alike, and their errors."""
 
 
+@pytest.mark.slow
 def test_the_cheapest_depends_on_the_number_of_samples_and_of_alike_ones_on_the_error():
     """Nodes are evaluated once, so their price falls with the number of samples."""
     made = sk.load("four_bar")
@@ -224,7 +226,7 @@ def test_an_analysis_trades_its_own_parameters():
 
 
 @dataclass(frozen=True, kw_only=True)
-class Beside(Asking):
+class Beside(MinimalAnalysis):
     """A place next below zero, or at zero."""
 
     name: ClassVar = "beside"
@@ -251,6 +253,7 @@ def test_places_of_singularities_are_compared_with_the_nearest():
     assert found.columns[0][:2] == ("singularities.q", "absolute rad")
 
 
+@pytest.mark.slow
 def test_the_command_says_what_is_reached(capsys, tmp_path):
     pytest.importorskip("matplotlib")
     given = ["four_bar", "--samples", "13", "--rounds", "1"]
@@ -292,6 +295,7 @@ RUN = ("--samples", "200", "--assembly-mode", "0")
 MOVED = ("-a", "eksergian", "--start", "q=0.5,dq=3", "--duration", "0.3", "--samples", "9")
 
 
+@pytest.mark.slow
 def test_a_run_takes_a_stored_trade(capsys, stored):
     given = ["run", "four_bar", *RUN, "--tol", "1e-5", "--trade", stored, "--json"]
     assert main(given) == 0

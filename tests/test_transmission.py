@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from oracles import least_misfit, velocity_equations
+from oracles.velocity_equations import least_misfit, velocity_equations
 from scipy.spatial.transform import Rotation
 
 import spherekit as sk

@@ -1,11 +1,11 @@
 """A crank in two bearings, one of them redundant: what the commands say agrees."""
 
 import pytest
-from refusals import text_of
+from helpers.refusals import mechanism_text
 
 from spherekit.cli.main import main
 
-TEXT = text_of("two_bearings")
+TEXT = mechanism_text("two_bearings")
 
 
 @pytest.fixture

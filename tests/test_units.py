@@ -5,14 +5,14 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from refusals import text_of
+from helpers.refusals import mechanism_text
 
 import spherekit as sk
 from spherekit.files.study_reader import load_study
 from spherekit.runs.registry import analysis_names
 from spherekit.tables.table_files import read_parquet
 
-TURN = text_of("units_turn.study")
+TURN = mechanism_text("units_turn.study")
 
 
 @pytest.fixture(scope="module")

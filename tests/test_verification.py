@@ -7,8 +7,8 @@ from typing import ClassVar, final
 import mpmath as mp
 import numpy as np
 import pytest
-from common import Asking, rows_of
-from exact_four_bar import angle, arcs_of
+from helpers.minimal_analysis import MinimalAnalysis, with_row_columns
+from oracles.exact_four_bar import angle, arcs_of
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -176,6 +176,7 @@ def test_a_wrong_configuration_has_no_reference():
     assert len(verification_failures(verdict)) == 2
 
 
+@pytest.mark.slow
 def test_several_inputs_times_and_analyses_of_whole_motions():
     verdict = verified("five_bar", samples=9, verify=3)
     moved = {item["subject"].get("moving") for item in verdict["columns"]} - {None}
@@ -192,7 +193,7 @@ def test_several_inputs_times_and_analyses_of_whole_motions():
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Risen(Asking):
+class Risen(MinimalAnalysis):
     """By how much a variable rose since the first sample, which one block cannot say."""
 
     name: ClassVar = "risen"
@@ -205,7 +206,7 @@ class Risen(Asking):
 
     def compute(self, batch):
         values = batch.continued_value("32").reshape(2, -1)
-        return {"risen": rows_of(batch, rise=(values - values[:, :1]).ravel())}
+        return {"risen": with_row_columns(batch, rise=(values - values[:, :1]).ravel())}
 
 
 def test_whole_motions_have_their_rows_replaced(monkeypatch):
@@ -285,7 +286,7 @@ def test_the_command_prints_and_writes_it(tmp_path, capsys):
 
 
 def test_faults_of_a_plugin_or_a_profile_do_not_lose_the_run(monkeypatch):
-    class Failing(Asking):
+    class Failing(MinimalAnalysis):
         name, rowwise, tables = "failing", True, ()
         calls = 0
 

@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from closed_forms import (
+from oracles.closed_forms import (
     FOUR_BAR_ARCS,
     four_bar_angles,
     four_bar_coefficients,
@@ -359,6 +359,7 @@ def test_wrong_number_of_rows(tmp_path):
         recorder.log(block(0, SAMPLES[:50]), SAMPLES[:49], INPUTS[:49])
 
 
+@pytest.mark.slow
 def test_no_viewer_listens_and_a_port_in_use_serves_none(tmp_path):
     for url in ("127.0.0.1", "http://x:1/", "rerun+http://127.0.0.1/proxy"):
         with pytest.raises(OutputError, match="looks like"), RerunRecorder("x", url=url):
@@ -390,6 +391,7 @@ def test_file_and_live_together(tmp_path, recording):
     assert differences(path, recording) == []
 
 
+@pytest.mark.slow
 def test_lost_viewer_does_not_stop_the_file(tmp_path, recording):
     (port,) = free_ports(1)
     server = RerunRecorder("server", port=port)
@@ -478,6 +480,7 @@ def test_names_of_links_do_not_cover_each_other():
             assert np.any(np.abs(middle - other) >= half + size)
 
 
+@pytest.mark.slow
 def test_graphs_have_the_same_layout_in_every_process():
     """Sets of texts have another order in each process; a layout must not depend on it."""
     code = (

@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from refusals import text_of
-from sceptic.suspects import random_suspect
-from strategies import MECHANISMS
+from cross_checks.mechanisms import random_subject
+from helpers.hypothesis_strategies import MECHANISMS
+from helpers.refusals import mechanism_text
 
 import spherekit as sk
 from spherekit.completeness import Guarantee
@@ -29,8 +29,8 @@ from spherekit.status import Status
 
 DEGREE = np.pi / 180.0
 BASE, LEFT, COUPLERS, RIGHT = 75.0, 40.0, (60.0, 55.0), 35.0
-FIVE_BAR = text_of("geared_five_bar_wheels")
-SECOND_PLANET = text_of("wheels_second_planet")
+FIVE_BAR = mechanism_text("geared_five_bar_wheels")
+SECOND_PLANET = mechanism_text("wheels_second_planet")
 MASS = Mass("3", ((2.0, 0.1, 0.0), (0.1, 1.5, 0.2), (0.0, 0.2, 1.0)))
 
 
@@ -63,7 +63,7 @@ def test_wheels_of_an_irrational_ratio_never_return(tmp_path):
     assert np.ptp(unrolled) < 1e-9
     assert np.max(np.unique(motion.sample[ok], return_counts=True)[1]) == 2
     # Teeth 17 : 23 and 19 : 31 are back together after 23 times 31 turns.
-    three = PositionAnalysis(loads(text_of("three_wheels")), samples=1)
+    three = PositionAnalysis(loads(mechanism_text("three_wheels")), samples=1)
     assert three.solver.periods[0] == pytest.approx(23 * 31 * 2.0 * np.pi)
 
 
@@ -217,7 +217,7 @@ def test_wheels_on_moving_links_keep_to_the_curve_of_the_reference_pose(shift):
     How far these wheels have rolled does not follow from the input. A turn of it is the
     same configuration, whichever turn the range is in.
     """
-    made = random_suspect(4).mechanism
+    made = random_subject(4).mechanism
     (driven,) = (item.pair for item in made.inputs)
     span = {driven: (shift - 40.0, shift + 60.0)}
     tracer = PositionAnalysis(made.with_inputs(ranges=span, angle_unit="deg"), samples=101)

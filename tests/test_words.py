@@ -5,7 +5,7 @@ import json
 import re
 
 import pytest
-from sources import ANALYSES, FILES, PACKAGE, ROOT, nodes_of
+from helpers.source_files import ANALYSES, FILES, PACKAGE, ROOT, nodes_of
 
 from spherekit.files.mechanism_reader import load
 from spherekit.runs.registry import analysis_names

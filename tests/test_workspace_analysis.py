@@ -5,10 +5,14 @@ from functools import partial
 
 import numpy as np
 import pytest
-from closed_forms import mid_plane_area
-from common import Listener, told_by
-from example_mechanisms import mechanism_of, unlike_legs
-from sphere_areas import common_area
+from helpers.analysis_runs import run_single_analysis
+from helpers.scene_listener import SceneListener
+from mechanism_examples.named_mechanisms import (
+    mechanism_from_sizes,
+    platform_with_unlike_legs,
+)
+from oracles.closed_forms import mid_plane_area
+from oracles.sphere_areas import common_area
 
 import spherekit as sk
 from spherekit.geometry.rotation import from_quaternion, transpose
@@ -44,7 +48,7 @@ SCATTER = 0.02
 """What an area counted from these may be off by (sr): some 30 of them."""
 
 
-found_in = partial(told_by, "workspace")
+found_in = partial(run_single_analysis, "workspace")
 
 
 FIVE = sk.load("five_bar")
@@ -64,7 +68,7 @@ def ten_degrees():
 
 def sub_loop():
     """A five-bar of seven links: one crank is driven through a four-bar."""
-    return mechanism_of(
+    return mechanism_from_sizes(
         {
             "base": ("a1 a2 d2", [70.0, 95.0], [30.0]),
             "crank1": ("a1 b1", [50.0], []),
@@ -230,6 +234,7 @@ def test_a_distance_to_singularities_is_known_where_an_input_cannot_move():
     assert 71.0 < found.orientations.volume < 72.5
 
 
+@pytest.mark.slow
 def test_a_pose_outside_gets_the_nearest_reachable():
     cloud, kinematics = DIRECTIONS, closed_kinematics(FIVE)
     bounds = bounds_of(kinematics, Constraints(limits=(JointLimit("21", 0.7, 2.4),)))
@@ -289,7 +294,7 @@ def test_an_empty_workspace_names_what_excludes_each_other():
 @pytest.mark.slow
 def test_orientations_of_unlike_legs():
     """Volume against the share of orientations for which the graph closes."""
-    mechanism = unlike_legs()
+    mechanism = platform_with_unlike_legs()
     kinematics, solver = closed_kinematics(mechanism), InverseKinematics(mechanism).solver
     bounds, signs = bounds_of(kinematics, Constraints()), kinematics.modes[0]
     samples = orientation_samples(20_000)
@@ -325,12 +330,12 @@ def test_orientations_are_tabled():
 
 
 def test_pages_show_map_border_and_areas():
-    watcher = Listener()
+    watcher = SceneListener()
     request = "workspace:near=15,working_mode=++"
     sk.run(FIVE, [request], samples=2, recorder=watcher)
-    assert {"Workspace", "Singularity"} <= set(watcher.pages)
+    assert {"Workspace", "Singularity"} <= set(watcher.primitives_by_page)
     for title in ("Workspace", "Singularity"):
-        parts = watcher.pages[title]
+        parts = watcher.primitives_by_page[title]
         (shown,) = [part for part in parts if isinstance(part, SphereMap)]
         assert shown.triangles.max() < len(shown.vertices) == len(shown.values)
         used = shown.values[np.unique(shown.triangles)]
@@ -340,7 +345,9 @@ def test_pages_show_map_border_and_areas():
         assert deepest.label == deepest.marks[0].label  # named once in legends of figures
         (words,) = [part.markdown for part in parts if isinstance(part, Text)]
         assert "bounded by" in words and "type II at least 15 deg away" in words
-    singular = next(p for p in watcher.pages["Singularity"] if isinstance(p, SphereMap))
+    singular = next(
+        p for p in watcher.primitives_by_page["Singularity"] if isinstance(p, SphereMap)
+    )
     assert singular.values[np.unique(singular.triangles)].min() > np.radians(14.999)
 
 

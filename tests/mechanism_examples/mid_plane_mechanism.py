@@ -1,0 +1,37 @@
+"""The third paper's mechanism for any arcs, and angles of its legs."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import spherekit as sk
+from spherekit.mechanism.pair_frames import link_axes
+
+
+def mid_plane_mechanism(alphas):
+    """Return the mechanism with the arcs alpha_1 to alpha_8 (rad) of Fig. 2."""
+    a1, a2, a3, a4, a5, a6, a7, a8 = map(float, alphas)
+    arcs = {
+        "1": (a1, 0.5 * a1),
+        "2": (a2, a2),
+        "3": a3,
+        "4": (a4, 0.5 * a4),
+        "5": a5,
+        "6": (a6, a6),
+        "7": a7,
+        "8": (a8, a8),
+    }
+    made = sk.load("two_dof_spm").with_sizes(angle_unit="rad", arcs=arcs)
+    (pointer,) = made.outputs
+    direction = tuple(link_axes(made)["4"]["74"].tolist())
+    return replace(made, outputs=(replace(pointer, direction=direction),))
+
+
+def driven_variables(form):
+    return [form.legs[k][0] for k in form.plane.driven]
+
+
+def fold_angles(plane, normals):
+    """Return the angles (n, legs) rad between base and tip axes."""
+    sine = np.abs(normals @ plane.axes.T)
+    return 2.0 * np.arcsin(np.clip(sine, 0.0, 1.0))

@@ -1,0 +1,94 @@
+"""Closed forms from the literature, written apart from spherekit to check it against.
+
+[1] R. Di Gregorio (2024), "Dynamic model of single-DOF spherical mechanisms based on
+    instantaneous pole axes and Eksergian's equation", Mechanism and Machine Theory.
+    The spherical four-bar of its Fig. 5: link 1 is the frame, link 2 the input, and
+    `arcs` = (alpha_1, alpha_2, alpha_3, alpha_4) in rad are the lengths of its links.
+    Unit vectors are in the axes of the frame, z along the axis of pair 41.
+[2] Z. Chen, X. Chen, M. Gao, C. Zhao, K. Zhao and Y. Li (2021), "Motion characteristics
+    analysis of a novel spherical two-degree-of-freedom parallel mechanism", sections 2, 3.
+    Base and end effector mirror each other in the mid-plane, which carries P, the middle
+    of the end effector, to Q = x, and each axis B3 to B1, B4 to B6.
+"""
+
+import numpy as np
+from oracles.exact_four_bar import four_bar
+from scipy.integrate import dblquad
+
+FOUR_BAR_ARCS = (np.pi / 3, np.pi / 9, 7 * np.pi / 18, 2 * np.pi / 9)
+"""The numerical example of [1], Table 1: 60, 20, 70 and 40 degrees."""
+
+
+def four_bar_angles(theta21, arcs, mode):
+    """Return theta41 (n,) rad by eq. (25) of [1]; `mode` is its p, 0 or 1.
+
+    NaN where the four-bar does not close.
+    """
+    return _four_bar(theta21, arcs, mode).theta
+
+
+def _four_bar(theta21, arcs, mode):
+    with np.errstate(invalid="ignore"):
+        return four_bar(arcs, theta21, mode, np)
+
+
+def _rows(vector, like):
+    """Return vectors (n, 3) of three components, of which some are the same in all rows."""
+    return np.stack(np.broadcast_arrays(*vector, like)[:3], axis=-1)
+
+
+def four_bar_axes(theta21, arcs, mode):
+    """Return the axes u (n, 3) of the pairs 41, 21, 32 and 43, eqs. (22a), (22b)."""
+    u = _four_bar(theta21, arcs, mode).u
+    return {name: _rows(axis, theta21) for name, axis in u.items()}
+
+
+def four_bar_frames(theta21, arcs, mode):
+    """Return the frames (n, 3, 3) of the links, columns i_j, j_j, k_j, by eq. (22).
+
+    Link j lies along its arc from k_j towards j_j, link 1 from k_1 towards j_1.
+    """
+    frames = _four_bar(theta21, arcs, mode).frames
+    return {
+        link: np.stack([_rows(v, theta21) for v in frame], axis=-1)
+        for link, frame in frames.items()
+    }
+
+
+def four_bar_poles(theta21, arcs, mode):
+    """Return the secondary pole axes u (n, 3) 31 and 42, by eq. (22e)."""
+    lines = _four_bar(theta21, arcs, mode).poles()
+    return {name: _rows(u, theta21) for name, u in zip(("31", "42"), lines, strict=True)}
+
+
+def four_bar_coefficients(theta21, arcs, mode):
+    """Return the velocity coefficients w31/w21 and w41/w21 (n,), eqs. (26a), (26b).
+
+    The first belongs to the pole 31 in the sense of `four_bar_poles`; NaN or noise where
+    link 3 does not turn relative to link 2.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return _four_bar(theta21, arcs, mode).coefficients()[1:]
+
+
+MID_PLANE_BASE = np.pi / 3
+MID_PLANE_LEG = np.deg2rad(40.0)
+SMALLEST_ANGLE = np.deg2rad(10.0)
+"""The numerical example of [2]: the arcs B1B6 and B1B2, and the least angle B1 to B3."""
+
+
+def mid_plane_area():
+    """Return the area (sr) of [2]'s workspace on one side of the plane z = 0.
+
+    The normal n of the mid-plane has n . B1 = -s1, n . B6 = -s6, and P is the mirror image
+    of Q, so that the area is 4 (-n . Q) times that of n. Over s1 and s6 the region is a
+    square.
+    """
+    half = 0.5 * MID_PLANE_BASE
+    low, high = np.sin(0.5 * SMALLEST_ANGLE), np.sin(MID_PLANE_LEG)
+
+    def density(one, other):
+        x, y = (one + other) / (2.0 * np.cos(half)), (one - other) / (2.0 * np.sin(half))
+        return float(4.0 * x / np.sqrt(1.0 - x * x - y * y) / np.sin(2.0 * half))
+
+    return dblquad(density, low, high, low, high, epsabs=1e-13, epsrel=1e-13)[0]
