@@ -175,7 +175,7 @@ def test_every_kind_of_parameter_can_be_given_on_the_command_line():
 
 
 def test_the_same_name_twice_is_refused(tmp_path, monkeypatch):
-    lines = "[spherekit.analyses]", "poles = broken_plugins:Sound"
+    lines = "[spherekit.analyses]", "poles = helpers.broken_plugins:Sound"
     write_distribution(tmp_path, "third_party", *lines)
     monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(PluginError, match="several distributions"):

@@ -40,7 +40,7 @@ class Subject:
 
     name: str
     kind: str
-    mechanism_from_chain: sk.Mechanism
+    mechanism: sk.Mechanism
     samples: int | None = None
 
 
