@@ -21,7 +21,10 @@ from spherekit.runs.registry import analysis_names
 BROKEN_AT_IMPORT = {
     "raises_at_import": ("raises_at_import:Thing", "RuntimeError: not today"),
     "wrong_entry_point": ("helpers.broken_plugins:NoSuchClass", "NoSuchClass"),
-    "not_an_analysis": ("helpers.broken_plugins:TABLE", "not a subclass of AbstractAnalysis"),
+    "not_an_analysis": (
+        "helpers.broken_plugins:TABLE",
+        "not a subclass of AbstractAnalysis",
+    ),
     "misnamed": ("helpers.broken_plugins:Tuned", "calls itself 'tuned'"),
     "old": ("helpers.broken_plugins:Old", "written for contract 0"),
     "unfinished": ("helpers.broken_plugins:Unfinished", "methods missing: compute"),

@@ -144,7 +144,11 @@ def test_an_open_curve_refuses_places_beyond_its_ends(four_bar):
 
 @pytest.mark.parametrize("call", TABLES["stored models"])
 def test_bad_requests_name_the_nearest_match(models, call):
-    names = {"model": models[0], "reduced_model": reduced_model, "bare": load_without_loads}
+    names = {
+        "model": models[0],
+        "reduced_model": reduced_model,
+        "load_without_loads": load_without_loads,
+    }
     check_call(call, names, TABLES["stored models"][call])
 
 
