@@ -58,8 +58,10 @@ def jet_product(
 ) -> Jet:
     """Return the jet of a bilinear product by the product rule.
 
-    A jet is an array of balls with its derivatives by the variables. Its key () has the
-    array, (j,) a first and (j, l) with j <= l a second derivative; a missing key means 0.
+    A jet is a mapping with an array of balls and its derivatives by the variables. The key
+    () has the array, (j,) its derivative by variable j, and (j, l) with j <= l the second
+    derivative by the variables j and l. A missing key means 0. A ball is a number with a
+    bound of its error.
 
     Parameters
     ----------
@@ -77,10 +79,11 @@ def jet_product(
         for second_key, second_array in second.items():
             if len(first_key) + len(second_key) > order:
                 continue
+            # The product of a derivative of each factor is a term of this derivative.
             key = tuple(sorted(first_key + second_key))
             term = multiply(first_array, second_array)
-            # The second derivative by one variable has the mixed term twice. For two
-            # different variables the other order of the keys gives the second one.
+            # (f g)'' = f'' g + 2 f' g' + f g'': if both keys are the same variable, the
+            # mixed term counts twice. For two variables it occurs twice in these loops.
             if first_key and first_key == second_key:
                 term = term + term
             result[key] = result[key] + term if key in result else term
@@ -89,7 +92,7 @@ def jet_product(
 
 @dataclass(frozen=True)
 class DyadPlacement:
-    """How a link is put on two axes U and W, each an axis of a link placed before.
+    """The constants by which a link is put on two axes U and W of links placed before.
 
     Attributes
     ----------
@@ -144,6 +147,7 @@ class ArcEquations:
     def __init__(
         self, decimal_mechanism: DecimalMechanism, construction: Construction
     ) -> None:
+        """Compute the constants by which each link is placed, in balls."""
         self.decimal_mechanism = decimal_mechanism
         self.construction = construction
         self.unknown_count = construction.unknown_count
@@ -171,10 +175,10 @@ class ArcEquations:
         return self.pair_frames[pair][side]
 
     def _pair_rotation_terms(self, step: PlacementStep) -> Array:
-        """Return the rotation of a link across one pair as a function of its variable.
+        """Return the rotation of a link with one parent as a function of its variable.
 
-        `step` places the link across the pair that joins it to its only parent, a link
-        placed before.
+        `step` places the link. One pair joins it to its parent, a link placed before, and
+        the link rotates about the axis of this pair.
 
         Returns
         -------
@@ -200,7 +204,7 @@ class ArcEquations:
         return terms
 
     def _place_dyad(self, step: PlacementStep) -> DyadPlacement:
-        """Return how a link is put on two axes, each an axis of a link placed before.
+        """Return the constants by which a link is put on two axes of links placed before.
 
         Raises
         ------
@@ -299,15 +303,16 @@ class ArcEquations:
     ) -> tuple[list[Jet], dict[int, Jet]]:
         """Return the jets of all equations and of the link orientations.
 
-        A jet is an array of balls with its derivatives by the variables. Its key () has the
-        array, (j,) a first and (j, l) with j <= l a second derivative; a missing key means
-        zero.
+        A jet is a mapping with an array of balls and its derivatives by the variables. The
+        key () has the array, (j,) a first derivative, (j, l) with j <= l a second one; a
+        missing key means zero.
 
-        Links are placed one after another. A link across one pair is rotated by the angle
-        of the pair. A dyad is a link on the axes U and W of two placed links. It gives the
-        equation f = U . W - cos(arc) = 0 with the link's arc between both axes. If the
-        equation is satisfied, the orientation of the link is U a^T + W b^T + (U x W) n^T
-        with its dual rows a, b, n: the dual basis, in link axes, of U, W and U x W.
+        Links are placed one after another. A link with one parent is rotated by the angle
+        of the pair between both. A dyad is a link that is put on the axes U and W of two
+        placed links. It gives the equation f = U . W - cos(arc) = 0, where the arc is that
+        of the link between its two axes. If the equation is satisfied, the orientation of
+        the link is U a^T + W b^T + (U x W) n^T. The rows a, b, n are the dual basis, in
+        link axes, of both axes and their vector product.
 
         Parameters
         ----------
@@ -328,7 +333,11 @@ class ArcEquations:
         orientations: dict[int, Jet] = {}
 
         def carry_along(path: Sequence[int], axis: Vector) -> Jet:
-            """Return an axis of the first link of a path in the axes where it ends."""
+            """Return an axis of the first link of a path in axes of the shared link.
+
+            A path leads from a parent of a dyad to the first link that both parents' paths
+            have in common.
+            """
             # Each link's orientation leads to its reference, the next link of the path.
             jet: Jet = {(): axis}
             for link in path:
@@ -366,10 +375,10 @@ class ArcEquations:
         """(equations,) bounds C of the derivatives of f at real angles, of any order >= 1.
 
         A derivative of order k by variables j1 to jk is at most C times the product of the
-        degrees in these variables. The equation is f = U . W - cos(arc). U and W are unit
-        axes of two links, carried to common axes by products of link orientations. A
-        product is bounded by the product of norms, and the constant does not matter to
-        derivatives, so C is the product of the norms on both paths.
+        degrees in these variables. In the equation f = U . W - cos(arc), U and W are unit
+        axes of two links, which products of link orientations carry to common axes. The
+        norm of a product is at most the product of the norms, and derivatives do not depend
+        on the constant. C is therefore the product of the norms of all these orientations.
         """
         # By link: bound of the norm of its orientation relative to its reference link, and
         # of the derivatives of the orientation over the degrees. A rotation about a fixed
@@ -404,7 +413,7 @@ def _cross(a: Vector, b: Vector) -> Vector:
 def _rotation_jet(
     terms: Array, variables: Sequence[Ball] | Array, step: PlacementStep
 ) -> Jet:
-    """Return the rotation of a link across one pair with its derivatives by the variable.
+    """Return the rotation of a link about one pair, with derivatives by its variable.
 
     Parameters
     ----------

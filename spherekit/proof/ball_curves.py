@@ -102,8 +102,8 @@ def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
 def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
     """Return the curve of a profile, and its length if it is open.
 
-    A curve returns at an arc length its frame (3, 3), whose columns are tangent, normal and
-    point.
+    The curve is a function that returns at arc lengths (n,) the frames (n, 3, 3), whose
+    columns are tangent, normal and point.
 
     Parameters
     ----------
@@ -124,9 +124,10 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
     if profile.kind not in ("circle", "great_circle"):
         wave = _make_wave(axes, exact_balls(profile.cosines), exact_balls(profile.sines))
         return _by_arc_length(wave, exact_balls([0.0, 2.0]) * pi_ball(), True)
-    # A circle about z: its frame is a linear function of 1, cosine and sine of the azimuth,
-    # which is the arc length over the sine of the radius. A great circle has a radius of 90
-    # degrees. Each list has the tangent, the normal and the point.
+    # A circle about z with the angular radius r: point = z cos(r) + (x cos(a) + y sin(a))
+    # sin(r), where the azimuth a is the arc length over sin(r). The frame is therefore a
+    # linear function of 1, cos(a) and sin(a). A great circle has a radius of 90 degrees.
+    # Each list has the factors in the tangent, the normal and the point.
     x, y, z = axes
     sine, cosine = exact_balls([1.0, 0.0])
     if profile.kind == "circle":
@@ -141,9 +142,9 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
 def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]:
     """Return the curve of a path as a function of its arc length.
 
-    The curve is divided into panels. In each one the path's parameter is a power series of
-    the arc length: the reversed series of the arc length as a function of the parameter.
-    Panels are so short that the series has all digits.
+    The curve is divided into panels. In each panel the arc length is computed as a power
+    series of the path's parameter. The reversed series gives the parameter as a function of
+    the arc length. Panels are so short that both series have all digits.
 
     Parameters
     ----------
@@ -166,9 +167,9 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
         If too many panels are needed.
     """
     bits = precision_bits()
-    # More terms make longer panels. panel_starts has the arc length at which each panel
-    # begins, and panel_series the coefficients of the parameter as a series of the arc
-    # length from there on.
+    # `panel_starts` has the arc length at which each panel begins, and at last the whole
+    # length. `panel_series` has the coefficients of the parameter as a series of the arc
+    # length from the start of the panel on. More terms make longer panels.
     term_count = 8 + bits // 3
     panel_starts: list[Ball] = [exact_ball(0.0)]
     panel_series: list[list[Ball]] = []
@@ -190,7 +191,7 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
                     [series[power].mid() for power in range(term_count)]
                     for series in (arc_series, arc_series.reversion())
                 )
-                # Width of the panel, as a part of what is left to the next knot.
+                # Width of the panel, as a part of the remaining distance to the next knot.
                 width = min(
                     1.0, _convergence_distance(arc_of_parameter, bits) / float(high - low)
                 )
@@ -227,10 +228,10 @@ def _by_arc_length(path: Path, knots: Array, closed: bool) -> tuple[Curve, Ball]
 
 
 def _convergence_distance(coefficients: list[Ball], bits: int) -> float:
-    """Return how far from its centre a series has all digits.
+    """Return the distance from its centre up to which a series has all digits.
 
-    The distance x is estimated from the last four coefficients: |c_n| x^n is at most
-    2 ** -bits for each of them. A margin then shortens it.
+    The distance x is the largest one with |c_n| x^n of at most 2 ** -bits for each of the
+    last four coefficients c_n, shortened by a margin.
 
     Parameters
     ----------
@@ -296,8 +297,9 @@ def _make_spline(spline_path: SplinePath) -> Path:
         """Return projected points (n, 3) and their derivatives by the parameter (n,)."""
         inner_knots = spline_knots[degree + 1 : len(control_points)]
         parameter_floats = centre_floats(series_coefficient(parameter, 0))
+        # Number of the interval between knots in which each parameter is.
         first = np.searchsorted(inner_knots, parameter_floats, side="right")
-        # The degree + 1 control points and 2 degree knots that matter for each row.
+        # The (degree + 1) control points and (2 degree) knots on which each row depends.
         points = control_points[first + np.arange(degree + 1)[:, None]]
         knots = exact_balls(
             spline_knots[first + np.arange(1, 2 * degree + 1)[:, None], None]

@@ -185,6 +185,7 @@ def declared_frames(mechanism: Mechanism) -> Frames:
 
 
 def _exact_by_name(numbers: Mapping[str, float]) -> dict[str, Ball]:
+    """Return float64 numbers as balls of radius 0, by the same names."""
     return {name: exact_ball(number) for name, number in numbers.items()}
 
 

@@ -78,6 +78,7 @@ class Digits:
     """
 
     def __init__(self, digits: int = DEFAULT_DIGITS) -> None:
+        """Choose the number of bits, which includes one guard digit."""
         if not MIN_DIGITS <= digits <= MAX_DIGITS:
             raise EngineError(
                 f"{digits} digits were asked for; give between {MIN_DIGITS} and "

@@ -80,10 +80,10 @@ class CertifiedSingularities:
     def clearance(self, q: float) -> float:
         """Return how far (rad) the input may move from q, at least, before a singularity.
 
-        The clearance applies to all modes and to both directions, within the range. It is 0
-        if not everything is proven. Counted are stationary inputs and outputs, places where
-        curves cross or nearly do, inputs with whole curves of modes, and the ends of the
-        range.
+        The clearance applies to all assembly modes and to both directions. It is the
+        distance of q to the nearest of these inputs: singularities of type I and II, places
+        where configuration curves cross or nearly do, inputs with whole curves of
+        configurations, and the ends of the range. It is 0 if not everything is proven.
         """
         curves = self.curves
         if curves.completeness.guarantee is not Guarantee.CERTIFIED or self.undecided:
@@ -94,8 +94,8 @@ class CertifiedSingularities:
             for point in stationary_points.proven
         ]
         points += [singularity.point for singularity in self.singularities]
-        # Inputs at which something happens, with their errors. An error of the input's
-        # variable is multiplied by `cycle_turns`, the input angle over its variable.
+        # The inputs (rad) to which distances are measured, each with its error. The input
+        # angle is `cycle_turns` times its variable, and so is the error.
         inputs = [
             (curves.input_angle(point.position), curves.cycle_turns * point.error)
             for point in points
@@ -136,8 +136,9 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     """Return the singularities of all declared outputs other than the input itself.
 
     An output is measured by the angle of the pair that joins it to the link relative to
-    which it is seen. It is stationary where this angle is (type I). The input is stationary
-    where its own angle is (type II).
+    which it is seen. If this angle is stationary along a configuration curve, the
+    configuration is singular of type I. If the input angle is stationary, it is singular of
+    type II.
     """
     construction = curves.construction
     output_pairs = find_output_pairs(curves.decimal_mechanism)
@@ -169,6 +170,8 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
             ]
         else:
             skipped.append(output)
+        # Type I: the output is stationary. Type II: the input is stationary. If both may
+        # be in one configuration, it may be of type III.
         for curve, (of_output, of_input) in enumerate(
             zip(output_points, curves.input_stationary_points, strict=True)
         ):
@@ -184,11 +187,11 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
                     q_in_range = curves.wrap_into_range(q)
                     singularities.append(
                         CertifiedSingularity(
-                            output,
-                            type_text,
-                            q if q_in_range is None else q_in_range,
-                            curve,
-                            point,
+                            output=output,
+                            type=type_text,
+                            q=q if q_in_range is None else q_in_range,
+                            curve=curve,
+                            point=point,
                         )
                     )
     singularities.sort(key=lambda item: (item.output, item.type, item.q))

@@ -90,8 +90,9 @@ class Chain:
 
     def may_repeat_start(self) -> bool:
         """Return whether the chain may pass through its start a second time."""
-        # Arcs next to the start are left out. Coordinate 0 is along an arc, the others are
-        # across it.
+        # Does the start lie between the centre of an arc and the next centre, near the axis
+        # of the arc? Arcs next to the start are left out. Coordinate 0 is along the arc,
+        # the others are across it.
         start = self.pieces[0].centre
         for piece, next_piece in self.links[1 : len(self.pieces) - 1]:
             coordinates = piece.coordinates(start)
@@ -149,20 +150,25 @@ def _reverse(piece: CertifiedArc) -> CertifiedArc:
 def find_piece_ahead(
     equations: ArcEquations, piece: CertifiedArc, position: Floats, longest: float
 ) -> CertifiedArc | None:
-    """Return an arc near a position whose centre is ahead in the box of another arc.
+    """Return a certified arc that continues another arc.
 
-    None if no arc is proven there, or if its centre is not ahead in the box.
+    The centre of the new arc has to be in the box of the other arc, ahead of its centre.
+    Both arcs then have a configuration in common and belong to one curve.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     piece
-        The other arc. The result is oriented like it.
+        The arc that is continued. The result has a tangent in the same sense.
     position
-        (v,) where the centre is looked for (rad).
+        (v,) position (rad) near which the centre of the new arc is searched.
     longest
         Largest half length (rad) that is tried.
+
+    Returns
+    -------
+    None if no arc is proven near the position, or if its centre is not ahead in the box.
     """
     configuration = correct_configuration(equations, position)
     if configuration is None:
@@ -195,8 +201,9 @@ def _follow_forward(
 ) -> Chain:
     """Return the chain from an arc on, until it closes or ends.
 
-    A curve ends outside the range or on an arm of a crossing. If it starts in such a
-    position, it is followed until it has left the position and ends in another one.
+    A curve ends outside the range of the input, or on an arm: a branch that leaves a
+    crossing of curves. If the start is already at such an end, the curve is followed until
+    it has left this end and arrives at another one.
 
     Parameters
     ----------
@@ -207,7 +214,10 @@ def _follow_forward(
     """
 
     def end_of_curve(piece: CertifiedArc) -> Arm | int | None:
-        """Return the arm or the side of the range where an arc is, else 0 or None."""
+        """Return the arm on which an arc is, or the side of the range (1, -1) where it is.
+
+        The result is 0 if the arc is inside the range and on no arm.
+        """
         overshoot = max(piece.distance_bound, RANGE_OVERSHOOT_RAD)
         return crossings.arm(piece) or side(piece.centre[-1], overshoot)
 
@@ -219,10 +229,11 @@ def _follow_forward(
         end = end_of_curve(last)
         if end and end != end_to_leave:
             return Chain(pieces, False)
-        # Once the curve has left its starting position, any end counts. Here `end` is
-        # either no end, or the one in which the curve started.
+        # Here `end` is either no end, or the one at which the curve started. As soon as the
+        # curve has left the latter, any end counts.
         end_to_leave = end and end_to_leave
-        # The chain closes if the start is ahead, in the same sense, in the last arc's box.
+        # The chain closes if the start is in the box of the last arc, ahead of its centre,
+        # and both tangents have the same sense.
         has_left_start = distance_covered > 1.5 * start.half_length
         start_is_ahead = has_left_start and last.coordinates(start.centre)[0] > 0
         has_same_sense = last.tangent @ start.tangent > 0.5

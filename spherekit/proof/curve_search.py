@@ -87,6 +87,7 @@ class CurveSearch:
     """
 
     def __init__(self, equations: ArcEquations, side: RangeSide) -> None:
+        """Begin without curves and saddles."""
         self.equations = equations
         self.side = side
         self.crossings = Crossings(equations)
@@ -114,8 +115,9 @@ class CurveSearch:
     def covers(self, centres: Floats, radii: Floats) -> Bools:
         """Return which boxes (n,) are surely inside the box of a known arc or saddle.
 
-        Saddles are places where curves cross or nearly do. Only the arcs with the nearest
-        centres are tried, so that a box inside another arc may be overlooked.
+        Saddles are places where curves cross or nearly do. For each box only the arcs with
+        the nearest centres are tried, so a box inside the box of a farther arc may be
+        overlooked.
 
         Parameters
         ----------
@@ -152,8 +154,8 @@ class CurveSearch:
         positions
             (..., v) positions (rad).
         reach
-            Distance (rad) along the frame by which a position must be inside; negative if
-            it may be outside.
+            Distance (rad) by which a position must be inside, along each frame direction.
+            A negative reach also accepts positions outside by this distance.
         """
         offsets = wrap(positions - self._centres[pieces])
         coordinates = np.abs(np.einsum("...v,...vw->...w", offsets, self._frames[pieces]))
@@ -198,8 +200,8 @@ class CurveSearch:
     def _add_curve(self, position: Floats) -> None:
         """Add the curve through a configuration (v,), unless it is known already.
 
-        Saddles that the curve leads to are added as well, and chains that pass these are
-        cut there.
+        The curve may lead to saddles, places where curves cross or nearly do. New saddles
+        are added, and known chains that pass them are cut there.
         """
         if self._is_known(position, 0.0):
             return
@@ -209,7 +211,8 @@ class CurveSearch:
             return
         chain = find_chain(self.equations, first, self.side, self.crossings)
         if chain is not None:
-            # Earlier chains that are proven to be on a new closed one are dropped.
+            # If the new chain is closed, earlier chains that start in the box of one of its
+            # arcs are parts of it and are dropped.
             closed_pieces = chain.pieces if chain.closed else ()
             other_chains = []
             for earlier in self.chains:
@@ -224,11 +227,12 @@ class CurveSearch:
             self._cut_chains(new_saddles)
 
     def _cut_chains(self, saddles: Sequence[Saddle]) -> None:
-        """Follow chains again that pass new saddles, so that they end on their arms.
+        """Replace chains that pass new saddles by chains that end at these saddles.
 
-        A chain is a curve as a row of certified arcs; an arm is a branch that leaves a
-        saddle. If an arc of the old chain is on no new chain and in no saddle,
-        `has_lost_piece` is set.
+        A chain is a curve as a row of certified arcs. Each curve is followed again from
+        every arc of the old chain. It then ends on the arms of the saddles, the branches of
+        curves that leave them. If an arc of the old chain is on no new chain and in no
+        saddle, `has_lost_piece` is set.
         """
         untouched_chains: list[Chain] = []
         cut_chains: list[Chain] = []
@@ -285,10 +289,10 @@ class CurveSearch:
                 yield ArmUse(arm, end_counts[arm], signs[-1])
 
     def _has_unmatched_arm(self) -> bool:
-        """Return whether arms and ends of chains may not match one to one.
+        """Return whether arms and ends of chains may fail to match one to one.
 
-        On each arm, a branch of a curve that leaves a saddle, exactly one chain has to end.
-        An arm that only leads out of the range of the input needs no chain.
+        An arm is a branch of a curve that leaves a saddle. Exactly one chain has to end on
+        each arm. Only an arm that leads out of the range of the input needs no chain.
         """
         if any(self._touches_saddle_inside(chain) for chain in self.chains):
             return True
@@ -304,8 +308,9 @@ class CurveSearch:
     def _add_chains_of_short_arms(self) -> None:
         """Add a chain of one arc for each arm that leaves the range near its saddle.
 
-        The part of such an arm in the range is inside the saddle's box, where no chain is
-        followed. A chain of one arc outside the range makes the arm count.
+        An arm is a branch of a curve that leaves a saddle. If the part of an arm in the
+        range of the input is inside the box of the saddle, no chain was followed there. A
+        chain of one arc, just outside of the range, then stands for the arm.
         """
         for use in self._list_arm_uses():
             if use.chain_ends:
@@ -326,8 +331,8 @@ class CurveSearch:
     def _touches_saddle_inside(self, chain: Chain) -> bool:
         """Return whether a chain may touch a saddle other than on the arms at its ends.
 
-        The arcs at both ends that are on the arm there are left out. No other arc may be
-        in the box of a saddle.
+        A chain is a row of arcs. Those at each end that are on the same arm of a saddle are
+        left out. No other arc may be in the box of a saddle.
         """
         pieces = chain.pieces
         arms = [self.crossings.arm(piece) for piece in pieces]

@@ -160,7 +160,10 @@ class DecimalGeometry:
         }
 
     def circle_contact(self, contact: int) -> CircleContact:
-        """Return the circles of a contact pair.
+        """Return the two touching circles of a contact pair of the file.
+
+        The file gives the circles as bevel gears (shafts with teeth or half angles) or as
+        profiles (centre and radius of each circle).
 
         Parameters
         ----------
@@ -247,10 +250,10 @@ class DecimalGeometry:
     ) -> tuple[Ball, Ball]:
         """Return the half angles (rad) of the pitch cones of two bevel gears.
 
-        The first one follows from the numbers of teeth or is given in the file. The second
-        one is such that the cones touch: with the shaft angle g it is g - first for
-        external and g + first for internal contact. With teeth, the ratio of the sines of
-        both half angles is that of the teeth.
+        Let g be the angle between the shafts, and a and b the half angles. The cones touch
+        if b = g - a (external contact) or b = g + a (internal contact). If the file gives
+        numbers of teeth, the ratio sin(a) : sin(b) is that of the teeth, which determines
+        a. Otherwise the file gives a.
 
         Parameters
         ----------
@@ -267,6 +270,7 @@ class DecimalGeometry:
             sine, cosine = shaft_angle.sin_cos()
             first_teeth, second_teeth = table["teeth"]
             ratio = exact_ball(second_teeth) / first_teeth
+            # From sin(b) = ratio sin(a): tan(a) = sin(g) / (ratio - sense cos(g)).
             first = polar_angle(ratio - sense * cosine, sine)
         else:
             first = self.angle_ball(table["half_angles"][0])

@@ -120,11 +120,11 @@ class DecimalMechanism(DecimalGeometry):
         return frames
 
     def known_angles(self, inputs: Sequence[Ball]) -> list[Ball]:
-        """Return the angles (rad) of the inputs, followed by those of the followers.
+        """Return the angles (rad) of the inputs, then those of the followers.
 
-        Followers are the pairs whose angles wheels determine by the inputs. In each mesh of
-        wheels a weighted sum of pair angles is constant while the wheels roll. Its value is
-        known in one position, so that linear equations give the followers.
+        Followers are the pairs whose angles follow from the inputs through wheels. For each
+        mesh of two wheels a weighted sum of pair angles is constant while the wheels roll.
+        Its value is known in one position. These linear equations determine the followers.
 
         Parameters
         ----------
@@ -202,10 +202,10 @@ class DecimalMechanism(DecimalGeometry):
         return columns
 
     def with_meshes(self) -> "DecimalMechanism":
-        """Return the mechanism with its wheels in mesh and with their followers.
+        """Return the mechanism with its meshes of wheels and with the followers.
 
-        A mesh is a rolling contact of two wheels and the link that carries both. Followers
-        are the pairs whose angles the meshes determine by the inputs.
+        A mesh is a rolling contact of two wheels, with the link that carries both. The
+        followers are the pairs whose angles follow from the inputs through the meshes.
 
         Raises
         ------
@@ -304,8 +304,9 @@ class DecimalMechanism(DecimalGeometry):
             circle_contact = self.circle_contact(mesh.contact)
             sines = np.array(circle_contact.sines)
             centres = [frame[2] for frame in circle_contact.frames]
-            # Directions from both centres to the contact in axes of the carrier, and back
-            # in the axes of each wheel, where they have an azimuth.
+            # The directions from both centres to the contact are computed in axes of the
+            # carrier. Each is carried back to the axes of its wheel, where its azimuth is
+            # measured.
             directions_in_carrier = circle_contact.contact_directions(
                 *map(carry_along, centres, mesh.paths)
             )
@@ -315,7 +316,8 @@ class DecimalMechanism(DecimalGeometry):
                     circle_contact.frames, mesh.paths, directions_in_carrier, strict=True
                 )
             ]
-            # `sines` may count teeth. The scales convert lengths in rad to this unit.
+            # `sines` are the sines of both radii, or the numbers of teeth in the same
+            # ratio. The scales convert lengths in rad to the unit of `sines`.
             scales = sines / [radius.sin() for radius in circle_contact.radii]
             starts = scales * self.contact_starts(mesh.contact)
             lengths = sines * azimuths * (1, circle_contact.sense) - starts

@@ -69,7 +69,7 @@ def _link_angular_velocities(
     """Return the angular velocities of all links at unit rate of one input.
 
     The other inputs are locked. Angular velocities are relative to the link that is placed
-    first, the root. It cancels in differences of two.
+    first, the root. In the difference of two links the root has no influence.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def _link_angular_velocities(
     ratios = equations.decimal_mechanism.follower_ratios()
     rates = [*input_rates, *(row[input_number] for row in ratios)]
     if unknown_count:
-        # F_x x' = -F_q q' for the rates x' of the unknowns.
+        # The equations F(x, q) = 0 give F_x x' = -F_q q' for the rates x' of the unknowns.
         right = -(slopes[:, unknown_count:] @ rates)
         unknown_rates = solve_balls(slopes[:, :unknown_count], right[:, None])[:, 0]
         rates = [*unknown_rates, *rates]

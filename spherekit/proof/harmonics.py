@@ -56,6 +56,7 @@ class Harmonics:
     """
 
     def __init__(self, degrees: Indices, evaluate: BallEquations) -> None:
+        """Evaluate all equations at evenly spaced angles, and transform the values."""
         self.degrees = degrees
         self.max_degree = int(np.max(degrees, initial=1))
 
@@ -63,6 +64,7 @@ class Harmonics:
         # is a fraction of a turn (numerator, denominator) for each variable.
         @cache
         def evaluate_node(fractions: tuple[tuple[int, int], ...]) -> Array:
+            """Return the values (k,) of all equations at a node."""
             return evaluate([2 * pi_ball() * part / count for part, count in fractions])
 
         node_counts = (2 * degrees + 1).tolist()
@@ -97,10 +99,10 @@ class Harmonics:
             # Axes of variables that do not occur have length 1 and are left out.
             variables = np.flatnonzero(self.degrees[equation])
             parts = _sum_waves(np.squeeze(coefficients), waves[variables]).real
-            # Rows of `parts` are derivatives: row a + b (order + 1) + ... is of order a by
-            # the first variable, of order b by the second and so on. So the first
-            # derivative by variable j is row (order + 1)^j, and rows of second derivatives
-            # are sums of two of these.
+            # Rows of `parts` are derivatives. Row a + b (order + 1) + ... is the derivative
+            # of order a by the first variable, of order b by the second variable and so on.
+            # The first derivative by variable j is therefore row (order + 1)^j. The row of
+            # a second derivative is the sum of the rows of both first derivatives.
             first_index = (order + 1) ** np.arange(len(variables))
             results[0][:, equation] = parts[0]
             results[1][:, equation, variables] = parts[first_index].T
@@ -116,8 +118,9 @@ class Harmonics:
     ) -> tuple[Complexes, Complexes]:
         """Return an equation as a polynomial in z = e^(i angle) of some of its angles.
 
-        The other angles are given, at n choices of their values. The polynomial is
-        multiplied by the powers of z that make the lowest exponent 0.
+        All other angles are given, with n choices of their values. An equation of degree m
+        in an angle has the powers -m to m of z. It is multiplied by z^m, so that the lowest
+        power is 0.
 
         Parameters
         ----------
@@ -146,10 +149,11 @@ class Harmonics:
 
 
 def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
-    """Return Fourier sums over the last axes of an array of coefficients.
+    """Return Fourier sums and their derivatives from an array of coefficients.
 
-    The sums are of coefficient times e^(i j angle), one sum for each variable, and are
-    taken with the derivatives of the waves as well.
+    A Fourier sum of one variable is the sum over j = -m ... m of c_j e^(i j angle). Here
+    the sums are taken over one axis of the coefficients for each variable. Derivatives of
+    the sums follow from derivatives of the waves e^(i j angle).
 
     Parameters
     ----------
@@ -167,7 +171,8 @@ def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
     # The first axis counts derivatives, the last one rows. The last variable comes first.
     sums: Complexes = coefficients[None, ..., None]
     for wave in waves[::-1]:
-        # The axis may have fewer waves than the largest degree: use the middle ones.
+        # The degree of this variable may be less than the largest degree. Then only the
+        # middle waves are used.
         unused = (wave.shape[1] - sums.shape[-2]) // 2
         wave = wave[:, unused : wave.shape[1] - unused]
         # p: derivatives so far, w: waves of this variable, n: rows, o: its derivative.

@@ -106,9 +106,10 @@ class HomotopyValues:
 def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
     """Return approximations of the solutions of a system, infinite ones too.
 
-    A homotopy H(z, t) leads from random equations with known solutions at t = 0 to the
-    system at t = 1. From each known solution a path H = 0 is followed: a step along the
-    path is predicted, then corrected by Newton's method. Steps that fail are halved.
+    A homotopy H(z, t) is a family of systems that leads from random equations with known
+    solutions at t = 0 to the given system at t = 1. From each known solution a path of
+    points with H = 0 is followed. Each step along the path is predicted from its
+    derivative, then corrected by Newton's method. Steps that fail are halved.
 
     Parameters
     ----------
@@ -135,10 +136,11 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
         moving = np.flatnonzero((t < 1.0) & (step >= MIN_HOMOTOPY_STEP))
         if not len(moving):
             break
+
+        # 1. Predict by the midpoint rule: the derivative dz/dt = -H_z^-1 H_t at half the
+        # step gives the end.
         start = paths.take(moving)
         length = np.minimum(step[moving], 1.0 - t[moving])
-        # Midpoint rule: the derivative dz/dt = -H_z^-1 H_t at half the step predicts the
-        # end.
         predicted_t = t[moving]
         predicted = start
         for part in (0.5, 1.0):
@@ -146,7 +148,7 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
             rate = apply_matrices(invert_matrices(at_points.by_unknowns), at_points.by_t)
             predicted_t = t[moving] + part * length
             predicted = replace(start, z=start.z - part * length[:, None] * rate)
-        # Newton's method at the end of the step.
+        # 2. Correct by Newton's method at the end of the step.
         magnitude = 1.0 + np.max(np.abs(predicted.z), axis=1)
         corrections = []
         for _ in range(3):
@@ -160,9 +162,10 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
         is_good = (corrections[0] < MAX_PREDICTION_ERROR) & (
             corrections[-1] < MAX_LAST_CORRECTION
         )
+
+        # 3. Accept or reject the steps. Points that have become large change to 1 / z.
         accepted = moving[is_good]
         rejected = moving[~is_good]
-        # Points that have become large change to 1 / z.
         advanced = predicted.take(is_good).with_points(predicted.z[is_good])
         paths.z[accepted] = advanced.z
         paths.inverse[accepted] = advanced.inverse
@@ -171,7 +174,7 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
             HOMOTOPY_STEP_GROWTH * step[accepted], MAX_HOMOTOPY_STEP
         )
         step[rejected] = 0.5 * length[~is_good]
-    # A path that stops before its end leads to a double solution, or nearly.
+    # A path that stops shortly before t = 1 leads to a double solution, or nearly.
     is_finite = np.all(np.isfinite(paths.z), axis=1)
     return paths.take((t > USEFUL_PROGRESS) & is_finite)
 
@@ -181,8 +184,9 @@ def _make_start_system(
 ) -> HomotopyStart:
     """Return a homotopy from products of linear factors to a system.
 
-    Each start equation is a product of linear factors z - root with random roots, as many
-    for each unknown as the degree of the system's equation in this unknown.
+    Each start equation is a product of linear factors (z - root) with random roots. For
+    each unknown z there are as many factors as the degree of the system's equation in this
+    unknown. All solutions of the start equations are known.
 
     Parameters
     ----------
@@ -206,15 +210,16 @@ def _make_start_system(
         # Both ends get coefficients of the same size.
         scale = np.linalg.norm(start) / np.linalg.norm(goal)
         ends.append(np.stack([start[None], scale * goal], axis=1))
-    # In a solution each equation vanishes by a factor of another unknown: equation i by one
-    # of the unknown order[i].
-    solutions = [
-        np.array(values)[np.argsort(order)]
-        for order in permutations(range(len(factor_roots)))
-        for values in product(
-            *(roots[unknown] for roots, unknown in zip(factor_roots, order, strict=True))
-        )
-    ]
+    # In a solution one factor of each equation vanishes, each for another unknown: in
+    # equation i it is a factor of the unknown order[i].
+    solutions = []
+    for order in permutations(range(len(factor_roots))):
+        roots_of_equations = [
+            roots[unknown] for roots, unknown in zip(factor_roots, order, strict=True)
+        ]
+        for values in product(*roots_of_equations):
+            # `values` are in the order of the equations; sort them by unknowns.
+            solutions.append(np.array(values)[np.argsort(order)])
     points = np.array(solutions, dtype=complex).reshape(-1, len(factor_roots))
     return HomotopyStart(ends, points)
 

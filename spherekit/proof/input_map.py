@@ -58,10 +58,10 @@ UNDECIDED = 2
 
 @dataclass(frozen=True)
 class InputMap:
-    """What is proven of the boxes that fill the ranges of the inputs.
+    """Boxes that fill the ranges of the inputs, each with its proven kind.
 
-    A box is regular if no configuration in it is singular with locked inputs (type II). It
-    then has one number of assembly modes everywhere.
+    A box is regular if no configuration in it is singular with locked inputs (type II). The
+    number of assembly modes is then the same everywhere in the box.
 
     Attributes
     ----------
@@ -95,6 +95,7 @@ class InputMap:
         return self._share_of(self.kind == kind)
 
     def _share_of(self, chosen: Bools) -> float:
+        """Return the share of the whole area that the boxes of a mask (n,) have."""
         areas = np.prod(self.radii, axis=1)
         return np.sum(areas[chosen]) / np.sum(areas)
 
@@ -107,12 +108,12 @@ class InputMap:
         }
 
     def clearance(self, q: Floats) -> float:
-        """Return how far (rad) all inputs may move from q, at least, before type II.
+        """Return how far (rad) all inputs may move from q without meeting type II.
 
-        In type II a configuration is singular with locked inputs. The clearance is the
-        distance of q to the nearest box that is not proven free of it, or to the end of a
-        range, in the direction of the input that is farthest off. It applies to all modes.
-        `q` (inputs,) is in rad.
+        At type II a configuration is singular with locked inputs. If each input changes by
+        less than the clearance, no configuration of any mode is of type II. The clearance
+        is the distance of q (inputs,) rad from the nearest box that is not proven regular,
+        or from the end of a range. The distance of a box is the largest one of all inputs.
         """
         # Distance of q from each box in the direction of each input, negative inside.
         distances = np.abs(self.centres - q) - self.radii
@@ -145,10 +146,11 @@ def certify_input_map(
     range_texts: Sequence[tuple[str, str]],
     cell: float = DEFAULT_CELL_RAD,
 ) -> InputMap:
-    """Return where over the ranges of the inputs all modes are proven regular.
+    """Return boxes of the inputs, each with the proof whether it is free of type II.
 
-    A mode is regular where its configuration is not singular with locked inputs (type II).
-    The ranges are divided into boxes, and boxes into cells, until each is classified.
+    At type II a configuration is singular with locked inputs. The ranges of the inputs are
+    halved into boxes until each box is proven free of type II, proven to contain it, or as
+    small as a cell.
 
     Parameters
     ----------
@@ -188,14 +190,14 @@ def certify_input_map(
         centres = ranges.centres(classified.boxes)
         radii = ranges.radii(classified.boxes)
     return InputMap(
-        decimal_mechanism,
-        construction,
-        range_texts,
-        centres,
-        radii,
-        classified.kind,
-        classified.modes,
-        systems,
+        decimal_mechanism=decimal_mechanism,
+        construction=construction,
+        range_texts=range_texts,
+        centres=centres,
+        radii=radii,
+        kind=classified.kind,
+        modes=classified.modes,
+        systems=systems,
     )
 
 
@@ -222,9 +224,10 @@ def _classify_boxes(
     """Halve the ranges of the inputs until all boxes are classified.
 
     A box is regular if no configuration in it is singular with locked inputs; it then has
-    one number of modes. Boxes are halved down to cells. A cell that is not regular as a
-    whole is halved further. If its regular parts have two numbers of modes, it contains a
-    singular configuration; if all parts have the same number, it is regular.
+    the same number of modes everywhere. Boxes that are not proven regular are halved until
+    they are cells. A cell is halved further into parts. If two regular parts have different
+    numbers of modes, the cell contains a singular configuration. If all parts are regular
+    with the same number of modes, the cell is regular. Otherwise it is undecided.
 
     Parameters
     ----------

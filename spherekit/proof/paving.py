@@ -70,10 +70,11 @@ def are_excluded(
 ) -> Bools:
     """Return which boxes are proven to contain no common zero of all equations, (n,).
 
-    Weighted sums of the equations are tried. A sum that is larger at the centre than all it
-    can change over the box does not vanish in it. The weights are a row of the
-    pseudo-inverse of the slopes, so that the slope by one variable dominates; the proof is
-    valid for any weights.
+    Weighted sums of the equations are tried. If the value of a sum at the centre is larger
+    than its largest possible change over the box, the sum does not vanish in the box, so
+    the equations have no common zero there. The weights are rows of the pseudo-inverse of
+    the slopes: in each such sum the slope by one variable dominates. The proof is valid for
+    any weights.
 
     Parameters
     ----------
@@ -92,7 +93,8 @@ def are_excluded(
     # (n, v, k): row v is the combination in which the slope by variable v dominates.
     weights = transposed @ np.linalg.inv(slopes @ transposed + regularisation)
     magnitudes = np.abs(values) + np.einsum("nkv,nv->nk", np.abs(slopes), radii)
-    # w counts the combinations: what each can change over the box.
+    # (n, w) largest change of each of w weighted sums over the box: its linear part, then
+    # the remainders and the rounding of the sum.
     reach = np.einsum("nwv,nv->nw", np.abs(weights @ slopes), radii)
     reach += np.einsum(
         "nwk,nk->nw", np.abs(weights), remainders + PRODUCT_ROUNDING * magnitudes
@@ -126,6 +128,7 @@ class VariableRanges:
     """
 
     def __init__(self, low: Sequence[Ball], width: Sequence[Ball]) -> None:
+        """Round the starts and widths to float64, with bounds of the rounding."""
         self.low = low
         self.start = np.array([*map(centre_float, low)])
         self.extent = np.array([*map(centre_float, width)])
@@ -174,8 +177,9 @@ def halve_boxes(boxes: Integers, variables: Indices) -> Integers:
     -------
     (2, 2 n, v): the lower halves of all boxes, then the upper halves.
     """
-    # A box has for each variable the number of halvings of its range (level) and the number
-    # of the part. Part p is cut into the parts 2 p and 2 p + 1 of the next level.
+    # `levels` is the number of times that the range of each variable was halved, `parts`
+    # the number of the part. Part p is cut into the parts 2 p and 2 p + 1 of the next
+    # level.
     levels, parts = boxes
     is_cut = np.arange(levels.shape[1]) == variables[:, None]
     levels = levels + is_cut
@@ -215,6 +219,7 @@ def subdivide(
     while waiting:
         batch, postponed = np.split(waiting.pop(), [max_at_once], axis=1)
         examined_count += batch.shape[1]
+        # A function, so that the text is built only if it is shown.
         progress.tell(lambda: f"{examined_count} boxes")  # noqa: B023
         remaining = examine(batch, examined_count)
         waiting += [part for part in (postponed, remaining) if part.shape[1]]
@@ -252,11 +257,12 @@ def pave(
     add_configuration: ConfigurationSink,
     max_boxes: int,
 ) -> tuple[int, BoxSet]:
-    """Examine the whole of the ranges, and return the boxes that remain undecided.
+    """Divide the whole space into boxes, and return the boxes that remain undecided.
 
     A box is discarded if an equation, or a weighted sum of equations, cannot vanish in it,
-    or if it is inside a part with known configurations. Near some of the other boxes
-    configurations are looked for, from which parts may be added. What is left is halved.
+    or if it is inside a part of space with known configurations. Near some of the other
+    boxes configurations are searched, from which known parts may be added. All boxes that
+    remain are halved.
 
     Parameters
     ----------
@@ -289,10 +295,12 @@ def pave(
 
         Boxes that are too small to be halved are recorded as undecided.
         """
+        # 1. Discard boxes in which an equation cannot vanish.
         radii = ranges.radii(boxes)
         values, slopes = equations.harmonics.derivatives(ranges.circle_points(boxes), 1)
-        # Bound of the difference from the linear part: second derivatives are at most the
-        # derivative bound times products of degrees; then the errors of value and slopes.
+        # Bound of the difference from the linear part. Second derivatives are at most the
+        # derivative bound times products of degrees. The second term has the errors of
+        # value and slopes.
         change = radii @ degrees.T
         remainders = 0.5 * equations.derivative_bound * change**2 + error * (1.0 + change)
         reach = np.einsum("nkv,nv->nk", np.abs(slopes), radii)
@@ -304,7 +312,7 @@ def pave(
         )
         rows = rows[~is_excluded]
 
-        # Look for configurations near the boxes that are not in a known part.
+        # 2. Search configurations near the boxes that are not in a known part.
         boxes = boxes[:, rows]
         radii = radii[rows]
         centres = ranges.centres(boxes)
@@ -323,7 +331,7 @@ def pave(
         if has_new_part:
             is_open[is_open] = ~covers(centres[is_open], radii[is_open])
 
-        # Halve the longest side of the others, or record them as undecided.
+        # 3. Halve the longest side of the remaining boxes, or record them as undecided.
         is_last = (largest_radius < SMALLEST_BOX_RAD) | (examined_count > max_boxes)
         is_undecided = is_open & is_last
         undecided_centres.append(centres[is_undecided])

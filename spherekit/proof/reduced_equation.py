@@ -65,16 +65,17 @@ MAX_CRITICAL_STEP_RAD = 0.5
 class BorderedDerivatives:
     """Derivatives of (z, g) by two coordinates u and v, over a set of points.
 
-    z are all variables of the equations F, and g the multiple in F(z) = g l, where l is the
-    direction that F' misses. Both are functions of u and v.
+    z are all variables of the equations F. Near a loss of rank the derivatives F' miss a
+    direction l, and F(z) = g l defines z and the number g as functions of u and v.
 
     Attributes
     ----------
     first
-        (v + 1, 3) columns: how (z, g) changes while a residual of F is removed, by u, and
-        by v. The last row belongs to g.
+        (v + 1, 3) derivatives of (z, g), where the last row belongs to g. Column 0 is the
+        change while a residual of F is removed, columns 1 and 2 are the derivatives by u
+        and by v.
     second
-        (v + 1, 3, 3) second derivatives in the same directions, or None.
+        (v + 1, 3, 3) second derivatives in the same three directions, or None.
     """
 
     first: Array
@@ -141,9 +142,9 @@ class ReducedEquation:
     other_curvatures: Floats
 
     def split_residual(self, position: Array) -> tuple[Ball, Array]:
-        """Split F at a position into a multiple of l and a remainder.
+        """Split the equations F at a position into a multiple of l and a remainder.
 
-        l is the unit vector `missed`, the direction that F' misses.
+        The unit vector l (`missed`) is the direction that the derivatives F' miss.
 
         Parameters
         ----------
@@ -167,10 +168,13 @@ class ReducedEquation:
     ) -> BorderedDerivatives:
         """Return derivatives of (z, g) over balls of all variables.
 
-        The equations F(z) = g l, with l = `missed`, and two coordinates u and v along the
-        first two columns of `frame` define all variables z and g as functions of u and v.
-        The derivatives solve linear equations with the bordered matrix of F', -l and the
-        directions of u and v.
+        The equations F(z) = g l, with l = `missed`, define all variables z and the number g
+        as functions of two coordinates u and v along the first two columns a, b of `frame`.
+        The derivatives solve linear equations with the bordered matrix
+
+            [F'  -l]
+            [a^T  0]
+            [b^T  0].
 
         Parameters
         ----------
@@ -192,7 +196,8 @@ class ReducedEquation:
         missed = exact_balls(self.missed)
         kernel = exact_balls(self.frame[:, :2].T)
         bordered = np.block([[slopes, -missed[:, None]], [kernel, zero]])
-        # Columns: remove the residual with u and v held; unit rate of u; unit rate of v.
+        # Right-hand sides: remove the residual while u and v are constant; unit rate of u;
+        # unit rate of v.
         right = np.block([[-residual[:, None], np.zeros((k, 2))], [zero, np.eye(2)]])
         first = solve_balls(bordered, right)
         if order < 2:
@@ -207,8 +212,8 @@ class ReducedEquation:
     def find_critical_point(self, position: Array) -> Array:
         """Return the point with F = g l at which both slopes of g by u and v are 0.
 
-        Newton's method is used, with the second derivatives of g. No proof depends on the
-        accuracy of the point.
+        It is computed by Newton's method with the second derivatives of g. No proof depends
+        on the accuracy of the point.
 
         Parameters
         ----------
@@ -330,10 +335,11 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
 
 
 def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
-    """Return the reduced equation for the rank that F' is closest to losing at a position.
+    """Return the reduced equation near a position, in unscaled coordinates.
 
-    The direction that F' misses and the directions of the two coordinates come from its
-    singular values. `units` and `other_curvatures` are not set yet.
+    The derivatives F' of the equations nearly lose one rank at the position. The singular
+    value decomposition of F' gives the direction that F' misses and the directions of the
+    two coordinates. `units` and `other_curvatures` are not set yet.
 
     Parameters
     ----------

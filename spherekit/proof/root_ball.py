@@ -156,8 +156,8 @@ def _certify_root(
     """Return the solution in a ball about x, None if it is not proven.
 
     The ball is chosen so small that the derivatives F' of the equations change little in
-    it. F' in the whole ball then bounds the distance of a zero from x; if the bound is less
-    than the radius, the ball contains exactly one.
+    it. Values of F' in the whole ball bound the distance of a solution from x. If this
+    bound is less than the radius of the ball, the ball contains exactly one solution.
 
     Parameters
     ----------
@@ -201,8 +201,9 @@ def _widen_angle(angle: Ball, radius: float, real: bool) -> Ball:
 def bound_zero_distance(values: Array, slopes: Array) -> float:
     """Return a bound of the distance of a zero of F from the centre of balls.
 
-    The bound is the largest component of (Y F')^-1 Y F with an approximate inverse Y of F'.
-    If the radii of the balls exceed the bound, they contain exactly one zero.
+    The bound is the largest component of (Y F')^-1 Y F. Here F is the value at the centre,
+    F' are all derivatives in the balls, and Y is an approximate inverse of F'. If the radii
+    of the balls exceed the bound, the balls contain exactly one zero.
 
     Parameters
     ----------

@@ -75,9 +75,10 @@ class Structure:
 def extract_structure(mechanism: Mechanism) -> Structure:
     """Return the links and R pairs of a mechanism, with a coupler for each sliding contact.
 
-    A coupler is a further link, joined by R pairs at the centres of both circles to the
-    links of the contact. The structure has no followers (pairs whose angles wheels
-    determine) yet: which they are depends on the sizes.
+    A coupler is a further link that replaces a sliding contact of two circles. R pairs at
+    the centres of both circles join it to the links of the contact. The structure has no
+    followers yet, which are pairs whose angles follow from the inputs through wheels: they
+    depend on the sizes.
 
     Raises
     ------

@@ -177,7 +177,8 @@ class CertifiedArc(OrientedBox):
         s is the coordinate along the tangent, `half_length` (rad) the limit.
         """
         distance = float(self.test.bound_arc(half_length, self.radius).distance)
-        # The arc stays in the box, also where the bound grows beyond all limits.
+        # The arc is proven to stay in the box, so the radius is a bound even if the other
+        # bound is larger.
         return min(distance, self.radius)
 
 
@@ -229,8 +230,9 @@ def find_piece(
 ) -> CertifiedArc | None:
     """Return the longest arc of the configuration curve that is proven about a centre.
 
-    The result is a box along the tangent in which the configurations are exactly one arc.
-    Several half lengths along the tangent are tried with several radii across it.
+    The result is a box in which the configurations are exactly one arc. One side of the box
+    is along the tangent of the curve. Several half lengths of this side are tried, each
+    with several radii across it.
 
     Parameters
     ----------
@@ -287,8 +289,9 @@ def find_piece(
 class ArcBounds:
     """Bounds for one arc, or arrays of bounds for many half lengths and radii.
 
-    The arc is y(s) in coordinates s along the tangent and y along the normals N. F' are the
-    derivatives of the equations, and Y is near the inverse of F'N.
+    The arc is a function y(s), with the coordinate s along the tangent at its centre and
+    the coordinates y along the normals N. F' are the derivatives of the equations, and the
+    matrix Y is near the inverse of F'N.
 
     Attributes
     ----------
@@ -307,6 +310,10 @@ class ArcBounds:
 
 class TubeTest:
     """Bounds of Y F and its derivatives near a centre, in coordinates along a frame.
+
+    F = 0 are the equations of the mechanism. The frame consists of the tangent and the
+    normals N of the configuration curve at the centre. The matrix Y is near the inverse of
+    F'N, the derivatives by the normal coordinates.
 
     Parameters
     ----------
@@ -338,6 +345,7 @@ class TubeTest:
         derivatives: list[Floats],
         tangent_frame: TangentFrame,
     ) -> None:
+        """Compute all quantities at the centre from which bounds follow."""
         values, slopes, curvatures = derivatives
         frame = tangent_frame.frame
         inverse = tangent_frame.inverse
@@ -357,9 +365,9 @@ class TubeTest:
     def bound_slope_change(self, reach: Floats) -> Floats:
         """Return bounds of |Y F' - (0, 1)| at all points within a reach of the centre.
 
-        F' are the derivatives (k, v) of the equations along the frame: by the tangent, then
-        by the normals. Y is near the inverse of the latter, so that Y F' is near (0, 1), a
-        column of zeros followed by the identity.
+        F' are the derivatives (k, v) of the equations along the frame: the first column is
+        by the tangent, the others are by the normals. Y is near the inverse of the others,
+        so that Y F' is near (0, 1), a column of zeros followed by the identity matrix.
 
         Parameters
         ----------
@@ -380,9 +388,11 @@ class TubeTest:
     def bound_arc(self, half_length: Floats | float, radius: Floats | float) -> ArcBounds:
         """Return bounds of the arc for |s| <= half_length, if it stays within the radius.
 
-        The arc is y(s) with the coordinate s along the tangent and y across it. With
-        D = Y F' - (0, 1), its slope is at most |column 0 of D| / (1 - contraction). The
-        contraction is the largest row sum of the other columns.
+        The arc is y(s) with the coordinate s along the tangent and y along the normals. Let
+        D = Y F' - (0, 1), with the derivatives F' of the equations along the frame, and Y
+        near the inverse of those by the normals. The slope y' is then at most
+        |column 0 of D| / (1 - contraction), where the contraction is the largest row sum of
+        the other columns of |D|.
 
         Parameters
         ----------
@@ -420,8 +430,8 @@ def correct_configuration(
     position
         (v,) start (rad).
     free_count
-        Only the first `free_count` variables are changed. By default all are, by steps of
-        least length.
+        Only the first `free_count` variables are changed. By default all variables are
+        changed; of all Newton steps the shortest one is taken.
     """
     position = position.copy()
     for _ in range(MAX_CORRECTOR_STEPS):
