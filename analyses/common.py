@@ -62,13 +62,14 @@ def row_columns(batch: Batch, with_time: bool = False) -> dict[str, NDArray[Any]
     Parameters
     ----------
     batch
-        The rows.
+        The n rows.
     with_time
         Whether the time of each row is included.
 
     Returns
     -------
-    Sample, assembly mode, time if wanted, and inputs, (n,) each.
+    Columns (n,) by name: sample, assembly mode, time (s) if wanted, and one for each input
+    (rad).
     """
     columns: dict[str, NDArray[Any]] = {
         "sample": batch.sample,
@@ -87,13 +88,13 @@ def repeat_rows(columns: TableData, subjects: Sequence[str], name: str) -> Table
     columns
         Columns (n,) of a table.
     subjects
-        What the repeated rows are about, such as the names of k links.
+        The k subjects of the repeated rows, such as names of links.
     name
-        Name of the column that lists the subjects.
+        Name of the new column that lists the subjects.
 
     Returns
     -------
-    Columns (n k,), the subjects of one row following each other.
+    Columns (n k,). The k copies of one row follow each other.
     """
     row_count = len(next(iter(columns.values())))
     repeated: TableData = {
@@ -115,22 +116,27 @@ def plot_series(
     Parameters
     ----------
     group
-        Plots of one group are drawn together; part of the path of the plot.
+        Name of the folder of the plot in the recording.
     label, title
-        Name of the curve, and title of the plot.
+        Name of the curve, and title of the plot. Curves with the same title are drawn
+        together.
     values
         (n,) the quantity.
     unit
         Its unit.
     link
-        Number of the link whose colour the curve has, or None.
+        Number of a link, if the curve is to have the colour of this link.
     """
+    # The path must not have other characters than letters, digits and hyphens.
     file_name = re.sub(r"[^A-Za-z0-9-]+", "_", label)
     return Series(f"plots/{group}/{file_name}", label, title, values, unit, link)
 
 
 def plots_by_mode(batch: Batch, plots: Sequence[Series]) -> tuple[Scene, ...]:
-    """Return a scene for each assembly mode of a batch, with its rows of every plot."""
+    """Return a page for each assembly mode of a batch, with its part of every plot.
+
+    `plots` have one value for each row of the batch.
+    """
     scenes = []
     for mode, rows in batch.assembly_mode_rows().items():
         plots_of_mode = [replace(plot, values=plot.values[rows]) for plot in plots]
@@ -144,16 +150,16 @@ def find_largest_torques(batch: Batch, torques: Floats, key: str) -> dict[str, A
     Parameters
     ----------
     batch
-        The rows.
+        The n rows.
     torques
         (n, inputs) torques at the inputs (N m), NaN if unknown.
     key
-        Key of the torque in the result.
+        Key of the torque in the records.
 
     Returns
     -------
-    A record by the name of each input with a known torque: the torque (N m), sample,
-    assembly mode and inputs (rad).
+    For each input by name a record with the torque (N m), and with the sample, assembly
+    mode and inputs (rad) at which it occurs. Inputs without a known torque are left out.
     """
     records: dict[str, Any] = {}
     for number, name in enumerate(batch.moving_inputs):
@@ -177,8 +183,11 @@ def describe_largest_torques(
 
     Parameters
     ----------
-    records, key
-        Result and parameter of `find_largest_torques`.
+    records
+        By the name of an input the record of its largest torque, as `find_largest_torques`
+        returns it.
+    key
+        Key of the torque in the records.
     quantity
         The torque in words, such as ``driving torque``.
     """
@@ -197,9 +206,14 @@ def describe_largest_torques(
 def merge_largest(
     first: Mapping[str, Any], second: Mapping[str, Any], key: str
 ) -> dict[str, Any]:
-    """Return by name the record of two whose number `key` has the larger size.
+    """Return for each name the record with the larger value.
 
-    A name that only one of the two has keeps its record.
+    Parameters
+    ----------
+    first, second
+        Records by name, of two blocks of rows. A name may be missing in one of them.
+    key
+        Key of the values that are compared by their sizes.
     """
     merged: dict[str, Any] = {}
     for name in {**first, **second}:
@@ -209,10 +223,12 @@ def merge_largest(
 
 
 def continue_load_angles(batch: Batch) -> Motion:
-    """Return the configurations of a batch with unwrapped angles of the loads' pairs.
+    """Return the configurations of a batch with unwrapped angles of some pairs.
 
-    Loads such as springs depend on the whole rotation of a pair. The batch needs the
-    tracer, and continued values of the pairs on which loads depend.
+    Loads such as springs depend on the whole rotation of a pair, with all its turns. The
+    angles of the pairs on which loads depend are therefore continued from row to row. The
+    analysis must have asked for these continued values, and for the position analysis
+    (tracer), in its needs.
     """
     values = batch.motion.values.copy()
     for pair in batch.needs.continued_values:
@@ -223,17 +239,24 @@ def continue_load_angles(batch: Batch) -> Motion:
 def direction_or_quaternion_columns(
     poses: Floats, architecture: MidPlaneArchitecture | None
 ) -> dict[str, Any]:
-    """Return the columns of poses.
+    """Return the columns x, y, z (and w) of poses, with the angles of mid-planes.
 
     Parameters
     ----------
     poses
         Directions (n, 3), or unit quaternions xyzw (n, 4).
     architecture
-        The mid-plane symmetric architecture of the mechanism, if it has one. The angles of
-        the mid-planes of directions are then included.
+        The mid-plane symmetric architecture of the mechanism, in which base and output
+        mirror each other in a plane; None if it has none. If poses are directions, the
+        angles phi and gamma (rad) of this plane are included.
     """
-    columns = {name: poses[:, k] for k, name in enumerate("xyzw"[: poses.shape[1]])}
-    if architecture is not None and poses.shape[1] == len(DIRECTION_COLUMNS):
-        columns["phi"], columns["gamma"], _ = architecture.angles_to(poses)
+    component_count = poses.shape[1]
+    columns = {
+        name: poses[:, number] for number, name in enumerate("xyzw"[:component_count])
+    }
+    are_directions = component_count == len(DIRECTION_COLUMNS)
+    if architecture is not None and are_directions:
+        phi, gamma, _ = architecture.angles_to(poses)
+        columns["phi"] = phi
+        columns["gamma"] = gamma
     return columns

@@ -131,8 +131,9 @@ class Dynamics(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of torques, of the inertia matrix and of the loads.
 
-        For each of the n rows of the batch the first table has one row, the second one a
-        row for each two inputs, and the third one a row for each load, in this order.
+        For each of the n rows of the batch the first table has one row, the second table
+        one row for each entry of the upper triangle of the inertia matrix, and the third
+        table one row for each load.
         """
         solution = self._inverse_solution(batch)
         mechanism = batch.mechanism

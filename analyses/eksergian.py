@@ -204,9 +204,10 @@ class Eksergian(AbstractAnalysis):
         }
 
     def _torque_at_pair(self, batch: Batch, torque: Floats) -> Floats:
-        """Return the torque (n,) at the pair `at` with the power of a torque at the input.
+        """Return the torque (n,) at the pair `at` with the power of one at the input.
 
-        `torque` (n,) is at the input (N m). The rate of the pair is per unit input rate.
+        `torque` (n,) is the torque at the input (N m). It is divided by the rate of the
+        pair per unit rate of the input. Without `at` it is returned unchanged.
         """
         if not self.at:
             return torque
@@ -327,9 +328,9 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
 def _solve_torque(batch: Batch) -> InverseSolution:
     """Return inertia, loads and torque of a batch.
 
-    Without friction they follow from the rates per unit input rate that the batch has. Rows
-    whose rates are not accurate enough get the status ILL_CONDITIONED. Friction depends on
-    the forces in the pairs, so that the whole motion is computed.
+    Friction depends on the forces in the pairs, so with friction the whole motion is
+    computed. Without friction the rates per unit input rate, which the batch has, are
+    sufficient. Rows whose rates are not accurate enough get the status ILL_CONDITIONED.
     """
     if Loads(batch.mechanism).friction_components:
         return needed_torques(continue_load_angles(batch))
@@ -342,10 +343,10 @@ def _solve_torque(batch: Batch) -> InverseSolution:
 
 
 def _coordinate_motion(batch: Batch) -> CoordinateMotion:
-    """Return the motion of a batch by its input, as far as the batch has it.
+    """Return values and derivatives by the input that a batch has.
 
-    Variables and links that are not among the needs of this analysis are NaN. The loads and
-    masses do not depend on them.
+    The batch has only the variables and links that this analysis asked for in its needs:
+    those on which loads and masses depend. All others are NaN.
     """
     mechanism = batch.mechanism
     needs = batch.needs

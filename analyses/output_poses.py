@@ -51,7 +51,7 @@ def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
     inputs
         Names of the driven pairs.
     where
-        What the text is, for complaints.
+        Name of the parameter that has the text, for error messages.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
 def read_end(
     text: str, inputs: tuple[str, ...], where: str, allow_rotation: bool = True
 ) -> Pose | AtRotation:
-    """Return the pose at the end of a rotation that a text gives.
+    """Return the pose at the end of a rotation that a text gives; angles are in degrees.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def read_end(
     inputs
         Names of the driven pairs.
     where
-        What the text is, for complaints.
+        Name of the parameter that has the text, for error messages.
     allow_rotation
         Whether the text may also be the axis and the angle of a rotation: ux, uy, uz,
         angle.
@@ -85,6 +85,7 @@ def read_end(
     AnalysisError
         If it is no such text.
     """
+    # 1. Find the form: the set of names decides how the numbers describe a pose.
     (number_of_term,) = read_terms(text.split("+"), where, allow_several=False)
     forms = [inputs, *CONVERSION_OF_FORM]
     if not allow_rotation:
@@ -93,6 +94,8 @@ def read_end(
     if form is None:
         alternatives = listing("=..+".join(terms) + "=.." for terms in forms)
         raise AnalysisError(f'{where}: "{text}" is not a pose; say one of {alternatives}')
+
+    # 2. Convert the numbers, in the order of the form, to a pose.
     values = np.array([number_of_term[term] for term in form])
     if form == inputs:
         return AtInputs(np.radians(values))
@@ -120,7 +123,11 @@ def _normalize(rows: Floats) -> Floats:
 
 
 def _rotations_from_vectors(rotation_vectors: Floats) -> Floats:
-    """Return the rotations (n, 3, 3) of rotation vectors (n, 3) in rad."""
+    """Return the rotations (n, 3, 3) of rotation vectors (n, 3) in rad.
+
+    A rotation vector v has the direction of the axis and the length of the angle a. The
+    quaternion is (sin(a / 2) v / a, cos(a / 2)).
+    """
     half_angle = 0.5 * np.linalg.norm(rotation_vectors, axis=1, keepdims=True)
     # sinc(x / pi) = sin(x) / x, which is 1 for no rotation.
     vector_part = 0.5 * np.sinc(half_angle / np.pi) * rotation_vectors
@@ -156,21 +163,26 @@ def describe_nearest_pose(pose: Floats, distance: float) -> str:
 def read_terms(
     parts: Sequence[str], where: str, allow_several: bool = True
 ) -> list[dict[str, float]]:
-    """Return the numbers of poses by the names of their terms.
+    """Return the numbers of poses by their names.
 
     Parameters
     ----------
     parts
         Texts ``name=number``. A name that occurs again begins the next pose.
     where
-        What the text is, for complaints.
+        Name of the parameter that has the texts, for error messages.
     allow_several
         Whether there may be several poses.
+
+    Returns
+    -------
+    For each pose its numbers by name.
 
     Raises
     ------
     AnalysisError
-        If a part is not ``name=number``, or there are several poses and may be one.
+        If a part is not ``name=number``, or if there are several poses where only one is
+        allowed.
     """
     poses: list[dict[str, float]] = [{}]
     for part in parts:
@@ -178,6 +190,7 @@ def read_terms(
         try:
             number = float(value)
         except ValueError:
+            # NaN is refused below.
             number = np.nan
         begins_pose = name in poses[-1]
         is_number = name != "" and np.isfinite(number)
@@ -208,9 +221,11 @@ def read_joint_range(text: str) -> JointRange:
 def read_interference_limit(text: str) -> InterferenceLimit:
     """Return limits of the angle between the axes of two pairs.
 
-    `text` is ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST`` in degrees.
+    `text` is ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST`` in degrees. Without a
+    greatest angle it is 180 degrees.
     """
     axes, *limits = text.split(":")
+    # Texts with too few or too many terms raise a ValueError when they are unpacked.
     try:
         first_pair, second_pair = axes.split("/")
         low, high = _parse_degrees(limits if len(limits) == 2 else [*limits, "180"])

@@ -49,10 +49,12 @@ def draw_chart(
 ) -> Diagram:
     """Return the gnomonic chart of pole axes and great circles.
 
-    The chart is a plane that touches the sphere at x, seen from its centre. An axis
-    (x, y, z) is the point (y/x, z/x) = (tan xi, tan zeta), a great circle is a straight
-    line (R. Di Gregorio, lecture 2, Barcelona 2019). Here x is the ground axis that is
-    nearest to the middle of the ground's pairs, and y and z are the two that follow.
+    The chart is the projection of the sphere from its centre onto the plane that touches it
+    at the end of the axis x. An axis (x, y, z) is drawn as the point
+    (y/x, z/x) = (tan xi, tan zeta), a great circle as a straight line (R. Di Gregorio,
+    lecture 2, Barcelona 2019). The chart uses as x the coordinate axis of the ground that
+    is nearest to the middle of the ground's pair axes, and as y and z the two coordinate
+    axes that follow cyclically.
 
     Parameters
     ----------
@@ -61,9 +63,9 @@ def draw_chart(
     poles
         The k poles.
     directions
-        (n, k, 3) unit vectors along the poles in ground axes.
+        (n, k, 3) unit vectors along the poles in ground axes, for n samples.
     normals
-        (n, m, 3) normals of great circles.
+        (n, m, 3) normals of m great circles.
     step_texts
         A text for each of the n samples, if they are steps of a construction.
     moving_input
@@ -98,8 +100,10 @@ def draw_chart(
 def draw_axodes(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
     """Yield the fixed and the moving axode of a pole.
 
-    They are the paths of the pole axis in the axes of the first and of the second link,
-    two cones that roll on each other. `rows` are the rows of the batch that are drawn.
+    A pole is the axis about which two links turn relative to each other. Its path in the
+    axes of the first link is the fixed axode, that in the axes of the second link the
+    moving axode: two cones that roll on each other. `rows` are the rows of the batch that
+    are drawn.
     """
     label = f"P{short_name(batch.mechanism, pole)}"
     for link, kind in zip(pole, ("fixed", "moving"), strict=True):
@@ -126,9 +130,9 @@ class ConstructionStep:
     text
         The step in words.
     poles
-        The poles that become known.
+        The poles that become known in this step.
     uses_circles
-        Whether they are intersections of two great circles, which are then drawn.
+        Whether the pole is the intersection of two great circles, which are then drawn.
     """
 
     text: str
@@ -139,10 +143,11 @@ class ConstructionStep:
 def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
     """Return the steps in which the pole axes of a batch are constructed.
 
-    A pole axis is the axis about which two links turn relative to each other. The first
-    step has the axes of all pairs. A block of poles that are determined together by linear
-    equations is one step. Each pole that then follows as the intersection of two great
-    circles is a further step.
+    A pole axis is the axis about which two links turn relative to each other.
+
+    - The first step has the axes of all pairs.
+    - Poles that are determined together by linear equations (a block) are one step.
+    - A pole that is the intersection of two great circles is one step.
     """
     plan = batch.plans[0]
     pair_steps = [
@@ -157,6 +162,7 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
         # One line of the description for each of the steps below.
         texts = describe(plan, step).split("\n")
         if isinstance(step, BlockPoles):
+            # The poles of the equations, then each pole that follows from two circles.
             later_poles = [passed.pole for passed in step.passes]
             block_poles = [pole for pole in step.poles if pole not in later_poles]
             pole_sets = [block_poles, *([pole] for pole in later_poles)]
@@ -164,17 +170,20 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
         else:
             pole_sets = [[step.pole]]
             uses_circles = [isinstance(step, LinePole)]
-        construction += [
-            ConstructionStep(*arguments)
-            for arguments in zip(texts, pole_sets, uses_circles, strict=True)
-        ]
+        for step_text, poles, has_circles in zip(
+            texts, pole_sets, uses_circles, strict=True
+        ):
+            construction.append(
+                ConstructionStep(step_text, poles, uses_circles=has_circles)
+            )
     return construction
 
 
 def draw_construction(batch: Batch, row: int) -> Scene:
-    """Return a page on which row k is step k of the plan at one configuration.
+    """Return a page that shows how the pole axes are constructed at one configuration.
 
-    Poles appear as they become known, with the two great circles that determine each.
+    Row k of the page is step k of the construction. A pole appears as soon as it is known,
+    and the two great circles that determine it in its own step only.
 
     Parameters
     ----------

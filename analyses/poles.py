@@ -158,7 +158,11 @@ class Poles(AbstractAnalysis):
         return None
 
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
-        """Return the largest coefficients: of the poles asked for, else of the outputs."""
+        """Return the largest velocity coefficients, as figures of merit of designs.
+
+        They are those of the poles in `only`. If there are none, they are those of the
+        declared outputs, or of all links relative to the ground without outputs.
+        """
         names = mechanism.links
         if self.only:
             relative_motions = [(names[j], names[i]) for i, j in self.poles(mechanism)]
@@ -216,7 +220,8 @@ class Poles(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the table `poles`."""
         poles = self.poles(batch.mechanism)
-        # One set of rows for each moving input: (link, other link, input).
+        # A pole is two links. With each moving input (one input moves while the others are
+        # locked) it is another axis: (first link, second link, number of the input).
         moving_poles = [
             (*pole, input_number)
             for input_number in range(len(batch.moving_inputs))
@@ -241,7 +246,11 @@ class Poles(AbstractAnalysis):
         return {"poles": {column.name: columns[column.name] for column in table.columns}}
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return arrows along the poles, great circles of one, coefficient plots."""
+        """Return a page for each assembly mode, and one for the construction of the poles.
+
+        A page of a mode has arrows along the poles, two great circles of one pole, and
+        plots of coefficients. The construction is drawn once, at a row of the first block.
+        """
         pages = []
         for mode, rows in batch.assembly_mode_rows().items():
             parts: list[Primitive] = []
@@ -254,6 +263,7 @@ class Poles(AbstractAnalysis):
         if len(good_rows) and is_first_block and draws_construction:
             modes = batch.assembly_mode[good_rows]
             rows_of_first_mode = good_rows[modes == modes[0]]
+            # A row a third of the way along the first mode.
             row = rows_of_first_mode[len(rows_of_first_mode) // 3]
             pages.append(draw_construction(batch, int(row)))
         return tuple(pages)

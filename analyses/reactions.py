@@ -185,9 +185,9 @@ class ReactionAnalysis(AbstractAnalysis):
     def findings(self, batch: Batch) -> Findings:
         """Return the largest moments and loads, contacts that lift off, and open reactions.
 
-        A reaction is open if redundant constraints leave it undetermined. A contact lifts
-        off where it would have to pull. The summary also says which information in the file
-        would determine the forces.
+        A reaction is called open if redundant constraints leave it undetermined. A contact
+        lifts off if it would have to pull. The summary also lists the entries of the file
+        that are missing to determine the forces through the centre of the sphere.
         """
         mechanism = batch.mechanism
         result = self._reactions(batch)
@@ -283,13 +283,14 @@ class BearingLoad:
     Attributes
     ----------
     load
-        The load of the mechanism that places the bearing.
+        The load in the file of the mechanism that places the bearing.
     position
-        Its distance from the centre along the axis of the pair (m).
+        Distance of the bearing from the centre of the sphere along the pair's axis (m).
     couple_force
-        (n,) force across the axis by the couple alone (N).
+        (n,) force at right angles to the axis that the moment of the pair alone causes (N).
     radial
-        (n,) force across the axis, with the force through the centre (N).
+        (n,) whole force at right angles to the axis, with the part of the force through the
+        centre (N).
     axial
         (n,) force along the axis on the second link (N).
     """
@@ -334,8 +335,9 @@ def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]
 def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
     """Return the columns of the table of bearings.
 
-    The table has one row for each sample, assembly mode and bearing. `result` are the
-    reactions in the n rows of the batch.
+    The table has one row for each row of the batch (sample and assembly mode) and bearing;
+    all bearings of a row follow each other. `result` has the reactions in the n rows of the
+    batch.
     """
     bearings = _bearing_loads(batch.mechanism, result)
     row_count = len(batch)
@@ -386,6 +388,7 @@ def _find_maxima(batch: Batch, columns: Mapping[str, Floats]) -> dict[str, Any]:
         largest = _largest_or_none(column)
         record[name] = largest
         if largest is not None:
+            # The first row whose value is the maximum, up to rounding.
             row = np.argmax(column >= largest * (1.0 - EQUAL_MAXIMUM_RATIO))
             positions[name] = [int(batch.sample[row]), int(batch.assembly_mode[row])]
     return record
@@ -394,15 +397,19 @@ def _find_maxima(batch: Batch, columns: Mapping[str, Floats]) -> dict[str, Any]:
 def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
     """Return the summary of two blocks of rows from the summaries of both.
 
-    Numbers of rows are added, and maxima compared. Truth values and lists are those of the
-    first block, unless that is false or empty.
+    A summary is a mapping of mappings. Values with the same keys are merged by their kind:
+
+    - Numbers of rows (keys ``rows_...``) are added.
+    - Of truth values and lists the first one is taken, unless it is false or empty.
+    - Of other numbers (maxima) the larger one is taken. The entry ``at`` of a mapping has
+      the positions of its maxima.
 
     Parameters
     ----------
     first, second
-        Values of the two summaries with the same key, of one structure.
+        Summaries, or their values with the same key; the function calls itself for these.
     key
-        Their key.
+        The key of the values.
     """
     if isinstance(first, Mapping):
         merged = {
@@ -411,7 +418,8 @@ def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
             if name != "at"
         }
         if "at" in first:
-            # Positions of maxima that the first block has, others from the second one.
+            # If the first block has the maximum, its position counts, otherwise that of
+            # the second block.
             positions_of_first = {
                 name: position
                 for name, position in first["at"].items()
@@ -472,7 +480,9 @@ def _describe_maximum(
     quantity: str,
     are_bearings: bool = False,
 ) -> list[str]:
-    """Return a sentence about the largest value among pairs or bearings, if one is known.
+    """Return a sentence about the largest value among pairs or bearings.
+
+    The list is empty if no value is known.
 
     Parameters
     ----------
@@ -491,6 +501,7 @@ def _describe_maximum(
     if not values:
         return []
     name = max(values, key=lambda candidate: values[candidate])
+    # Loads of bearings are compared with the largest force of a couple. Pairs have none.
     largest_couple = max(
         record.get("largest_couple_force_N") or 0.0 for record in records.values()
     )

@@ -53,7 +53,10 @@ MAX_LISTED = 6
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Deviations of c quantities in n rows, to first order and of draws.
+    """Deviations of c quantities in n rows that deviations of sizes cause.
+
+    They are computed in two ways: to first order from derivatives, and from draws, which
+    are mechanisms with random sizes.
 
     Attributes
     ----------
@@ -64,9 +67,10 @@ class Tolerances:
     lost
         (c, n) part of the draws that cannot be assembled.
     matters_most
-        (c, n) keys of the sizes with the largest share, joined by plus signs.
+        (c, n) keys of the sizes that cause the largest part of the variance, joined by plus
+        signs.
     share
-        (c, n) that share of the variance.
+        (c, n) this part of the variance.
     """
 
     spread: Floats
@@ -80,7 +84,9 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class SensitivityResult:
-    """Quantities of a batch, their derivatives, and what deviations of sizes do to them.
+    """Quantities of a batch with their derivatives and deviations.
+
+    There are c quantities in n rows.
 
     Attributes
     ----------
@@ -268,12 +274,14 @@ class SensitivityAnalysis(AbstractAnalysis):
         return batch.once("sensitivity", lambda: self._compute_result(batch))
 
     def _compute_result(self, batch: Batch) -> SensitivityResult:
-        """Return derivatives of quantities by sizes, and what deviations of sizes do.
+        """Return derivatives of quantities by sizes, and deviations of the quantities.
 
         To first order the variance of a quantity is the sum over all sizes of (derivative
-        times standard deviation)^2. In addition random mechanisms, the draws, are computed.
-        Rows that failed are NaN.
+        times standard deviation)^2, and the worst case is the sum of |derivative| times
+        largest deviation. In addition mechanisms with random sizes, the draws, are
+        computed. Rows that failed are NaN.
         """
+        # 1. First order.
         sensitivity = self._sensitivity(batch.mechanism)
         deviations = self._size_deviations(sensitivity)
         samples = _input_samples(batch, sensitivity)
@@ -288,7 +296,9 @@ class SensitivityAnalysis(AbstractAnalysis):
             variance = np.sum(squares, axis=0)
             is_dependent = np.sqrt(variance) > self._zero_spread
             shares = np.where(is_dependent, squares / variance, np.nan)
-        # Standard deviation, largest deviation, and part of the draws that do not close.
+
+        # 2. Draws: standard deviation, largest deviation, and part of the draws that cannot
+        # be assembled.
         drawn_moments = np.full((3, *variance.shape), np.nan)
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):
@@ -465,9 +475,10 @@ def _split_terms(text: str) -> tuple[str, ...]:
 
 
 def _input_samples(batch: Batch, sensitivity: Sensitivity) -> Floats:
-    """Return inputs, rates, accelerations and time (n, 3 inputs + 1) of a batch.
+    """Return inputs, rates, accelerations and time of a batch, (n, 3 inputs + 1).
 
-    With several inputs and quantities that do not depend on the motion, the inputs rest.
+    If there are several inputs and no quantity depends on the motion, rates, accelerations
+    and time are those of inputs at rest.
     """
     if batch.inputs.shape[1] > 1 and not sensitivity.timed:
         return sensitivity.at_rest(batch.inputs)
@@ -503,14 +514,18 @@ def _moments(deviations: Floats) -> Floats:
 
 
 def _describe_draws(record: Mapping[str, Any], name: str) -> str:
-    """Return the spread of the draws in words, if the first order is not accurate enough.
+    """Return the spread of the draws in words, if it differs much from the first order.
+
+    Draws are mechanisms with random sizes. The text is empty if both agree and all draws
+    can be assembled.
 
     Parameters
     ----------
     record
-        The record of a quantity in the summary.
+        The record of a quantity in the summary, with its spread to first order and of the
+        draws.
     name
-        The quantity.
+        Name of the quantity.
     """
     if "drawn" not in record:
         return ""

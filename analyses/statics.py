@@ -168,8 +168,8 @@ class Statics(AbstractAnalysis):
         )
         stiffness = _interleave([result.stiffness for result in results], (row_count, 3))
         axes = _interleave([result.axes for result in results], (row_count, 3, 3))
-        # Arrays with a row for each row of the batch and output; axes: row, principal axis,
-        # component.
+        # `stiffness` and `axes` have one row for each row of the batch and output. Their
+        # axes are: row, principal axis, component.
         principal_columns: dict[str, NDArray[Any]] = {}
         for number in range(3):
             principal_columns[f"stiffness_{number + 1}"] = stiffness[:, number]

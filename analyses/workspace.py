@@ -158,7 +158,10 @@ class WorkspaceAnalysis(AbstractAnalysis):
         return Needs()
 
     def _make_workspaces(self, mechanism: Mechanism) -> WorkspaceModes:
-        """Return the workspaces of all wanted modes, which are computed when needed."""
+        """Return the workspaces of all wanted modes, which are computed when needed.
+
+        Parameters are texts and angles in degrees; they are read and converted to rad here.
+        """
         kinematics = closed_kinematics(mechanism, self.output or None)
         default_tolerance = AREA_TOLERANCE if kinematics.points else VOLUME_TOLERANCE
         constraints = Constraints(
@@ -192,7 +195,8 @@ class WorkspaceAnalysis(AbstractAnalysis):
         modes: dict[str, Any] = {}
         for workspace in workspaces.workspaces:
             label = label_of(workspace.signs)
-            modes[label], warning = workspaces.summarize(workspace)
+            record, warning = workspaces.summarize(workspace)
+            modes[label] = record
             if warning:
                 warnings.append(f"mode {label}: {warning}")
         summary: dict[str, Any] = {

@@ -229,15 +229,16 @@ class EquivalentRotation(AbstractAnalysis):
     def findings(self, batch: Batch) -> Findings:
         """Return axis, angle, feasibility, positions of type II, and the duration.
 
-        A rotation is feasible if the mechanism follows to its end, about a fixed axis. At
-        type II the inputs do not hold the output.
+        A rotation is feasible if the mechanism follows it to its end and the output link
+        turns about a fixed axis. At a singularity of type II the locked inputs do not hold
+        the output.
         """
         result = self._result(batch)
         rotation = result.rotation
         samples = result.samples
         start = result.start
         orientation_error = _largest_finite(samples.orientation_error)
-        # Singular samples have a configuration.
+        # Samples without a configuration. Singular samples have one.
         has_failed = ~np.isin(samples.status, (Status.OK, Status.AT_SINGULARITY))
         keeps_axis = orientation_error < FIXED_AXIS_TOLERANCE_RAD
         is_feasible = rotation.end == Status.OK and keeps_axis and not np.any(has_failed)
@@ -316,15 +317,16 @@ class EquivalentRotation(AbstractAnalysis):
     def _compute_result(self, batch: Batch) -> RotationResult:
         """Return the rotation and its schedule.
 
-        The start and the end are given as texts. The rotation is followed from one
-        configuration of the start. A schedule needs a limit of speed or acceleration, and a
-        mechanism that follows to the end.
+        Start and end are read from the parameters. A pose can have several configurations;
+        the rotation is followed from one configuration of the start. A schedule needs a
+        limit of speed or acceleration, and a mechanism that follows to the end.
 
         Raises
         ------
         SolveError
             If the start or the end cannot be assembled, or `theta` exceeds the rotation.
         """
+        # 1. The output, and its mid-plane symmetric architecture if it has one.
         mechanism = batch.mechanism
         solver = batch.tracer.solver
         inputs = batch.moving_inputs
@@ -333,6 +335,8 @@ class EquivalentRotation(AbstractAnalysis):
             architecture = mid_plane_form(mechanism, output.name)
         except ModelError:
             architecture = None
+
+        # 2. The configuration at the start, and the orientation at the end.
         finder = PoseFinder(solver, output, architecture)
         end_pose = read_end(self.end, inputs, f"{self.name}: end")
         try:
@@ -341,6 +345,8 @@ class EquivalentRotation(AbstractAnalysis):
         except SolveError as problem:
             raise SolveError(f"start: {problem}") from None
         end = finder.resolve_end(start, start_number, end_pose, self.end_mode)
+
+        # 3. The rotation, and the angles at which it is sampled.
         rotation = finder.rotation(start, start_number, end)
         theta = np.linspace(0.0, rotation.angle, self.samples)
         if self.theta:
@@ -350,6 +356,8 @@ class EquivalentRotation(AbstractAnalysis):
                     f"theta: {max(self.theta):g} deg is beyond the rotation, whose angle "
                     f"is {np.degrees(rotation.angle):.9g} deg"
                 )
+
+        # 4. The schedule.
         schedule = None
         why_no_schedule = ""
         if self.speed or self.acceleration:
@@ -385,8 +393,8 @@ class EquivalentRotation(AbstractAnalysis):
 def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator[str]:
     """Yield warnings about a rotation.
 
-    They concern its early end, failed rows, a moving axis, singularities of type II, and a
-    missing schedule.
+    There is a warning if the rotation ends early or rows failed, if the axis is not fixed,
+    for each singularity of type II, and if there is no schedule although one is wanted.
 
     Parameters
     ----------
@@ -439,7 +447,10 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
 
 
 def _suggest_other_ends(result: RotationResult) -> str:
-    """Return which other orientations an end has that the rotation does not reach."""
+    """Return advice to choose another orientation at the end, or an empty text.
+
+    The mechanism may have several configurations at the end, with different orientations.
+    """
     end = result.end
     if not isinstance(end, EndOrientation) or end.count < 2:
         return ""

@@ -48,11 +48,11 @@ class _RotationEnd:
     Attributes
     ----------
     name
-        Its name.
+        The word for this end in drawings.
     row
-        Its row among the samples, 0 or -1.
+        Row of this end among the samples: 0 for the first one, -1 for the last one.
     plane_colour
-        Number of the colour of the mid-plane there.
+        Number of the colour of the mid-plane at this end.
     """
 
     name: str
@@ -159,7 +159,7 @@ class RotationResult:
     def _plot_inputs(
         self, path: str, title: str, values: Floats, unit: str = ""
     ) -> list[Series]:
-        """Return a plot of the driven pairs.
+        """Return a plot with a curve for each driven pair.
 
         Parameters
         ----------
@@ -180,6 +180,8 @@ class RotationResult:
         """
         mechanism = self.mechanism
         orientations = self.orient_links(samples.values)
+        # Rotations from axes of the reference link, in which the rotation is described, to
+        # ground axes.
         reference = orientations[:, mechanism.link_number[self.output.relative_to]]
         yield from link_bodies(mechanism, orientations)
         axis = reference @ self.rotation.axis
@@ -188,6 +190,7 @@ class RotationResult:
         if self.architecture is not None:
             normals = mid_planes(self.architecture, samples.orientation)
             normals = np.matvec(reference @ self.architecture.frame, normals)
+            # The mid-planes at both ends are circles that do not move.
             finite_normals = _finite_rows(normals)
             for end in ROTATION_ENDS if len(finite_normals) else ():
                 circle = _great_circle_points(finite_normals[end.row])
@@ -200,11 +203,12 @@ class RotationResult:
             yield GreatCircle("mid_plane/now", "mid-plane", normals)
 
     def _draw_output_arcs(self) -> Iterator[SphereCurves]:
-        """Yield the arcs of directions of the output, with singularities of type II.
+        """Yield the arcs along which directions of the output move.
 
-        The directions are that of the output, or all axes of its link. At type II the
-        output can move while the inputs rest. Samples that the mechanism does not reach are
-        left out.
+        An arc is drawn for the direction of the output, or for all pair axes of its link if
+        it has no direction. Singularities of type II, where the output can move while the
+        inputs rest, are marked on the first arc. Samples that the mechanism does not reach
+        are left out.
         """
         link = self.mechanism.link_number[self.output.link]
         directions = link_axes(self.mechanism)[self.output.link]
@@ -259,6 +263,8 @@ def mid_planes(architecture: MidPlaneArchitecture, orientations: Floats) -> Floa
 
 def _great_circle_points(normal: Floats) -> Floats:
     """Return points (`POINTS_OF_ARC`, 3) of the great circle with a normal (3,)."""
+    # The right singular vectors are the normal (or its negative), then two orthonormal
+    # vectors at right angles to it.
     _, _, right = np.linalg.svd(normal[None])
     plane_basis = right[1:]
     angle = np.linspace(0.0, 2.0 * np.pi, POINTS_OF_ARC)

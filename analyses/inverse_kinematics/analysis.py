@@ -106,7 +106,15 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         return tuple(label_of(signs) for signs in signs_of_modes)
 
     def pair_numbers(self, mechanism: Mechanism) -> list[int]:
-        """Return the numbers of the pairs whose variables are listed."""
+        """Return the numbers of the pairs whose variables are listed.
+
+        They are those of the parameter `pairs`: names, or ``all``.
+
+        Raises
+        ------
+        AnalysisError
+            If there is no pair with one of the names.
+        """
         number_of_pair = mechanism.pair_number
         if self.pairs == ("all",):
             return list(number_of_pair.values())
@@ -135,6 +143,7 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         """Return the solutions of a batch, which are computed once."""
 
         def solve() -> InverseSolutions | ForwardSolutions:
+            """Return the configurations of the given poses, or the poses at the inputs."""
             mechanism = batch.mechanism
             solver = self.solver(mechanism)
             pose_list = self._read_poses(solver)

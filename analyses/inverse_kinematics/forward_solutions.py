@@ -41,6 +41,7 @@ class ForwardSolutions:
     def __init__(
         self, mechanism: Mechanism, solver: OutputKinematics, inputs: Floats
     ) -> None:
+        """Compute the table of the poses."""
         self.mechanism = mechanism
         self.solver = solver
         self.inputs = inputs
@@ -51,9 +52,14 @@ class ForwardSolutions:
         return {FORWARD.name: [self.columns]}
 
     def findings(self) -> Findings:
-        """Return how many inputs have how many poses, and these if they are few."""
+        """Return how many sets of inputs have how many poses.
+
+        If there are only a few sets of inputs, the poses are described one by one.
+        """
         input_count = len(self.inputs)
+        # Rows of the table. Inputs without a pose have one row out of reach.
         has_pose = self.columns["status"] != Status.OUT_OF_REACH
+        # The column "pose" is the number of the set of inputs.
         pose_counts = np.bincount(self.columns["pose"][has_pose], minlength=input_count)
         summary = summarize_solver(self.solver) | {
             "inputs": input_count,
@@ -76,10 +82,11 @@ class ForwardSolutions:
         """Return a sentence for each pose with all its modes.
 
         A mode is the working mode (signs of the legs) if it is known, otherwise the
-        assembly mode (signs of the groups of links). `has_pose` (rows,) are the rows of the
-        table that have a pose.
+        assembly mode (signs of the groups of links). `has_pose` (rows,) tells which rows of
+        the table have a pose.
         """
         columns = self.columns
+        # By sentence and kind of mode: the modes with this sentence.
         modes_of_sentence: dict[tuple[str, str], list[str]] = {}
         for row in np.flatnonzero(has_pose).tolist():
             angles = []
@@ -87,7 +94,6 @@ class ForwardSolutions:
                 if name in columns and np.isfinite(columns[name][row]):
                     angles.append(self._describe_angle(name, row))
             sentence = f"inputs {columns['pose'][row]}: {', '.join(angles)}"
-            # The assembly mode is stated if the working mode is unknown.
             if columns["working_mode"][row]:
                 kind = "working mode"
                 mode = columns["working_mode"][row]

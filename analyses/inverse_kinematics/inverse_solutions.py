@@ -97,6 +97,7 @@ class InverseSolutions:
         pairs: list[int],
         max_nearest: int,
     ) -> None:
+        """Solve all poses, then search reachable poses near those out of reach."""
         self.mechanism = mechanism
         self.solver = solver
         self.poses = poses
@@ -108,6 +109,7 @@ class InverseSolutions:
         self.solution_counts = np.bincount(
             solutions.pose[solutions.solved], minlength=len(poses)
         )
+        # (rows, 3 or 4) the direction or quaternion of each row.
         pose_rows = (poses if solver.points else quaternion(poses))[solutions.pose]
         self.nearest_poses = np.full_like(pose_rows, np.nan)
         self.nearest_distances = np.full(len(solutions), np.nan)
@@ -173,12 +175,15 @@ class InverseSolutions:
     def findings(self) -> Findings:
         """Return how many poses have how many solutions, and how well the loops close.
 
-        The summary has counts, the largest closure residual of some configurations, and for
-        each working mode the least measures of singularities: 0 at type I, where an input
-        moves while the output rests, and at type II, where the output can move while the
-        inputs rest. Warnings concern poses without a configuration and singular rows.
+        - The summary has counts, the largest closure residual of some configurations, and
+          the least measures of singularities in each working mode. The measure of type I is
+          0 if an input moves while the output rests, that of type II if the output can move
+          while the inputs rest.
+        - Warnings concern poses without a configuration, and singular rows.
+        - A remark says how many configurations there are.
         """
-        # Summary.
+        # 1. Summary. Only some poses, evenly chosen, are inserted into the closure
+        # equations.
         solutions = self.solutions
         pose_count = len(self.poses)
         row_count = len(solutions)
@@ -204,8 +209,8 @@ class InverseSolutions:
             ),
         }
 
-        # Warnings. Only a closed form has named limits of its reach. A search without them
-        # does not always prove that a pose has no configuration.
+        # 2. Warnings. Only a closed form has named limits of its reach. A search without
+        # them does not always prove that a pose has no configuration.
         warnings = []
         without_solution = np.sum(self.solution_counts == 0)
         if without_solution:
@@ -269,7 +274,12 @@ class InverseSolutions:
         return ", ".join(f"{pair} = {format_degrees(q)} deg" for pair, q in inputs)
 
     def scenes(self) -> tuple[Scene, ...]:
-        """Return the poses on the sphere by number of solutions, and by worst measure."""
+        """Return two pages: solutions of the poses, and nearness to singularities.
+
+        The first page shows the poses on the sphere, coloured by their number of solutions,
+        and the mechanism in each solution. The second one shows the poses coloured by the
+        angle to a singularity.
+        """
         solutions = self.solutions
         legend = self._legend()
         solution_map = self._draw_map("solutions", self.solution_counts.astype(float), "")
@@ -279,10 +289,11 @@ class InverseSolutions:
         parts = (solution_map, *self._draw_solutions(drawn_rows), legend)
         solution_axis = Axis("solution", "", np.arange(float(len(drawn_rows))))
 
-        # The smaller measure of types I and II says how near a mode is to a singularity: 0
-        # at one. The measure of a pose is that of its best mode.
+        # The smaller measure of types I and II is 0 at a singularity, and the sine of an
+        # angle. The measure of a pose is the largest one of its modes.
         least_measure = np.fmin(np.min(solutions.type_1, axis=1), solutions.type_2)
         best_measure = np.zeros(len(self.poses))
+        # Changes `best_measure` in place; a pose can have several rows.
         np.maximum.at(best_measure, solutions.pose, np.nan_to_num(least_measure))
         angle = np.arcsin(np.minimum(best_measure, 1.0))
         measure_map = self._draw_map("angle to a singularity", angle, "rad")
@@ -301,7 +312,10 @@ class InverseSolutions:
         return SphereMap("poses/map", name, self._directions(), triangles, values, unit)
 
     def _draw_solutions(self, rows: NDArray[np.intp]) -> list[Primitive]:
-        """Return the mechanism in the configurations of rows, with a list of these."""
+        """Return the mechanism in the configurations of rows, with a list of the rows.
+
+        An arrow shows the direction of the given pose (or its z axis) in ground axes.
+        """
         mechanism = self.mechanism
         solutions = self.solutions
         closure = solver_of(mechanism).closure
@@ -318,6 +332,7 @@ class InverseSolutions:
             Arrow(
                 "pose",
                 "pose asked for",
+                # From axes of the reference link to ground axes.
                 np.matvec(reference, directions),
                 False,
                 path_shown=False,
@@ -326,7 +341,10 @@ class InverseSolutions:
         ]
 
     def _legend(self) -> Text:
-        """Return the numbers of solutions in Markdown, and what the measure is."""
+        """Return a text in Markdown: how many poses have how many solutions.
+
+        The signs of modes and the measure of the drawings are explained, too.
+        """
         table_rows = [
             f"| {solutions} | {poses} |\n"
             for solutions, poses in count_values(self.solution_counts).items()

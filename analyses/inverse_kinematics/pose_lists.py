@@ -106,22 +106,26 @@ def read_poses(
     solver
         The inverse kinematics of the output, which decides how a pose can be given.
     where
-        The analysis, for complaints.
+        Name of the analysis, for error messages.
     poses
         Texts ``name=number``. A name that occurs again begins the next pose.
-    columns, file
-        Path of a CSV or Parquet file, and its columns to read, if that is not clear.
+    columns
+        Names of the columns of the file that are read. They are only needed if the file has
+        the columns of several descriptions of a pose.
+    file
+        Path of a CSV or Parquet file.
     window
         Texts ``NAME:FROM:TO:COUNT`` of a grid.
     unit
         Unit of angles, deg or rad, if the file does not state it.
     parameter
-        Name of the parameter with the list, for complaints.
+        Name of the parameter with the list `poses`, for error messages.
 
     Raises
     ------
     AnalysisError, FileError
-        If they cannot be read, with the place in the list or the line of the file.
+        If the poses cannot be read. The message has the position in the list or the line of
+        the file.
     """
     sources = {parameter: poses, "file": file, "window": window}
     given_sources = [name for name, source in sources.items() if source]
@@ -148,8 +152,8 @@ def read_poses(
         _check_pose_count(len(table.rows), where)
     except AnalysisError:
         if not solver.labels:
-            # The output cannot be solved for poses. This call raises an error that says
-            # why.
+            # The output cannot be solved for poses at all. This call raises an error with
+            # the reason, which is more useful than the present one.
             solver.inverse(np.zeros((0, 3, 3)), ())
         raise
     gives_inputs = table.terms == solver.mechanism.input_pairs
@@ -203,7 +207,7 @@ def _read_file(
     solver
         The inverse kinematics of the output, which decides how a pose can be given.
     where
-        The analysis and the file, for complaints.
+        Name of the analysis and of the file, for error messages.
     path
         Path of a CSV or Parquet file.
     columns
@@ -212,7 +216,8 @@ def _read_file(
     """
     header = columns_of(path)
     forms = _forms_of_output(solver)
-    # Tables of spherekit name the inputs q_PAIR.
+    # A term is the name of a number, such as "azimuth". Tables of spherekit have the inputs
+    # in columns q_PAIR, whose term is the pair.
     pair_of_column = {f"q_{pair}": pair for pair in solver.mechanism.input_pairs}
     column_of_term = {
         pair_of_column.get(name, name): column for name, column in header.items()
@@ -225,8 +230,9 @@ def _read_file(
     if columns:
         forms_of_file = [_match_form(forms, columns, where)]
     else:
+        # Forms (descriptions of a pose) whose terms are all in the file. A form that is a
+        # part of another one is left out, such as azimuth, tilt if there is a torsion.
         complete = [form for form in forms if set(form) <= set(column_of_term)]
-        # Azimuth and tilt are part of azimuth, tilt and torsion.
         forms_of_file = [
             form
             for form in complete
@@ -247,9 +253,17 @@ def _read_file(
 def _read_window(
     solver: OutputKinematics, where: str, window: Sequence[str]
 ) -> NumberTable:
-    """Return the numbers of a grid from texts ``NAME:FROM:TO:COUNT``.
+    """Return the numbers of all poses of a grid.
 
-    `where` is the window, for complaints.
+    Parameters
+    ----------
+    solver
+        The inverse kinematics of the output, which decides how a pose can be given.
+    where
+        Name of the parameter, for error messages.
+    window
+        Texts ``NAME:FROM:TO:COUNT``, one for each number of the poses. The grid has all
+        combinations of their values.
     """
     values_of_term: dict[str, Floats] = {}
     for text in window:
@@ -292,7 +306,7 @@ def _convert_rows(
     rows
         (n, k) numbers, angles in rad.
     locations, where
-        Where each row stands, and the source, for complaints.
+        Position of each row in its source, and the source, for error messages.
 
     Returns
     -------
@@ -306,6 +320,7 @@ def _convert_rows(
     fault = f"has {NO_DIRECTION}"
     if form == MATRIX_TERMS:
         fault = "is not a rotation matrix"
+        # R R^T must be the identity matrix, and the determinant positive.
         poses = rows.reshape(-1, 3, 3)
         products = poses @ np.swapaxes(poses, 1, 2)
         deviation = np.abs(products - np.eye(3)).max(axis=(1, 2))
@@ -314,6 +329,8 @@ def _convert_rows(
     else:
         poses = CONVERSION_OF_FORM[form](rows)
     if form == MID_PLANE_TERMS:
+        # So far `poses` are normals of mid-planes. The pose is the direction of the output
+        # at this mid-plane.
         assert solver.form is not None and solver.output.direction is not None
         fault = "is not a mid-plane: phi and gamma are too large"
         poses = solver.form.orientations(poses) @ np.array(solver.output.direction)
@@ -360,7 +377,7 @@ def _match_form(
     names
         The given names, in any order.
     where
-        The source of the names, for complaints.
+        The source of the names, for error messages.
 
     Raises
     ------

@@ -142,6 +142,7 @@ def forward_columns(
         (n, inputs) values of the inputs (rad).
     """
     solutions = solver.forward(inputs)
+    # The rows of the table: all solutions and all inputs without a pose, sorted by inputs.
     inputs_without_pose = np.setdiff1d(np.arange(len(inputs)), solutions.row)
     input_rows = np.concatenate([solutions.row, inputs_without_pose])
     order = np.argsort(input_rows, kind="stable")
@@ -167,9 +168,11 @@ def forward_columns(
         rate_columns = mid_plane_rate_columns(
             mechanism, solver.form, poses, direction_rates
         )
+    # For each row of the table the first row with the same inputs.
     first_row_of_input = np.searchsorted(input_number, input_number)
     return {
         "pose": input_number,
+        # Solutions are counted from 0 for each set of inputs.
         "solution": np.arange(len(input_number)) - first_row_of_input,
         "assembly_mode": assembly_modes[solution_number],
         "working_mode": working_modes[solution_number],
@@ -185,10 +188,11 @@ def forward_columns(
 def _find_working_modes(
     mechanism: Mechanism, solver: OutputKinematics, poses: Floats, values: Floats
 ) -> NDArray[np.str_]:
-    """Return the working mode of each of n solutions, then an empty text.
+    """Return the working mode of each of n solutions, and one empty text at the end.
 
-    The working mode is known if the output has a closed form: it is the mode in which the
-    inverse kinematics of the pose gives the same configuration.
+    If the output has a closed form, the inverse kinematics of the pose gives one
+    configuration for each working mode. The working mode of the solution is the one that
+    gives its configuration. It is an empty text if it is unknown.
 
     Parameters
     ----------

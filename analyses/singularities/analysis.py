@@ -28,9 +28,10 @@ from .tables import ASPECTS, RELATION, SINGULARITIES
 def _trade_positions(
     parameter: str, values: tuple[float, ...], inputs: Literal["one", "several"]
 ) -> Sweep:
-    """Return the trade of speed against accuracy by a parameter of this analysis.
+    """Return a comparison of speed and accuracy for values of a parameter.
 
-    The positions of singularities with different values of the parameter are compared.
+    The analysis is run with each value of the parameter, and the positions of the
+    singularities are compared.
 
     Parameters
     ----------
@@ -189,6 +190,7 @@ class SingularityAnalysis(AbstractAnalysis):
         """Return the singularities of a batch, which are computed once."""
 
         def compute() -> OneInput | SeveralInputs:
+            """Return the singularities for the number of inputs, with angles in rad."""
             if len(batch.mechanism.inputs) == 1:
                 return OneInput(batch, self.outputs(batch.mechanism), self.near)
             return SeveralInputs(

@@ -71,6 +71,8 @@ def describe_inputs_of_kinds(
 def _group_by_modes(inputs_deg: Floats, modes: Iterable[str]) -> dict[str, list[str]]:
     """Return formatted inputs (deg) by the assembly modes in which they occur.
 
+    Inputs that occur in the same assembly modes are listed together.
+
     Parameters
     ----------
     inputs_deg
@@ -78,10 +80,12 @@ def _group_by_modes(inputs_deg: Floats, modes: Iterable[str]) -> dict[str, list[
     modes
         Assembly modes of each singularity, joined by plus signs.
     """
+    # The numbers of the assembly modes of each input, which is a text.
     modes_of_input: dict[str, set[int]] = {}
     for value, joined_modes in sorted(zip(inputs_deg.tolist(), modes, strict=True)):
         numbers = modes_of_input.setdefault(_format_degrees(value), set())
         numbers.update(_split_modes([joined_modes]))
+    # The reverse: inputs by their modes in words.
     inputs_by_modes: dict[str, list[str]] = {}
     for formatted_input, numbers in modes_of_input.items():
         modes_in_words = numbered("mode", sorted(numbers)) if numbers else ""
@@ -133,10 +137,10 @@ def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> l
 
 
 def _describe_output_range(sampled: SampledSingularities, number: int, output: int) -> str:
-    """Return how far an output turns on a configuration curve, as a verb phrase.
+    """Return a description of an output's rotation on a configuration curve.
 
-    An output rests, turns fully, turns in one sense, or swings. It swings if it turns back,
-    or if the curve ends before it has turned fully.
+    The text is a verb phrase: the output rests, turns fully, turns in one sense, or swings.
+    It swings if it turns back, or if the curve ends before it has turned fully.
 
     Parameters
     ----------
@@ -145,8 +149,10 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
     number, output
         Number of the curve, and position of the output.
     """
+    # 1. The angle of the output at samples of the curve, which include all singularities.
     curve = sampled.curves[number]
     links = sampled.report.outputs[output]
+    # Number of the variable of the pair between both links, None if there is no such pair.
     variable = sampled.tracer.mechanism.angle_between(*links)
     points = [
         point
@@ -166,6 +172,8 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
         angle = np.append(angle_on_curve, crossing_angles)
         # The start of the curve is in (-pi, pi].
         angle = angle - angle_on_curve[0] + wrap(angle_on_curve[0])
+
+    # 2. The kind of rotation, in words.
     low, high = np.degrees([np.min(angle), np.max(angle)])
     swing = _format_degrees(high - low)
     reverses = any(point.output_turns for point in points)
@@ -235,10 +243,11 @@ def warn_of_near_misses(
     near_deg: float,
     input_pair: str,
 ) -> list[str]:
-    """Return a warning for each output that comes near a type without reaching it.
+    """Return a warning for each output that comes near a singularity without reaching it.
 
-    Type I: the output rests while the input moves. Type II: the locked input does not hold
-    the output. Assembly modes that reach the type elsewhere in the range are left out.
+    At type I the output rests while the input moves. At type II the locked input does not
+    hold the output. Assembly modes that have a singularity of the same type elsewhere in
+    the range are left out.
 
     Parameters
     ----------
@@ -247,7 +256,7 @@ def warn_of_near_misses(
     points
         The table of singularities, by column.
     names
-        Name of each output, as in this table.
+        Name of each output, as in the table of singularities.
     near_deg
         The angle below which a warning is given (deg).
     input_pair

@@ -24,11 +24,11 @@ COLOUR_OF_KIND = {"I": 1, "II": 2, "III": 3, "self-motion": 4}
 
 @dataclass(frozen=True)
 class PlottedColumn:
-    """How a column of the table of relations is drawn; `PLOTTED_COLUMNS` has its name.
+    """The appearance of one column of the table of relations in plots.
 
-    The table has, for each row of the motion, the relation c y' = d q' between the rates of
-    an output and of one input that moves while the others are locked, and angles that
-    measure how near singularities are.
+    The table has two kinds of columns for each row of the motion: the coefficients of the
+    relation c y' = d q' between the rates of an output and of one input that moves while
+    the others are locked; and angles that measure how near singularities are.
 
     Attributes
     ----------
@@ -37,8 +37,8 @@ class PlottedColumn:
     group
         Plots of one group are drawn together.
     unit
-        Its unit. Angles have one and do not depend on which input moves; c and d have none
-        and depend on it.
+        Unit of the quantity. It is empty for the coefficients c and d, which depend on the
+        moving input. Angles have a unit and do not depend on it.
     """
 
     label: str
@@ -59,8 +59,9 @@ PLOTTED_COLUMNS = {
 def break_at_jumps(line: Floats) -> Floats:
     """Return points (n, 2) of a line of angles (rad), broken where an angle jumps.
 
-    A jump by more than half a revolution comes from the range of the angle. NaN between
-    the two points prevents that they are connected.
+    A jump by more than half a revolution is no motion: the angle left its range at one end
+    and came back at the other. A row of NaN is inserted between the two points, so that
+    they are not connected in the drawing.
     """
     jumps = np.max(np.abs(np.diff(line, axis=0)), axis=1) > np.pi
     return np.insert(line, np.flatnonzero(jumps) + 1, np.nan, axis=0)
@@ -117,9 +118,8 @@ def relation_plots(
 ) -> list[Primitive]:
     """Return plots of c, d and angles of each output in some rows of a batch.
 
-    c and d are the coefficients of the relation c y' = d q' between the rates of an output
-    and of one input that moves while the others are locked (the moving input). The angles
-    measure how near singularities are.
+    The relation c y' = d q' is between the rates of an output and of the moving input (one
+    input moves while the others are locked). The angles measure how near singularities are.
 
     Parameters
     ----------

@@ -169,7 +169,11 @@ class SeveralInputs:
 
     @cached_property
     def first_edge_and_halvings(self) -> tuple[float, int]:
-        """The edge (rad) of the first mesh, 0 for none, and the number of halvings."""
+        """Edge length (rad) of the first mesh of surfaces, and number of its halvings.
+
+        The edges of the first mesh are halved so often that they have the length `mesh` at
+        the end. The length 0 means that no surfaces are computed.
+        """
         widths = [abs(item.stop - item.start) for item in self.batch.mechanism.inputs]
         longest = min(LONGEST_EDGE_RAD, min(widths) / EDGES_PER_RANGE)
         if self.mesh is None:
@@ -183,14 +187,18 @@ class SeveralInputs:
     def points(self) -> Columns:
         """The main table: points of singular curves or surfaces, by output.
 
-        A kind that occurs in every configuration has a single row. Points of a curve at
-        which both types I and II occur are listed as type III in addition, each once.
+        - A kind of singularity that occurs in every configuration has a single row.
+        - A surface has one row for each vertex of its mesh.
+        - A curve has one row for each of its points. Points at which both types I and II
+          occur get a further row as type III. As such a point is on a curve of either type,
+          it is met twice, but listed once.
         """
         tables: list[Columns] = []
         for output in self.batch.mechanism.outputs:
             name = name_output(self.batch.mechanism, output)
             curve_number = 0
-            # Variables of the points of type III that are listed already.
+            # (k, variables) configurations of the points of type III that are listed
+            # already.
             listed_values = np.zeros((0, len(self.batch.mechanism.variable_names)))
             for locus in self.loci[output.name]:
                 if locus.everywhere:
@@ -309,9 +317,9 @@ class SeveralInputs:
     def relation(self) -> Columns:
         """The table of relations c_i w_i = d_i q_i' and of the nearness of singularities.
 
-        q_i' is the rate of input i, which moves while the others are locked, and w_i the
-        angular velocity of an output in this motion. The table has every row of the batch
-        once for each output and input.
+        Input i moves at the rate q_i' while the others are locked, and w_i is the angular
+        velocity of an output in this motion. The coefficient c_i is 0 at type II, d_i at
+        type I. The table has every row of the batch once for each output and input.
         """
         batch = self.batch
         tables: list[Columns] = []
@@ -361,11 +369,16 @@ class SeveralInputs:
         return ASPECTS.stacked(mechanism, [columns])
 
     def findings(self) -> Findings:
-        """Return which singularities exist, aspects, and where rows come near a type.
+        """Return which singularities and aspects exist, and rows near a singularity.
 
-        The summary has, for each output, the kinds that occur in every configuration, and
-        numbers of curves or of vertices of surfaces with what is known of others. Warnings
-        concern rows near a singularity; sentences describe the rest.
+        A locus is the set of all singular configurations of one kind: curves if there are
+        two inputs, surfaces if there are three. An aspect is a connected set of
+        configurations without singularities.
+
+        - The summary has for each output the kinds that occur in every configuration, the
+          numbers of curves or of vertices of surfaces, and the guarantee of each search.
+        - Warnings concern rows near a singularity.
+        - Remarks describe everything else.
         """
         batch = self.batch
         summary: dict[str, Any] = {"slices": self.slice_count}
@@ -373,6 +386,7 @@ class SeveralInputs:
         remarks: list[str] = []
         is_singular_everywhere = False
         for output in batch.mechanism.outputs:
+            # 1. Loci.
             name = name_output(batch.mechanism, output)
             loci = self.loci[output.name]
             kinds_everywhere = [locus.kind for locus in loci if locus.everywhere]
@@ -388,8 +402,10 @@ class SeveralInputs:
                     for key, value in counts.items():
                         summary[name][f"{key}_{suffix}"] = value
                     sentences.append(f"{words}; {counts['claim']}")
+
+            # 2. Rows of the motion: assembly modes that are singular in every row, by the
+            # type, and rows near a singularity.
             rows = self.coefficients[output.name]
-            # Assembly modes that are singular in every row, by the type.
             singular_modes = {} if kinds_everywhere else _singular_modes(batch, rows)
             for kind, modes in singular_modes.items():
                 modes_in_words = numbered("assembly mode", modes)
@@ -399,6 +415,8 @@ class SeveralInputs:
                 if kind not in kinds_everywhere:
                     modes = singular_modes.get(kind, [])
                     warnings += self._warn_of_near_rows(kind, name, sines, modes)
+
+        # 3. Aspects.
         if self.input_grid is None and len(batch.mechanism.inputs) > MAX_OUTPUT_FREEDOMS:
             remarks.append(f"no aspects: {no_aspects(batch.mechanism)}")
         found_aspects = self._search_result.aspects
@@ -406,6 +424,7 @@ class SeveralInputs:
             summary["aspects"] = found_aspects.sizes.tolist()
             summary["aspects_guarantee"] = found_aspects.guarantee
             summary["singular_on_lattice"] = found_aspects.singular
+            # If everything is singular, there is no aspect anyway.
             has_none_unexpectedly = (
                 len(found_aspects.sizes) == 0 and not is_singular_everywhere
             )
@@ -458,12 +477,14 @@ class SeveralInputs:
 
     @cached_property
     def _search_result(self) -> SearchResult:
-        """The results of the searches: types of outputs, self-motions, then aspects.
+        """The results of all searches: types II and I, self-motions, and aspects.
 
-        Each search gets an equal share of the time that is left. If all pairs take part in
+        In a self-motion links move while inputs and output rest. If all pairs take part in
         the motion of an output, its singularities of type II include all self-motions,
-        which are not searched then.
+        which are not searched then. An aspect is a connected set of configurations without
+        singularities. Each search gets an equal share of the remaining time.
         """
+        # 1. The searches: kind of singularity and name of the output.
         mechanism = self.batch.mechanism
         input_count = len(mechanism.inputs)
         time_limit = TimeLimit(self.seconds)
@@ -483,19 +504,24 @@ class SeveralInputs:
             for name in outputs:
                 if not moved_by_all(mechanism, name):
                     searches.append((SELF_MOTION, name))
-        # Slices: curves of configurations with all inputs but one locked, from which all
+
+        # 2. Slices: curves of configurations with all inputs but one locked, from which all
         # searches start.
         section = None
         if self.slice_count and searches:
             share = time_limit.part(SLICE_TIME_SHARE, "slices")
             solver = solver_of(mechanism)
             section = cut(solver, ranges_of(mechanism), self.slice_count, share)
+
+        # 3. The loci of each output: curves or surfaces of singular configurations.
         loci: dict[str, list[Locus]] = {name: [] for name in outputs}
         for number, (kind, name) in enumerate(searches):
-            # Searches that are left, with that of the aspects.
+            # Searches that remain, with that of the aspects.
             remaining = len(searches) - number + (aspect_samples > 0)
             share = time_limit.part(1.0 / remaining, f"singularities {of_kind(kind)}")
             loci[name].append(self._search_locus(kind, name, section, share))
+
+        # 4. The aspects.
         if not aspect_samples:
             return SearchResult(loci, None)
         share = time_limit.part(1.0, "aspects")
@@ -567,7 +593,11 @@ class SeveralInputs:
         }
 
     def scenes(self) -> tuple[Scene, ...]:
-        """Return surfaces, and for each mode curves in the plane of inputs and plots."""
+        """Return a page of singular surfaces, and one page for each assembly mode.
+
+        The page of a mode has the singular curves in the plane of the inputs and on the
+        sphere, and plots of the relations.
+        """
         pages = []
         surfaces = self._draw_surfaces()
         if surfaces:
@@ -595,6 +625,7 @@ class SeveralInputs:
             for mesh in self.loci[output.name]:
                 if not isinstance(mesh, SingularSurface) or not len(mesh.triangles):
                     continue
+                # Only mechanisms with three inputs have surfaces.
                 a, b, c = self.batch.moving_inputs
                 surfaces.append(
                     Surface(
@@ -612,7 +643,9 @@ class SeveralInputs:
     def _draw_in_input_plane(
         self, output: Output, loci: Sequence[SingularCurves], rows: slice
     ) -> Portrait:
-        """Return the singular curves of an output in the plane of both inputs.
+        """Return a drawing of an output's singular curves in the plane of both inputs.
+
+        A moving point shows the inputs of the motion.
 
         Parameters
         ----------
@@ -670,7 +703,7 @@ class SeveralInputs:
         return parts
 
     def _dense_points(self, curve: CurveSeen) -> SingularPoints:
-        """Return points of a curve that are dense enough to draw it; they are kept."""
+        """Return points of a curve that are dense enough to draw it, computed once."""
         key = ("dense", id(curve))
         return self.batch.once(key, lambda: curve.dense(PARTS_PER_CHORD))
 
@@ -686,18 +719,19 @@ def _output_directions(points: SingularPoints) -> Floats:
 
 
 def _certainty_columns(claim: Completeness) -> Columns:
-    """Return the columns that say how certain points of a locus are.
+    """Return the columns on the certainty of the points of a locus.
 
-    `claim` is what is known of points that were not found.
+    `claim` says how complete the search for the locus was.
     """
     return {"double": "no", "certain": "yes", "guarantee": claim.guarantee.value}
 
 
 def _describe_locus(locus: Locus) -> tuple[dict[str, Any], str]:
-    """Return the size of a set of singularities for the summary, and in words.
+    """Return the size of a locus (all singularities of one kind) as numbers and in words.
 
-    The summary has the number of curves inside and outside of the ranges of the inputs, or
-    of vertices and crossings of surfaces, and how complete the search was.
+    The numbers count curves inside and outside of the ranges of the inputs, or vertices of
+    surfaces, and irregular configurations, at which the locus is no curve or surface. The
+    entry ``claim`` says how complete the search was.
     """
     if isinstance(locus, SingularSurface):
         item = "surface"
@@ -723,7 +757,10 @@ def _describe_locus(locus: Locus) -> tuple[dict[str, Any], str]:
 
 
 def _singular_modes(batch: Batch, rows: OutputCoefficients) -> Mapping[str, list[int]]:
-    """Return the assembly modes that are singular in every known row, by their type."""
+    """Return the assembly modes that are singular in every row, by their type.
+
+    Rows of unknown type are ignored.
+    """
     modes_by_type: dict[str, list[int]] = {}
     for mode, mode_rows in batch.assembly_mode_rows().items():
         types = set(rows.type[mode_rows].tolist()) - {RowType.UNKNOWN}

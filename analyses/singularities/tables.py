@@ -117,8 +117,8 @@ def configuration_columns(
 ) -> dict[str, Any]:
     """Return the columns of configurations: variables, pose, signs of groups and modes.
 
-    A group is a set of links that is assembled at once, such as a dyad of two links. Its
-    sign says which of its two assemblies the configuration has.
+    A group is a set of links that is assembled at once, such as a dyad of two links. A dyad
+    can be assembled in two ways, which its sign distinguishes.
 
     Parameters
     ----------
@@ -169,9 +169,10 @@ def _format_signs(
 ) -> list[str]:
     """Return the signs of the groups of the whole mechanism as text, one for each row.
 
-    A group is a set of links that is assembled at once, such as a dyad. It is identified by
-    its pairs. A text has a character for each group: +, -, 0 if it is singular, or * if it
-    is not in the part to which the signs belong.
+    A group is a set of links that is assembled at once, such as a dyad (two links that can
+    be assembled in two ways). It is identified by the names of its pairs. A text has one
+    character for each group: + or - for its two assemblies, 0 if it is singular, * if it is
+    not in the part of the mechanism to which `signs` belong.
 
     Parameters
     ----------
@@ -180,7 +181,8 @@ def _format_signs(
     position_analysis
         The position analysis of the whole mechanism or of a part.
     signs
-        (n, groups of that) 1, -1, or 0 where the group is singular.
+        (n, groups) signs 1 or -1 of the groups of `position_analysis`, 0 for a singular
+        group.
     """
     groups = [
         set(position_analysis.mechanism.names_of(group.pairs))
@@ -201,9 +203,10 @@ def _format_signs(
 
 
 def _format_modes(batch: Batch, signs: NDArray[np.int8]) -> list[str]:
-    """Return the assembly modes with the given signs of groups, such as ``0+2``.
+    """Return for each row the numbers of the assembly modes with its signs, as ``0+2``.
 
-    A group that is singular, with sign 0, belongs to modes of both signs.
+    An assembly mode is a sign for each group of links. A singular group, with the sign 0,
+    agrees with modes of both signs.
 
     Parameters
     ----------
