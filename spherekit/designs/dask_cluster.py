@@ -207,8 +207,8 @@ def _connect(address: str) -> "Iterator[Client]":
 def _await_workers(client: "Client", address: str) -> None:
     """Wait until at least one worker is connected to the scheduler.
 
-    There is no limit, because workers of a queue may start hours later. The message says
-    for how long the command has been waiting, and is repeated every
+    There is no limit, because workers that a batch system starts may come hours later. A
+    message to the user says for how long the command has been waiting. It is repeated every
     `WAITING_REPORT_SECONDS`.
 
     Raises
@@ -268,9 +268,8 @@ def _lost_scheduler(address: str) -> DesignError:
 def _fetch_result(part_future: "Future[Any]", client: "Client", address: str) -> Any:
     """Return the result of a finished part from the worker that stores it.
 
-    If this worker ends before it has sent the result, Dask computes the part again, for
-    which there must be workers. Waiting for the result alone would never end and say
-    nothing.
+    If this worker ends before it has sent the result, Dask computes the part again on
+    another worker. If no worker is connected, this function says so and waits for one.
 
     Raises
     ------

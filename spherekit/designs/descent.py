@@ -57,18 +57,19 @@ MIN_START_DISTANCE = 0.1
 
 @dataclass(frozen=True)
 class LocalOptimum:
-    """A point at which a descent ended.
+    """The end of a descent: a design whose objectives no small change decreases.
 
     Attributes
     ----------
     mode
-        The assembly mode.
+        The assembly mode (way to assemble the mechanism) in which the design is used.
     x
-        (variables,) the point, in units of the ranges.
+        (variables,) coordinates of the design, one for each design variable: 0 and 1 are
+        the ends of the range of the variable.
     objectives
-        (k,) objectives there.
+        (k,) values of the objectives, which are minimised.
     figures
-        (figures,) figures of merit there, angles in the unit of the file.
+        (figures,) figures of merit, angles in the unit of the file.
     """
 
     mode: SynthesisMode
@@ -79,15 +80,16 @@ class LocalOptimum:
 
 @dataclass(frozen=True)
 class DescentValues:
-    """Objectives and conditions of a design in a mode.
+    """Objectives and conditions of a design in one assembly mode, with gradients.
 
     Attributes
     ----------
     functions
-        Objectives and conditions with their gradients by the coordinates. Conditions are
-        limits: by how much they are violated, negative where they are met.
+        The values of all objectives and conditions, and their gradients by the coordinates
+        of the design. The value of a condition is the amount by which it is violated; it is
+        negative if the condition is met.
     closes
-        Fraction of the samples at which the mode closes.
+        Fraction of the samples at which the mechanism can be assembled in this mode.
     figures
         (figures,) figures of merit, angles in the unit of the file.
     """
@@ -123,11 +125,23 @@ class Descent:
     def __init__(
         self, specification: Specification, rows: Columns, objectives: Floats
     ) -> None:
-        """Make points of the rows, and the function of objectives and conditions."""
+        """Convert designs to coordinates, and objectives and conditions to a function.
+
+        Parameters
+        ----------
+        specification
+            The objectives, which are minimised, the conditions, and the sweep with the
+            ranges of the design variables and the figures of merit.
+        rows
+            Columns of the table of n designs from which descents may start.
+        objectives
+            (n, k) objectives of these designs.
+        """
         sweep = specification.sweep
         assert isinstance(sweep.evaluator, DesignEvaluator)
         self.sweep = sweep
         self._figure_gradients = FigureGradients(sweep.evaluator)
+        # Coordinates run from 0 to 1 over the range of each variable.
         self._low = np.array([variation.low for variation in sweep.space.variations])
         high = np.array([variation.high for variation in sweep.space.variations])
         self._width = high - self._low
@@ -137,32 +151,39 @@ class Descent:
         self._row_objectives = objectives
         self.scales = self._objective_scales(objectives)
 
+        # One symbol for each design variable and each figure of merit. Texts of the user,
+        # such as objectives, become expressions of these symbols. `convert_to_graph` wants
+        # two nodes for each name, with and without whole revolutions; here both are equal.
         symbols_by_name = {node.arguments[0]: node for node in symbols(sweep.names)}
-        # The same expression is used with and without whole revolutions.
-        named = {name: (node, node) for name, node in symbols_by_name.items()}
-        # The error at precision points is no figure of the kernel, but a root mean square.
+        nodes_by_name = {name: (node, node) for name, node in symbols_by_name.items()}
+        # The name MATCH is the root mean square of the errors at precision points.
         if specification.matched:
             misses = [symbols_by_name[name] for name in specification.matched]
             match = np.sqrt(sum(miss * miss for miss in misses) / specification.points)
-            named[MATCH] = (match, match)
+            nodes_by_name[MATCH] = (match, match)
         expressions: list[Expr] = [
-            convert_to_graph(objective, named) for objective in specification.objectives
+            convert_to_graph(objective, nodes_by_name)
+            for objective in specification.objectives
         ]
         self._objective_count = len(expressions)
-        # A condition less < more becomes less - more, which must not be positive. How often
-        # a mode closes is no smooth function; it is a constraint of its own.
+        # A condition less < more becomes less - more, which must not be positive. The
+        # fraction of samples at which a mode closes is not smooth, so conditions on it are
+        # checked separately.
         expressions += [
-            convert_to_graph(condition.less, named)
-            - convert_to_graph(condition.more, named)
+            convert_to_graph(condition.less, nodes_by_name)
+            - convert_to_graph(condition.more, nodes_by_name)
             for condition in sweep.conditions
             if "closes" not in condition.names
         ]
         self._function = with_derivatives(expressions, [*symbols_by_name.values()])
+        # Figures are computed in rad and SI units. These factors convert from the units of
+        # the user's texts.
         units = [sweep.units()[merit.name] for merit in sweep.merits]
         self._figure_units = np.array(
             [RADIANS_PER_DEGREE if unit == "deg" else 1.0 for unit in units]
         )
-        # The optimiser asks for values and gradients at the same point one by one.
+        # The optimiser calls for values and for gradients separately. Results of the last
+        # point are therefore stored, by the point and the mode.
         self._last_values: dict[tuple[bytes, SynthesisMode], DescentValues] = {}
 
     @staticmethod
@@ -200,39 +221,42 @@ class Descent:
 
         Returns
         -------
-        Objectives and conditions. Those that depend on figures are NaN if there is no such
-        design. Gradients that do not exist are zero.
+        Objectives and conditions with their gradients. They are NaN if they depend on
+        figures of merit of a design that is impossible. Gradients that do not exist are
+        zero.
         """
+        # The result of the last call is stored, because the optimiser calls for values and
+        # for gradients separately.
         key = x.tobytes(), mode
-        if key not in self._last_values:
-            values = self.file_values(x)
-            figure_values = self._figure_gradients.evaluate(values, mode)
-            figures = figure_values.figures / self._figure_units
-            figure_slopes = (
-                figure_values.gradients * self._width / self._figure_units[:, None]
-            )
-            # Derivatives of the values and of the figures by the coordinates.
-            by_coordinates = np.nan_to_num(
-                np.concatenate([np.diag(self._width), figure_slopes])
-            )
-            with np.errstate(all="ignore"):
-                outputs = self._function(np.concatenate([values, figures])[:, None])
-            # Index 0 has the expressions, then their derivatives by values and figures. The
-            # expressions are the k objectives and then the conditions.
-            outputs = outputs.reshape(len(by_coordinates) + 1, -1)
-            partial_slopes = np.where(np.isnan(outputs[1:]), 0.0, outputs[1:])
-            gradients = partial_slopes.T @ by_coordinates
-            k = self._objective_count
-            functions = LinearisedFunctions(
-                objectives=outputs[0, :k],
-                objective_gradients=gradients[:k],
-                limits=outputs[0, k:],
-                limit_gradients=gradients[k:],
-            )
-            self._last_values = {
-                key: DescentValues(functions, figure_values.closes, figures)
-            }
-        return self._last_values[key]
+        if key in self._last_values:
+            return self._last_values[key]
+
+        values = self.file_values(x)
+        figure_values = self._figure_gradients.evaluate(values, mode)
+        figures = figure_values.figures / self._figure_units
+        figure_slopes = figure_values.gradients * self._width / self._figure_units[:, None]
+        # (variables + figures, variables) derivatives of the values and of the figures by
+        # the coordinates.
+        inner_slopes = np.nan_to_num(np.concatenate([np.diag(self._width), figure_slopes]))
+        with np.errstate(all="ignore"):
+            outputs = self._function(np.concatenate([values, figures])[:, None])
+        # Index 0 has the expressions, then their derivatives by values and figures. The
+        # expressions are the k objectives and then the conditions.
+        outputs = outputs.reshape(len(inner_slopes) + 1, -1)
+        expression_values = outputs[0]
+        partial_slopes = np.where(np.isnan(outputs[1:]), 0.0, outputs[1:])
+        # Chain rule: (expressions, variables).
+        gradients = partial_slopes.T @ inner_slopes
+        k = self._objective_count
+        functions = LinearisedFunctions(
+            objectives=expression_values[:k],
+            objective_gradients=gradients[:k],
+            limits=expression_values[k:],
+            limit_gradients=gradients[k:],
+        )
+        result = DescentValues(functions, figure_values.closes, figures)
+        self._last_values = {key: result}
+        return result
 
     def objectives(self, x: Floats, mode: SynthesisMode) -> Floats:
         """Return the objectives (k,) at a point in a mode."""
@@ -311,31 +335,36 @@ class Descent:
     ) -> tuple[Floats, float]:
         """Bring all objectives as near to an aim as possible, or below it.
 
-        The largest difference of an objective from its aim is minimised (the scalarisation
-        of Pascoletti and Serafini 1984). If the aim is the objectives at x, this is a
-        descent of all objectives. It ends where no step decreases all of them.
+        The largest of the k differences (objective - aim) / scale is minimised (the
+        scalarisation of Pascoletti and Serafini 1984). If the aim is the objectives at x,
+        all objectives decrease. The descent ends where no step decreases all of them.
 
         Parameters
         ----------
         x
-            (variables,) the first point.
+            (variables,) the design at which the descent begins, in units of the ranges of
+            the variables (0 to 1).
         mode
-            The assembly mode, which must close at as many samples as there.
+            The assembly mode. Designs in which it closes at fewer samples than at the
+            beginning are refused.
         aim
             (k,) aims of the objectives.
 
         Returns
         -------
         x
-            (variables,) the last point.
+            (variables,) the design at which the descent ends.
         largest_excess
-            The largest difference from the aim there, in units of the scale of the
-            objective. It is negative if all objectives are below the aim.
+            The largest of these differences there. It is negative if all objectives are
+            below the aim.
         """
         min_closes = self.evaluate(x, mode).closes
 
         def scaled_functions(y: Floats) -> LinearisedFunctions | None:
-            """Return differences from the aim, or None where they are not defined."""
+            """Return the differences from the aim, and the conditions, at a point y.
+
+            None if a number is not finite, or if the mode closes at too few samples.
+            """
             values = self.evaluate(y, mode)
             if values.closes < min_closes:
                 return None
@@ -359,19 +388,20 @@ class Descent:
         Parameters
         ----------
         mode
-            The assembly mode. After each descent its configurations are tracked from the
-            design that was reached.
+            The assembly mode (way to assemble the mechanism). Its configurations are
+            tracked from design to design, after each descent from the design at its end.
         x
-            (variables,) the first point, in units of the ranges.
+            (variables,) the first point, in units of the ranges of the variables (0 to 1).
         """
         for _ in range(MAX_DESCENT_ROUNDS):
             start_objectives = self.objectives(x, mode)
             x = self.minimize_first_objective(x, mode)
             mode = self.track_mode_from(x, mode)
+            # The aim is the present objectives, so that all of them decrease.
             x, _ = self.approach_aim(x, mode, aim=self.objectives(x, mode))
             mode = self.track_mode_from(x, mode)
             decrease = (start_objectives - self.objectives(x, mode)) / self.scales
-            # Written so that NaN ends the descent.
+            # Written with "not", so that NaN ends the descent too.
             if not np.max(decrease) > MIN_RELATIVE_DECREASE:
                 break
         return self.as_optimum(mode, x)
@@ -384,20 +414,22 @@ class Descent:
     def challenge(
         self, optimum: LocalOptimum, optima: Sequence[LocalOptimum]
     ) -> LocalOptimum:
-        """Look for a design that is better in all objectives, from other starts.
+        """Look for a design that is better than a local optimum in all objectives.
+
+        Descents from other starts aim at the objectives of the optimum. If one passes
+        below this aim, its end replaces the optimum, and the search begins anew.
 
         Parameters
         ----------
         optimum
-            The design that is challenged.
+            The local optimum.
         optima
-            All optima of the synthesis, which are among the other starts.
+            All optima of the synthesis, which serve as other starts too.
 
         Returns
         -------
-        The optimum, or the last one if better ones were found one after the other.
+        The given optimum, or the last one that replaced it.
         """
-        # A better optimum is challenged anew, until no start leads to a better one.
         for _ in range(MAX_DESCENT_ROUNDS):
             for start in self._other_starts(optimum, optima):
                 x, largest_excess = self.approach_aim(
@@ -407,22 +439,35 @@ class Descent:
                     optimum = self.descend(optimum.mode, x)
                     break
             else:
+                # No start led to a better design.
                 break
         return optimum
 
     def _other_starts(
         self, optimum: LocalOptimum, optima: Sequence[LocalOptimum]
     ) -> Iterator[Floats]:
-        """Yield points of the same mode away from an optimum, as starts of other descents.
+        """Yield starts of descents that may lead to a better design than an optimum.
 
-        They are rows of the sweep and other optima. Those whose objectives exceed the
-        objectives of the optimum least come first.
+        They are rows of the sweep, and optima of other descents, in the same assembly mode.
+        A start whose objectives exceed those of the optimum less comes earlier. Starts keep
+        a distance (`MIN_START_DISTANCE`) from the optimum and from each other.
+
+        Yields
+        ------
+        (variables,) the start, in units of the ranges of the variables (0 to 1).
         """
-        rows = self.modes == optimum.mode.label
-        others = [other for other in optima if other.mode.continues_in(optimum.mode)]
-        points = np.vstack([self.points[rows], *(other.x for other in others)])
+        is_same_mode = self.modes == optimum.mode.label
+        same_mode_optima = [
+            candidate for candidate in optima if candidate.mode.continues_in(optimum.mode)
+        ]
+        points = np.vstack(
+            [self.points[is_same_mode], *(candidate.x for candidate in same_mode_optima)]
+        )
         objectives = np.vstack(
-            [self._row_objectives[rows], *(other.objectives for other in others)]
+            [
+                self._row_objectives[is_same_mode],
+                *(candidate.objectives for candidate in same_mode_optima),
+            ]
         )
         largest_excess = np.max((objectives - optimum.objectives) / self.scales, axis=1)
         used_points = [optimum.x]
@@ -449,10 +494,10 @@ def is_better(
 def select_unbeaten(
     optima: Sequence[LocalOptimum], tolerance: Floats
 ) -> list[LocalOptimum]:
-    """Return the optima than which none of the same assembly mode is better.
+    """Return the optima that no other optimum of the same assembly mode beats.
 
-    An optimum is better if one of its objectives is smaller by more than the tolerance, and
-    none is larger by more.
+    An optimum beats another if one of its objectives is smaller by more than the tolerance
+    and no objective is larger by more than the tolerance.
 
     Parameters
     ----------

@@ -99,17 +99,20 @@ POINT_TOLERANCE_RAD = 1e-9
 
 @dataclass(frozen=True)
 class DesignMotion:
-    """The assembly modes of one design, found by a search as in a run.
+    """The assembly modes of one design, found by a search.
+
+    An assembly mode is one of the ways to assemble the mechanism at given inputs.
 
     Attributes
     ----------
     position_analysis
-        The search, with the modes.
+        The search with its results: the assembly modes.
     motion
-        The configurations at the samples.
+        The configurations of all modes at the samples of the inputs.
     values
-        (variables, samples + points, modes) pair variables (rad) at the samples and at the
-        points of figures; NaN where a mode does not close.
+        (variables, samples + points, modes) pair variables (rad), first at the samples,
+        then at the inputs at which some figures of merit are evaluated (points). NaN where
+        the mechanism cannot be assembled in the mode.
     """
 
     position_analysis: PositionAnalysis
@@ -157,7 +160,21 @@ class DesignEvaluator:
         merits: Sequence[FigureOfMerit],
         samples: DesignSamples,
     ) -> None:
-        """Read the figures of merit and make the kernel of all designs, if there is one."""
+        """Read the figures of merit and make the kernel of all designs, if there is one.
+
+        A kernel is a function that evaluates quantities of many designs at once.
+
+        Parameters
+        ----------
+        document, mechanism
+            The mechanism file, and the mechanism in it.
+        variables
+            The numbers of the file that differ from design to design.
+        merits
+            The figures of merit: numbers by which designs are compared.
+        samples
+            The inputs at which each design is evaluated.
+        """
         self.document = document
         self.mechanism = mechanism
         self.inputs = samples.inputs
@@ -174,25 +191,30 @@ class DesignEvaluator:
             equivalent_linkage=find_equivalent_linkage(mechanism, self.inputs),
             masses_follow_sizes=self._masses_follow_sizes,
         )
-        # The closure equations, and the solutions from which others are tracked. None if
-        # the kernel is in closed form, or if there is no kernel.
+        # The closure equations, and their solutions for one design, from which those of
+        # other designs are computed step by step. None if the kernel has a closed form, or
+        # if there is no kernel. `_make_kernel` sets it.
         self._tracking: tuple[PathKernel, StartSolutions] | None = None
         self.kernel = self._make_kernel()
 
     def _make_kernel(self) -> DesignKernel | None:
-        """Return the kernel, which computes all designs at once, or None if there is none.
+        """Return the kernel, a function that evaluates many designs at once.
 
-        There is none in these cases:
+        None if there is no kernel, in these cases:
 
-        - Assembly modes follow smooth curves through crossings of curves (``"pass"``). The
-          signs of their dyads change there, at inputs that differ from design to design.
+        - Assembly modes follow smooth curves through configurations in which curves cross
+          (``"pass"``). The signs of their dyads change there, at inputs that differ from
+          design to design.
         - Constraints are redundant. The equations of a kernel close some loops only, and
           other loops stay open if the sizes of a design do not agree.
         - Contacts are not replaced by links, or they are and outputs vary.
-        - A variable is neither a size of a kernel nor a number of a mass or load.
-        - Links are not placed in closed form, and no start solutions are known.
+        - A design variable is neither a size of the equations nor a number of a mass or
+          load.
+        - Positions have no closed form, and no solutions are known from which others can be
+          tracked.
 
-        If solutions have to be tracked, this also sets `_tracking`.
+        If the positions have no closed form, this method also sets `_tracking`: the closure
+        equations, and all their solutions for one design.
         """
         if self.samples.crossings == "pass" or self._is_over_constrained:
             return None
@@ -293,6 +315,7 @@ class DesignEvaluator:
         fitting_count = MAX_FIGURE_VALUES // values_per_design + 1
         block_size = min(DESIGNS_PER_BLOCK, fitting_count)
         if self._tracking is not None:
+            # Positions have no closed form: solutions are tracked from design to design.
             block_size = self._designs_tracked_together
         parts = []
         for start in range(0, values.shape[1], block_size):
@@ -342,10 +365,12 @@ class DesignEvaluator:
     def _evaluate_by_kernel(self, kernel: DesignKernel, values: Floats) -> DesignTable:
         """Return the figures of merit of designs, by the kernel where it applies.
 
-        There are three sets of designs. Impossible ones get a row with the reason. Those
-        to which the kernel applies are computed by it, all at once. The others, whose loads
-        or contacts have another form than the equations of the kernel (`OTHER_FORM`) or of
-        which tracking lost a solution, are analysed one by one.
+        There are three sets of designs:
+
+        - Impossible designs get a row with the reason.
+        - Designs to which the kernel applies are computed together.
+        - The others are analysed one by one. Their loads or contacts have another form than
+          the equations of the kernel (`OTHER_FORM`), or tracking has lost a solution.
 
         Parameters
         ----------
@@ -356,10 +381,11 @@ class DesignEvaluator:
 
         Returns
         -------
-        A row for each design and each assembly mode in which it closes.
+        A row for each design and each assembly mode in which it can be assembled.
         """
         names = self.figures.names
-        # `reasons` has a text for each design; the next call changes it in place.
+        # `reasons` has a text for each design: OK, OTHER_FORM, or why it is impossible. The
+        # next call sets the text of designs with impossible arcs.
         sizes, reasons = self.varied_mechanism.kernel_sizes(values)
         self._reject_impossible_arcs(values, reasons)
         one_by_one = np.flatnonzero(reasons == OTHER_FORM)
@@ -386,9 +412,10 @@ class DesignEvaluator:
         return DesignTable.join_by_design(parts, names)
 
     def _reject_impossible_arcs(self, values: Floats, reasons: NDArray[np.object_]) -> None:
-        """Set the reason of designs with arcs of links that are not between 0 and 180 deg.
+        """Mark designs as impossible that have arcs outside 0 to 180 deg.
 
-        Links that are marked as signed may have other arcs, and are not checked.
+        An arc is the angle between two axes of a link. Links that are marked as signed may
+        have other arcs, and are not checked.
 
         Parameters
         ----------
@@ -414,16 +441,18 @@ class DesignEvaluator:
     def _add_missing_designs(
         self, parts: list[DesignTable], design_count: int, claim: str
     ) -> DesignTable:
-        """Return tables joined, with a row for each design that is in none of them.
+        """Join tables, and add a row for each design that is in none of them.
+
+        The added rows say that the design cannot be assembled at any sample.
 
         Parameters
         ----------
         parts
-            Rows of the designs in the modes in which they close.
+            Rows of the designs in the assembly modes in which they close.
         design_count
             Number of all designs.
         claim
-            What is guaranteed about the modes of the added designs, which never close.
+            Guarantee, in the added rows, that no assembly mode was missed.
         """
         names = self.figures.names
         present = np.concatenate([part.design for part in parts])
@@ -437,15 +466,16 @@ class DesignEvaluator:
         return DesignTable.join_by_design([*parts, missing], names)
 
     def _evaluate_signed_modes(self, kernel: DesignKernel, sizes: Floats) -> DesignTable:
-        """Return the figures of designs, in the assembly modes of all signs of their dyads.
+        """Return the figures of merit of designs in all their assembly modes, by signs.
 
-        A dyad (two links and three R pairs) can be put together in two ways, which the sign
-        of the triple product of its three axes tells apart.
+        All groups of links are dyads. A dyad (two links and three R pairs) can be assembled
+        in two ways, which have different signs of the triple product of its three axes.
+        Each combination of signs is an assembly mode of the mechanism.
 
         Parameters
         ----------
         kernel
-            A kernel in closed form.
+            Computes quantities of many designs from the signs of their dyads.
         sizes
             (sizes, n) sizes of the designs.
 
@@ -455,15 +485,18 @@ class DesignEvaluator:
         closes.
         """
         parts = []
-        # What depends on the sizes alone is computed once for all modes and samples.
+        # The parts of the equations that depend on the sizes alone, for all modes.
         prepared = kernel.prepare(sizes)
         dyad_count = len(kernel.position_arguments)
-        shape = dyad_count, len(self.figures.rows), sizes.shape[1]
+        sample_count = len(self.figures.rows)
+        shape = (dyad_count, sample_count, sizes.shape[1])
         for signs in product((1.0, -1.0), repeat=dyad_count):
+            # All samples of all designs have the same signs.
+            sign_arrays = np.broadcast_to(np.reshape(signs, (-1, 1, 1)), shape)
             table = self.figures.evaluate_modes(
                 kernel,
                 prepared,
-                position_arguments=np.broadcast_to(np.reshape(signs, (-1, 1, 1)), shape),
+                position_arguments=sign_arrays,
                 revolution_offsets=self.unwrap_signed_mode(kernel, prepared, signs),
                 labels="".join("+" if sign > 0 else "-" for sign in signs),
                 claim=COMPLETE_CLAIM,
@@ -474,12 +507,15 @@ class DesignEvaluator:
     def _evaluate_tracked_modes(
         self, kernel: DesignKernel, sizes: Floats, file_values: Floats
     ) -> tuple[DesignTable, Indices]:
-        """Return the figures of designs in all assembly modes, found by tracking solutions.
+        """Return the figures of merit of designs in all assembly modes, found by tracking.
+
+        All solutions of the closure equations are known for one design. They are computed
+        for other designs while the sizes change step by step.
 
         Parameters
         ----------
         kernel
-            A kernel that computes quantities from the variables of all pairs.
+            Computes quantities of many designs from the variables of all pairs.
         sizes
             (sizes, n) sizes of the designs.
         file_values
@@ -490,13 +526,15 @@ class DesignEvaluator:
         table
             The rows of all designs that are not lost.
         lost_designs
-            Indices of the designs of which a solution was lost.
+            Indices of the designs of which tracking has lost a solution.
         """
         assert self._tracking is not None
         _, start_solutions = self._tracking
+        # The guarantee in each row: no mode was missed, or all that were found are listed.
         claim = COMPLETE_CLAIM if start_solutions.is_complete else SAMPLED_CLAIM
         modes = self.track_modes(sizes)
-        # Loads may depend on whole revolutions, which tracking does not count.
+        # Loads may depend on whole revolutions, which tracking does not count. The offsets
+        # (pairs, samples, modes) are angles of whole revolutions.
         revolution_offsets = np.zeros(
             (len(kernel.unwrapped_pairs), *modes.values.shape[1:])
         )
@@ -515,7 +553,7 @@ class DesignEvaluator:
             labels=modes.labels,
             claim=claim,
         )
-        # Each row has the index of its mode so far, not of its design.
+        # `evaluate_modes` numbers the rows by mode. They are renumbered by design.
         table = self._add_missing_designs(
             [_renumber_designs(table, modes.design)], sizes.shape[1], claim
         )
@@ -539,11 +577,13 @@ class DesignEvaluator:
 
         Returns
         -------
-        The modes with their configurations at the samples and at the points, which are the
-        given inputs of some figures of merit.
+        The modes with their configurations, at the samples and at the points. A point is
+        the inputs at which some figure of merit is evaluated.
         """
         input_grid = self.samples.input_grid
+        # (points, 3 inputs + 1), the inputs first.
         points = self.figures.points
+        # The samples are on a path of the inputs, or on a grid over their ranges.
         sampling: dict[str, Any] = {"path": input_grid.q}
         if not input_grid.is_path:
             sampling = {"samples": input_grid.shape}
@@ -554,16 +594,17 @@ class DesignEvaluator:
         if len(points) and len(self.inputs) == 1:
             motions.append(position_analysis.at(points[:, :1]))
         elif len(points):
+            # With several inputs, each point is one of the samples.
             _, row_indices = self._tracking_inputs
             point_samples = row_indices[len(self.samples.rows) :]
             motions.append(position_analysis.samples(point_samples))
-        # The rows of a motion are sorted by mode and then by sample. The parts are (modes,
-        # samples or points, variables).
-        parts = [
+        # The rows of a motion are sorted by mode and then by sample. They become arrays
+        # (modes, samples or points, variables).
+        values_by_mode = [
             motion.values.reshape(-1, motion.samples, motion.values.shape[1])
             for motion in motions
         ]
-        values = np.transpose(np.concatenate(parts, axis=1), (2, 1, 0))
+        values = np.transpose(np.concatenate(values_by_mode, axis=1), (2, 1, 0))
         return DesignMotion(position_analysis, motions[0], values)
 
     @cached_property
@@ -694,24 +735,26 @@ class DesignEvaluator:
         unwrapping = AngleUnwrapping(solver)
         for mode in range(values.shape[2]):
             mode_values = values[:, :, mode]
-            rows = np.flatnonzero(all_finite(mode_values, 0))
-            configurations = mode_values[:, rows].T
+            # The samples at which the mode closes, and their configurations (n, variables).
+            samples = np.flatnonzero(all_finite(mode_values, 0))
+            configurations = mode_values[:, samples].T
             revolutions = unwrapping.count(
                 mode,
                 configurations,
                 q=configurations[:, solver.driven],
                 requested=variables,
             )
-            offsets[:, rows, mode] = TURN * revolutions[:, variables].T
+            offsets[:, samples, mode] = TURN * revolutions[:, variables].T
         return offsets
 
     @cached_property
     def _tracking_inputs(self) -> tuple[InputGrid, Indices]:
-        """The inputs at which modes are tracked, and the indices of samples and points.
+        """The inputs at which assembly modes are tracked, and where samples and points are.
 
-        A single input is tracked as it increases, through samples and points. Several
-        inputs are tracked from sample to neighbouring sample, so that points must be
-        samples. Points are the given inputs of some figures of merit.
+        A point is the inputs at which some figure of merit is evaluated. Modes are tracked
+        from one configuration to the next. With a single input they are tracked as the
+        input increases, through samples and points. With several inputs they are tracked
+        from each sample to its neighbours, so each point must be a sample.
 
         Returns
         -------
@@ -728,6 +771,7 @@ class DesignEvaluator:
         input_grid = self.samples.input_grid
         input_count = len(self.inputs)
         if input_count == 1:
+            # `figures.rows` are the samples, then the points. Column 0 is the input.
             q, row_indices = np.unique(self.figures.rows[:, 0], return_inverse=True)
             return InputGrid(q[:, None], (len(q),)), row_indices
         # (samples, points) distance of each point from each sample.
@@ -785,9 +829,12 @@ class DesignEvaluator:
         modes = position_analysis.assembly_modes
 
         def make_expressions(configuration: Floats | None) -> DesignExpressions:
-            """Return expressions with equations that are independent at a configuration.
+            """Return the quantities of the design as expressions of all pair variables.
 
-            None stands for any configuration; there is none if the design never closes.
+            Constraints are redundant: only some of the closure equations are independent.
+            Those that are independent at the configuration (variables,) in rad are used.
+            Without a configuration, because the design never closes, the choice is
+            arbitrary.
             """
             return DesignExpressions(
                 mechanism,
@@ -842,30 +889,35 @@ def most_regular_configurations(motion: Motion) -> list[Floats]:
     """Return the configuration of each assembly mode that is farthest from a singular one.
 
     In a singular configuration the closure equations do not determine the rates of the
-    other pairs from those of the inputs.
+    other pairs from those of the inputs. The distance is measured by the least singular
+    value of the Jacobian of the closure equations with respect to the passive variables
+    (those of no input).
 
     Parameters
     ----------
     motion
-        Samples of one mechanism in its modes.
+        Configurations of one mechanism. Each row is one sample in one assembly mode.
 
     Returns
     -------
-    (variables,) rad for each mode that closes at a sample: the configuration at which the
-    least singular value of the closure equations, with the inputs locked, is largest.
+    For each mode that closes at some sample, the variables (variables,) in rad of the
+    configuration with the largest least singular value.
     """
-    # Rows of the motion, each of which is one sample of one mode.
-    closed = np.flatnonzero(~motion.failed)
-    if not len(closed):
+    closed_rows = np.flatnonzero(~motion.failed)
+    if not len(closed_rows):
         return []
-    jacobians = motion.linearisation.jacobian[closed][:, :, list(motion.passive_variables)]
+    # (closed rows, equations, passive variables)
+    jacobians = motion.linearisation.jacobian[closed_rows][
+        :, :, list(motion.passive_variables)
+    ]
     least_singular_values = np.linalg.svd(jacobians, compute_uv=False)[:, -1]
-    mode_of_row = motion.assembly_mode[closed]
+    closed_modes = motion.assembly_mode[closed_rows]
     configurations = []
-    for mode in np.unique(mode_of_row):
-        rows = np.flatnonzero(mode_of_row == mode)
-        best_row = rows[np.argmax(least_singular_values[rows])]
-        configurations.append(motion.values[closed[best_row]])
+    for mode in np.unique(closed_modes):
+        # Indices among the closed rows.
+        candidates = np.flatnonzero(closed_modes == mode)
+        best = candidates[np.argmax(least_singular_values[candidates])]
+        configurations.append(motion.values[closed_rows[best]])
     return configurations
 
 

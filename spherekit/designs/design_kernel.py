@@ -162,11 +162,12 @@ class DesignKernel:
         It returns the `reach_count` numbers as `evaluate` does, then the variables (rad) of
         the `unwrapped_pairs` without revolutions. It ignores the revolution offsets.
         """
-        expressions = [
-            *self._output_expressions[: self._square_count],
-            *self._output_expressions[self._output_end :],
-        ]
-        return expression_function(expressions, self._arguments, self._is_compiled)
+        # `_output_expressions`: reach numbers, then outputs of `evaluate`, then the angles.
+        reach_numbers = self._output_expressions[: self._square_count]
+        passive_angles = self._output_expressions[self._output_end :]
+        return expression_function(
+            [*reach_numbers, *passive_angles], self._arguments, self._is_compiled
+        )
 
     @property
     def reach_count(self) -> int:
@@ -183,31 +184,41 @@ class DesignKernel:
     ) -> Floats:
         """Return the outputs of `evaluate` at samples of designs, from their sizes.
 
+        A design is a mechanism with values for its sizes. `evaluate` takes all arguments in
+        one array, among them numbers that `prepare` computes from the sizes. This method
+        computes these numbers and puts the array together.
+
         Parameters
         ----------
         samples
-            (3 inputs + 1, n) inputs (rad), their rates and accelerations, and the time.
+            (3 inputs + 1, n) inputs (rad), their rates (rad/s) and accelerations (rad/s2),
+            and the time (s).
         position_arguments
-            (w, n) signs of dyads, or pair variables (rad).
+            (w, n) numbers that determine the positions of the links at given inputs: the
+            sign of each dyad in closed form, otherwise the variables of all pairs (rad). A
+            dyad is two links with three R pairs, which can be assembled in two ways.
         sizes
-            (sizes, n), or (sizes, 1) if all samples belong to one design.
+            (sizes, n) sizes of the design of each sample, or (sizes, 1) if all samples
+            belong to one design.
         profile_columns
-            (9 profiles, n) columns of profiles, if profiles are not circles.
+            (9 profiles, n) for each contact profile its tangent (3), point (3), curvature
+            and the first two derivatives of the curvature. None if profiles are circles.
         revolution_offsets
-            (unwrapped pairs, n) offsets (rad), by default zero.
+            (unwrapped pairs, n) angles of whole revolutions (rad) of pairs on which loads
+            depend. They are added to angles in (-pi, pi]; by default zero.
 
         Returns
         -------
-        (outputs, n) outputs.
+        (outputs, n) outputs of `evaluate`. NumPy does not warn of NaN or infinite values.
         """
         count = samples.shape[1]
-        prepared = self.prepare(sizes)
         arguments = [samples, position_arguments]
         if profile_columns is not None:
             arguments.append(profile_columns)
         if revolution_offsets is None:
             revolution_offsets = np.zeros((len(self.unwrapped_pairs), count))
         arguments.append(revolution_offsets)
+        prepared = self.prepare(sizes)
         arguments.append(np.broadcast_to(prepared, (len(prepared), count)))
         with np.errstate(all="ignore"):
             return self.evaluate(np.concatenate(arguments))
@@ -235,17 +246,23 @@ class RedundantKernel:
     def __init__(
         self, expressions: Sequence[DesignExpressions], columns: Sequence[str]
     ) -> None:
-        """Make one kernel for each choice of independent equations."""
-        # Everything that follows from rates is divided by the scale of the rates, so that
-        # this node of the expressions tells which columns follow from rates.
+        """Make one kernel for each choice of independent equations.
+
+        A kernel is a function that evaluates all columns at many configurations. The loops
+        of the mechanism give more equations for the rates than are independent. Each of
+        `expressions` solves those that were independent at one configuration.
+        """
+        # Everything that follows from rates is divided by the scale of the rates (the
+        # determinant of their equations). A column follows from rates if its expression
+        # contains this scale.
         scale = expressions[0].coordinate_rates.scale
-        self._follows_from_rates = np.array(
-            [
-                scale in set(iterate_nodes([expressions[0].quantity(name)]))
-                for name in columns
-            ],
-            bool,
-        )
+        follows_from_rates = []
+        for name in columns:
+            nodes = set(iterate_nodes([expressions[0].quantity(name)]))
+            follows_from_rates.append(scale in nodes)
+        # (columns,) flags.
+        self._follows_from_rates = np.array(follows_from_rates, bool)
+
         # Expressions with the same choice of equations are needed once.
         expressions_by_choice: dict[str, DesignExpressions] = {}
         for candidate in expressions:
@@ -259,7 +276,10 @@ class RedundantKernel:
             for chosen in expressions_by_choice.values()
         ]
         self.unwrapped_pairs = self._kernels[0].unwrapped_pairs
+        # There is no closed form, so no outputs tell whether dyads close.
         self.reach_count = 0
+        # The one design has no sizes that differ. Its numbers are prepared once for each
+        # kernel.
         no_sizes = np.empty((0, 1))
         self._prepared = [kernel.prepare(no_sizes) for kernel in self._kernels]
 
@@ -268,13 +288,18 @@ class RedundantKernel:
         return np.empty((0, sizes.shape[1]))
 
     def evaluate(self, rows: Floats) -> Floats:
-        """Return the columns at arguments, each from the kernel that suits it best.
+        """Return the columns of one design at n configurations, from the best kernel each.
+
+        A kernel computes the rates from a choice of independent equations of the loops. At
+        some configurations the chosen equations depend on each other, and the rates then
+        violate the equations that were not chosen. Each configuration therefore takes the
+        kernel whose rates violate the equations of all loops least.
 
         Parameters
         ----------
         rows
-            (arguments, n) arguments as of `DesignKernel`, without prepared numbers: the
-            sample, the variables of pairs, and revolution offsets.
+            (arguments, n) inputs with their rates, accelerations and the time, variables of
+            the pairs (rad), and revolution offsets (rad).
 
         Returns
         -------
@@ -285,25 +310,30 @@ class RedundantKernel:
         columns = np.full((len(self._follows_from_rates), count), np.nan)
         smallest_residual = np.full(count, np.inf)
         for kernel, prepared in zip(self._kernels, self._prepared, strict=True):
+            # The numbers that are the same at all configurations are the last arguments.
             repeated = np.broadcast_to(prepared, (len(prepared), count))
             outputs = kernel.evaluate(np.concatenate([rows, repeated]))
             # The last output is the relative residual of all loops.
+            column_values = outputs[:-1]
             residual = outputs[-1]
             is_better = (residual < smallest_residual) & (residual <= MAX_LOOP_RESIDUAL)
-            columns[:, is_better] = outputs[:-1, is_better]
-            is_independent = ~self._follows_from_rates
-            columns[is_independent] = outputs[:-1][is_independent]
+            columns[:, is_better] = column_values[:, is_better]
             smallest_residual[is_better] = residual[is_better]
+            # Columns that do not follow from rates are right in every kernel.
+            is_independent = ~self._follows_from_rates
+            columns[is_independent] = column_values[is_independent]
         return columns
 
 
 def arc_function(expressions: DesignExpressions) -> tuple[tuple[int, ...], ArrayFunction]:
     """Return a function that computes the arcs of links with two axes.
 
+    The arc of a link is the angle between the axes of its two pairs.
+
     Parameters
     ----------
     expressions
-        The mechanism as expressions of sizes.
+        The mechanism as expressions of its sizes.
 
     Returns
     -------
@@ -314,17 +344,19 @@ def arc_function(expressions: DesignExpressions) -> tuple[tuple[int, ...], Array
     """
     mechanism = expressions.mechanism
     pairs = expressions.structure.pairs
+    # The axes (unit vectors) of each link, in axes of the link.
     axes_by_link: dict[int, list[Exprs]] = {k: [] for k in range(len(mechanism.links))}
-    for pair, ends in enumerate(mechanism.ends):
-        # `ends` are the two links of a pair. Pairs with `sides` are contacts of profiles.
+    for pair, joined_links in enumerate(mechanism.ends):
+        # A pair with `sides` is a contact of two profiles and has no axis.
         if pair not in pairs.sides:
-            for link, axis in zip(ends, pairs.axes(pair), strict=True):
+            for link, axis in zip(joined_links, pairs.axes(pair), strict=True):
                 axes_by_link[link].append(constants(axis))
     links = []
     arcs: list[Expr] = []
     for link, axes in axes_by_link.items():
         if len(axes) == 2:
             first, second = axes
+            # arc = atan2(|a x b|, a . b), accurate for small arcs too.
             normal = cross(first, second)
             sine = np.sqrt(dot(normal, normal))
             links.append(link)

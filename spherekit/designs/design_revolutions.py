@@ -52,14 +52,16 @@ are NaN where a design does not close.
 def _follow_all_designs(
     angles_at: AngleFunction, design_count: int, q: Floats
 ) -> tuple[Floats, Floats]:
-    """Evaluate the angles of all designs at successive inputs, and their growth between.
+    """Evaluate angles of all designs at successive inputs, and their changes between them.
 
-    The growth is the change of an angle without jumps by whole revolutions.
+    The angles are those of some passive pairs, on which loads depend. The change (growth)
+    of an angle is without jumps by whole revolutions.
 
     Parameters
     ----------
     angles_at
-        The angles of designs at inputs.
+        Function of design indices (m,) and inputs (m, inputs) that returns the angles
+        (pairs, m) in rad.
     design_count
         Number n of designs.
     q
@@ -73,17 +75,17 @@ def _follow_all_designs(
         (pairs, k - 1, n) growth (rad) of each angle from one input to the next, NaN where
         it cannot be followed.
     """
-    # Successive inputs of one design are n rows apart.
+    # All designs at the first input, then all designs at the second input, and so on.
     designs = np.tile(np.arange(design_count), len(q))
-    rows = np.repeat(q, design_count, axis=0)
-    angles = angles_at(designs, rows)
-    # Leaving out the last n rows gives the starts of all steps, leaving out the first n the
-    # ends.
+    inputs = np.repeat(q, design_count, axis=0)
+    angles = angles_at(designs, inputs)
+    # A step leads from an input to the next one, which is n places later. All places but
+    # the last n are starts of steps, all but the first n are ends.
     growth = _follow_growth(
         angles_at,
         designs[design_count:],
-        start_inputs=rows[:-design_count],
-        end_inputs=rows[design_count:],
+        start_inputs=inputs[:-design_count],
+        end_inputs=inputs[design_count:],
         start_angles=angles[:, :-design_count],
         end_angles=angles[:, design_count:],
     )
@@ -103,54 +105,58 @@ def _follow_growth(
     end_angles: Floats,
     halvings: int = MAX_INPUT_HALVINGS,
 ) -> Floats:
-    """Return by how much angles of designs grow between two inputs, over full revolutions.
+    """Return by how much angles grow between two inputs, without jumps by revolutions.
 
-    Where an angle of a design changes by more than `MAX_ANGLE_STEP_RAD`, the interval is
-    halved and both halves are followed.
+    The angles are known up to whole revolutions. Their difference in (-pi, pi] is the
+    growth if it is small. Where it exceeds `MAX_ANGLE_STEP_RAD` for some angle of a design,
+    the interval of the inputs is halved, and the growths of both halves are added.
 
     Parameters
     ----------
     angles_at
-        The angles of designs at inputs.
+        Function of design indices (m,) and inputs (m, inputs) that returns the angles
+        (pairs, m) in rad.
     designs
-        (m,) indices of designs.
+        (m,) index of the design of each interval.
     start_inputs, end_inputs
-        (m, inputs) inputs (rad) of each.
+        (m, inputs) inputs (rad) at the ends of each interval.
     start_angles, end_angles
-        (pairs, m) angles (rad) there.
+        (pairs, m) angles (rad) at these inputs.
     halvings
-        Number of times that the interval may still be halved.
+        Number of times that an interval may still be halved.
 
     Returns
     -------
-    (pairs, m) growth (rad), NaN where the angles cannot be followed: where a design does
-    not close at an input, or an angle changes too much even on the shortest interval.
+    (pairs, m) growth (rad). NaN for intervals on which the angles cannot be followed: the
+    design does not close at an input, or an angle changes too much even on the shortest
+    interval.
     """
     growth = wrap(end_angles - start_angles)
-    far = np.flatnonzero(max_abs(growth, axis=0) > MAX_ANGLE_STEP_RAD)
-    growth[:, far] = np.nan
-    if len(far) and halvings:
-        middle_inputs = 0.5 * (start_inputs[far] + end_inputs[far])
-        middle_angles = angles_at(designs[far], middle_inputs)
+    # Indices of the intervals that are too long.
+    long = np.flatnonzero(max_abs(growth, axis=0) > MAX_ANGLE_STEP_RAD)
+    growth[:, long] = np.nan
+    if len(long) and halvings:
+        middle_inputs = 0.5 * (start_inputs[long] + end_inputs[long])
+        middle_angles = angles_at(designs[long], middle_inputs)
         first_half = _follow_growth(
             angles_at,
-            designs[far],
-            start_inputs=start_inputs[far],
+            designs[long],
+            start_inputs=start_inputs[long],
             end_inputs=middle_inputs,
-            start_angles=start_angles[:, far],
+            start_angles=start_angles[:, long],
             end_angles=middle_angles,
             halvings=halvings - 1,
         )
         second_half = _follow_growth(
             angles_at,
-            designs[far],
+            designs[long],
             start_inputs=middle_inputs,
-            end_inputs=end_inputs[far],
+            end_inputs=end_inputs[long],
             start_angles=middle_angles,
-            end_angles=end_angles[:, far],
+            end_angles=end_angles[:, long],
             halvings=halvings - 1,
         )
-        growth[:, far] = first_half + second_half
+        growth[:, long] = first_half + second_half
     return growth
 
 
@@ -234,21 +240,22 @@ def unwrap_along_one_input(
 def _accumulate_growth(
     angles_at: AngleFunction, stations: Floats, angles: Floats, growth: Floats
 ) -> Floats:
-    """Return angles that continue from the first station, or from the start of a mode.
+    """Add up the changes of angles, so that they continue over full revolutions.
 
     An assembly mode of a design may close over a part of the stations only. Where it closes
-    again, its angles are counted from the input at which it starts to close.
+    again after a gap, the sum begins anew at the input at which the mode starts to close.
 
     Parameters
     ----------
     angles_at
-        The angles of designs at inputs.
+        Function of design indices (m,) and inputs (m, 1) that returns the angles (pairs, m)
+        in rad, NaN where a design does not close.
     stations
         (k,) successive values (rad) of the input.
     angles
-        (pairs, k, n) angles (rad) there, in (-pi, pi].
+        (pairs, k, n) angles (rad) of n designs at the stations, in (-pi, pi].
     growth
-        (pairs, k - 1, n) growth (rad) from each station to the next.
+        (pairs, k - 1, n) change (rad) of each angle from one station to the next.
 
     Returns
     -------
@@ -256,18 +263,20 @@ def _accumulate_growth(
     """
     unwrapped = angles - TURN * count_revolutions(angles)
     for k in range(1, len(stations)):
-        following = unwrapped[:, k - 1] + growth[:, k - 1]
-        starts_here = np.isnan(following[0]) & np.isfinite(angles[0, k])
-        designs = np.flatnonzero(starts_here)
+        next_angles = unwrapped[:, k - 1] + growth[:, k - 1]
+        # The mode closes at this station, and its angles could not be followed from the
+        # previous one.
+        starts_anew = np.isnan(next_angles[0]) & np.isfinite(angles[0, k])
+        designs = np.flatnonzero(starts_anew)
         if len(designs):
-            following[:, designs] = _unwrap_from_mode_end(
+            next_angles[:, designs] = _unwrap_from_mode_end(
                 angles_at,
                 designs,
                 open_input=stations[k - 1],
                 closed_input=stations[k],
                 closed_angles=angles[:, k, designs],
             )
-        unwrapped[:, k] = following
+        unwrapped[:, k] = next_angles
     return unwrapped
 
 
@@ -278,29 +287,35 @@ def _unwrap_from_mode_end(
     closed_input: float,
     closed_angles: Floats,
 ) -> Floats:
-    """Return the angles of modes that start between two inputs.
+    """Return the angles of assembly modes that start between two inputs.
 
-    The start, the first input at which a mode closes, is found by bisection. Angles are in
-    (-pi, pi] there and are followed from there to the second input.
+    A mode starts at the first input at which the mechanism can be assembled in it. This
+    input is found by bisection. The angles are in (-pi, pi] at the start, and are followed
+    from there to the second input. If they cannot be followed, their values at the start
+    are returned.
 
     Parameters
     ----------
     angles_at
-        The angles of designs at inputs.
+        Function of design indices (m,) and inputs (m, 1) that returns the angles (pairs, m)
+        in rad, NaN where a design does not close.
     designs
         (m,) indices of designs.
-    open_input, closed_input
-        Inputs (rad) at which the designs do not close, and close.
+    open_input
+        Input (rad) at which no design closes.
+    closed_input
+        Input (rad) at which all designs close.
     closed_angles
-        (pairs, m) angles (rad) at the second input, in (-pi, pi].
+        (pairs, m) angles (rad) at `closed_input`, in (-pi, pi].
 
     Returns
     -------
-    (pairs, m) angles (rad) at the second input, over full revolutions.
+    (pairs, m) angles (rad) at `closed_input`, over full revolutions.
     """
+    end_inputs = np.full((len(designs), 1), closed_input)
+    # The start of each mode is between `outside`, where it does not close, and `inside`.
     outside = np.full((len(designs), 1), open_input)
-    closed = np.full((len(designs), 1), closed_input)
-    inside = closed
+    inside = end_inputs
     inside_angles = closed_angles
     for _ in range(MODE_END_BISECTIONS):
         middle = 0.5 * (outside + inside)
@@ -313,7 +328,7 @@ def _unwrap_from_mode_end(
         angles_at,
         designs,
         start_inputs=inside,
-        end_inputs=closed,
+        end_inputs=end_inputs,
         start_angles=inside_angles,
         end_angles=closed_angles,
     )

@@ -73,16 +73,16 @@ NAN = float("nan")
 
 
 class RunTable(NamedTuple):
-    """A table of a run.
+    """A table that an analysis of one design has made.
 
     Attributes
     ----------
     stem
-        Name of its file without the ending.
+        Name of the file of the table, without the ending.
     table
-        Its description.
+        Names, units and meanings of the columns.
     data
-        Its columns.
+        The columns.
     """
 
     stem: str
@@ -140,7 +140,28 @@ class DesignRuns:
         tables: bool,
         kernel_evaluator: DesignEvaluator | None,
     ) -> None:
-        """Check the tables and columns of the figures, and list the names of figures."""
+        """Check the tables and columns of the figures, and list the names of figures.
+
+        Parameters
+        ----------
+        document, study
+            The mechanism file, and the study (samples, options) that each design runs.
+        variables
+            The numbers of the file that differ from design to design.
+        merits
+            Figures of merit that reduce a column of a table to one number.
+        analyses
+            The analyses of each run.
+        tables
+            Whether the tables of the runs are wanted too.
+        kernel_evaluator
+            Computes further figures of merit without a run, if there are some.
+
+        Raises
+        ------
+        DesignError
+            If the table or a column of a figure does not exist.
+        """
         self.document = document
         self.study = study
         self.variables = variables
@@ -149,10 +170,14 @@ class DesignRuns:
         self.tables = tables
         self.kernel_evaluator = kernel_evaluator
         self.units = {merit.name: _column_units(merit, analyses, study) for merit in merits}
+        # Parsing raises an error if an expression uses a column that the table lacks.
         for merit in merits:
             merit.parsed(self.units[merit.name])
         self._kernel_names = kernel_evaluator.figures.names if kernel_evaluator else []
-        self.names = [*self._kernel_names, *self.units, *([ASSEMBLY] if tables else [])]
+        self.names = [*self._kernel_names, *self.units]
+        if tables:
+            # The number of the assembly mode, by which rows of the tables are identified.
+            self.names.append(ASSEMBLY)
 
     def grashof_classes(self, values: Floats) -> NDArray[np.str_] | None:
         """Return the Grashof classes (n,) of designs (variables, n), if a kernel can."""
@@ -175,22 +200,26 @@ class DesignRuns:
         values: Floats,
         is_needed: Callable[[Floats, DesignTable], bool] | None = None,
     ) -> Iterator[tuple[DesignTable, tuple[RunTable, ...]]]:
-        """Run designs one after the other.
+        """Run the analyses of designs, one design after the other.
+
+        A kernel, if there is one, first computes figures of merit of all designs at once,
+        without running analyses.
 
         Parameters
         ----------
         values
-            (variables, n) values of the variables, in the units of the file.
+            (variables, n) values of the design variables, in the units of the file.
         is_needed
-            Function of a design (variables,) and its rows by the kernel. If it returns
-            False, the design is not run. It is not called without a kernel.
+            Function that decides whether a design is run, from its values (variables,) and
+            the rows that the kernel has computed for it. By default all designs are run. It
+            is not called without a kernel.
 
         Yields
         ------
         design_table
-            The rows of a design.
+            The rows of a design, one for each assembly mode, with all figures of merit.
         tables
-            The tables of its run, if they are wanted and the run succeeded.
+            The tables of its run. Empty if they are not wanted or the run failed.
         """
         kernel_table = None
         if self.kernel_evaluator is not None:
@@ -244,22 +273,23 @@ class DesignRuns:
     ) -> DesignTable:
         """Return the rows of a design whose run failed.
 
-        The rows by the kernel keep their figures, and those of the run are NaN. Status and
-        reason are those of the failure, unless the kernel has given a reason already.
+        Rows that the kernel has computed keep their figures of merit. Figures of the run
+        are NaN. Status and reason are those of the failure, unless the kernel has given a
+        reason already.
 
         Parameters
         ----------
         kernel_rows
-            Its rows by the kernel, None without a kernel.
+            The rows of this design that the kernel has computed, None without a kernel.
         problem
-            Why the run failed.
+            The error that ended the run.
         """
         failure = failed_design(problem, self.names)
         if kernel_rows is None:
             return failure
         count = len(kernel_rows.design)
         table = self._add_figures(kernel_rows, [NO_TABLE_MODE] * count, {})
-        # Rows that have no figures already say why.
+        # A kernel row without figures has a reason already.
         if not np.all(kernel_rows.status == OK):
             return table
         status = np.repeat(failure.status, count)
@@ -280,8 +310,8 @@ class DesignRuns:
         run
             The run of the design.
         """
-        # The modes of the run that have a row: those with figures, and all if tables are
-        # wanted. Without any there is one row for all modes.
+        # A mode of the run has a row if it has figures, or if the tables are wanted. If no
+        # mode has a row, there is one row for all modes.
         figures = {merit.name: self._reduce_by_mode(run, merit) for merit in self.merits}
         assembly_modes = {
             str(mode["number"]): mode for mode in run.summary.get("assembly_modes", ())
@@ -291,23 +321,26 @@ class DesignRuns:
         shown = modes_with_figures | modes_of_run if self.tables else modes_with_figures
         modes = sorted(shown, key=lambda mode: mode.label) or [NO_TABLE_MODE]
         labels = [mode.label for mode in modes]
-        mode_of_row = dict[int, TableMode]()
+
+        # Find the modes of the run that are modes of the kernel, too.
+        mode_by_kernel_row = dict[int, TableMode]()
         if kernel_rows is not None:
-            row_of_mode = {
+            kernel_row_by_mode = {
                 mode: self._find_kernel_row(kernel_rows, mode, assembly_modes)
                 for mode in modes
             }
-            mode_of_row = {
-                row: mode for mode, row in row_of_mode.items() if row is not None
+            mode_by_kernel_row = {
+                row: mode for mode, row in kernel_row_by_mode.items() if row is not None
             }
-            # Modes of the run that are no modes of the kernel get rows of their own, if
-            # they have figures.
+            # Other modes of the run get separate rows, if they have figures.
             modes = [
                 mode
-                for mode, row in row_of_mode.items()
+                for mode, row in kernel_row_by_mode.items()
                 if row is None and mode in modes_with_figures
             ]
             labels = [_label_beside_kernel(mode) for mode in modes]
+
+        # Make the rows of modes of the run alone.
         closes = [
             _closing_fraction(assembly_modes[mode.label]["status"])
             if mode in modes_of_run
@@ -315,13 +348,20 @@ class DesignRuns:
             for mode in modes
         ]
         run_rows = DesignTable.from_columns(
-            np.zeros(len(modes)), (), labels, closes, claim=_claim_of_search(run)
+            design=np.zeros(len(modes)),
+            merits=(),
+            mode=labels,
+            closes=closes,
+            claim=_claim_of_search(run),
         )
         run_rows = self._add_figures(run_rows, modes, figures)
         if kernel_rows is None:
             return run_rows
+
+        # Add the figures of the run to the rows of the kernel.
         kernel_modes = [
-            mode_of_row.get(row, NO_TABLE_MODE) for row in range(len(kernel_rows.design))
+            mode_by_kernel_row.get(row, NO_TABLE_MODE)
+            for row in range(len(kernel_rows.design))
         ]
         kernel_rows = self._add_figures(kernel_rows, kernel_modes, figures)
         return DesignTable.joined([kernel_rows, run_rows])
@@ -329,17 +369,18 @@ class DesignRuns:
     def _add_figures(
         self, rows: DesignTable, modes: Sequence[TableMode], figures: FiguresByMode
     ) -> DesignTable:
-        """Return rows with the figures of a run, and with the numbers of its modes.
+        """Return rows with the figures of merit of a run, and the numbers of its modes.
 
         Parameters
         ----------
         rows
-            The n rows, which may have figures of a kernel.
+            The n rows of a design. They may have figures that a kernel has computed.
         modes
-            (n,) the mode of the run to which each row belongs.
+            (n,) the assembly mode of the run to which each row belongs, `NO_TABLE_MODE` if
+            there is none.
         figures
-            The figures of the run: name -> mode -> number. Figures that a mode does not
-            have become NaN.
+            The figures of the run, by name and then by mode. A figure is NaN in a row if
+            its mode does not have it.
         """
         merits = {name: nans(len(modes)) for name in self._kernel_names} | dict(rows.merits)
         for name in self.units:
@@ -356,10 +397,11 @@ class DesignRuns:
     def _find_kernel_row(
         self, kernel_rows: DesignTable, mode: TableMode, assembly_modes: Facts
     ) -> int | None:
-        """Return the row of the kernel that is certainly the same mode, or None.
+        """Return the index of the kernel row with the same assembly mode, or None.
 
-        Modes are compared by the signs of their dyads. The answer is None if signs do not
-        identify the modes of the kernel, or are those of another linkage.
+        A run numbers assembly modes, a kernel labels them by the signs of their dyads (two
+        links and three R pairs each). Modes are compared by these signs. The answer is None
+        if signs do not identify the modes of the kernel, or are those of another linkage.
 
         Parameters
         ----------
@@ -375,7 +417,9 @@ class DesignRuns:
         if evaluator is None or evaluator.tracks_solutions or mode.column != ASSEMBLY:
             return None
         if evaluator.kernel and evaluator.varied_mechanism.equivalent_linkage:
-            return None  # signs of links between centres are not those of the run
+            # The kernel has replaced contacts by links between the centres of circles. The
+            # signs of these links are not those of the run.
+            return None
         signs = str(assembly_modes[mode.label]["mode"])
         # Kernels label a mode by its signs, or by its number and signs.
         possible_labels = [signs, f"{mode.label} {signs}"]
@@ -385,11 +429,17 @@ class DesignRuns:
     def _reduce_by_mode(
         self, run: RunResult, merit: FigureOfMerit
     ) -> dict[TableMode, float]:
-        """Return a figure for each mode of its table.
+        """Compute a figure of merit from a table of a run, for each mode in the table.
 
-        The only key is `NO_TABLE_MODE` if the table has no modes.
+        The rows of a mode have the same value in one of the `MODE_COLUMNS`, such as the
+        number of the assembly mode.
+
+        Returns
+        -------
+        The figure by mode. The only key is `NO_TABLE_MODE` if the table has no such column.
         """
         rows = run.frame(*merit.of_table)
+        # The user can select rows, such as those of one pair.
         for column, value in merit.only:
             rows = rows[rows[column].astype(str) == value]
         for column in MODE_COLUMNS:
@@ -404,10 +454,11 @@ class DesignRuns:
         return {NO_TABLE_MODE: self._reduce_rows(merit, rows)}
 
     def _reduce_rows(self, merit: FigureOfMerit, rows: "pd.DataFrame") -> float:
-        """Return a figure of merit of the rows of one mode in a table.
+        """Compute a figure of merit from the rows of one mode in a table.
 
         The expression of the figure is evaluated in each row, and its values are reduced to
-        one number. The inputs, in the columns ``q`` or ``q_PAIR``, say where the rows are.
+        one number, such as their maximum. Some reductions use the inputs, which are in the
+        columns ``q`` (one input) or ``q_PAIR`` (several).
 
         Raises
         ------
@@ -420,27 +471,33 @@ class DesignRuns:
         if "status" in rows:
             overflows = rows["status"] == Status.OVERFLOW.name
             if np.any(np.isnan(values) & overflows):
-                return np.inf  # as by a kernel; a figure of the other rows would be wrong
+                # A figure of the other rows would be wrong. A kernel gives infinity, too.
+                return np.inf
         input_columns = ["q", *(f"q_{item.pair}" for item in self.study.mechanism.inputs)]
-        present = [name for name in input_columns if name in rows]
-        # A table without inputs is reduced over its row numbers.
+        present_columns = [name for name in input_columns if name in rows]
+        # (rows, inputs). A table without inputs is reduced over its row numbers.
         q = np.arange(len(rows))[:, None]
-        if present:
-            q = rows[present].to_numpy(dtype=float)
+        if present_columns:
+            q = rows[present_columns].to_numpy(dtype=float)
         if merit.point and len(merit.point) != q.shape[1]:
             raise DesignError(
                 f"{merit.name}: at needs {counted(q.shape[1], 'input')}, not "
                 f"{len(merit.point)}"
             )
-        input_column = f"q_{merit.place}"
-        chosen = present.index(input_column) if input_column in present else 0
+        # "argmin" and "argmax" return the value of the input that the user has named.
+        input_index = 0
+        if f"q_{merit.place}" in present_columns:
+            input_index = present_columns.index(f"q_{merit.place}")
         is_closed_path = len(q) > 0 and return_after_revolutions(q[0], q[-1])
         # A figure at given inputs uses only the row at these inputs.
-        counts = np.ones(len(q), bool)
+        is_used = np.ones(len(q), bool)
         if merit.point:
-            counts = max_abs(q - merit.point, axis=1) < SAME_ANGLE_RAD
+            is_used = max_abs(q - merit.point, axis=1) < SAME_ANGLE_RAD
         figure = reduce_samples(
-            merit.reduction, q[counts, chosen], values[counts, None], is_closed_path
+            merit.reduction,
+            q=q[is_used, input_index],
+            values=values[is_used, None],
+            is_closed_path=is_closed_path,
         )
         return figure.item()
 
@@ -470,13 +527,14 @@ def _tables_of_run(run: RunResult) -> tuple[RunTable, ...]:
 
 
 def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Units:
-    """Return the unit of each column with numbers in the table of a figure.
+    """Return the unit of each number column in the table that a figure of merit reduces.
 
     Raises
     ------
     DesignError
-        If there is no such table, or no column by which the figure selects rows.
+        If there is no such table, or if it lacks a column by which the figure selects rows.
     """
+    # Names of the analysis, and of its table.
     analysis, table = merit.of_table
     if analysis == MOTION:
         raise DesignError(

@@ -197,27 +197,36 @@ class DesignSpace:
         `count` on are left out.
         """
         values = []
+        # (variables, n) numbers from 0 to 1: the relative position in each range.
         unit_points = self._compute_unit_points(start, min(stop, self.count))
         for variation, fractions in zip(self.variations, unit_points, strict=True):
             if variation.values is None:
+                # All numbers of the range are possible.
                 width = variation.high - variation.low
                 values.append(variation.low + width * fractions)
             else:
-                listed = np.array(variation.values)
-                index = (fractions * len(listed)).astype(int)
-                values.append(listed[np.minimum(index, len(listed) - 1)])
+                # Only listed values are possible: each has an equal part of 0 to 1.
+                listed_values = np.array(variation.values)
+                index = (fractions * len(listed_values)).astype(int)
+                index = np.minimum(index, len(listed_values) - 1)
+                values.append(listed_values[index])
         return np.stack(values)
 
     def _compute_unit_points(self, start: int, stop: int) -> Floats:
         """Return the designs `start` to `stop` - 1 as points of the unit cube.
 
+        The designs have fixed numbers, so that parts of the space can be computed
+        separately.
+
         Returns
         -------
         (variables, n) numbers from 0 to 1, which are the relative position in the range of
-        each variable. Listed values share the interval from 0 to 1 evenly.
+        each variable. If a variable has listed values, each value has an equal part of the
+        interval from 0 to 1.
         """
         variable_count = len(self.variations)
         if self.scheme == "grid":
+            # All combinations of listed values; the points are in the middle of the parts.
             shape = [len(variation.values or ()) for variation in self.variations]
             indices = np.unravel_index(np.arange(start, stop), shape)
             return (np.array(indices) + 0.5) / np.reshape(shape, (-1, 1))
@@ -237,7 +246,7 @@ class DesignSpace:
             hypercube = qmc.LatinHypercube(variable_count, rng=self.seed)
             points = hypercube.random(self.count)[start:stop]
         else:
-            # The generator advances by one number for each value.
+            # Random points. The generator skips the numbers of the designs before `start`.
             bits = np.random.PCG64(self.seed).advance(start * variable_count)
             points = np.random.Generator(bits).random((stop - start, variable_count))
         return np.transpose(points)

@@ -65,16 +65,18 @@ class DesignVariable:
     Attributes
     ----------
     key
-        Its key as users write it. An example is ``"links.2.arc"``.
+        The key of the number as users write it. An example is ``"links.2.arc"``.
     path
-        Its location in the file.
+        Location of the number in the file: a table and keys in it, such as
+        ``("pairs", "41", "zero")``.
     value
-        Its value in the file, in the unit of the file.
+        The value in the file, in the unit of the file.
     is_angle
-        Whether it is an angle.
+        Whether the number is an angle.
     slot
-        The size of a kernel that it is, as its kind and location; None if it is none.
-        Examples are ``("arcs", ("2", "32"))`` and ``("zeros", "41")``.
+        Kind and location of a size that is an argument of kernels, which compute many
+        designs at once. Examples are ``("arcs", ("2", "32"))``, the arc of link 2 to the
+        axis of pair 32, and ``("zeros", "41")``. None for all other numbers.
     """
 
     key: str
@@ -101,8 +103,8 @@ def design_variable(document: Document, key: str) -> DesignVariable:
 
     Returns
     -------
-    The variable, with its value in the file. It counts as an angle if it is a size of a
-    kernel, since all such sizes are angles.
+    The variable, with its value in the file. It counts as an angle if it is a size that
+    kernels take as an argument (`slot`), because all such sizes are angles.
 
     Raises
     ------
@@ -123,9 +125,11 @@ def design_variable(document: Document, key: str) -> DesignVariable:
 
 
 def _kernel_slot(document: Document, path: KeyPath) -> tuple[str, Any] | None:
-    """Return the kind and location of a size of kernels, or None for other numbers.
+    """Return the kind and location of a size that kernels take as an argument.
 
-    Kernels compute many designs at once, and take some numbers of the file as sizes.
+    A kernel is a function that computes quantities of many designs at once. Its arguments
+    are the arcs, angles, zero positions and directions that differ between the designs.
+    Other numbers of the file give None.
 
     Parameters
     ----------
@@ -268,31 +272,39 @@ def coaxial_links(geometry: SizeGeometry) -> Names:
 def default_quantities(mechanism: Mechanism) -> Names:
     """Return the quantities whose sensitivities are computed by default.
 
-    They are the angles of passive pairs (which are not driven) between the link of an
-    output and the link relative to which its motion is wanted. If there are none, they are
-    the angles of all passive pairs. If there are no such pairs either, they are the
-    velocity coefficients of the outputs.
+    They are the first of these lists that is not empty:
+
+    1. the angles of passive R pairs (not driven) that join the two links of an output: its
+       link and the link from which its motion is seen,
+    2. the angles of all passive R pairs,
+    3. the velocity coefficients of the outputs (angular velocity per rate of the input).
     """
     driven = mechanism.input_pairs
     # The two links of each output, in any order.
-    output_ends = {
+    output_links = {
         frozenset((output.link, output.relative_to)) for output in mechanism.outputs
     }
-    passive = [p for p in mechanism.pairs if p.kind.has_axis and p.name not in driven]
-    at_outputs = [p for p in passive if frozenset(p.links) in output_ends]
-    chosen = at_outputs or passive
-    if chosen:
-        return tuple(f"theta_{pair.name}" for pair in chosen)
+    passive_pairs = [
+        pair for pair in mechanism.pairs if pair.kind.has_axis and pair.name not in driven
+    ]
+    output_pairs = [pair for pair in passive_pairs if frozenset(pair.links) in output_links]
+    chosen_pairs = output_pairs or passive_pairs
+    if chosen_pairs:
+        return tuple(f"theta_{pair.name}" for pair in chosen_pairs)
+
     coefficients = [
         f"velocity_coefficient_{output.link}_{output.relative_to}"
         for output in mechanism.outputs
     ]
-    # With several inputs there is a coefficient by each.
-    return tuple(
-        name
-        for name in row_quantities(mechanism)
-        if any(name == x or name.startswith(f"{x}_by_") for x in coefficients)
-    )
+
+    # With several inputs there is one coefficient for each, with the suffix "_by_INPUT".
+    def is_of_output(name: str) -> bool:
+        return any(
+            name == coefficient or name.startswith(f"{coefficient}_by_")
+            for coefficient in coefficients
+        )
+
+    return tuple(name for name in row_quantities(mechanism) if is_of_output(name))
 
 
 def differentiate_by_variable(
@@ -300,10 +312,11 @@ def differentiate_by_variable(
 ) -> Floats | None:
     """Return derivatives of numbers by one variable, by difference quotients.
 
-    A quotient is a weighted sum of the numbers at values around the given one, divided by
-    the step. The quotients are of the eighth order, so they are exact for polynomials up to
-    this degree. A central quotient is tried first, then those to either side, which apply
-    if the value is at a limit.
+    A quotient is a weighted sum of the numbers at values v + m h of the variable, divided
+    by the step h, with integers m (offsets). The quotients are of the eighth order, so they
+    are exact for polynomials up to this degree. The central quotient (m = -4 ... 4) is
+    tried first, then those to either side (m = 0 ... 8 and 0 ... -8), which apply if the
+    value is at a limit.
 
     Parameters
     ----------
@@ -314,24 +327,24 @@ def differentiate_by_variable(
     k
         Index of the variable.
     steps
-        Steps of the variable. The first one is used with which `read_numbers` raises no
-        `SpherekitError`.
+        Steps h of the variable, in the order in which they are tried. A step fails if
+        `read_numbers` raises a `SpherekitError` at one of the values.
 
     Returns
     -------
     (n,) derivatives, or None if every step fails.
     """
-    # Offsets from the value, in steps, with the weights of the numbers there. The weights
-    # of a quotient add up to zero.
-    ahead = np.arange(9.0)
-    ahead_weights = np.array([-np.sum(ONE_SIDED_WEIGHTS), *ONE_SIDED_WEIGHTS])
-    near = ahead[1:5]
-    central = np.concatenate([near, -near])
+    # Offsets m with the weights of the numbers at v + m h. The weights of a quotient add up
+    # to zero.
+    forward = np.arange(9.0)
+    forward_weights = np.array([-np.sum(ONE_SIDED_WEIGHTS), *ONE_SIDED_WEIGHTS])
+    one_to_four = forward[1:5]
+    central = np.concatenate([one_to_four, -one_to_four])
     central_weights = np.concatenate([CENTRAL_WEIGHTS, np.negative(CENTRAL_WEIGHTS)])
     stencils = (
         (central, central_weights),
-        (ahead, ahead_weights),
-        (-ahead, -ahead_weights),
+        (forward, forward_weights),
+        (-forward, -forward_weights),
     )
     for step in steps:
         for offsets, weights in stencils:

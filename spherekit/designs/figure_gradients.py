@@ -27,17 +27,19 @@ SMALLEST_RMS = 1e-300
 
 @dataclass(frozen=True)
 class FigureValues:
-    """Figures of merit of a design in a mode, with their derivatives.
+    """Figures of merit of a design in one assembly mode, with their derivatives.
+
+    An assembly mode is one of the ways to assemble the mechanism at given inputs.
 
     Attributes
     ----------
     figures
-        (figures,) figures in rad and SI units; NaN if there is no such design or the mode
-        cannot be tracked to it.
+        (figures,) figures in rad and SI units; NaN if the design is impossible or its
+        configurations in this mode cannot be computed.
     gradients
-        (figures, variables) derivatives by the variables in the units of the file.
+        (figures, variables) derivatives by the design variables in the units of the file.
     closes
-        Fraction of the samples at which the mode closes.
+        Fraction of the samples at which the mechanism can be assembled in this mode.
     """
 
     figures: Floats
@@ -134,23 +136,27 @@ class FigureGradients:
         return FigureValues(figures, gradients, float(np.mean(closes[:sample_count])))
 
     def _sample_weights(self, reduction: str, values: Floats, figure: float) -> Floats:
-        """Return the derivatives (n,) of a figure by its values at the samples.
+        """Return the derivatives of a figure of merit by the values at the samples.
 
-        That of a smallest or largest value is 1 at the sample where it occurs. Those of the
-        reductions "argmin" and "argmax" are meaningless.
+        A figure of merit reduces the values of a quantity at all samples to one number. For
+        example, the derivative of a largest value is 1 at the sample where it occurs, and 0
+        at all other samples.
 
         Parameters
         ----------
         reduction
-            How the values become the figure.
+            The way in which the values are reduced: "sum", "mean", "at" (a given input),
+            "rms" (root mean square), "min", "max", "range", "swing" (range of an angle over
+            full revolutions), "argmin" or "argmax".
         values
-            (n,) values, NaN where the mode does not close.
+            (n,) values, NaN where the mechanism cannot be assembled.
         figure
-            The figure, by which the derivatives of a root mean square are divided.
+            The figure. The derivatives of a root mean square are divided by it.
 
         Returns
         -------
-        (n,) derivatives, zero at samples that do not count.
+        (n,) derivatives, zero at samples that do not count. Those of "argmin" and "argmax"
+        are meaningless and not used.
         """
         weights = np.zeros(len(values))
         closes = np.isfinite(values)
@@ -173,7 +179,7 @@ class FigureGradients:
             )
             weights[swings.high_sample] += 1.0
             weights[swings.low_sample] -= 1.0
-        else:  # the range; the weights of "argmin" and "argmax" are not used
+        else:  # "range"
             weights[np.nanargmax(values)] += 1.0
             weights[np.nanargmin(values)] -= 1.0
         return weights
@@ -183,12 +189,17 @@ class FigureGradients:
     ) -> Floats:
         """Return the multiples of 2 pi to be added to angles on which loads depend.
 
+        Configurations give angles in (-pi, pi]. Loads such as springs may depend on angles
+        that count full revolutions along the samples.
+
         Parameters
         ----------
         design
             The design.
         position_arguments
-            (w, samples + points) signs of the dyads of a mode, or its pair variables (rad).
+            (w, samples + points) numbers that determine the positions of an assembly mode:
+            in closed form the signs of its dyads, otherwise its pair variables (rad).
+            Points are inputs at which single figures of merit are evaluated.
 
         Returns
         -------
@@ -196,8 +207,10 @@ class FigureGradients:
         """
         kernel = self._kernel
         evaluator = self.evaluator
+        # The last axis of the offsets is the design or the mode, of which there is one.
         if kernel.is_closed_form:
             prepared = kernel.prepare(design.sizes[:, None])
+            # The signs are the same at all samples.
             signs = position_arguments[:, 0].tolist()
             return evaluator.unwrap_signed_mode(kernel, prepared, signs)[:, :, 0]
         if not kernel.unwrapped_pairs:

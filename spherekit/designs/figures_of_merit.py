@@ -83,9 +83,9 @@ class DesignSamples:
 
     @staticmethod
     def from_study(study: Study) -> "DesignSamples":
-        """Return the samples of a study, which follow its time laws if it has some.
+        """Return the samples at which the designs of a study are evaluated.
 
-        Without time laws the inputs move at 1 rad/s.
+        The inputs follow the time laws of the study. Inputs without a law move at 1 rad/s.
 
         Raises
         ------
@@ -106,20 +106,24 @@ class DesignSamples:
             assert isinstance(study.samples, int)
             t = np.linspace(0.0, study.duration, study.samples)
             # Samples are equally spaced in time. Inputs without a law move at 1 rad/s.
-            laws = {
+            default_laws = {
                 driven.pair: ConstantSpeed(driven.sense, driven.start)
                 for driven in mechanism.inputs
             }
-            q, timing = evaluate_time_laws(names, {**laws, **study.laws}, t)
+            q, timing = evaluate_time_laws(names, {**default_laws, **study.laws}, t)
             rows = np.column_stack([q, timing.dq, timing.ddq, t])
             return DesignSamples(names, rows, shape=(len(t),), crossings=study.crossings)
-        # Without time laws, samples are a path or grid of the inputs.
+
+        # Without a duration, samples are a path or a grid of the inputs, over their ranges
+        # or through values that the study lists.
         input_grid = make_input_grid(mechanism, study.samples, study.grid, study.path)
-        start, sense = np.array([(x.start, x.sense) for x in mechanism.inputs]).T
+        # (inputs,) values (rad) at time zero, and 1 or -1 for increase or decrease.
+        start = np.array([driven.start for driven in mechanism.inputs])
+        sense = np.array([driven.sense for driven in mechanism.inputs])
         if study.path is not None:
             # Time is zero at the smallest input, or at the first sample of several inputs.
-            single = len(names) == 1
-            start = np.min(input_grid.q, axis=0) if single else input_grid.q[0]
+            has_one_input = len(names) == 1
+            start = np.min(input_grid.q, axis=0) if has_one_input else input_grid.q[0]
             sense = np.ones(len(names))
         samples = DesignSamples.at_unit_speed(
             names, input_grid.q, start=start, sense=sense, shape=input_grid.shape
@@ -134,14 +138,14 @@ class DesignSamples:
         sense: Floats,
         shape: tuple[int, ...] | None = None,
     ) -> "DesignSamples":
-        """Return samples of inputs that move at 1 rad/s.
+        """Return samples of inputs that move at 1 rad/s, without accelerations.
 
         Parameters
         ----------
         inputs
             Names of the driven pairs.
         q
-            (n, inputs) inputs (rad).
+            (n, inputs) inputs (rad) at the samples.
         start
             (inputs,) inputs (rad) at time 0. The time follows from the first input.
         sense
@@ -208,7 +212,9 @@ class DesignTable(ArrayRows):
         reason: Any = "",
         claim: Any = "",
     ) -> "DesignTable":
-        """Return a table; a scalar argument is the same in all rows.
+        """Return a table of designs, with one row for each assembly mode of a design.
+
+        Each argument is a column (n,), or one value that is the same in all rows.
 
         Parameters
         ----------
@@ -216,8 +222,14 @@ class DesignTable(ArrayRows):
             (n,) index of the design of each row.
         merits
             The figures of merit (n,) by name, or only their names if all are NaN.
-        mode, closes, status, reason, claim
-            The other columns, (n,) or one value for all rows.
+        mode
+            Labels of the assembly modes (ways to assemble the mechanism).
+        closes
+            Fractions of the samples at which the mode closes.
+        status, reason
+            Whether the figures could be computed, and if not, why.
+        claim
+            Guarantees that no assembly mode was missed.
         """
         numbers = np.asarray(design, np.int64)
         if not isinstance(merits, Mapping):
@@ -256,16 +268,18 @@ class DesignTable(ArrayRows):
 
 
 def failed_design(problem: SpherekitError, names: Sequence[str]) -> DesignTable:
-    """Return the row of one design that ended in an error.
+    """Return the row of a design whose evaluation ended in an error.
 
     Parameters
     ----------
     problem
-        The error. Its message is the reason. An error of the file, the mechanism or its
-        degrees of freedom means that the design is impossible, an error of the solver that
-        it never closes, and any other one that an analysis failed.
+        The error. Its message is the reason in the row, and its type decides the status:
+
+        - of the file, the mechanism or its degrees of freedom: the design is impossible,
+        - of the position solver: the design never closes,
+        - any other: an analysis failed.
     names
-        Names of the figures of merit, which are NaN.
+        Names of the figures of merit, which are NaN in the row.
     """
     status = DESIGN_FAILED
     if isinstance(problem, FileError | ModelError | PlanError):
@@ -313,7 +327,23 @@ class KernelFigures:
     def __init__(
         self, mechanism: Mechanism, merits: Sequence[FigureOfMerit], samples: DesignSamples
     ) -> None:
-        """Parse the expressions of the figures and list the quantities that they need."""
+        """Parse the expressions of the figures and list the quantities that they need.
+
+        Parameters
+        ----------
+        mechanism
+            The mechanism, for the names of its quantities.
+        merits
+            The figures of merit: each reduces an expression of quantities at all samples to
+            one number.
+        samples
+            The inputs at which the designs are evaluated.
+
+        Raises
+        ------
+        DesignError
+            If a figure refers to quantities or inputs that do not exist.
+        """
         self.merits = merits
         self.inputs = samples.inputs
         self.samples = samples
@@ -322,16 +352,23 @@ class KernelFigures:
         self._check_inputs(mechanism)
         self.expressions = [merit.parsed(quantities) for merit in merits]
         used_names = set[str]().union(*(item.names for item in self.expressions))
+        # Inputs, their rates and the time are known. A kernel computes the other names.
         self.sample = sample_names(self.inputs)
         self.columns = sorted(used_names.difference(self.sample))
-        # The given inputs of figures of the reduction "at" become further samples. Inputs
-        # move at 1 rad/s there, in the direction of the first sample, where time is 0.
+
+        # Figures of the reduction "at" have given inputs, which become further samples. The
+        # inputs move at 1 rad/s in them, in the direction of the first sample, where time
+        # is 0.
         count = len(self.inputs)
         points = sorted({merit.point for merit in merits if merit.point})
         start, rates = np.split(samples.rows[0, : 2 * count], 2)
         self.points = DesignSamples.at_unit_speed(
-            self.inputs, np.reshape(points, (-1, count)), start, np.sign(rates)
+            self.inputs,
+            q=np.reshape(points, (-1, count)),
+            start=start,
+            sense=np.sign(rates),
         ).rows
+        # (samples + points, 3 inputs + 1) inputs (rad), rates, accelerations, and time.
         self.rows = np.concatenate([samples.rows, self.points])
 
     def _check_inputs(self, mechanism: Mechanism) -> None:
@@ -378,14 +415,16 @@ class KernelFigures:
         Parameters
         ----------
         merit
-            The figure.
+            The figure of merit, with the expression and the reduction.
         values
-            (rows, n) values of its expression at `select_rows` of the figure.
+            (rows, n) values of the expression for n designs, at the samples that
+            `select_rows` gives for this figure.
 
         Returns
         -------
-        (n,) the figure.
+        (n,) the figure of each design.
         """
+        # `place` is the input whose value "argmin" and "argmax" return.
         input_index = self.inputs.index(merit.place) if merit.place else 0
         q = self.rows[self.select_rows(merit), input_index]
         return reduce_samples(merit.reduction, q, values, self.samples.is_closed_path)
@@ -537,15 +576,17 @@ def reduce_samples(
 
 @dataclass(frozen=True)
 class AngleSwings:
-    """The widest swing of an angle in each of n modes.
+    """The widest swing of an angle in each of n assembly modes.
+
+    A swing is the difference of the largest and the smallest angle over successive samples,
+    with full revolutions counted.
 
     Attributes
     ----------
     swing
-        (n,) difference (rad) of the largest and the smallest angle, over full revolutions;
-        NaN if the angle is known at no sample.
+        (n,) the widest swing (rad); NaN if the angle is known at no sample.
     low_sample, high_sample
-        (n,) samples at which the angle is smallest and largest.
+        (n,) indices of the samples at which the angle is smallest and largest.
     """
 
     swing: Floats
@@ -554,10 +595,11 @@ class AngleSwings:
 
 
 def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
-    """Find how far angles swing without interruption.
+    """Find how far angles swing over successive samples, with full revolutions counted.
 
-    Samples at which a mode does not close divide the path into pieces. An angle is followed
-    over full revolutions within a piece, and the piece with the widest swing counts.
+    Samples at which a mode does not close divide the samples into pieces. The change of an
+    angle from sample to sample is taken in (-pi, pi] and added up within a piece. The piece
+    with the widest swing counts.
 
     Parameters
     ----------
@@ -565,43 +607,50 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
         (k, n) angles (rad) at k samples of n modes, NaN where a mode does not close.
     is_closed_path
         Whether the last sample is the first one after full revolutions of the inputs. The
-        last piece then continues with the first one if they meet.
+        first piece then continues the last one if the angle is the same at both samples.
 
     Returns
     -------
     The widest swing of each mode, and the samples at its ends.
     """
-    # If the last piece continues with the first one, the samples are appended once more. In
-    # a single piece without NaN the angle is not followed twice.
+    # If the first piece continues the last one, the samples are appended once more, so that
+    # both are one piece. A single piece without NaN need not be appended.
     pieces_meet = np.abs(wrap(angles[-1] - angles[0])) < SAME_ANGLE_RAD
-    continues = pieces_meet & np.any(np.isnan(angles), axis=0)
-    repeated = np.where(continues, angles, np.nan)
-    path = np.concatenate([angles, repeated]) if is_closed_path else angles
-    # One row per mode. All modes are then handled as one long array of steps, in which each
-    # NaN starts a piece; the first step of each mode is NaN.
+    is_appended = pieces_meet & np.any(np.isnan(angles), axis=0)
+    appended = np.where(is_appended, angles, np.nan)
+    path = np.concatenate([angles, appended]) if is_closed_path else angles
+
+    # (n, path samples) changes of the angles. The first one of each mode is NaN. From here
+    # on, the steps of all modes are one long array, in which each NaN starts a piece.
     steps = wrap(np.diff(path, axis=0, prepend=np.nan)).T
-    # `piece_starts` are indices of steps in this long array, in which NaN counts as 0.
     piece_starts = np.flatnonzero(np.isnan(steps))
     piece_of_step = np.cumsum(np.isnan(steps)) - 1
+    # The angle relative to the first sample. NaN counts as no change.
     growth = np.cumsum(np.nan_to_num(steps), axis=1).ravel()
+
+    # (pieces,) extremes of each piece, and the mode to which the piece belongs.
     lowest = np.minimum.reduceat(growth, piece_starts)
     highest = np.maximum.reduceat(growth, piece_starts)
     swings = highest - lowest
     mode_of_piece = piece_starts // len(path)
-    # The widest piece of each mode comes first.
+    # Sorted by mode, and in each mode by falling swing, the first piece is the widest one.
     order = np.lexsort((-swings, mode_of_piece))
     widest = order[np.searchsorted(mode_of_piece, np.arange(angles.shape[1]))]
 
-    def first_sample(extreme: Floats) -> Indices:
-        """Return the first sample (n,) of the widest piece with the extreme growth."""
-        at_extreme = np.flatnonzero(growth == extreme[piece_of_step])
-        step = at_extreme[np.searchsorted(at_extreme, piece_starts[widest])]
-        # The index in the path of the mode, and then among the samples that may repeat.
+    def find_extreme_samples(extremes: Floats) -> Indices:
+        """Return the first sample (n,) at which the widest piece has its extreme growth.
+
+        `extremes` (pieces,) are the lowest or the highest growths.
+        """
+        extreme_steps = np.flatnonzero(growth == extremes[piece_of_step])
+        # The first such step from the start of the piece on.
+        step = extreme_steps[np.searchsorted(extreme_steps, piece_starts[widest])]
+        # From the long array to the path of the mode, then to samples without repetition.
         return step % len(path) % len(angles)
 
     is_known = np.any(np.isfinite(angles), axis=0)
     return AngleSwings(
         swing=np.where(is_known, swings[widest], np.nan),
-        low_sample=first_sample(lowest),
-        high_sample=first_sample(highest),
+        low_sample=find_extreme_samples(lowest),
+        high_sample=find_extreme_samples(highest),
     )

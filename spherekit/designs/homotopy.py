@@ -156,19 +156,36 @@ def track_solutions(
     is_real_path = not np.iscomplexobj(start)
 
     def equations_at(paths: Indices, parameters: Floats) -> tuple[Array, ClosureEquations]:
-        """Return the inputs (inputs, m) and the equations at path parameters (m,).
+        """Return the inputs and the closure equations at points of some paths.
 
-        `paths` (m,) are the numbers of the paths.
+        Sizes and inputs change along a path from start to end, as its parameter increases
+        from 0 to 1. The sizes are linear functions of the parameter. The inputs are too,
+        plus the detour times a parabola.
+
+        Parameters
+        ----------
+        paths
+            (m,) numbers of the paths.
+        parameters
+            (m,) path parameters of the points.
+
+        Returns
+        -------
+        path_inputs
+            (inputs, m) inputs (rad) at these points.
+        equations
+            Function that returns a Newton step for the closure equations.
         """
+        # Each is (sizes, m) or (inputs, m); a single column applies to all paths.
         start_sizes, end_sizes, start_inputs, end_inputs = (
             end[:, paths] if end.shape[1] > 1 else end for end in (*sizes, *inputs)
         )
         prepared = kernel.prepare(start_sizes + (end_sizes - start_sizes) * parameters)
 
         def equations(values: Array, selected: Indices) -> NewtonStep:
-            """Return a Newton step at variables of those of the m paths that are selected.
+            """Return a Newton step at pair variables (variables, k) of k of the m paths.
 
-            `selected` are their indices among the m paths.
+            `selected` are the indices (k,) of these paths among the m paths.
             """
             numbers = prepared[:, selected]
             if profiles is not None:
@@ -253,36 +270,40 @@ def track_solutions(
 def _extrapolate(parameters: Floats, values: Array, slopes: Array, target: Floats) -> Array:
     """Extrapolate the parabola through the last three points of each path.
 
+    With the path parameters t0, t1, t2 of the points, the configuration x2 at the last one,
+    and the divided differences s01 and s12, Newton's form of the parabola is
+    ``x2 + (t - t2) (s12 + (t - t1) (s12 - s01) / (t2 - t0))``.
+
     Parameters
     ----------
     parameters
-        (3, m) path parameters of the points.
+        (3, m) path parameters t0, t1, t2 of the points.
     values
-        (variables, m) configurations (rad) at the last point.
+        (variables, m) configurations x2 (rad) at the last point.
     slopes
-        (2, variables, m) divided differences between successive points.
+        (2, variables, m) divided differences s01, s12 (change of the configuration per path
+        parameter) between successive points.
     target
-        (m,) path parameters at which the configurations are predicted.
+        (m,) path parameters t at which the configurations are predicted.
 
     Returns
     -------
     (variables, m) predicted configurations (rad).
     """
-    # Newton's form of the parabola through three points, by divided differences.
-    curvature = (slopes[1] - slopes[0]) / (parameters[2] - parameters[0])
+    second_difference = (slopes[1] - slopes[0]) / (parameters[2] - parameters[0])
     return values + (target - parameters[2]) * (
-        slopes[1] + (target - parameters[1]) * curvature
+        slopes[1] + (target - parameters[1]) * second_difference
     )
 
 
 def converge_solutions(equations: ClosureEquations, values: Array) -> tuple[Array, Bools]:
-    """Apply the last steps of Newton's method to solutions.
+    """Refine solutions of the closure equations by Newton's method, to full accuracy.
 
     Parameters
     ----------
     equations
-        Function of variables (variables, m) and of the indices (m,) of these solutions. It
-        returns a Newton step of the closure equations, with the inputs held.
+        Function of pair variables (variables, m) of m of the solutions, and of the indices
+        (m,) of these solutions. It returns a Newton step, in which the inputs are constant.
     values
         (variables, n) approximate solutions (rad), real or complex.
 
@@ -298,17 +319,19 @@ def converge_solutions(equations: ClosureEquations, values: Array) -> tuple[Arra
     remaining = np.arange(values.shape[1])
     with np.errstate(all="ignore"):
         for _ in range(MAX_FINAL_STEPS):
-            change, _, squared_residual = equations(solutions[:, remaining], remaining)
-            solutions[:, remaining] += change
-            # Sines of complex angles grow exponentially with the imaginary part, and their
-            # rounding errors with them. Products of two sines grow with its square.
+            newton_step = equations(solutions[:, remaining], remaining)
+            solutions[:, remaining] += newton_step.change
+            # |sin(a + i b)| grows like exp(|b|) with the imaginary part b, and so do its
+            # rounding errors. A product of two sines grows like exp(2 |b|).
             imaginary_part = max_abs(solutions[:, remaining].imag, 0)
             growth = np.exp(2.0 * imaginary_part)
-            is_done = (max_abs(change, 0) < FINAL_STEP_RAD * growth) & (
-                imaginary_part < MAX_IMAGINARY_PART_RAD
+            is_small_step = max_abs(newton_step.change, 0) < FINAL_STEP_RAD * growth
+            is_closed = (
+                np.abs(newton_step.squared_residual) < (CLOSURE_TOLERANCE_RAD * growth) ** 2
             )
-            is_closed = np.abs(squared_residual) < (CLOSURE_TOLERANCE_RAD * growth) ** 2
-            converged[remaining] = is_done & is_closed
+            # A solution with a larger imaginary part counts as infinite.
+            is_finite = imaginary_part < MAX_IMAGINARY_PART_RAD
+            converged[remaining] = is_small_step & is_finite & is_closed
             remaining = np.flatnonzero(~converged)
             if not len(remaining):
                 break
@@ -357,12 +380,15 @@ def are_distinct(solutions: Array) -> Bools:
 
 @dataclass(frozen=True)
 class StartSolutions:
-    """All complex solutions of one design, from which those of all designs are tracked.
+    """All solutions of the closure equations of one design, at complex inputs.
+
+    The solutions of other designs are computed from them, while the sizes change step by
+    step. At complex inputs no solutions meet on the way.
 
     Attributes
     ----------
     values
-        (variables, m) solutions (rad).
+        (variables, m) complex pair variables (rad) of the m solutions.
     sizes
         (sizes,) sizes of the design.
     inputs
@@ -378,22 +404,24 @@ class StartSolutions:
 
 
 def find_start_solutions(kernel: PathKernel, sizes: Floats) -> StartSolutions | None:
-    """Find all complex solutions of the mechanism of a file.
+    """Find all solutions of the closure equations of the mechanism in a file.
 
-    Elimination gives the solutions, real and complex, at random real inputs. They are then
-    tracked to complex inputs, where solutions are well apart.
+    The links form groups, each a set of links whose positions are found together from those
+    of other links. Elimination reduces the equations of a group to a polynomial. Its roots
+    give all solutions, real and complex, at random real inputs. They are then tracked to
+    complex inputs, where solutions are well apart.
 
     Parameters
     ----------
     kernel
         The closure equations of the designs.
     sizes
-        (sizes,) sizes of the mechanism of the file.
+        (sizes,) sizes of the mechanism in the file.
 
     Returns
     -------
-    The solutions, or None if there is no elimination for a group (a set of links that are
-    placed together), there are more than `MAX_SOLUTIONS`, none arrives, or two coincide.
+    The solutions. None if elimination does not apply to some group, if there are more than
+    `MAX_SOLUTIONS`, if no solution can be tracked, or if two solutions coincide.
     """
     structure = kernel.expressions.structure
     mechanism = structure.mechanism
@@ -404,23 +432,28 @@ def find_start_solutions(kernel: PathKernel, sizes: Floats) -> StartSolutions | 
     solution_count = prod(find_elimination_orders(group)[0].root_count for group in groups)
     if solution_count > MAX_SOLUTIONS:
         return None
+
+    # Choose real inputs for the elimination, and complex inputs of the result. Special
+    # inputs, such as zero, may be singular. The seed makes the result repeatable.
     moving = mechanism.with_inputs(*mechanism.names_of(structure.assembly.inputs))
     solver = PositionSolver(moving, structure.assembly)
     inputs = mechanism.with_inputs(*mechanism.names_of(structure.input_pairs)).inputs
     ranges = np.array([(item.start, item.stop) for item in inputs])
     complex_inputs = np.mean(ranges, axis=1)[:, None] + 1j * START_IMAGINARY_PART_RAD
-    # Special inputs, such as zero, may be singular. The seed makes the result repeatable.
     real_inputs = np.random.default_rng(20).uniform(*np.sort(ranges, axis=1).T)[:, None]
-    # The first Newton step sets the angles of pairs that follow the inputs by gear ratios.
+
+    # Compute the angles of pairs that follow the inputs by gear ratios: a Newton step sets
+    # them. `solver.driven` are the variables of the inputs and of these pairs.
     start = np.zeros((kernel.variables, 1))
     size_column = sizes[:, None]
     start[kernel.driven] = real_inputs
     with np.errstate(all="ignore"):
         change = kernel.newton_step(start, kernel.prepare(size_column)).change
-    # `solver.driven` are the variables of the inputs and of pairs that follow them.
     followers = [v for v in solver.driven if v not in kernel.driven]
     start[followers] += change[followers]
     driven_values = start[list(solver.driven)]
+
+    # Find the solutions (variables, m) by elimination, and track them to complex inputs.
     values = ModeCoalescence(solver).configurations(driven_values[:, 0]).T
     values = values[:, all_finite(values, 0)]
     values[list(solver.driven)] = driven_values

@@ -19,8 +19,9 @@ different accuracy is listed twice.
 def is_same_linkage(mechanism: Mechanism, other_mechanism: Mechanism) -> bool:
     """Return whether two mechanisms are the same linkage, or mirror images.
 
-    An axis may point the other way in the second mechanism, which changes the arcs from it
-    to 180 degrees minus the arc. All choices of signs of the axes are tried.
+    A link is given by the directions of its axes. If an axis points the other way, the
+    linkage is the same, although the arcs from this axis become 180 degrees minus the arc.
+    All choices of signs of the axes are therefore tried.
 
     Parameters
     ----------
@@ -35,35 +36,40 @@ def is_same_linkage(mechanism: Mechanism, other_mechanism: Mechanism) -> bool:
     pairs = mechanism.pairs
     if not all(pair.kind.has_axis for pair in pairs):
         return False
-    # Each row of `signs` is a choice of 1 or -1 for each axis; bit k of its number gives
-    # the sign of axis k. Choices for which some link differs are left out one by one.
+    # (choices, pairs) each row is a choice of 1 or -1 for each axis; bit k of its number
+    # gives the sign of axis k. After each link, the choices with which it differs are
+    # removed.
     choices = np.arange(2 ** len(pairs))[:, None]
     signs = 1.0 - 2.0 * (choices >> np.arange(len(pairs)) & 1)
-    frames = [pair_frames(item) for item in (mechanism, other_mechanism)]
+    frames = pair_frames(mechanism)
+    other_frames = pair_frames(other_mechanism)
     for link in mechanism.links:
-        # The pairs of the link, and whether the link is the first or the second of each.
-        pair_numbers = [k for k, pair in enumerate(pairs) if link in pair.links]
-        sides = [pairs[k].links.index(link) for k in pair_numbers]
-        # (axes, 3) axes of the link, in its own axes.
-        axes, other_axes = (
-            np.array(
-                [
-                    frames_by_side[side][pairs[k].name][:, 2]
-                    for k, side in zip(pair_numbers, sides, strict=True)
-                ]
-            )
-            for frames_by_side in frames
-        )
-        signed_axes = signs[:, pair_numbers, None] * axes
+        # (axes, 3) axes of the pairs of this link, in the axes of the link.
+        pair_numbers = []
+        link_axes = []
+        other_link_axes = []
+        for k, pair in enumerate(pairs):
+            if link in pair.links:
+                # A pair has one frame in each of its two links. The third column is its
+                # axis.
+                side = pair.links.index(link)
+                pair_numbers.append(k)
+                link_axes.append(frames[side][pair.name][:, 2])
+                other_link_axes.append(other_frames[side][pair.name][:, 2])
+        other_axes = np.array(other_link_axes)
+        # (choices, axes, 3)
+        signed_axes = signs[:, pair_numbers, None] * np.array(link_axes)
+
+        # The cosines of the angles between all axes must be equal.
         cosines = signed_axes @ np.swapaxes(signed_axes, 1, 2)
         is_equal = max_abs(cosines - other_axes @ other_axes.T, axis=(1, 2)) < SAME_LINKAGE
-        # Equal cosines leave open which of two mirror images a link is. The triple products
-        # tell. With all axes reversed a linkage becomes its mirror image, so that mirror
-        # images of the whole linkage are among the choices of signs.
-        for three_axes in map(list, combinations(range(len(pair_numbers)), 3)):
-            differences = np.linalg.det(signed_axes[:, three_axes]) - np.linalg.det(
-                other_axes[three_axes]
-            )
-            is_equal &= np.abs(differences) < SAME_LINKAGE
+        # A link and its mirror image have equal cosines, but triple products of opposite
+        # sign. Reversing all axes gives the mirror image of the whole linkage, which is
+        # therefore among the choices of signs.
+        for three_axes in combinations(range(len(pair_numbers)), 3):
+            triple_products = np.linalg.det(signed_axes[:, list(three_axes)])
+            other_triple_product = np.linalg.det(other_axes[list(three_axes)])
+            difference = np.abs(triple_products - other_triple_product)
+            is_equal &= difference < SAME_LINKAGE
         signs = signs[is_equal]
     return len(signs) > 0

@@ -61,18 +61,24 @@ NO_MODE = -1
 class TrackedModes:
     """The assembly modes of many designs, sorted by design and then by first sample.
 
+    An assembly mode is one of the ways to assemble a mechanism at given inputs. It has at
+    most one configuration at each sample of the inputs.
+
     Attributes
     ----------
     design
         (modes,) index of the design of each mode.
     values
-        (variables, samples, modes) pair variables (rad). Passive variables are in
-        (-pi, pi]. All variables are NaN at samples where the mode does not close.
+        (variables, samples, modes) pair variables (rad). Passive variables (those of no
+        input) are in (-pi, pi]. All variables are NaN at samples where the mechanism cannot
+        be assembled in this mode.
     labels
-        (modes,) number of the mode within its design, and the sign of each dyad as in
-        `AssemblyMode`. An example is "0 +~".
+        (modes,) number of the mode within its design, and a sign for each group of links:
+        "+" or "-" for dyads (two links and three R pairs), "~" for larger groups. An
+        example is "0 +~".
     lost_designs
-        (lost,) indices of the designs of which a solution was lost. They have no modes.
+        (lost,) indices of the designs of which a solution could not be followed from sample
+        to sample. They have no modes.
     """
 
     design: Indices
@@ -189,7 +195,7 @@ def is_real(solutions: Array) -> Bools:
 
 
 def _merge_modes(mode_ids: Integers, mode: int, other_mode: int) -> None:
-    """Merge two modes of one design in place; the smaller identifier remains.
+    """Merge two assembly modes of one design that a path of configurations connects.
 
     An assembly mode has one configuration per sample. Two modes that both have a
     configuration at some sample are therefore not merged. This happens where paths around a
@@ -198,13 +204,15 @@ def _merge_modes(mode_ids: Integers, mode: int, other_mode: int) -> None:
     Parameters
     ----------
     mode_ids
-        (samples, solutions of the design) identifiers of modes.
+        (samples, solutions of the design) the identifier of the mode to which each
+        configuration belongs. The array is changed in place: the larger of the two
+        identifiers is replaced by the smaller one.
     mode, other_mode
         Identifiers of the two modes. Nothing changes if they are equal.
     """
-    closes = np.any(mode_ids == mode, axis=1)
-    other_closes = np.any(mode_ids == other_mode, axis=1)
-    if not np.any(closes & other_closes):
+    has_sample = np.any(mode_ids == mode, axis=1)
+    other_has_sample = np.any(mode_ids == other_mode, axis=1)
+    if not np.any(has_sample & other_has_sample):
         mode_ids[mode_ids == max(mode, other_mode)] = min(mode, other_mode)
 
 
@@ -302,14 +310,17 @@ class _SolutionTracker:
     ) -> Array:
         """Track all solutions to the sizes of their designs and to other inputs.
 
-        Paths of several shapes through complex inputs are tried, one after the other. A
-        design is lost if on none of them all its solutions arrive at distinct ends. Each
-        column of the arrays is one solution of one design.
+        A solution solves the closure equations for the pair variables at given inputs. Its
+        variables may be complex. It is tracked by changing sizes and inputs step by step,
+        each step corrected by Newton's method. Paths of several shapes through complex
+        inputs are tried, one after the other. A design is lost if on none of them all its
+        solutions arrive at distinct ends. It is then marked in `is_lost`.
 
         Parameters
         ----------
         start
-            (variables, columns) solutions (rad) at the start of the paths.
+            (variables, columns) solutions (rad) at the start of the paths. Each column is
+            one solution of one design; the solutions of a design follow each other.
         start_sizes
             (sizes, columns) sizes at the start.
         start_inputs, end_inputs
@@ -321,9 +332,10 @@ class _SolutionTracker:
         an imaginary part of exactly zero. All solutions of a lost design are NaN.
         """
         solutions = np.full(start.shape, np.nan, dtype=complex)
+        # (designs,) flags.
         incomplete = ~self.is_lost
         for detour_ratio in DETOUR_RATIOS:
-            # All solutions of the designs that did not arrive completely so far.
+            # The next path is taken by the designs that did not arrive completely so far.
             columns = np.flatnonzero(np.repeat(incomplete, self.solutions_per_design))
             if not len(columns):
                 break
@@ -345,38 +357,38 @@ class _SolutionTracker:
         return solutions
 
     def _make_real(self, solutions: Array, columns: Indices) -> None:
-        """Remove the imaginary part, in place, of solutions that are real up to rounding.
+        """Remove the imaginary part of solutions that are real up to rounding.
 
-        A solution near the real axis is real if Newton's method, started from its real
-        part, converges to the same solution. A design is lost if this test fails although
-        the imaginary part is below `SAME_SOLUTION_RAD`: it is then not known how many real
-        solutions the design has.
+        A solution with a small imaginary part is real if Newton's method, started from its
+        real part, converges to the same solution. If this test fails although the imaginary
+        part is below `SAME_SOLUTION_RAD`, the number of real solutions of its design is not
+        known. The design is then marked in `is_lost`.
 
         Parameters
         ----------
         solutions
-            (variables, all columns) solutions (rad), changed in place.
+            (variables, all columns) pair variables (rad) of all solutions of all designs,
+            changed in place. The solutions of a design are successive columns.
         columns
-            (n,) columns that are tested.
+            (n,) indices of the columns that are tested.
         """
-        # Solutions near the real axis are corrected by Newton's method on their real parts.
         imaginary_part = max_abs(solutions[:, columns].imag, axis=0)
-        is_near = (imaginary_part > 0.0) & (imaginary_part < NEAR_REAL_RAD)
-        near_columns = columns[is_near]
-        real_parts = solutions[:, near_columns].real
-        prepared = self.path_kernel.prepare(self.sizes[:, near_columns])
+        is_nearly_real = (imaginary_part > 0.0) & (imaginary_part < NEAR_REAL_RAD)
+        tested_columns = columns[is_nearly_real]
+        real_parts = solutions[:, tested_columns].real
+        prepared = self.path_kernel.prepare(self.sizes[:, tested_columns])
 
-        def newton_step(values: Array, rows: Indices) -> NewtonStep:
-            """Return a Newton step at variables (variables, m) of the near solutions."""
-            return self.path_kernel.newton_step(values, prepared[:, rows])
+        def newton_step(values: Array, indices: Indices) -> NewtonStep:
+            """Return a step at variables (variables, m) of some of the tested solutions."""
+            return self.path_kernel.newton_step(values, prepared[:, indices])
 
         refined, converged = converge_solutions(newton_step, real_parts)
         distance = max_abs(refined - real_parts, axis=0)
         passes = converged & (distance < SAME_SOLUTION_RAD)
-        solutions[:, near_columns[passes]] = refined[:, passes]
+        solutions[:, tested_columns[passes]] = refined[:, passes]
 
-        is_undecided = ~passes & (imaginary_part[is_near] < SAME_SOLUTION_RAD)
-        undecided_columns = near_columns[is_undecided]
+        is_undecided = ~passes & (imaginary_part[is_nearly_real] < SAME_SOLUTION_RAD)
+        undecided_columns = tested_columns[is_undecided]
         self.is_lost[undecided_columns // self.solutions_per_design] = True
 
     def link_real_solutions(
@@ -388,21 +400,24 @@ class _SolutionTracker:
     ) -> Indices:
         """Return the solution at the next sample to which each real solution leads.
 
-        Each real solution is tracked along a path of real configurations, in steps that do
-        not jump to another assembly mode. A mode ends if its path does not arrive. A design
-        is lost if a path arrives at none of the known real solutions, or if two paths
-        arrive at the same one.
+        A solution solves the closure equations at the inputs of a sample. A real solution
+        is a configuration. It is tracked along a path of real configurations, in steps that
+        do not jump to another assembly mode. A mode ends if its path does not arrive. A
+        design is marked in `is_lost` if a path arrives at none of the known real solutions,
+        or if two paths arrive at the same one.
 
         Parameters
         ----------
         solutions, next_solutions
-            (variables, columns) all solutions (rad) at both samples.
+            (variables, columns) pair variables (rad) of all solutions at both samples. The
+            solutions of a design are successive columns.
         start_inputs, end_inputs
             (inputs, 1) inputs (rad) of both samples.
 
         Returns
         -------
-        (columns,) column of `next_solutions`, or -1 if there is none.
+        (columns,) for each solution its column in `next_solutions`, or -1 if it is not real
+        or its path does not arrive.
         """
         successors = np.full(solutions.shape[1], -1)
         columns = np.flatnonzero(is_real(solutions))
@@ -419,7 +434,9 @@ class _SolutionTracker:
 
         # The end of each path is compared with the real solutions of its design.
         design = columns // self.solutions_per_design
+        # (variables, paths, solutions of the design)
         candidates = self._by_design(next_solutions)[:, design]
+        # (paths, solutions of the design)
         distances = solution_distance(candidates.real, ends[:, :, None])
         distances[~is_real(candidates)] = np.inf
         nearest = np.argmin(distances, axis=1)

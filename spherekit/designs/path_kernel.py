@@ -44,19 +44,20 @@ def complex_function(
     numbers: Sequence[ExpressionNode],
     compiled: bool,
 ) -> ComplexFunction:
-    """Return expressions as a function of complex variables and real numbers.
+    """Return a function that evaluates expressions at complex values of some variables.
 
     Parameters
     ----------
     outputs
-        Expressions of `variables` and `numbers`.
+        The expressions. They depend on `variables` and `numbers`.
     variables
-        The variables whose values are complex.
+        Symbols that have complex values.
     numbers
-        The variables whose values are real.
+        Symbols that have real values.
     compiled
-        Whether heyoka compiles the function. It knows real numbers only, so the real and
-        the imaginary parts become expressions of their own.
+        Whether the library heyoka compiles the function. It computes with real numbers
+        only, so each expression is split into its real and its imaginary part. Otherwise
+        NumPy evaluates the expressions with complex numbers.
 
     Returns
     -------
@@ -73,25 +74,39 @@ def complex_function(
         return lambda values, real_numbers: complex_array_function(
             np.concatenate([values, real_numbers.astype(complex)])
         )
+
+    # Two real symbols stand for each complex variable.
     real = symbols(f"real_{k}" for k in range(len(variables)))
     imaginary = symbols(f"imaginary_{k}" for k in range(len(variables)))
     parts_by_variable = dict(zip(variables, zip(real, imaginary, strict=True), strict=True))
 
-    def apply(node: ExpressionNode, arguments: list[ComplexParts]) -> ComplexParts:
-        """Return the real and the imaginary part of a node from those of its arguments."""
+    def split_node(node: ExpressionNode, arguments: list[ComplexParts]) -> ComplexParts:
+        """Return the real and the imaginary part of a node from those of its arguments.
+
+        A node is a variable, or an operation such as "*" with its arguments.
+        """
         if node.operation == "variable":
+            # One of `numbers` is real: its imaginary part is 0.
             return parts_by_variable.get(node, (node, 0.0))
         return _OPERATIONS[node.operation](*arguments)
 
-    output_parts = rewrite(outputs, lambda number: (number, 0.0), apply)
-    real_parts = [part for part, _ in output_parts]
-    imaginary_parts = [part for _, part in output_parts]
+    def split_constant(number: float) -> ComplexParts:
+        return number, 0.0
+
+    # `rewrite` replaces all nodes, from the variables and constants to the outputs.
+    output_parts = rewrite(outputs, split_constant, split_node)
+    real_parts = [real_part for real_part, _ in output_parts]
+    imaginary_parts = [imaginary_part for _, imaginary_part in output_parts]
     real_function = compile_function(
         [*real_parts, *imaginary_parts], [*real, *imaginary, *numbers]
     )
 
     def evaluate(values: Array, real_numbers: Floats) -> Array:
-        """Return the outputs, whose parts the compiled function computes one by one."""
+        """Return the complex outputs from their parts, which are computed as real numbers.
+
+        Parameters and result are those of the outer function's result.
+        """
+        # First the real parts of all outputs, then the imaginary parts.
         rows = real_function(np.concatenate([values.real, values.imag, real_numbers]))
         results = np.empty((len(outputs), values.shape[1]), dtype=complex)
         results.real = rows[: len(outputs)]
@@ -156,17 +171,21 @@ _OPERATIONS: Mapping[str, Callable[..., ComplexParts]] = {
 
 
 class NewtonStep(NamedTuple):
-    """The closure equations of n configurations, linearised, with the inputs held.
+    """A step of Newton's method for the closure equations, at n configurations.
+
+    The closure equations say that the rotations around each loop of links give no rotation.
+    They are solved for the variables of the pairs, at constant inputs.
 
     Attributes
     ----------
     change
-        (variables, n) changes of the variables (rad) that close the loops to first order.
+        (variables, n) changes of the variables (rad) that solve the linearised equations.
         The inputs do not change.
     determinant
-        (n,) determinant of the equations. Its sign changes where two assembly modes meet.
+        (n,) determinant of the linearised equations. Its sign changes where two assembly
+        modes (ways to assemble the mechanism at the same inputs) meet.
     squared_residual
-        (n,) square of the closure residual (rad2).
+        (n,) square of the norm of the closure errors (rad2), before the step.
     """
 
     change: Array
@@ -199,22 +218,36 @@ class PathKernel:
     """
 
     def __init__(self, expressions: DesignExpressions, compiled: bool = True) -> None:
-        """Write the Newton step as expressions, and make functions of them."""
-        structure = expressions.structure
+        """Write the Newton step as expressions, and make functions of them.
+
+        Parameters
+        ----------
+        expressions
+            The closure equations of a mechanism as expressions of its pair variables (the
+            `configuration_symbols`) and of its sizes.
+        compiled
+            Whether heyoka compiles the functions, if it is installed.
+        """
         coordinate_rates = expressions.coordinate_rates
+        variable_symbols = expressions.configuration_symbols
         self.expressions = expressions
         self.compiled = compiled and available()
-        self.variables = len(expressions.configuration_symbols)
-        self.driven = [*structure.inputs]
+        self.variables = len(variable_symbols)
+        self.driven = [*expressions.structure.inputs]
+
         # The changes of all variables that close the loops to first order.
         change = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
-        # Angles that gear ratios fix are set to what follows from the inputs.
+        # The angle of a gear that the inputs drive is a function of the inputs. Its change
+        # leads to the value of this function. Other variables are their own symbols.
         for variable, angle in enumerate(expressions.variables):
-            if angle is not expressions.configuration_symbols[variable]:
-                change[variable] = angle - expressions.configuration_symbols[variable]
-        moving = [*expressions.configuration_symbols, *expressions.profile_symbols]
-        # `prepared` are the parts of the expressions that depend on the sizes alone. The
-        # scale of the rates is the determinant of the equations.
+            if angle is not variable_symbols[variable]:
+                change[variable] = angle - variable_symbols[variable]
+
+        # Parts of the expressions that depend on the sizes alone are computed once for each
+        # design, by the function `prepare`. `prepared` has the expression of each such part
+        # by the symbol that replaces it. The scale of the rates is the determinant of the
+        # equations.
+        moving = [*variable_symbols, *expressions.profile_symbols]
         self._outputs, prepared = separate_constant_parts(
             [*change, coordinate_rates.scale, coordinate_rates.closure_residual_square],
             moving,
@@ -235,11 +268,11 @@ class PathKernel:
         return complex_function(self._outputs, variables, numbers, self.compiled)
 
     def mode_signs(self, values: Floats, sizes: Floats) -> list[str]:
-        """Return the sign of each group at closed configurations.
+        """Return the sign of each group of links at closed configurations.
 
-        A group is a set of links that are placed together; a dyad is a group of two links
-        with three R pairs. The sign of a dyad is that of the triple product of its axes,
-        and tells in which of two ways the dyad is put together.
+        A group consists of links whose positions are found together; a dyad is a group of
+        two links with three R pairs a, b, c. It can be assembled in two ways, between which
+        the sign of the triple product ``a . (b x c)`` of its axes distinguishes.
 
         Parameters
         ----------
@@ -254,42 +287,44 @@ class PathKernel:
         dyads, ``~`` for other groups. An example is ``"+~"``.
         """
         coordinate_rates = self.expressions.coordinate_rates
+        argument_symbols = [
+            *self.expressions.configuration_symbols,
+            *self.expressions.size_symbols,
+        ]
         groups = self.expressions.structure.assembly.groups
+        # (groups, n) characters.
         signs = np.full((len(groups), values.shape[1]), "~")
         for k, group in enumerate(groups):
-            if group.is_dyad:
-                # The axis of an R pair belongs to its only variable, which has index 0.
-                axes = [
-                    coordinate_rates.vectors[coordinate_rates.pair_variables[pair][0]]
-                    for pair in group.pairs
-                ]
-                triple_product = dot(axes[0], cross(axes[1], axes[2]))
-                evaluate = array_function(
-                    [triple_product],
-                    [
-                        *self.expressions.configuration_symbols,
-                        *self.expressions.size_symbols,
-                    ],
-                )
-                is_positive = evaluate(np.concatenate([values, sizes]))[0] >= 0.0
-                signs[k] = np.where(is_positive, "+", "-")
-        return ["".join(column) for column in signs.T]
+            if not group.is_dyad:
+                continue
+            # The vector of the only variable of an R pair is the axis of the pair.
+            axes = []
+            for pair in group.pairs:
+                (variable,) = coordinate_rates.pair_variables[pair]
+                axes.append(coordinate_rates.vectors[variable])
+            triple_product = dot(axes[0], cross(axes[1], axes[2]))
+            evaluate = array_function([triple_product], argument_symbols)
+            is_positive = evaluate(np.concatenate([values, sizes]))[0] >= 0.0
+            signs[k] = np.where(is_positive, "+", "-")
+        return ["".join(signs_of_configuration) for signs_of_configuration in signs.T]
 
     def newton_step(self, values: Array, numbers: Floats) -> NewtonStep:
         """Return a step of Newton's method that closes the loops to first order.
 
+        The inputs keep their values in the step.
+
         Parameters
         ----------
         values
-            (variables, n) pair variables (rad), real or complex.
+            (variables, n) pair variables (rad) before the step, real or complex.
         numbers
             (k, n) columns of profiles, if there are some, followed by what `prepare`
             returns for the designs.
 
         Returns
         -------
-        The changes of the variables, with the inputs held; the determinant of the
-        equations; and the square of the closure residual.
+        The changes of the variables, the determinant of the closure equations, and their
+        squared residual before the step.
         """
         if np.iscomplexobj(values):
             outputs = self._evaluate_complex(values, numbers)

@@ -103,48 +103,56 @@ class DesignProfiles:
         return evaluate_profile_columns(self.profiles, values)
 
     def interpolate_to(self, deviations: Floats) -> ProfileColumns:
-        """Return the columns of profiles on paths from this design to deviating designs.
+        """Return a function that gives the profiles between this design and others.
 
-        Path k leads to deviation k, modulo their number. On the way the columns are
-        interpolated between those of both designs.
+        The other designs differ by deviations (draws). Configurations are tracked along a
+        path from this design to each of them. The nine columns of a contact profile are the
+        tangent (3), the point (3), the geodesic curvature and its first two derivatives.
+        Along a path they are interpolated between those of both designs.
 
         Parameters
         ----------
         deviations
-            (variables, draws) deviations of the variables, in the units of the file.
+            (variables, draws) deviations of the design variables, in the units of the file.
 
         Returns
         -------
-        A function of variables (variables, m), numbers (m,) of the paths and path
-        parameters (m,), 0 at this design and 1 at the deviating one.
+        A function of pair variables (variables, m) in rad, numbers (m,) of the paths, and
+        path parameters (m,), which are 0 at this design and 1 at the other one. It returns
+        the columns (9 profiles, m). Path k leads to draw k, modulo the number of draws.
         """
         profiles_of_draw = [
             self._deviating_profiles(self.values + deviation) for deviation in deviations.T
         ]
 
         def evaluate(values: Floats, paths: Indices, parameters: Floats) -> Floats:
-            """Return the columns (9 profiles, m) at points of paths, see `ProfileColumns`.
+            """Return the columns (9 profiles, m) at m points of paths.
 
-            They are NaN if the deviating design is impossible.
+            They are NaN if the design at the end of a path is impossible. The second
+            derivatives of the curvature are NaN too, as nobody uses them here.
             """
             columns = nans((COLUMN_COUNT * len(self.profiles), len(paths)))
             draws = paths % len(profiles_of_draw)
-            # Rows of the same draw are evaluated together.
+
+            # The columns at the ends of the paths. Points of the same draw are evaluated
+            # together.
             order = np.argsort(draws, kind="stable")
             draw_starts = np.flatnonzero(np.diff(draws[order])) + 1
-            for rows in np.split(order, draw_starts):
-                profiles = profiles_of_draw[draws[rows[0]]] if len(rows) else None
+            for points in np.split(order, draw_starts):
+                profiles = profiles_of_draw[draws[points[0]]] if len(points) else None
                 if profiles is not None:
-                    columns[:, rows] = evaluate_profile_columns(
-                        profiles, values[:, rows].T, with_second_derivative=False
+                    columns[:, points] = evaluate_profile_columns(
+                        profiles, values[:, points].T, with_second_derivative=False
                     )
-            on_the_way = np.flatnonzero(parameters < 1.0)
-            if len(on_the_way):
-                nominal = evaluate_profile_columns(
-                    self.profiles, values[:, on_the_way].T, with_second_derivative=False
+
+            # Points before the end of their path are interpolated.
+            inner_points = np.flatnonzero(parameters < 1.0)
+            if len(inner_points):
+                nominal_columns = evaluate_profile_columns(
+                    self.profiles, values[:, inner_points].T, with_second_derivative=False
                 )
-                columns[:, on_the_way] = _interpolate_columns(
-                    nominal, columns[:, on_the_way], parameters[on_the_way]
+                columns[:, inner_points] = _interpolate_columns(
+                    nominal_columns, columns[:, inner_points], parameters[inner_points]
                 )
             return columns
 
@@ -159,19 +167,21 @@ class DesignProfiles:
             return None
 
     def differentiate_columns(self, values: Floats) -> Floats:
-        """Return the derivatives of all columns but the last of each profile.
+        """Return the derivatives of profile columns by the design variables.
 
         The nine columns of a profile are the tangent (3), the point (3), the geodesic
-        curvature, and its first and second derivative by the arc length.
+        curvature, and its first and second derivative by the arc length. The last one is
+        not differentiated.
 
         Parameters
         ----------
         values
-            (n, variables of pairs) pair variables (rad), which are held.
+            (n, pair variables) pair variables (rad), which do not change with the design.
 
         Returns
         -------
-        (variables, 8 profiles, n) derivatives, by the variables in the units of the file.
+        (design variables, 8 profiles, n) derivatives, by the design variables in the units
+        of the file.
 
         Raises
         ------
@@ -180,15 +190,18 @@ class DesignProfiles:
         """
         profile_count = len(self.profiles)
         slopes = np.zeros((len(self.variables), profile_count, 8, len(values)))
-        # A variable changes the curve itself, and the arc length at which it starts.
-        along_profile = _differentiate_by_arc_length(self.evaluate_columns(values))
+        # (profiles, 8, n) derivatives by the arc length.
+        arc_length_slopes = _differentiate_by_arc_length(self.evaluate_columns(values))
         for k, curve_derivatives in enumerate(self._curve_derivatives):
+            # Design variable k changes the curve of a profile,
             for index, curve_derivative in curve_derivatives.items():
                 profile = self.profiles[index]
                 arc_lengths = values[:, profile.variable] + profile.start
                 slopes[k, index] = curve_derivative(arc_lengths)
+            # and the arc length at which the contact starts.
             for index, start_rate in self._start_rates(curve_derivatives).items():
-                slopes[k, index] += start_rate * along_profile[index]
+                slopes[k, index] += start_rate * arc_length_slopes[index]
+        # The axes of profiles and columns become one.
         return np.concatenate(np.moveaxis(slopes, 1, 0), axis=1)
 
     def _start_rates(
@@ -196,50 +209,56 @@ class DesignProfiles:
     ) -> dict[int, float]:
         """Return how the start arc lengths of rolling profiles change with a variable.
 
-        In a reference pose, rolling profiles start where they are nearest to each other.
+        If the file gives a reference pose, the contact of rolling profiles starts where
+        they are nearest to each other in this pose.
 
         Parameters
         ----------
         curve_derivatives
-            The derivatives of the profiles that change, by their index.
+            By index of each profile that changes with the design variable, its derivative.
 
         Returns
         -------
-        The derivative of the start (rad) by the variable, by index of the profile.
+        The derivative of the start (rad) by the design variable, by index of the profile.
+        Profiles whose start does not change are left out.
         """
         if not isinstance(self.mechanism.geometry, PoseGeometry):
             return {}
         rates: dict[int, float] = {}
-        for first, second in pairwise(range(len(self.profiles))):
-            both_profiles = self.profiles[first], self.profiles[second]
-            both_derivatives = curve_derivatives.get(first), curve_derivatives.get(second)
-            # The two profiles of a rolling contact share one variable.
-            is_rolling = both_profiles[0].variable == both_profiles[1].variable
-            if is_rolling and any(both_derivatives):
-                start_rates = _nearest_point_rates(both_profiles, both_derivatives)
-                rates |= zip((first, second), start_rates, strict=True)
+        for index, next_index in pairwise(range(len(self.profiles))):
+            profile = self.profiles[index]
+            next_profile = self.profiles[next_index]
+            derivatives = curve_derivatives.get(index), curve_derivatives.get(next_index)
+            # The two profiles of a rolling contact share one variable and follow each
+            # other.
+            is_rolling = profile.variable == next_profile.variable
+            if is_rolling and any(derivatives):
+                start_rates = _nearest_point_rates((profile, next_profile), derivatives)
+                rates |= zip((index, next_index), start_rates, strict=True)
         return rates
 
     @cached_property
     def _curve_derivatives(self) -> list[dict[int, CurveDerivative]]:
-        """For each variable the derivatives of the profiles that change with it, by index.
+        """For each design variable, the derivatives of the profiles that change with it.
 
-        Difference quotients give the derivatives of the numbers that define the profiles,
-        from which those of the curves follow exactly.
+        An entry of the list maps the index of a profile to its derivative. The derivatives
+        of the numbers that define a profile (such as its radius) are difference quotients.
+        The derivative of the curve follows from them exactly.
 
         Raises
         ------
         DesignError
             If the file does not allow another value of a variable.
         """
-        # The numbers of all profiles are in one array; `ends` are the ends of each profile.
+        # One array has the numbers of all profiles; `ends` are the ends of each profile.
         profiles = list_profiles(self.mechanism)
         ends = np.cumsum([len(profile_numbers(profile)) for profile, _ in profiles])
         derivatives: list[dict[int, CurveDerivative]] = []
         for k, variable in enumerate(self.variables):
             derivatives.append({})
+            # Sizes of links (which have a slot), masses and loads change no profile.
             if variable.slot is not None or variable.path[0] in ACTIONS:
-                continue  # sizes of links, masses and loads change no profile
+                continue
             slopes = differentiate_by_variable(
                 self._all_profile_numbers, self.values, k, PROFILE_DIFFERENCE_STEPS
             )
@@ -309,21 +328,23 @@ def profile_numbers(profile: Profile) -> Floats:
 def differentiate_profile(
     profile: Profile, runs_backwards: bool, slopes: Floats
 ) -> CurveDerivative:
-    """Return the derivative of a profile by a variable.
+    """Return the derivative of a contact profile by a design variable.
 
     Parameters
     ----------
     profile
-        A circle, a series, or a curve through points.
+        The curve: a circle, a Fourier series, or a spline through points.
     runs_backwards
-        Whether the curve is run backwards.
+        Whether the arc length runs against the direction in which the file describes the
+        curve.
     slopes
-        Derivatives of its `profile_numbers` by the variable: of the points, or of the
-        centre (3) and then of the radius or of the coefficients.
+        Derivatives of the numbers that define the curve, by the variable: of all points
+        (3 each), or of the centre (3) and then of the radius or of the coefficients.
 
     Returns
     -------
-    A function of arc lengths (n,) that returns derivatives of the columns.
+    A function of arc lengths (n,) that returns derivatives of the profile's columns:
+    tangent (3), point (3), curvature, and its derivative by the arc length.
     """
     if profile.points:
         return differentiate_spline(
@@ -332,7 +353,7 @@ def differentiate_profile(
             closed=profile.closed,
             backwards=runs_backwards,
         )
-    # Each of the following is a value with its derivative.
+    # `differentiate_fourier` takes pairs of a number or array and its derivative.
     centre = np.array(profile.centre), slopes[:3]
     if profile.round_axis is not None:
         # A circle without a radius is a great circle.
@@ -369,26 +390,28 @@ def _nearest_point_rates(
     profiles: tuple[ContactProfile, ContactProfile],
     derivatives: tuple[CurveDerivative | None, CurveDerivative | None],
 ) -> Floats:
-    """Return how the arc lengths of the nearest points of two profiles change.
+    """Return how the points at which two profiles are nearest move along the profiles.
 
-    The frames of both curves at these points must rotate alike. This gives three equations
-    for the two arc lengths, which are solved by least squares.
+    At the nearest points both curves have the same moving frame (tangent, normal, point on
+    the unit sphere). If a design variable changes, the frames must rotate alike. With the
+    arc lengths s1, s2 and the rotation vectors r of the frames, the equation is
+    ``r1_s ds1 - r2_s ds2 + (r1_v - r2_v) dv = 0``, with r_s by the arc length and r_v by
+    the variable v. These three equations for ds1/dv and ds2/dv are solved by least squares.
 
     Parameters
     ----------
     profiles
-        The profiles, each of which starts at its nearest point.
+        The two profiles. Each of them starts at its nearest point.
     derivatives
-        Their derivatives by a variable, None for a profile that does not change.
+        Derivatives of the profiles by the variable, None for a profile that does not
+        change.
 
     Returns
     -------
     (2,) derivatives of the arc lengths (rad) by the variable.
     """
-    # The rotation of the first frame less that of the second must be zero; the signs are
-    # those of the two profiles in this difference.
-    rotation_by_arc_length = []
-    rotation_by_variable = np.zeros(3)
+    arc_length_rotations = []
+    variable_rotation = np.zeros(3)
     for profile, derivative, sign in zip(profiles, derivatives, (1.0, -1.0), strict=True):
         start = np.array([profile.start])
         curve_point = profile.curve.evaluate(start)
@@ -396,7 +419,7 @@ def _nearest_point_rates(
         # Along a curve its frame rotates about the normal and, by the curvature, about the
         # point.
         rotation = normal + curve_point.curvature[0] * point
-        rotation_by_arc_length.append(sign * rotation)
+        arc_length_rotations.append(sign * rotation)
         if derivative is not None:
             # The rotation of the frame with the variable, about each of its axes.
             change = derivative(start)[:, 0]
@@ -405,11 +428,11 @@ def _nearest_point_rates(
             about_tangent = -point_change @ normal
             about_normal = point_change @ tangent
             about_point = tangent_change @ normal
-            rotation_by_variable += sign * (
+            variable_rotation += sign * (
                 about_tangent * tangent + about_normal * normal + about_point * point
             )
-    matrix = np.stack(rotation_by_arc_length, axis=1)
-    return np.linalg.lstsq(matrix, -rotation_by_variable, rcond=None)[0]
+    matrix = np.stack(arc_length_rotations, axis=1)
+    return np.linalg.lstsq(matrix, -variable_rotation, rcond=None)[0]
 
 
 def evaluate_profile_columns(
@@ -417,12 +440,17 @@ def evaluate_profile_columns(
     values: Floats,
     with_second_derivative: bool = True,
 ) -> Floats:
-    """Return the columns of profiles at pair variables.
+    """Return the columns of contact profiles at given configurations.
+
+    The nine columns of a profile are the tangent (3), the point (3), the geodesic
+    curvature, and its first and second derivative by the arc length, at the point of
+    contact.
 
     Parameters
     ----------
     profiles
-        The profiles of all contacts.
+        The profiles of all contacts. Each has the number of the pair variable that is its
+        arc length, and the arc length (rad) at which this variable is zero.
     values
         (n, variables) pair variables (rad).
     with_second_derivative
@@ -430,16 +458,16 @@ def evaluate_profile_columns(
 
     Returns
     -------
-    (9 profiles, n) columns; NaN if variables are NaN or outside an open profile. The nine
-    of a profile are the tangent (3), the point (3), the geodesic curvature, and its first
-    and second derivative by the arc length.
+    (9 profiles, n) columns, in the axes of the link of each profile. They are NaN if
+    variables are NaN, or if the arc length is outside an open profile.
     """
     columns = nans((COLUMN_COUNT * len(profiles), len(values)))
-    finite = np.flatnonzero(all_finite(values, 1))
+    finite_rows = np.flatnonzero(all_finite(values, 1))
     for k, profile in enumerate(profiles):
-        arc_lengths = values[finite, profile.variable] + profile.start
+        arc_lengths = values[finite_rows, profile.variable] + profile.start
         curve_points = profile.curve.evaluate(arc_lengths)
-        profile_columns = nans((COLUMN_COUNT, len(finite)))
+        profile_columns = nans((COLUMN_COUNT, len(finite_rows)))
+        # The columns of a frame are tangent, normal and point.
         profile_columns[:3] = curve_points.frame[:, :, 0].T
         profile_columns[3:6] = curve_points.frame[:, :, 2].T
         profile_columns[6] = curve_points.curvature
@@ -447,26 +475,31 @@ def evaluate_profile_columns(
         if with_second_derivative:
             profile_columns[8] = profile.curve.curvature_second(arc_lengths)
         profile_columns[:, ~curve_points.inside] = np.nan
-        columns[COLUMN_COUNT * k : COLUMN_COUNT * (k + 1), finite] = profile_columns
+        columns[COLUMN_COUNT * k : COLUMN_COUNT * (k + 1), finite_rows] = profile_columns
     return columns
 
 
 def _interpolate_columns(start: Floats, end: Floats, fractions: Floats) -> Floats:
-    """Return columns between two, with orthonormal tangents and points.
+    """Interpolate the columns of profiles between two designs.
+
+    The nine columns of a profile are the tangent (3), the point (3), the curvature and its
+    first two derivatives. All are interpolated linearly. Point and tangent are then made
+    orthonormal again.
 
     Parameters
     ----------
     start, end
-        (9 profiles, n) columns.
+        (9 profiles, n) columns of both designs.
     fractions
-        (n,) fractions of the way from 0 to 1.
+        (n,) 0 for `start`, 1 for `end`, and numbers in between.
 
     Returns
     -------
-    (9 profiles, n) columns.
+    (9 profiles, n) interpolated columns.
     """
     columns = start + fractions * (end - start)
     for k in range(0, len(columns), COLUMN_COUNT):
+        # Views (3, n), which are changed in place.
         tangent = columns[k : k + 3]
         point = columns[k + 3 : k + 6]
         point /= np.linalg.norm(point, axis=0)

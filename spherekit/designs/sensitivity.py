@@ -93,7 +93,24 @@ class Sensitivity:
     def __init__(
         self, mechanism: Mechanism, keys: Sequence[str] = (), quantities: Sequence[str] = ()
     ) -> None:
-        """Choose the sizes and quantities, and check them."""
+        """Choose the sizes and quantities, and check them.
+
+        Parameters
+        ----------
+        mechanism
+            The mechanism. Its file, with angles in rad, is derived from it.
+        keys
+            The numbers of the file by which derivatives are computed, such as
+            ``links.2.arc``. By default the arcs and angles of links, or the axes of pairs
+            in a reference pose, or else the numbers of contact profiles.
+        quantities
+            Names of the quantities that are differentiated, as in `row_quantities`.
+
+        Raises
+        ------
+        DesignError
+            If there are no sizes or no such quantity, or if constraints are redundant.
+        """
         mechanism = driven_at(mechanism)
         self.mechanism = mechanism
         self.inputs = mechanism.input_pairs
@@ -115,7 +132,8 @@ class Sensitivity:
         # Locations, in the file, of the sizes that the user has named.
         self._named_paths = [variable.path for variable in self.variables] if keys else []
         check_variables(self.document, self.variables)
-        # (sizes,) whether the variable is a number of a mass or load.
+        # (sizes,) whether the variable is a number of a mass or load. `path[0]` is the
+        # table of the file in which the number is.
         self._is_action = np.array(
             [variable.path[0] in ACTIONS for variable in self.variables]
         )
@@ -175,11 +193,15 @@ class Sensitivity:
         # `path[0]` is the table of the file, here that of masses or that of loads.
         if variable.path[0] in ACTIONS:
             return variable
-        is_contact_number = variable.path[0] == "pairs" and (
-            "profiles" in variable.path
-            if has_shaped_profiles(self.mechanism)
-            else self._equivalent_linkage is not None
-        )
+        # Numbers of a contact: any shape has derivatives by the numbers of its profiles.
+        # Contacts of circles can be replaced by links, whose sizes follow from all numbers
+        # of the contact.
+        if has_shaped_profiles(self.mechanism):
+            is_in_contact = "profiles" in variable.path
+        else:
+            is_in_contact = self._equivalent_linkage is not None
+        is_contact_number = variable.path[0] == "pairs" and is_in_contact
+        # `slot` is the size (arc, angle, zero or axis) that the number is, None for others.
         if variable.slot is None and not is_contact_number:
             raise DesignError(
                 f"{self.mechanism.name}: {key} is no size: derivatives are by arcs, "
@@ -197,32 +219,40 @@ class Sensitivity:
     def _varied(self) -> tuple[VariedMechanism, DesignExpressions]:
         """The mechanism with its sizes as variables, and its expressions.
 
-        Contacts are replaced by links if numbers of contacts of circles vary, or if the
-        equations of wheels that roll on each other repeat each other too much for
-        expressions (`EngineError`).
+        Contacts of circles can be replaced by links with R pairs between the centres of the
+        circles (the equivalent linkage). This is done if numbers of such contacts vary, or
+        if the equations of wheels that roll on each other depend on each other in a way for
+        which no expressions exist (`EngineError`).
+
+        Returns
+        -------
+        varied_mechanism
+            Computes the sizes of the expressions from values of the file's numbers.
+        expressions
+            Quantities of a configuration as functions of the variables of all pairs.
 
         Raises
         ------
         DesignError
             If the file allows no other values of the sizes.
         """
-        sizes_of_pairs = np.array(
-            [variable.slot is not None for variable in self.variables]
-        )
+        # `slot` is the size of a link or R pair that a number is, None for other numbers.
+        is_pair_size = np.array([variable.slot is not None for variable in self.variables])
         # Only sizes of R pairs, masses and loads vary, but no numbers of contacts.
-        needs_no_linkage = np.all(sizes_of_pairs | self._is_action)
+        needs_no_linkage = np.all(is_pair_size | self._is_action)
         if has_shaped_profiles(self.mechanism) or needs_no_linkage:
             varied_mechanism = VariedMechanism(
                 self.document, self.mechanism, self.variables, self.inputs
             )
             try:
-                return varied_mechanism, varied_mechanism.make_expressions(
-                    closed_form=False
-                )
+                expressions = varied_mechanism.make_expressions(closed_form=False)
             except EngineError:
+                # Wheels (a gear train) may have expressions as links instead.
                 linkage = self._equivalent_linkage
                 if linkage is None or linkage.train is None:
                     raise
+            else:
+                return varied_mechanism, expressions
         varied_mechanism = VariedMechanism(
             self.document,
             self.mechanism,
@@ -273,15 +303,16 @@ class Sensitivity:
         )
 
     def deviating(self, size: float, singly: Mapping[str, float]) -> tuple[float, ...]:
-        """Return the deviation of each size.
+        """Return the deviation of each size: a common one, or its own.
 
         Parameters
         ----------
         size
-            Deviation (rad) of all sizes that are not named. Masses and loads that are not
-            named do not deviate.
+            Deviation (rad) of all sizes that are not in `singly`. Masses and loads that are
+            not in `singly` do not deviate.
         singly
-            Deviations by key, in degrees for angles and in the unit of other numbers.
+            Deviation of some sizes, by the key of the size in the file. It is in degrees
+            for angles, otherwise in the unit of the number.
 
         Returns
         -------
@@ -376,18 +407,19 @@ class Sensitivity:
         return values if linkage is None else linkage.values(values)
 
     def at(self, samples: Floats, values: Floats) -> tuple[Floats, Floats]:
-        """Return quantities and their derivatives by the sizes.
+        """Return quantities and their derivatives by the sizes at n configurations.
 
-        The inputs are held, and the loops stay closed: the derivative of the closure
-        equations by a size is solved for the rates of the variables.
+        The inputs are constant, and the loops stay closed: if a size changes, the variables
+        of the other pairs change such that the closure equations still hold.
 
         Parameters
         ----------
         samples
-            (n, 3 inputs + 1) the inputs (rad), their rates and accelerations, and the time.
+            (n, 3 inputs + 1) the inputs (rad), their rates (rad/s) and accelerations
+            (rad/s2), and the time (s).
         values
-            (n, variables) closed configurations (rad). The variables of `wound` pairs are
-            over full revolutions.
+            (n, variables) pair variables (rad) with which all loops close. The angles of
+            pairs with loads that depend on revolutions (`wound`) count whole revolutions.
 
         Returns
         -------
@@ -407,10 +439,11 @@ class Sensitivity:
         return column_gradients.columns, column_gradients.gradients
 
     def scattered(self, samples: Floats, values: Floats, deviations: Floats) -> Floats:
-        """Return the quantities of mechanisms whose sizes deviate.
+        """Return the quantities of mechanisms whose sizes deviate, for tolerance analyses.
 
-        The configurations are tracked from those of the file by Newton's method. The
-        samples are handled in blocks, each with all deviating mechanisms (draws).
+        A draw is one set of deviating sizes. Its configurations are tracked from those of
+        the nominal mechanism by Newton's method. The samples are handled in blocks, each
+        with all draws, to limit memory.
 
         Parameters
         ----------
@@ -434,7 +467,10 @@ class Sensitivity:
         parts = []
         progress = ProgressReporter(f"{self.mechanism.name}: deviating mechanisms")
         for start in range(0, len(samples), block_size):
-            progress.tell(f"configuration {start + 1} of {len(samples)}".__str__)
+            # `tell` calls the function at once, and only if it shows the text.
+            progress.tell(
+                lambda: f"configuration {start + 1} of {len(samples)}"  # noqa: B023
+            )
             block = slice(start, start + block_size)
             parts.append(self._close_draws(samples[block], values[block], sizes, profiles))
         return np.concatenate(parts, axis=1)
@@ -446,20 +482,23 @@ class Sensitivity:
         draw_sizes: Floats,
         profiles: ProfileColumns | None,
     ) -> Floats:
-        """Return the quantities of deviating mechanisms near configurations.
+        """Return the quantities of mechanisms whose sizes deviate from the nominal ones.
 
-        Each draw is a set of deviating sizes. From each configuration of the file, the
-        closed configuration of each draw is tracked while the sizes go to those of the
-        draw.
+        A draw is one set of deviating sizes. From each nominal configuration, the
+        configuration of each draw is tracked by Newton's method while the sizes change from
+        nominal to those of the draw.
 
         Parameters
         ----------
-        samples, values
-            (n, 3 inputs + 1) and (n, variables), as for `at`.
+        samples
+            (n, 3 inputs + 1) inputs (rad), their rates and accelerations, and the time (s).
+        values
+            (n, variables) pair variables (rad) of the nominal mechanism.
         draw_sizes
-            (k, draws) sizes of the kernel for each draw.
+            (k, draws) sizes of each draw, as the equations have them.
         profiles
-            The columns of profiles on the paths to the draws, if they are not circles.
+            Returns the numbers of contact profiles along the paths to the draws. None if
+            all profiles are circles.
 
         Returns
         -------
@@ -467,28 +506,31 @@ class Sensitivity:
         """
         sample_count = len(samples)
         draw_count = draw_sizes.shape[1]
-        # Row s * draw_count + d is draw d of sample s.
-        start = np.repeat(self._kernel_variables(values).T, draw_count, axis=1)
+        # In all arrays below, column s * draw_count + d is draw d of sample s.
+        nominal_configurations = np.repeat(
+            self._kernel_variables(values).T, draw_count, axis=1
+        )
         sizes = np.tile(draw_sizes, sample_count)
-        change = sizes - self._nominal_design.sizes[:, None]
-        # Wheels are put together with angles that may jump by whole revolutions.
+        size_changes = sizes - self._nominal_design.sizes[:, None]
+        # The first sizes are angles at which wheels are put together. They may differ from
+        # the nominal ones by whole revolutions, which are no deviation.
         angle_count = len(self._varied_mechanism.varied_contact_numbers)
-        change[:angle_count] = wrap(change[:angle_count])
-        configurations, closed = track_solutions(
+        size_changes[:angle_count] = wrap(size_changes[:angle_count])
+        configurations, is_closed = track_solutions(
             self._path_kernel,
-            start,
-            # From the sizes of the file, up to whole revolutions, to those of the draw.
-            sizes=(sizes - change, sizes),
+            nominal_configurations,
+            # From the nominal sizes, up to whole revolutions, to those of the draw.
+            sizes=(sizes - size_changes, sizes),
             profiles=profiles,
             contraction=SHORT_PATH_CONTRACTION,
         )
         with np.errstate(all="ignore"):
             profile_columns = None
             if profiles is not None:
-                row_count = sample_count * draw_count
+                column_count = sample_count * draw_count
                 # The path parameter is 1 at the end of each path.
                 profile_columns = profiles(
-                    configurations, np.arange(row_count), np.ones(row_count)
+                    configurations, np.arange(column_count), np.ones(column_count)
                 )
             quantities = self._quantity_kernel.evaluate_samples(
                 np.repeat(samples.T, draw_count, axis=1),
@@ -496,5 +538,5 @@ class Sensitivity:
                 sizes=sizes,
                 profile_columns=profile_columns,
             )
-        quantities = np.where(closed, quantities, np.nan)
+        quantities = np.where(is_closed, quantities, np.nan)
         return quantities.reshape(-1, sample_count, draw_count)

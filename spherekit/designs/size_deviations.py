@@ -78,7 +78,7 @@ class SizeDeviations:
         return np.multiply(self.size, 3.0 if self.distribution == "normal" else 1.0)
 
     def draws(self, sizes: int) -> Floats:
-        """Return deviations (sizes, count), spread evenly by a Sobol sequence.
+        """Return random deviations of the sizes, spread evenly by a Sobol sequence.
 
         Parameters
         ----------
@@ -87,17 +87,21 @@ class SizeDeviations:
 
         Returns
         -------
-        (sizes, count) deviations in the units of `size`, of its distribution.
+        (sizes, count) deviations in the unit of `size`. Uniform ones are between -`size`
+        and `size`; normal ones have the standard deviation `size`.
         """
         from scipy.special import ndtri
         from scipy.stats import qmc
 
-        # Points of the unit cube. Sobol sequences are balanced if their length is a power
-        # of 2, so that the next power is computed and cut.
+        # (sizes, count) points of the unit cube. Sobol sequences are balanced if their
+        # length is a power of 2. A sequence of the next power is computed and cut.
         power = (self.count - 1).bit_length()
-        unit = qmc.Sobol(sizes, rng=self.seed).random_base2(power).T[:, : self.count]
+        unit_points = qmc.Sobol(sizes, rng=self.seed).random_base2(power).T[:, : self.count]
+        # One size for all deviations, or one for each.
         size = np.reshape(self.size, (-1, 1))
         if self.distribution == "uniform":
-            return size * (2.0 * unit - 1.0)
-        # The inverse of the normal distribution turns probabilities into deviations.
-        return size * ndtri(np.clip(unit, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY))
+            return size * (2.0 * unit_points - 1.0)
+        # The inverse of the normal distribution turns probabilities into deviations. It is
+        # infinite at 0 and 1.
+        probabilities = np.clip(unit_points, MIN_PROBABILITY, 1.0 - MIN_PROBABILITY)
+        return size * ndtri(probabilities)

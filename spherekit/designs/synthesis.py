@@ -140,14 +140,17 @@ class DescentStart:
 
 @dataclass(frozen=True)
 class ExploredDesigns:
-    """The best rows of the sweep.
+    """The best designs of the sweep with which a synthesis begins.
+
+    A sweep evaluates many designs. Its table has one row for each assembly mode (way to
+    assemble the mechanism) of each design.
 
     Attributes
     ----------
     rows
-        The columns of the table of designs.
+        The best n rows, as columns of this table by name.
     objectives
-        (n, k) the objectives of these rows.
+        (n, k) the values of the k objectives, which are minimised, in these rows.
     feasible_count
         Number of all rows of the sweep that meet the conditions.
     """
@@ -244,13 +247,16 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
 
 
 def _require_gradients(specification: Specification) -> DesignEvaluator:
-    """Return the evaluator of the designs, if it can compute gradients of figures.
+    """Return the evaluator of the designs, if it has what a synthesis needs.
+
+    A synthesis follows the gradients of figures of merit by the numbers of the design.
 
     Raises
     ------
     DesignError
-        If there are no gradients. Also if a Pareto front (of several objectives) is wanted
-        and the assembly modes have no signs that identify them in every design.
+        If the gradients cannot be computed. Also if there are several objectives, so that a
+        Pareto front is sought, and the assembly modes have no signs that identify them in
+        every design.
     """
     sweep = specification.sweep
     evaluator = sweep.evaluator
@@ -276,16 +282,19 @@ def _explore_designs(
 ) -> ExploredDesigns:
     """Evaluate all designs of the sweep and return the best rows.
 
+    A row of the sweep is one assembly mode of one design. The sweep is computed in parts,
+    so that not all rows are in memory at once.
+
     Parameters
     ----------
     specification
-        The requirements, with the sweep. The sweep is computed part by part.
+        The requirements (objectives and conditions), with the sweep.
     rows_per_part
-        Number of rows that are stored of each part with one objective. With several
-        objectives all nondominated rows are stored: those than which no row of their
-        assembly mode is better in all objectives.
+        Number of best rows that are returned from each part if there is one objective. With
+        several objectives all nondominated rows of a part are returned. A row is
+        nondominated if no row of the same assembly mode is better in all objectives.
     progress
-        Tells the user how many designs are evaluated.
+        Shows the user how many designs are evaluated.
 
     Returns
     -------
@@ -309,8 +318,9 @@ def _explore_designs(
             best = select_nondominated(objectives, rows["mode"])
         rows_of_parts.append({name: values[best] for name, values in rows.items()})
         objectives_of_parts.append(objectives[best])
-        done = min((number + 1) * sweep.part_size, sweep.space.count)
-        progress.tell(f"{done} designs looked at".__str__)
+        design_count = min((number + 1) * sweep.part_size, sweep.space.count)
+        # `tell` calls the function at once, and only if it shows the text.
+        progress.tell(lambda: f"{design_count} designs looked at")  # noqa: B023
     if not feasible_count:
         raise DesignError(
             f"{sweep.mechanism.name}: none of {counted(sweep.space.count, 'design')} meets "
@@ -333,21 +343,23 @@ def _choose_starts(
     objective: Floats,
     count: int,
 ) -> list[DescentStart]:
-    """Return the best rows as starts, without rows near to a better one of their mode.
+    """Return the best rows of a sweep as starts of descents.
 
-    The modes of the rows are found block by block, the best rows first, until there are
-    enough starts.
+    A row is one assembly mode of one design. A row near to a better row of the same mode is
+    left out. The modes of the rows have to be searched, which takes time. This is done
+    block by block, the best rows first, until there are enough starts.
 
     Parameters
     ----------
     evaluator
-        Finds the modes of the rows. Rows whose mode it does not find are left out.
+        Finds the modes of the rows. A row is left out if its mode is not found.
     values
-        (variables, n) values of the variables of the rows, in the units of the file.
+        (variables, n) values of the design variables of the rows, in the units of the file.
     labels
-        (n,) labels of their modes.
+        (n,) labels of the assembly modes of the rows.
     points
-        (n, variables) the same designs in units of the ranges.
+        (n, variables) the same designs as coordinates: 0 and 1 are the ends of the range of
+        a variable.
     objective
         (n,) the objective, which is minimised.
     count
@@ -384,36 +396,45 @@ def _confirm_modes(
     starts: Sequence[DescentStart],
     optima: Sequence[LocalOptimum],
 ) -> list[LocalOptimum]:
-    """Return optima whose configurations are an assembly mode of the design in a sweep.
+    """Return the ends of descents that a new search of their assembly modes confirms.
 
-    The modes of each design at the end of a descent are searched anew, and the one with the
-    configurations of the optimum must be as good as the optimum. Its label becomes that of
-    the sweep. If there is none, the configurations are not connected along the samples, as
-    a dead centre has appeared between two samples. The start of the descent is then
-    returned instead.
+    During a descent the configurations of a mode are tracked from design to design. At the
+    end all modes of the design are searched anew. The optimum is confirmed if one of these
+    modes has its configurations and is as good. The returned optimum has this mode, with
+    its label in a sweep.
+
+    Otherwise the configurations are not connected along the samples, because a dead centre
+    has appeared between two samples. The start of the descent is then returned instead.
 
     Parameters
     ----------
     evaluator
         Finds all modes of the designs.
     descent
-        Evaluates designs.
+        Evaluates objectives of designs.
     starts
         The start of each descent.
     optima
         The end of each descent.
+
+    Returns
+    -------
+    For each descent its confirmed end, or its start.
     """
     confirmed_optima = []
     designs = np.stack([descent.file_values(optimum.x) for optimum in optima], axis=1)
     modes_of_design = find_all_modes(evaluator, designs)
     for start, optimum, modes in zip(starts, optima, modes_of_design, strict=True):
-        same_modes = [mode for mode in modes if optimum.mode.continues_in(mode)]
-        candidates = [descent.as_optimum(mode, optimum.x) for mode in same_modes]
-        allowed = optimum.objectives + descent.tolerance
-        confirmed = [x for x in candidates if np.all(x.objectives <= allowed)]
-        if confirmed:
-            confirmed_optima.append(confirmed[0])
+        allowed_objectives = optimum.objectives + descent.tolerance
+        for mode in modes:
+            if not optimum.mode.continues_in(mode):
+                continue
+            candidate = descent.as_optimum(mode, optimum.x)
+            if np.all(candidate.objectives <= allowed_objectives):
+                confirmed_optima.append(candidate)
+                break
         else:
+            # No mode of the search confirms the optimum.
             confirmed_optima.append(descent.as_optimum(start.mode, start.x))
     return confirmed_optima
 
@@ -435,15 +456,16 @@ def _merge_same_linkages(
 def _are_alike(
     optimum: LocalOptimum, other_optimum: LocalOptimum, descent: Descent
 ) -> bool:
-    """Return whether two optima are the same point, or the same linkage and as good.
+    """Return whether two optima are the same design, or the same linkage and as good.
 
-    Linkages are the same up to mirror images and axes that point the other way. Objectives
-    within the tolerance of the descents are as good.
+    Linkages are the same up to mirror images and axes that point the other way. Optima are
+    equally good if their objectives differ by at most the tolerance of the descents.
 
     Parameters
     ----------
     optimum, other_optimum
-        Two ends of descents, whose points are in units of the ranges of the variables.
+        Two ends of descents. Their points `x` have a coordinate for each design variable: 0
+        and 1 are the ends of its range.
     descent
         The descents that led to the optima.
     """
@@ -451,7 +473,8 @@ def _are_alike(
     if np.max(distances) < SAME_LINKAGE and optimum.mode.continues_in(other_optimum.mode):
         return True
     sweep = descent.sweep
-    # Masses and loads must be the same, since comparing linkages ignores them.
+    # Masses and loads must be the same, because the comparison of linkages ignores them.
+    # The first part of the path of a variable is the table of the file in which it is.
     is_action = [variable.path[0] in ACTIONS for variable in sweep.variables]
     if np.any(distances[is_action] >= SAME_LINKAGE):
         return False

@@ -22,17 +22,21 @@ from spherekit.geometry.vectors import all_finite, nans
 
 @dataclass(frozen=True, eq=False)
 class ModeOrigin:
-    """The design from which the configurations of a mode are tracked to other designs.
+    """Configurations of an assembly mode in one design, from which others are computed.
+
+    An assembly mode is one of the ways to assemble a mechanism at given inputs. In other
+    designs its configurations are found by changing the sizes step by step.
 
     Attributes
     ----------
     path_kernel
         The closure equations of all designs.
     design
-        The design.
+        The design with these configurations.
     configurations
-        (variables, n) pair variables (rad) of the mode at the samples and then at the
-        points of figures; NaN where the mode does not close.
+        (variables, n) pair variables (rad) of the mode: first at the samples of the input,
+        then at the input values that single figures of merit use. NaN where the mechanism
+        cannot be assembled in this mode.
     """
 
     path_kernel: PathKernel
@@ -62,41 +66,47 @@ class SynthesisMode:
     origin: ModeOrigin | None = None
 
     def position_arguments(self, design: DesignPoint, count: int = 1) -> Floats:
-        """Return the position arguments of the kernel for this mode of a design.
+        """Return the numbers that determine the link positions of this mode in a design.
+
+        If all groups of links are dyads (two links and three R pairs), these are the signs
+        of the dyads. They choose between the two ways to assemble each dyad. Otherwise they
+        are the variables of all pairs. The known configurations of another design, the
+        origin, are then tracked while its sizes change to those of this design.
 
         Parameters
         ----------
         design
             The design.
         count
-            Number n of samples and points of figures.
+            Number n of configurations: samples, and input values of single figures.
 
         Returns
         -------
-        (w, n) signs of the dyads, or pair variables (rad), which are NaN where the mode
-        does not close or cannot be tracked.
+        (w, n) signs of the dyads (1 or -1), or pair variables (rad), which are NaN where
+        the mechanism cannot be assembled or the tracking fails.
         """
         if self.origin is None:
+            # The label has one letter, "+" or "-", for each dyad.
             signs = np.array([1.0 if letter == "+" else -1.0 for letter in self.label])
             return np.repeat(signs[:, None], count, axis=1)
         origin = self.origin.design
         configurations = self.origin.configurations
-        closed = np.flatnonzero(all_finite(configurations, 0))
+        closed_indices = np.flatnonzero(all_finite(configurations, 0))
         profiles = None
         if origin.profiles is not None:
             deviation = design.values - origin.values
             profiles = origin.profiles.interpolate_to(deviation[:, None])
-        # Only configurations at which the mode closes can be tracked; the inputs are held.
-        values, arrived = track_solutions(
+        # Only known configurations can be tracked. Their inputs are constant.
+        values, has_arrived = track_solutions(
             self.origin.path_kernel,
-            start=configurations[:, closed],
+            start=configurations[:, closed_indices],
             sizes=(origin.sizes[:, None], design.sizes[:, None]),
             profiles=profiles,
             contraction=LONG_PATH_CONTRACTION,
         )
-        arguments = nans(configurations.shape)
-        arguments[:, closed[arrived]] = values[:, arrived]
-        return arguments
+        pair_variables = nans(configurations.shape)
+        pair_variables[:, closed_indices[has_arrived]] = values[:, has_arrived]
+        return pair_variables
 
     def with_origin(self, design: DesignPoint) -> "SynthesisMode":
         """Return the same mode, tracked from another design from now on."""
@@ -108,97 +118,119 @@ class SynthesisMode:
         return SynthesisMode(self.label, origin)
 
     def continues_in(self, other_mode: "SynthesisMode") -> bool:
-        """Return whether this mode is another one when it is tracked to its design.
+        """Return whether this mode becomes the other one in the design of the other one.
 
-        They are the same mode if their configurations agree wherever both close, which must
-        be at one sample or more.
+        Modes with signs are compared by their signs. Otherwise the configurations of this
+        mode are tracked while the sizes change to the design of the other mode. It is the
+        same mode if the configurations then agree at all samples where both modes have one.
+        There must be such a sample.
         """
         if other_mode.origin is None:
             return self.label == other_mode.label
         other_configurations = other_mode.origin.configurations
-        values = self.position_arguments(other_mode.origin.design)
-        both_close = all_finite(values, 0) & all_finite(other_configurations, 0)
-        distances = solution_distance(
-            values[:, both_close], other_configurations[:, both_close]
+        tracked_configurations = self.position_arguments(other_mode.origin.design)
+        # Configurations that do not exist are NaN.
+        both_exist = all_finite(tracked_configurations, 0) & all_finite(
+            other_configurations, 0
         )
-        return bool(np.any(both_close) and np.max(distances) < SAME_SOLUTION_RAD)
+        distances = solution_distance(
+            tracked_configurations[:, both_exist], other_configurations[:, both_exist]
+        )
+        return bool(np.any(both_exist) and np.max(distances) < SAME_SOLUTION_RAD)
 
 
 def find_labelled_modes(
     evaluator: DesignEvaluator, designs: Floats, labels: Sequence[str]
 ) -> list[SynthesisMode | None]:
-    """Return one mode of each design.
+    """Return the assembly mode of each design that has a given label.
+
+    An assembly mode is one of the ways to assemble the mechanism at given inputs.
 
     Parameters
     ----------
     evaluator
-        The evaluator of the designs.
+        Evaluates the designs of the mechanism.
     designs
-        (variables, n) values of the variables, in the units of the file.
+        (variables, n) values of the numbers in the mechanism file that differ from design
+        to design, in the units of the file.
     labels
-        (n,) the label of the mode of each design.
+        (n,) the label of the mode that is sought in each design.
 
     Returns
     -------
-    The modes, None where the design has no such mode.
+    The mode of each design, None if the design has no mode with its label.
     """
+    # If all modes have signs, the label is the signs. Nothing needs to be searched.
     if not evaluator.has_unsigned_modes:
         return [SynthesisMode(label) for label in labels]
-    # Each design is searched once; `number` is that of each design among the unique ones.
-    unique_designs, number = np.unique(designs, axis=1, return_inverse=True)
-    modes_by_label = [
+    # A design may occur several times, with different labels, but is searched once.
+    unique_designs, unique_indices = np.unique(designs, axis=1, return_inverse=True)
+    modes_of_unique_design = [
         {mode.label: mode for mode in modes}
         for modes in find_all_modes(evaluator, unique_designs)
     ]
-    return [modes_by_label[k].get(x) for k, x in zip(number, labels, strict=True)]
+    return [
+        modes_of_unique_design[unique_index].get(label)
+        for unique_index, label in zip(unique_indices, labels, strict=True)
+    ]
 
 
 def find_all_modes(
     evaluator: DesignEvaluator, designs: Floats
 ) -> list[list[SynthesisMode]]:
-    """Return all modes of each design, with configurations from which they are tracked.
+    """Return all assembly modes of each design, with their configurations.
 
-    If profiles are not circles, the modes of each design are found by a search. Otherwise
-    the solutions of all designs are tracked together from those of one design.
+    An assembly mode is one of the ways to assemble the mechanism at given inputs. The
+    configurations serve as the start when a mode is tracked to other designs later.
 
     Parameters
     ----------
     evaluator
-        An evaluator whose modes have no signs.
+        An evaluator whose modes have no signs, because some group of links is no dyad.
     designs
-        (variables, n) values of the variables, in the units of the file.
+        (variables, n) values of the numbers in the mechanism file that differ from design
+        to design, in the units of the file.
 
     Returns
     -------
-    The modes of each design; none if it is impossible or does not close.
+    The modes of each design. The list is empty if the design is impossible or cannot be
+    assembled.
     """
     modes_of_design: list[list[SynthesisMode]] = [[] for _ in designs.T]
-    evaluated = [evaluator.varied_mechanism.evaluate_design(design) for design in designs.T]
-    possible = [(k, design) for k, design in enumerate(evaluated) if design is not None]
+    design_points = [
+        evaluator.varied_mechanism.evaluate_design(design) for design in designs.T
+    ]
+    # Impossible designs are None. The others keep their index among all designs.
+    possible_designs = [
+        (index, design) for index, design in enumerate(design_points) if design is not None
+    ]
 
     def append_mode(
         index: int, label: str, design: DesignPoint, configurations: Floats
     ) -> None:
         """Add a mode to those of the design with this index.
 
-        The configurations are (variables, samples + points), in rad.
+        The configurations are (variables, samples + points of figures), in rad.
         """
         origin = ModeOrigin(evaluator.path_kernel, design, configurations)
         modes_of_design[index].append(SynthesisMode(label, origin))
 
     if evaluator.varied_mechanism.has_shaped_profiles:
-        for index, design in possible:
+        # Some profiles are not circles: the modes of each design are searched singly. A
+        # design for which the search fails has no modes.
+        for index, design in possible_designs:
             assert design.profiles is not None
             with suppress(SpherekitError):
                 motion = evaluator.analyse_positions(design.profiles.mechanism)
                 for k, mode in enumerate(motion.position_analysis.assembly_modes):
                     label = f"{mode.number} {mode.label}"
                     append_mode(index, label, design, motion.values[:, :, k])
-    elif possible:
-        sizes = np.stack([design.sizes for _, design in possible], axis=1)
+    elif possible_designs:
+        # The solutions of one design are tracked to all designs together.
+        sizes = np.stack([design.sizes for _, design in possible_designs], axis=1)
         modes = evaluator.track_modes(sizes)
-        # `number` counts the possible designs only.
-        for k, (number, label) in enumerate(zip(modes.design, modes.labels, strict=True)):
-            index, design = possible[number]
+        for k, (position, label) in enumerate(zip(modes.design, modes.labels, strict=True)):
+            # `modes.design` counts the possible designs only.
+            index, design = possible_designs[position]
             append_mode(index, label, design, modes.values[:, :, k])
     return modes_of_design

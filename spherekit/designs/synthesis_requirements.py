@@ -36,16 +36,18 @@ They are so large that the evolution prefers every design that has the mode.
 
 @dataclass(frozen=True)
 class ModeScores:
-    """Objectives and violations of the designs that have a mode.
+    """Objectives and violated conditions of designs in one assembly mode.
+
+    Only the m designs that can be assembled in this mode are included.
 
     Attributes
     ----------
     design
-        (m,) indices of these designs.
+        (m,) indices of these designs among those that were evaluated.
     objectives
-        (m, k) their objectives.
+        (m, k) values of the k objectives, which are minimised.
     violations
-        (m,) by how much they violate all conditions together, 0 if they meet them.
+        (m,) sum of the amounts by which conditions are violated, 0 if all are met.
     """
 
     design: Indices
@@ -94,20 +96,20 @@ class Specification:
             raise DesignError(f"minimise: {problem}") from None
 
     def select_rows(self, columns: Columns) -> tuple[Columns, Floats]:
-        """Return the rows that close and have finite objectives.
+        """Return the rows of a table of designs that have values of all objectives.
 
         Parameters
         ----------
         columns
-            Columns of the table of designs.
+            Columns of the table by name. A row is one assembly mode of one design.
 
         Returns
         -------
         rows
-            The columns of these rows, with the figure `MATCH` if there are precision
-            points.
+            The columns of the selected rows. If there are precision points, they include
+            the figure `MATCH`, the root mean square of the errors at these points.
         objectives
-            (rows, k) their objectives.
+            (selected rows, k) values of the objectives.
         """
         columns = self.add_match(columns)
         objectives = self._evaluate_objectives(columns)
@@ -141,8 +143,8 @@ class Specification:
         has_mode = rows["mode"] == mode
         violations = np.zeros(len(objectives))
         for condition in self.sweep.conditions:
+            # The condition is less < more. It is not met if a side is NaN.
             less, more = condition.evaluate_sides(rows)
-            # A condition on NaN is not met.
             excess = np.nan_to_num(less - more, nan=np.inf)
             violations += np.maximum(excess, 0.0)
         return ModeScores(
@@ -150,10 +152,11 @@ class Specification:
         )
 
     def explain_failure(self) -> str:
-        """Return, as text, how many of the first designs fail and why.
+        """Return a text that says why no design meets the requirements.
 
-        The text counts designs that close at no sample, impossible designs with the reason
-        of the first one, and how many of the closing rows meet each condition.
+        The first designs of the sweep are evaluated. The text counts designs that close at
+        no sample, impossible designs with the reason of the first one, and the rows
+        (assembly modes of other designs) that meet each condition.
         """
         designs = self.sweep.space.compute_designs(0, MAX_EXPLAINED_DESIGNS)
         rows = self.add_match(self._tabulate(designs))
@@ -191,30 +194,33 @@ class Specification:
 
 
 def select_nondominated(objectives: Floats, modes: Array) -> Indices:
-    """Return the rows than which no row of their mode is better in all objectives.
+    """Return the nondominated rows of each assembly mode (the Pareto front).
+
+    A row dominates another one of the same mode if no objective is larger and the rows are
+    not equal. Smaller objectives are better.
 
     Parameters
     ----------
     objectives
-        (n, k) objectives.
+        (n, k) values of the k objectives in each row.
     modes
-        (n,) labels of the modes.
+        (n,) labels of the assembly modes of the rows.
 
     Returns
     -------
-    (m,) indices of these rows, rising. Of equal rows only the first one is included. A
-    smaller objective is better.
+    (m,) indices of the rows that no row dominates, rising. Of equal rows only the first one
+    is included.
     """
     nondominated: list[int] = []
     for mode in np.unique(modes):
         rows = np.flatnonzero(modes == mode)
-        # Sorted by the first objective, then by the second and so on, the first of the
-        # remaining rows is dominated by none of them.
+        # The rows are sorted by the first objective, then by the second and so on. No
+        # remaining row dominates the first one.
         rows = rows[np.lexsort(objectives[rows].T[::-1])]
         while len(rows):
             best = rows[0]
             nondominated.append(best)
-            # Those remain that are better in at least one objective.
+            # The rows that are better than it in at least one objective remain.
             rows = rows[np.any(objectives[rows] < objectives[best], axis=1)]
     return np.array(sorted(nondominated), dtype=np.intp)
 
@@ -273,10 +279,12 @@ def evolve_fronts(
     seed = sweep.space.seed
 
     class FrontProblem(Problem):  # type: ignore[misc]
-        """The objectives and conditions of a generation of designs in one mode.
+        """The optimisation problem that pymoo solves: the Pareto front of one mode.
 
-        pymoo passes points (population, variables) and reads objectives from ``out["F"]``
-        and constraint violations from ``out["G"]``.
+        pymoo calls `_evaluate` with the points (population, variables) of a generation of
+        designs. Coordinates 0 and 1 are the ends of the range of a design variable. pymoo
+        then reads the objectives from ``out["F"]`` and the violations of constraints from
+        ``out["G"]``. Designs that do not have the assembly mode get large numbers.
         """
 
         def __init__(self, mode: str) -> None:
@@ -287,12 +295,14 @@ def evolve_fronts(
 
         def _evaluate(self, x: Floats, out: dict[str, Floats], *_: Any, **__: Any) -> None:
             """Write the objectives and violations of points x into `out`."""
-            scores = specification.score_mode((low + (high - low) * x).T, self.mode)
+            designs = (low + (high - low) * x).T
+            scores = specification.score_mode(designs, self.mode)
             out["F"] = np.full((len(x), objective_count), MISSING_DESIGN_VIOLATION)
             out["G"] = np.full((len(x), 1), MISSING_DESIGN_VIOLATION)
             out["F"][scores.design] = scores.objectives
             out["G"][scores.design, 0] = scores.violations
-            progress.tell(f"front of mode {self.mode}".__str__)
+            # `tell` calls the function only if it shows the text.
+            progress.tell(lambda: f"front of mode {self.mode}")
 
     # The evolution evaluates about as many designs as the sweep before.
     generation_count = max(sweep.space.count // POPULATION_SIZE, 1)
@@ -324,14 +334,16 @@ def evolve_fronts(
 
 
 def _spread_points(points: Floats, objectives: Floats, max_points: int) -> Floats:
-    """Return some points, spread evenly in the order of the first objective.
+    """Return some of the points of a front, spread evenly by the first objective.
+
+    Points are sorted by their first objective, and evenly spaced ranks are selected.
 
     Parameters
     ----------
     points
-        (n, variables) points.
+        (n, variables) points: designs as coordinates.
     objectives
-        (n, k) their objectives.
+        (n, k) objectives of the points.
     max_points
         Largest number of points that are returned.
 

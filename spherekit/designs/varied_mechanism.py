@@ -80,17 +80,18 @@ constant derivatives count as varying, and they are computed again for each desi
 
 @dataclass(frozen=True)
 class ColumnGradients:
-    """The columns of a kernel at n samples of a design, and their derivatives.
+    """Quantities of one design at n samples, and their derivatives by design variables.
 
     Attributes
     ----------
     closes
-        (n,) whether all dyads close.
+        (n,) whether the mechanism can be assembled: all dyads (two links and three R pairs)
+        close.
     columns
-        (columns, n) values in rad and SI units.
+        (columns, n) values of the quantities in rad and SI units.
     gradients
-        (variables, columns, n) derivatives by the variables in the units of the file, with
-        the loops kept closed.
+        (variables, columns, n) derivatives by the design variables in the units of the
+        file. The inputs are constant, and the loops stay closed.
     """
 
     closes: Bools
@@ -325,30 +326,33 @@ class VariedMechanism:
         )
 
     def _output_directions(self) -> dict[str, str | Exprs]:
-        """Return the directions of outputs that may vary, by name of the output.
+        """Return the directions of outputs that may differ between designs, by output.
 
-        A direction is the name of the pair along whose axis the output points. If longitude
-        or latitude are varied, it is an expression (3,) in the axes of the link.
+        An output can point along the axis of a pair, whose direction in the link may follow
+        sizes that vary. The direction is then the name of this pair. If the longitude or
+        latitude of an output varies, its direction is an expression (3,) in link axes.
         """
         outputs = self.document.data.get("outputs", {})
-        # Outputs along the axis of a pair, whose direction may follow varied sizes.
         directions: dict[str, Any] = {
             name: output["axis"] for name, output in outputs.items() if "axis" in output
         }
-        # Longitude and latitude of the other outputs; angles that vary become symbols.
+        # Longitude and latitude (rad) of outputs, if one of them varies. An angle that
+        # varies is a symbol, the other one a number.
         angles_by_output: dict[str, list[Any]] = {}
         for variable in self.variables:
-            # The location is the output, and 0 for its longitude or 1 for its latitude.
+            # `slot` is the kind and location of a size. The location of an angle of an
+            # output is the output, and 0 for its longitude or 1 for its latitude.
             kind, location = variable.slot or ("", None)
             if location is not None and kind == POINTED:
                 output, index = location
-                nominal = [self._angle_unit * float(x) for x in outputs[output]["lonlat"]]
+                nominal = [
+                    self._angle_unit * float(angle) for angle in outputs[output]["lonlat"]
+                ]
                 angles = angles_by_output.setdefault(output, nominal)
                 (angles[index],) = symbols([variable.name])
-        return directions | {
-            output: direction_from_angles(*angles)
-            for output, angles in angles_by_output.items()
-        }
+        for output, (longitude, latitude) in angles_by_output.items():
+            directions[output] = direction_from_angles(longitude, latitude)
+        return directions
 
     @property
     def nominal_sizes(self) -> Floats:
@@ -357,21 +361,26 @@ class VariedMechanism:
         return np.concatenate([variable_sizes, self._nominal_numbers[self.varied_numbers]])
 
     def kernel_sizes(self, values: Floats) -> tuple[Floats, NDArray[np.object_]]:
-        """Return the sizes of the kernel for designs.
+        """Return the sizes that kernels take as arguments, for n designs.
+
+        A kernel is a function that computes quantities of many designs at once. Some design
+        variables are sizes themselves. Other sizes are numbers of contacts, masses and
+        loads, which are read from the mechanism file of each design.
 
         Parameters
         ----------
         values
-            (variables, n) values of the variables, in the units of the file.
+            (variables, n) values of the design variables, in the units of the file.
 
         Returns
         -------
         sizes
-            (sizes, n) sizes in rad and SI units, NaN for impossible designs.
+            (sizes, n) sizes in rad and SI units. The numbers that are read from a file are
+            NaN for impossible designs.
         reasons
             (n,) `OK`, or the text why the design is impossible. It is `OTHER_FORM` for a
-            design that may be possible, but not in this kernel: its loads or contacts have
-            another form, or numbers differ that count as constant.
+            design that may be possible, but to which the kernel does not apply: its loads
+            or contacts have another form, or numbers differ that count as constant.
         """
         numbers = nans((len(self.varied_numbers), values.shape[1]))
         reasons = np.full(values.shape[1], OK, dtype=object)
@@ -387,27 +396,35 @@ class VariedMechanism:
     def evaluate_design(
         self, values: Floats, mechanism: Mechanism | None = None
     ) -> DesignPoint | None:
-        """Return a design as kernels need it, or None if the design is impossible.
+        """Return the sizes of a design and their derivatives, as kernels need them.
 
-        It has the sizes, their derivatives by the variables, and the profiles if they are
-        not circles.
+        A kernel is a function that computes quantities of many designs at once.
 
         Parameters
         ----------
         values
-            (variables,) values of the variables, in the units of the file.
+            (variables,) values of the design variables, in the units of the file.
         mechanism
-            The mechanism of the design, if it is known.
+            The mechanism of the design. By default it is read from the file if needed.
+
+        Returns
+        -------
+        The design, with its contact profiles if they are not circles. None if the design is
+        impossible.
         """
         sizes, reasons = self.kernel_sizes(values[:, None])
         if reasons[0] != OK:
             return None
-        # Derivatives of the numbers read from files: constant ones are known already.
-        number_slopes = [
-            self._differentiate_numbers(values, k) if constant is None else constant
-            for k, constant in enumerate(self.constant_slopes)
-        ]
-        # A variable that is a size changes this size alone, by the unit of the file.
+        # Derivatives, by each variable, of the numbers that are read from the file. Some
+        # are the same for all designs.
+        number_slopes = []
+        for k, constant_slope in enumerate(self.constant_slopes):
+            if constant_slope is None:
+                number_slopes.append(self._differentiate_numbers(values, k))
+            else:
+                number_slopes.append(constant_slope)
+        # A variable that is a size changes this size alone. The derivative is the factor
+        # from the unit of the file to rad or SI units.
         variable_slopes = np.diag(self.unit_scales)[self.size_variables]
         slopes = np.concatenate([variable_slopes, np.stack(number_slopes, axis=1)])
         profiles = None
@@ -488,13 +505,17 @@ class VariedMechanism:
     def _read_numbers(self, values: Floats) -> Floats:
         """Read all numbers of contacts, masses and loads of a design from its file.
 
-        The form of contacts and loads is what remains if their numbers are ignored: how
-        many there are and of which kind. A kernel applies to one form.
+        The form of contacts and loads is their number and their kinds. A kernel, which
+        computes many designs at once, applies to one form only.
 
         Parameters
         ----------
         values
             (variables,) values of the variables, in the units of the file.
+
+        Returns
+        -------
+        (numbers,) numbers of the links that replace contacts, then of masses and loads.
 
         Raises
         ------
@@ -502,7 +523,8 @@ class VariedMechanism:
             If the design is impossible. The message is `OTHER_FORM` if its contacts or
             loads have another form than those of the kernel.
         """
-        # Only masses and loads are read anew if nothing else follows the variables.
+        # The mechanism of the design. If only masses and loads follow the variables, the
+        # rest of the file is not read again.
         if self._reads_whole_file:
             mechanism = make_design(self.document, self.variables, values)
         else:
@@ -514,13 +536,14 @@ class VariedMechanism:
             changed_document = with_numbers(self.document, numbers_by_path)
             mechanism = replace_actions(self.mechanism, changed_document)
         actions = masses_and_loads(mechanism)
+        # Contacts are replaced by links with R pairs, the equivalent linkage.
         contact_numbers: list[float] = []
         if self.equivalent_linkage is not None:
             linkage = find_equivalent_linkage(mechanism, self.inputs, self.wheel_gap_rad)
             if linkage is None or linkage.form != self.equivalent_linkage.form:
                 raise DesignError(OTHER_FORM)
             contact_numbers = linkage.numbers
-        # Masses and loads whose numbers are all zero differ in form only.
+        # The form of masses and loads is compared with all their numbers set to zero.
         form = replace_numbers(actions, lambda number: 0.0)
         nominal_form = replace_numbers(masses_and_loads(self.mechanism), lambda number: 0.0)
         if form != nominal_form:
@@ -549,10 +572,11 @@ class VariedMechanism:
 
     @cached_property
     def constant_slopes(self) -> list[Floats | None]:
-        """For each variable the derivatives (varied numbers,) that are the same everywhere.
+        """For each design variable, the derivatives that are the same in all designs.
 
-        They count as the same everywhere if they agree at all trials. The entry is None if
-        they do not agree, or if no trial is possible.
+        The derivatives (varied numbers,) are those of the numbers of contacts, masses and
+        loads that differ between designs. They count as the same if they agree at all trial
+        designs. The entry is None if they do not agree, or if no trial design is possible.
         """
         constant_slopes: list[Floats | None] = []
         for k, variable in enumerate(self.variables):
@@ -560,12 +584,13 @@ class VariedMechanism:
                 # Masses and loads do not follow sizes of links here.
                 constant_slopes.append(np.zeros(len(self.varied_numbers)))
                 continue
-            nominal, *others = self.trial_slopes(k)
+            # The derivatives at the design of the file come first.
+            nominal_slopes, *trial_slopes = self.trial_slopes(k)
             agrees = all(
-                np.allclose(nominal, x, rtol=CONSTANT_SLOPE_TOLERANCE, atol=0.0)
-                for x in others
+                np.allclose(nominal_slopes, slopes, rtol=CONSTANT_SLOPE_TOLERANCE, atol=0.0)
+                for slopes in trial_slopes
             )
-            constant_slopes.append(nominal if others and agrees else None)
+            constant_slopes.append(nominal_slopes if trial_slopes and agrees else None)
         return constant_slopes
 
     def trial_slopes(self, k: int) -> list[Floats]:
@@ -577,18 +602,23 @@ class VariedMechanism:
         return [self._differentiate_numbers(design, k) for design in designs]
 
     def _differentiate_numbers(self, values: Floats, k: int) -> Floats:
-        """Return the derivatives of the varied numbers by variable k at a design.
+        """Return the derivatives of the varied numbers by one variable, at a design.
+
+        The varied numbers are those of contacts, masses and loads that differ between
+        designs. They are read from the mechanism file and differentiated by difference
+        quotients.
 
         Parameters
         ----------
         values
-            (variables,) values of the variables, in the units of the file.
+            (variables,) values of the design variables, in the units of the file.
         k
             Index of the variable.
 
         Returns
         -------
-        (varied numbers,) derivatives, NaN if the file allows no difference quotient.
+        (varied numbers,) derivatives, NaN if no difference quotient is possible because
+        designs with other values are impossible.
         """
 
         def read_change(design: Floats) -> Floats:

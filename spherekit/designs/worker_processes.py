@@ -130,7 +130,7 @@ def compute_in_processes(
 
 
 class _WorkerDeath:
-    """Reports that a worker ended while it computed a part.
+    """Reports that a worker process ended while it computed a part of a sweep.
 
     Attributes
     ----------
@@ -257,11 +257,11 @@ class _WorkerProcess:
         DesignError
             If the worker cannot load the sweep, or ended by itself with an exit status.
         """
-        # The answer is False if the pipe is broken, None if the worker ended before it
-        # answered.
-        answer = (
-            self._send(sys.path) and self._send(sweep_message) and self._receive_answer()
-        )
+        # The worker needs the import path before it can load the sweep. `_send` returns
+        # whether the message could be written.
+        is_sent = self._send(sys.path) and self._send(sweep_message)
+        # There is no answer (None) if the worker ended before it answered.
+        answer = self._receive_answer() if is_sent else None
         if isinstance(answer, Loaded):
             if answer.fault:
                 raise DesignError(
@@ -336,7 +336,9 @@ class _Crew:
         waiting_parts: "queue.SimpleQueue[int]",
         worker_count: int,
     ) -> None:
-        """Prepare a crew; nothing is started yet.
+        """Prepare a crew of threads, each of which runs one worker process at a time.
+
+        Nothing is started yet.
 
         Parameters
         ----------
@@ -352,6 +354,8 @@ class _Crew:
         self._sweep = sweep
         self._sweep_message = sweep_message
         self._waiting_parts = waiting_parts
+        # The threads put the number of each finished part, the report of an ended worker,
+        # or an error into this queue. `events` takes them out.
         self._events: queue.SimpleQueue[int | _WorkerDeath | BaseException] = (
             queue.SimpleQueue()
         )

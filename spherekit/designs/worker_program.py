@@ -48,11 +48,12 @@ class Computed:
 def work() -> None:
     """Compute parts until the parent process closes the standard input of this process.
 
-    The first message on standard input is a tuple: the pickled sweep, and the path of the
-    folder in which parts are written. The answer is `Loaded`, and if that has a `fault`,
-    the function returns. Each further message is the number of a part, and its answer is
-    `Computed`. The answers are written to the standard output of this process, and
-    everything that other code prints is redirected to standard error.
+    A sweep evaluates many designs of a mechanism, and is divided into numbered parts. The
+    first message on standard input is a tuple: the pickled sweep, and the path of the
+    folder in which parts are written. The answer is `Loaded`. If the sweep cannot be
+    loaded, the answer says so, and the function returns. Each further message is the number
+    of a part, and the answer is `Computed`. The answers are pickled too and written to the
+    standard output of this process. Texts that other code prints go to standard error.
     """
     # Ctrl-C may be sent to all processes of a terminal. The parent process handles it and
     # then ends this process.

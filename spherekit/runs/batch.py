@@ -197,72 +197,101 @@ class Batch:
     ) -> Callable[[str, int | None], Interleaved]:
         """Return a function that makes table columns with one row per pole and batch row.
 
-        The rows of a column are those of all poles at the first batch row, then those at
-        the second, and so on.
+        A pole is the instantaneous axis about which one link rotates relative to another. A
+        batch row is one sample in one assembly mode. A column first has the numbers of all
+        poles at the first batch row, then those at the second, and so on.
 
-        A column can be computed when the table is read. This saves time in runs of many
-        samples whose analysis only passes columns on.
+        The columns can be lazy: their numbers are computed when the table is read. This
+        saves time in long runs of an analysis that only writes the columns to its table.
 
         Parameters
         ----------
         poles
-            For each pole two links and the index of the input that moves.
+            For each pole two link numbers, and the index of the input that moves while the
+            other inputs are locked.
 
         Returns
         -------
-        A function of the name of a method that takes two links and an input, such as
-        ``"direction"``, and of the component of a vector (None for numbers).
+        A function ``(quantity, component)`` that returns a column. The quantity is the name
+        of a method of this class that takes two links and an input, such as
+        ``"direction"``. The component is the index in a vector, or None for a number.
         """
 
-        def column(quantity: str, component: int | None) -> Interleaved:
+        def make_column(quantity: str, component: int | None) -> Interleaved:
             if quantity not in _POLE_FIELD_NAMES:
                 raise AnalysisError(
                     f"a column of {quantity!r} was asked for; give one of "
                     f"{listing(_POLE_FIELD_NAMES)}"
                 )
-            name = _POLE_FIELD_NAMES[quantity]
-            parts: list[Array | LazyColumn] = []
+            # The attribute of `PoleField` with the numbers of this quantity.
+            field_name = _POLE_FIELD_NAMES[quantity]
+            values_by_pole: list[Array | LazyColumn] = []
             for i, j, moved in poles:
-                # A kernel computes the column later. Other values are known already.
                 pole_field = self._pole_field(moved)
-                if isinstance(pole_field, LazyField) and name not in pole_field.IN_MEMORY:
+                if (
+                    isinstance(pole_field, LazyField)
+                    and field_name not in pole_field.IN_MEMORY
+                ):
+                    # The numbers are computed when they are read.
                     self._check_pole(i, j, quantity)
-                    parts.append(pole_field.column(name, pole_of(i, j), component or 0))
+                    lazy_column = pole_field.column(
+                        field_name, pole_of(i, j), component or 0
+                    )
+                    values_by_pole.append(lazy_column)
                 else:
+                    # The numbers are known: call the method of this class by its name.
                     values = np.asarray(getattr(self, quantity)(i, j, moved))
-                    parts.append(values if component is None else values[:, component])
-            return Interleaved(parts)
+                    if component is not None:
+                        values = values[:, component]
+                    values_by_pole.append(values)
+            return Interleaved(values_by_pole)
 
-        return column
+        return make_column
 
     def pole_columns(self, poles: Sequence[tuple[int, int, int]]) -> dict[str, Interleaved]:
         """Return the columns of a pole table, with one row per pole and batch row.
 
-        They are sample, assembly mode, the names of the links and of the moving input, the
-        axis, the coefficients, the closure residual and the status. See `of_poles`.
+        A pole is the instantaneous axis about which one link rotates relative to another. A
+        batch row is one sample in one assembly mode. The table has the rows of all poles at
+        the first batch row, then those at the second, and so on.
+
+        Parameters
+        ----------
+        poles
+            For each pole the numbers of two links, and the index of the input that moves
+            while the other inputs are locked. The first link is the one from which the
+            motion is seen.
+
+        Returns
+        -------
+        The columns by name: sample, assembly mode and closure residual of the batch row,
+        names of the links and of the moving input, unit vector of the axis, coefficients
+        of velocity and acceleration, and status.
         """
-        make_column = self.of_poles(poles)
+        columns: dict[str, Interleaved] = {}
+        # These are the same for all poles of a batch row.
+        for name in ("sample", "assembly_mode", "residual"):
+            columns[name] = Interleaved([getattr(self, name)] * len(poles))
+
+        # These are the same in all batch rows of a pole.
         links = self.mechanism.links
-        pairs = self.moving_inputs
         texts_by_column = {
             "link": [links[j] for _, j, _ in poles],
-            "relative_to": [links[i] for i, *_ in poles],
-            "moving": [pairs[moved] for *_, moved in poles],
+            "relative_to": [links[i] for i, _, _ in poles],
+            "moving": [self.moving_inputs[moved] for _, _, moved in poles],
         }
-        return {
-            **{
-                name: Interleaved([getattr(self, name)] * len(poles))
-                for name in ("sample", "assembly_mode", "residual")
-            },
-            **{
-                name: Interleaved([np.broadcast_to(np.array(x), len(self)) for x in texts])
-                for name, texts in texts_by_column.items()
-            },
-            **{f"u{axis}": make_column("direction", k) for k, axis in enumerate("xyz")},
-            "velocity_coefficient": make_column("velocity_coefficient", None),
-            "acceleration_coefficient": make_column("acceleration_coefficient", None),
-            "status": make_column("pole_status", None),
-        }
+        for name, texts in texts_by_column.items():
+            columns[name] = Interleaved(
+                [np.broadcast_to(np.array(text), len(self)) for text in texts]
+            )
+
+        make_column = self.of_poles(poles)
+        for component, axis in enumerate("xyz"):
+            columns[f"u{axis}"] = make_column("direction", component)
+        columns["velocity_coefficient"] = make_column("velocity_coefficient", None)
+        columns["acceleration_coefficient"] = make_column("acceleration_coefficient", None)
+        columns["status"] = make_column("pole_status", None)
+        return columns
 
     def assembly_mode_rows(self) -> Mapping[int, slice]:
         """Return the rows of each assembly mode, by its number."""
@@ -383,35 +412,44 @@ class Batch:
         return self._link_rate(link, self._pole_field(moved).dw)
 
     def pair_rate(self, name: str, moved: int = 0) -> Floats:
-        """Return (n,) the rate of a pair's variable per unit rate of the input."""
+        """Return (n,) the rate of a pair's variable per unit rate of the input.
+
+        `moved` is the index of the input that moves while the others are locked.
+        """
         self._check("pair_rate", "pair_rates", name)
         pair = self.mechanism.pair_number[name]
-        (number,) = self.mechanism.variables_of(pair)
+        (variable,) = self.mechanism.variables_of(pair)
         first, second = self.mechanism.ends[pair]
-        # Relative angular velocity of the links per unit rate of the variable.
-        axis = self._motion.vectors[:, number]
+        # (n, 3) relative angular velocity of the links per unit rate of the variable.
+        axis = self._motion.vectors[:, variable]
+        # The relative angular velocity of the links per unit rate of the input is the axis
+        # times the rate that is sought.
         w = self._pole_field(moved).w
-        along = np.sum((w[second] - w[first]) * axis, axis=1)
-        return along / np.vecdot(axis, axis)
+        along_axis = np.sum((w[second] - w[first]) * axis, axis=1)
+        return along_axis / np.vecdot(axis, axis)
 
-    def _check(self, read: str, need: str, name: str | None = None) -> None:
-        """Raise `UndeclaredNeed` if a need, or a pair or link in it, was not declared.
+    def _check(self, quantity: str, need: str, name: str | None = None) -> None:
+        """Raise `UndeclaredNeed` if an analysis reads a quantity that it has not declared.
+
+        An analysis declares in its `Needs` which quantities it reads, because a run
+        computes only the declared ones.
 
         Parameters
         ----------
-        read
+        quantity
             Name of the quantity in the message.
         need
-            Name of the field of `Needs`.
+            Name of the field of `Needs` that declares it. Some fields are flags. Others
+            are sets of the pairs or links for which the quantity is read.
         name
-            The pair or link that the field must contain. None if the field is a flag.
+            The pair or link that the set must contain. None if the field is a flag.
         """
         declared = getattr(self.needs, need)
         if name is None and not declared:
-            raise UndeclaredNeed(f"{read} was read; declare Needs({need}=True)")
+            raise UndeclaredNeed(f"{quantity} was read; declare Needs({need}=True)")
         if name is not None and name not in declared:
             raise UndeclaredNeed(
-                f'{read}("{name}") was read; declare it in Needs({need}=...)'
+                f'{quantity}("{name}") was read; declare it in Needs({need}=...)'
             )
 
     def _link_rate(self, link: str, values: Mapping[int, Floats]) -> Floats:
@@ -456,12 +494,25 @@ class Batch:
         return _read_only(values[pole_of(i, j)])
 
     def _check_pole(self, i: int, j: int, quantity: str) -> None:
-        """Raise `UndeclaredNeed` if a quantity of a pole was not declared."""
+        """Raise `UndeclaredNeed` if an analysis reads a quantity that it has not declared.
+
+        An analysis declares in its `Needs` of which poles it reads which quantities,
+        because a run computes only the declared ones. A pole is the instantaneous axis of
+        the relative rotation of two links.
+
+        Parameters
+        ----------
+        i, j
+            Numbers of the links of the pole, in any order.
+        quantity
+            Name of the method that was called, such as ``"direction"``.
+        """
         pole = pole_of(i, j)
         needs = self.needs
         if quantity.startswith("acceleration"):
             self._check(quantity, "derivatives")
-        # Every column of every pole is asked about, so no union of these sets is formed.
+        # The fields of `Needs` each of which makes the quantity available. This method is
+        # called for every column of every pole, so no union of the sets is formed.
         declared = [needs.directions, needs.rates, needs.planes]
         declaration = "directions=..."
         if quantity == "planes":
@@ -473,7 +524,7 @@ class Batch:
         elif "coefficient" in quantity:
             declared = [needs.rates]
             declaration = "rates=..."
-        if not any(pole in poles for poles in declared):
+        if not any(pole in declared_poles for declared_poles in declared):
             low, high = (self.mechanism.links[link] for link in pole)
             raise UndeclaredNeed(
                 f"{quantity} of the pole of links {high} and {low} was read; declare it in "
