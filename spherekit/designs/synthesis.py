@@ -217,7 +217,10 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
     optima = []
     for k, start in enumerate(descent_starts):
         optima.append(descent.descend(start.mode, start.x))
-        progress.tell(f"{k + 1} of {counted(len(descent_starts), 'descent')}".__str__)
+        # `tell` calls the function at once, and only if it shows the text.
+        progress.tell(
+            lambda: f"{k + 1} of {counted(len(descent_starts), 'descent')}"  # noqa: B023
+        )
     # Modes without signs are tracked configurations, which may be no mode of a sweep.
     if evaluator.has_unsigned_modes:
         optima = _confirm_modes(evaluator, descent, descent_starts, optima)
@@ -226,7 +229,9 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
         optima = select_unbeaten(_merge_same_linkages(optima, descent), descent.tolerance)
         for k in range(len(optima)):
             optima[k] = descent.challenge(optima[k], optima)
-            progress.tell(f"{k + 1} of {counted(len(optima), 'point')} attacked".__str__)
+            progress.tell(
+                lambda: f"{k + 1} of {counted(len(optima), 'point')} attacked"  # noqa: B023
+            )
     # Descents and challenges may have led to designs that others beat.
     optima = _merge_same_linkages(optima, descent)
     if has_front:

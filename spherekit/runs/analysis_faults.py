@@ -27,12 +27,15 @@ INSTALLED_PACKAGES_FOLDER = sysconfig.get_path("purelib")
 
 
 def describe_failed_rows(summary: Facts) -> list[str]:
-    """Return a sentence for each table with rows that failed although positions did not.
+    """Return a sentence for each table with failed rows, with their number and status.
+
+    Rows are counted only if their configuration was computed, so that the failure is one of
+    the analysis.
 
     Parameters
     ----------
     summary
-        The summary of a run.
+        The summary of a run, as in its file.
     """
     sentences = []
     for analysis in summary.get("analyses", ()):
@@ -47,7 +50,10 @@ def describe_failed_rows(summary: Facts) -> list[str]:
 
 @contextmanager
 def convert_plugin_errors(analysis: str, action: str) -> Iterator[None]:
-    """Convert all errors of a plugin to `PluginError`. Errors of spherekit are unchanged.
+    """Convert errors of a plugin to `PluginError` in a `with` block.
+
+    A plugin is an analysis, which other people may have written. Errors of spherekit
+    itself (`SpherekitError`) are unchanged, and so are interruptions by the user.
 
     Parameters
     ----------

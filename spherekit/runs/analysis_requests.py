@@ -19,18 +19,20 @@ def collect_needs(mechanism: Mechanism, analyses: Analyses) -> Needs:
 def plan_requests(
     mechanism: Mechanism, needs: Needs, by_rank: bool = False
 ) -> tuple[Request, ...]:
-    """Return the planned request for each input that moves while the others are locked.
+    """Return what has to be evaluated, for each input that moves while others are locked.
 
-    A request lists the poles and links to evaluate, with the plan of how poles are found.
+    A pole is the axis about which one link rotates relative to another. A request lists the
+    poles and links to evaluate, with the plan of how poles follow from each other.
 
     Parameters
     ----------
     mechanism
         The mechanism with its inputs.
     needs
-        What is read.
+        The quantities that analyses have declared to read.
     by_rank
-        As for `spherekit.planning.pole_planner.plan`.
+        Whether mobility is decided by the rank of the closure equations instead of by
+        counting links and pairs; see `spherekit.planning.pole_planner.plan`.
     """
     # The rate of a pair follows from the angular velocities of its two links.
     pair_links = [mechanism.pair(name).links for name in needs.pair_rates]

@@ -48,7 +48,7 @@ from spherekit.velocities.input_columns import InputColumns
 from spherekit.velocities.pole_request import Request
 from spherekit.velocities.row_kernel import ColumnFunction, RowKernel, row_kernel
 
-MAX_NEWTON_STEP_RAD = 1e-6
+MAX_BLOCK_NEWTON_STEP_RAD = 1e-6
 """Step of Newton's method from a predicted configuration that stays in its assembly mode.
 
 Larger: a step may reach another mode; smaller: more rows are computed without the kernel.
@@ -125,35 +125,55 @@ class BlockRows:
     def __init__(
         self, kernel: RowKernel, position_analysis: PositionAnalysis, q: Floats
     ) -> None:
-        """Allocate the arrays and cut the rows into slices. `fill` computes the rows."""
+        """Allocate the arrays and cut the rows into slices. `fill` computes the rows.
+
+        A row is one sample in one assembly mode (way to assemble the mechanism).
+
+        Parameters
+        ----------
+        kernel
+            Compiled functions that evaluate many rows at once.
+        position_analysis
+            The assembly modes, and the solver of rows that the kernel does not certify.
+        q
+            (inputs, n) inputs of the rows, rad: all samples of the first mode, then all
+            samples of the second mode, and so on.
+        """
         self.kernel = kernel
         self._position_analysis = position_analysis
         self._q = q
         mode_count = len(position_analysis.assembly_modes)
         n = q.shape[1]
+        # Closure residual and configuration error (rad), certificate, and status code of
+        # each row. `singular_error` (rad) is set for rows without certificate.
         self.closure = np.empty((2, n))
         self.is_certified = np.ones(n, dtype=bool)
         self.status = np.zeros(n, dtype=np.int8)
         self.singular_error = nans(n)
-        # Values that are not predicted stay NaN.
+        # Pair variables (rad). A closed form computes all of them. Otherwise they are
+        # predicted before `fill`, and those that are not predicted stay NaN.
         new_array = np.empty if kernel.has_closed_form else nans
         self.values = new_array((len(position_analysis.mechanism.variable_owners), n))
-        # The function whose columns decide whether rows are certified. It computes them
-        # from inputs and signs of dyads, which have a closed form, or from `values`.
-        self._deciding = (
-            kernel.closed_form_quality if kernel.has_closed_form else kernel.row_quality
-        )
-        # The columns of a slice have about SLICE_NUMBERS numbers. The slice is a multiple
+
+        # This function computes the numbers that decide whether rows are certified: from
+        # inputs and signs of dyads if there is a closed form, otherwise from `values`.
+        if kernel.has_closed_form:
+            self._quality_function = kernel.closed_form_quality
+        else:
+            self._quality_function = kernel.row_quality
+        # Its results for a slice have about SLICE_NUMBERS numbers. The slice is a multiple
         # of the rows that a kernel evaluates at once.
-        slice_size = (
-            max(1, round(SLICE_NUMBERS / (self._deciding.width * SLICE_ROWS))) * SLICE_ROWS
-        )
+        calls_per_slice = round(SLICE_NUMBERS / (self._quality_function.width * SLICE_ROWS))
+        slice_size = max(1, calls_per_slice) * SLICE_ROWS
         self.slices = split_rows(mode_count, n // mode_count, slice_size)
 
     def fill(self, samples: Indices) -> "list[tuple[int, SliceReversals]]":
         """Compute all rows of the block. Rows without certificate are solved singly.
 
-        The arrays of this object (see its attributes) are filled.
+        A row is one sample in one assembly mode. The kernel, a set of compiled functions,
+        computes many rows at once. It certifies a row if the row's error bounds are small.
+        The arrays of this object (pair variables, residuals, certificates, status codes)
+        are filled.
 
         Parameters
         ----------
@@ -163,8 +183,10 @@ class BlockRows:
         Returns
         -------
         For each slice with certified rows: the index of its assembly mode, and the pairs of
-        rows between which a pole direction may reverse.
+        rows between which a pole direction may reverse. A pole is the axis about which one
+        link rotates relative to another.
         """
+        # One entry for each slice, None if the kernel did not certify all of its rows.
         reversals_by_slice = thread_map(
             self._fill_slice, self.slices, self.kernel.is_compiled
         )
@@ -173,15 +195,17 @@ class BlockRows:
             self._solve_rows(samples, uncertified)
         self.is_certified &= self.status == Status.OK
 
-        # Slices with rows that the kernel did not certify at first have no reversals yet
-        # (None). Their rows that are certified now are evaluated once more.
-        quality = self.kernel.row_quality
+        # In slices without reversals (None), rows may be certified now, after they were
+        # solved singly. The kernel evaluates all certified rows of these slices once more.
+        quality_function = self.kernel.row_quality
         result: list[tuple[int, SliceReversals]] = []
-        for (mode, part), reversals in zip(self.slices, reversals_by_slice, strict=True):
-            rows = part.start + np.flatnonzero(self.is_certified[part])
+        for (mode, slice_rows), reversals in zip(
+            self.slices, reversals_by_slice, strict=True
+        ):
+            rows = slice_rows.start + np.flatnonzero(self.is_certified[slice_rows])
             if reversals is None and len(rows):
-                columns = quality(self.values[:, rows])
-                reversals = SliceReversals(self.kernel, quality, columns, rows)
+                columns = quality_function(self.values[:, rows])
+                reversals = SliceReversals(self.kernel, quality_function, columns, rows)
             if reversals:
                 result.append((mode, reversals))
         return result
@@ -204,39 +228,44 @@ class BlockRows:
         no certified row, or a row that is neither certified nor out of reach.
         """
         mode, rows = row_slice
-        deciding = self._deciding
+        quality_function = self._quality_function
         row_numbers = np.arange(rows.start, rows.stop)
         q = self._q[:, rows]
         has_closed_form = self.kernel.has_closed_form
         assembly_mode = self._position_analysis.assembly_modes[mode]
+
+        # Evaluate the rows from inputs and signs of dyads, or from predicted variables.
+        # Arguments and results share one array, which suits the cache.
         signs = assembly_mode.signs_along(q)
         argument_count = len(q) + len(signs) if has_closed_form else len(self.values)
-
-        # Arguments and columns of the function share one array, which suits the cache.
-        room = np.empty((argument_count + deciding.width, len(row_numbers)))
-        arguments = room[:argument_count]
-        columns = room[argument_count:]
+        numbers = np.empty((argument_count + quality_function.width, len(row_numbers)))
+        arguments = numbers[:argument_count]
+        columns = numbers[argument_count:]
         if has_closed_form:
             write_arguments(q, signs, arguments)
         else:
             arguments[:] = self.values[:, rows]
-        deciding(arguments, columns)
-        column_rows = deciding.slices
+        quality_function(arguments, columns)
+        # `slices` gives the part of `columns` that has a name.
+        parts = quality_function.slices
         if has_closed_form:
-            self.values[:, rows] = columns[column_rows["variables"]]
+            self.values[:, rows] = columns[parts["variables"]]
         rounding = self.kernel.closure_rounding_rad
-        closure = columns[column_rows["closure"]]
+        closure = columns[parts["closure"]]
+        residual = closure[0]
         self.closure[:, rows] = closure
+
         # Most slices are certified as a whole, which is faster than row by row. If the sum
         # of all uncertainties is at most 1, so is each of them.
         if (
-            np.max(columns[column_rows["uncertainty_sum"]]) <= 1.0
-            and np.max(closure[0]) <= rounding
+            np.max(columns[parts["uncertainty_sum"]]) <= 1.0
+            and np.max(residual) <= rounding
         ):
-            return SliceReversals(self.kernel, deciding, columns, row_numbers)
+            return SliceReversals(self.kernel, quality_function, columns, row_numbers)
 
+        # Otherwise decide row by row. First find the rows that are out of reach.
         if has_closed_form:
-            is_out_of_reach = find_out_of_reach(columns[column_rows["squares"]])
+            is_out_of_reach = find_out_of_reach(columns[parts["squares"]])
         else:
             # No prediction: the input may be beyond the end of the curve of the mode.
             is_out_of_reach = np.isnan(arguments[self.kernel.passive_variables[0]])
@@ -247,33 +276,36 @@ class BlockRows:
             else:
                 is_out_of_reach[:] = False
             # Predicted rows that are not closed yet get a step of Newton's method, which
-            # changes their entries in `columns`, and so in `closure`.
-            is_open = (closure[0] > rounding) & np.isfinite(closure[0])
+            # changes their entries in `columns`, and so in `closure` and `residual`.
+            is_open = (residual > rounding) & np.isfinite(residual)
             self._close_rows(columns, row_numbers, np.flatnonzero(is_open))
             self.closure[:, rows] = closure
-        is_certified = np.all(columns[column_rows["uncertainties"]] <= 1.0, axis=0) & (
-            closure[0] <= rounding
-        )
+        is_certain = np.all(columns[parts["uncertainties"]] <= 1.0, axis=0)
+        is_certified = is_certain & (residual <= rounding)
         self.is_certified[rows] = is_certified
         self.status[rows][is_out_of_reach] = Status.OUT_OF_REACH
         if not np.any(is_certified) or not np.all(is_certified | is_out_of_reach):
             return None
         return SliceReversals(
-            self.kernel, deciding, columns[:, is_certified], row_numbers[is_certified]
+            self.kernel,
+            quality_function,
+            columns[:, is_certified],
+            row_numbers[is_certified],
         )
 
     def _close_rows(
         self, columns: Floats, row_numbers: Indices, open_rows: Indices
     ) -> None:
-        """Take a step of Newton's method at the open rows of a slice.
+        """Take a step of Newton's method at rows of a slice whose loops are not closed.
 
-        A step that is too large may lead to another mode and is not taken. The values of
-        the rows, and their columns, are changed in place.
+        A step that is too large may lead to another assembly mode and is not taken. The
+        pair variables in `values` and the numbers in `columns` are changed in place.
 
         Parameters
         ----------
         columns
-            (width, n) columns of `RowKernel.row_quality` for the rows of the slice.
+            (width, n) results of `RowKernel.row_quality` for the rows of the slice: the
+            numbers that decide whether rows are certified.
         row_numbers
             (n,) numbers of these rows in the block.
         open_rows
@@ -281,10 +313,11 @@ class BlockRows:
         """
         if not len(open_rows):
             return
+        # (variables, k) pair variables (rad) before and after the step.
         before = self.values[:, row_numbers[open_rows]]
         after = before.copy()
         after[list(self.kernel.passive_variables)] = self.kernel.newton_step(before)
-        is_small = max_abs(after - before, axis=0) < MAX_NEWTON_STEP_RAD
+        is_small = max_abs(after - before, axis=0) < MAX_BLOCK_NEWTON_STEP_RAD
         open_rows = open_rows[is_small]
         after = np.ascontiguousarray(after[:, is_small])
         self.values[:, row_numbers[open_rows]] = after
@@ -293,13 +326,16 @@ class BlockRows:
     def _solve_rows(self, samples: Indices, rows: Indices) -> None:
         """Solve rows by the position analysis, and let the kernel certify the results.
 
+        The entries of these rows in `values` (pair variables), `status`, `closure`
+        (residual and configuration error), `singular_error` and `is_certified` are set.
+
         Parameters
         ----------
         samples
             (k,) numbers of the samples of the block in the run.
         rows
-            (r,) numbers of the rows in the block. Row r belongs to the mode r // k and to
-            the sample at r % k.
+            (m,) numbers of the rows in the block. Row r belongs to the assembly mode with
+            index r // k, and to ``samples[r % k]``.
         """
         position_analysis = self._position_analysis
         residual = np.empty(len(rows))
@@ -316,25 +352,28 @@ class BlockRows:
             self.status[mode_rows] = evaluated.status
             self.singular_error[mode_rows] = evaluated.singular_error
             residual[is_of_mode] = evaluated.residual
-        solved = rows[np.isfinite(residual)]
-        quality = self.kernel.row_quality
-        columns = quality(self.values[:, solved])
-        self.closure[:, solved] = columns[quality.slices["closure"]]
-        self.is_certified[solved] = np.all(
-            columns[quality.slices["uncertainties"]] <= 1.0, axis=0
+
+        # The kernel gives error bounds of the solved rows, relative to the largest allowed
+        # ones (uncertainties).
+        solved_rows = rows[np.isfinite(residual)]
+        quality_function = self.kernel.row_quality
+        columns = quality_function(self.values[:, solved_rows])
+        self.closure[:, solved_rows] = columns[quality_function.slices["closure"]]
+        self.is_certified[solved_rows] = np.all(
+            columns[quality_function.slices["uncertainties"]] <= 1.0, axis=0
         )
-        # The residual of the solver is measured directly, and therefore kept.
+        # The residual of the solver replaces that of the kernel: it is measured directly.
         self.closure[0, rows] = residual
 
 
 class SliceReversals:
     """The rows of a slice between which pole directions may reverse, and its errors.
 
-    A pole axis is a line, so that its direction is known up to its sign. The sign is chosen
-    continuously from row to row. Rows between which no direction can reverse have equal
-    signs and are not compared later.
+    A pole is the axis about which one link rotates relative to another. It is a line, so
+    its direction is known up to a sign, which is chosen continuously from row to row. Rows
+    between which no direction can reverse have equal signs and are not compared later.
 
-    The object is made while the columns of the slice are in the cache.
+    The object is made while the columns of the slice are in the cache of the processor.
 
     Attributes
     ----------
@@ -349,40 +388,43 @@ class SliceReversals:
     """
 
     def __init__(
-        self, kernel: RowKernel, deciding: ColumnFunction, columns: Floats, rows: Indices
+        self,
+        kernel: RowKernel,
+        quality_function: ColumnFunction,
+        columns: Floats,
+        rows: Indices,
     ) -> None:
-        """Find the pairs of rows, and keep of the columns what is needed later.
+        """Find the pairs of rows, and keep the numbers of the slice that are needed later.
 
         Parameters
         ----------
         kernel
-            Its `input_columns` know, for each input that moves alone, the links of each
-            pole.
-        deciding
-            The function that has computed the columns. Its `slices` say which of them have
-            a given name.
+            Its `input_columns` know the links of each pole, for each input that moves while
+            the others are locked.
+        quality_function
+            The function that has computed the columns. Its `slices` give the part of the
+            columns that has a name.
         columns
-            (width, n) columns of the certified rows of the slice, one column of the array
-            for each row of the block.
+            (width, n) results of this function for the n certified rows of the slice.
         rows
             (n,) numbers of these rows in the block, rising.
         """
         self.rows = rows[[0, -1]]
         self.end_velocities: list[Floats] = []
         self.gaps: list[Indices] = []
-        for input_index, moving in enumerate(kernel.input_columns):
+        self.errors: list[Floats] = []
+        for input_index, input_columns in enumerate(kernel.input_columns):
             # Components of the angular velocities of links per unit rate of this input.
-            spins = columns[deciding.slices["velocities", input_index]]
-            gap_starts = _find_reversals(moving, spins)
-            # For each pole, the velocity of its second link relative to its first.
-            self.end_velocities.append(moving.relative_velocities(spins[:, [0, -1]]))
+            velocities = columns[quality_function.slices["velocities", input_index]]
+            # A direction may reverse between a gap start and the next row.
+            gap_starts = _find_reversals(input_columns, velocities)
             self.gaps.append(np.array([rows[gap_starts], rows[gap_starts + 1]]))
-        # The columns named ("errors", input index), in the order of the inputs.
-        self.errors = [
-            np.max(columns[column_rows], axis=1, initial=0.0)
-            for key, column_rows in deciding.slices.items()
-            if "errors" in key
-        ]
+            # For each pole, the velocity of its second link relative to its first.
+            self.end_velocities.append(
+                input_columns.relative_velocities(velocities[:, [0, -1]])
+            )
+            errors = columns[quality_function.slices["errors", input_index]]
+            self.errors.append(np.max(errors, axis=1, initial=0.0))
 
 
 def _keeps_direction(first: Floats, second: Floats) -> Bools:
@@ -391,53 +433,60 @@ def _keeps_direction(first: Floats, second: Floats) -> Bools:
     return np.vecdot(first, second) >= MIN_DIRECTION_COSINE * np.sqrt(squared)
 
 
-def _find_reversals(moving: InputColumns, spins: Floats) -> Indices:
+def _find_reversals(input_columns: InputColumns, velocities: Floats) -> Indices:
     """Return the rows after which a pole direction may reverse.
 
-    A pole direction is that of the angular velocity of one link relative to another. It
+    A pole direction is that of the angular velocity v of one link relative to another. It
     does not reverse between two rows if the scalar product of both velocities is positive.
 
-    The relative angular velocities are in a box, from the least to the greatest value of
-    each component. The corners of the box bound the products of any two of them. Most often
-    the least product is positive, so that no direction reverses in the whole slice.
-    Otherwise both halves are treated likewise, and short parts are compared row by row.
+    First a bound for all rows together is tried. Each component of v is between its least
+    value a and its greatest value b in all rows. The product of the component at any two
+    rows is therefore at least min(a^2, b^2), or a b if a and b have different signs. If the
+    sum of these bounds over the three components is positive, no direction reverses.
+    Otherwise both halves of the rows are treated likewise. Few rows are compared one by
+    one.
 
     Parameters
     ----------
-    moving
+    input_columns
         The columns of the moving input, which know the links of each pole.
-    spins
-        (components, n) angular velocities of the links per unit rate of the input.
+    velocities
+        (components, n) components of the angular velocities of all links, per unit rate of
+        the input, at n successive rows.
 
     Returns
     -------
     (k,) indices of rows, each less than n - 1.
     """
-    low = np.min(spins, axis=1)
-    high = np.max(spins, axis=1)
-    # (poles, 3) bounds of each component of the relative velocities.
-    least = moving.relative_velocities(low, high)
-    greatest = moving.relative_velocities(high, low)
-    across = least * greatest
+    low = np.min(velocities, axis=1)
+    high = np.max(velocities, axis=1)
+    # (poles, 3) bounds a and b of each component of the relative velocities.
+    least = input_columns.relative_velocities(low, high)
+    greatest = input_columns.relative_velocities(high, low)
     least_squared = least * least
     greatest_squared = greatest * greatest
-    # Least product of two values of a component. It is negative if the box contains 0.
+    product = least * greatest
     least_product = np.where(
-        across > 0.0, np.minimum(least_squared, greatest_squared), across
+        product > 0.0, np.minimum(least_squared, greatest_squared), product
     )
-    largest_length = np.sum(np.maximum(least_squared, greatest_squared), axis=1)
-    if np.all(np.sum(least_product, axis=1) >= MIN_DIRECTION_COSINE * largest_length):
+    # The square of the largest possible length. The cosine of the angle between any two
+    # velocities is at least the sum of the least products, divided by it.
+    largest_square = np.sum(np.maximum(least_squared, greatest_squared), axis=1)
+    if np.all(np.sum(least_product, axis=1) >= MIN_DIRECTION_COSINE * largest_square):
         return NO_ROWS
-    half = spins.shape[1] // 2
+    half = velocities.shape[1] // 2
     if half > MAX_ROWS_COMPARED:
         # The halves share a row, so that the step between them is compared too.
         return np.append(
-            _find_reversals(moving, spins[:, : half + 1]),
-            _find_reversals(moving, spins[:, half:]) + half,
+            _find_reversals(input_columns, velocities[:, : half + 1]),
+            _find_reversals(input_columns, velocities[:, half:]) + half,
         )
-    velocities = np.moveaxis(moving.relative_velocities(spins), 1, 2)
-    keeps = _keeps_direction(velocities[:, :-1], velocities[:, 1:])
-    return np.flatnonzero(~np.all(keeps, axis=0))
+    # (poles, rows, 3)
+    relative_velocities = np.moveaxis(input_columns.relative_velocities(velocities), 1, 2)
+    keeps_direction = _keeps_direction(
+        relative_velocities[:, :-1], relative_velocities[:, 1:]
+    )
+    return np.flatnonzero(~np.all(keeps_direction, axis=0))
 
 
 def find_stops(
@@ -446,34 +495,42 @@ def find_stops(
     is_assembled: Bools,
     is_uncertified: Bools,
 ) -> dict[int, ModeRows]:
-    """Return the rows at which directions are compared, by the index of the mode.
+    """Return the rows at which pole directions are compared, for each assembly mode.
 
-    Between these rows no direction reverses, so that their signs hold for all rows. A *gap*
-    is a pair of rows between which a direction may reverse. Both are such rows.
+    The sign of a pole direction is chosen continuously from row to row. A *gap* is a pair
+    of rows between which a direction may reverse. Directions are compared only at the rows
+    of gaps, and at the first and the last row (*stops*). Rows between two stops that are no
+    gap have the sign of the first of these stops.
 
     Parameters
     ----------
     reversals
-        The slices in order, with the indices of their modes.
+        The slices of the block in order: the index of the assembly mode, and the gaps.
     input_index
-        Index of the input that moves.
+        Index of the input that moves while the others are locked.
     is_assembled
         (modes, samples) whether the row has a configuration.
     is_uncertified
         (modes, samples) whether the row was solved without the kernel. Directions may
         reverse before and after it.
+
+    Returns
+    -------
+    By the index of the mode: the numbers (s,) of the stops in the block, and whether there
+    is a gap between each stop and the next one (s - 1,).
     """
-    # Gaps in the slices, then those between the last row of a slice and the next slice.
+    # Gaps (2, k) in each slice, then those between the last row of a slice and the first
+    # row of the next slice.
     gaps: dict[int, list[Indices]] = defaultdict(list)
-    for mode, reversal in reversals:
-        gaps[mode].append(reversal.gaps[input_index])
-    for (mode, previous), (next_mode, following) in pairwise(reversals):
-        last_velocity = previous.end_velocities[input_index][..., 1]
-        first_velocity = following.end_velocities[input_index][..., 0]
+    for mode, slice_reversals in reversals:
+        gaps[mode].append(slice_reversals.gaps[input_index])
+    for (mode, previous_slice), (next_mode, next_slice) in pairwise(reversals):
+        last_velocity = previous_slice.end_velocities[input_index][..., 1]
+        first_velocity = next_slice.end_velocities[input_index][..., 0]
         if mode == next_mode and not np.all(
             _keeps_direction(last_velocity, first_velocity)
         ):
-            gaps[mode].append(np.array([previous.rows[1:], following.rows[:1]]))
+            gaps[mode].append(np.array([previous_slice.rows[1:], next_slice.rows[:1]]))
 
     stops: dict[int, ModeRows] = {}
     for mode, is_assembled_in_mode in enumerate(is_assembled):
@@ -481,7 +538,7 @@ def find_stops(
         if not len(rows):
             continue
         # A row without certificate has a gap before it and one after it, unless it is the
-        # first or the last row.
+        # first or the last row. These are indices of `rows`.
         uncertified = np.flatnonzero(is_uncertified[mode, rows])
         gap_starts = np.setdiff1d([uncertified - 1, uncertified], [-1, len(rows) - 1])
         # From numbers of samples to numbers of rows in the block.
@@ -490,21 +547,23 @@ def find_stops(
             [*gaps[mode], [rows[gap_starts], rows[gap_starts + 1]]], axis=1
         )
         stop_rows = np.unique(np.concatenate([rows[[0, -1]], all_gaps.ravel()]))
-        # Number of gaps that are open after each stop: those begun less those ended.
-        first, last = np.searchsorted(stop_rows, all_gaps)
-        begun = np.bincount(first, minlength=len(stop_rows))
-        ended = np.bincount(last, minlength=len(stop_rows))
+        # A gap may contain further stops. There is a gap after a stop if more gaps have
+        # begun than ended.
+        first_stops, last_stops = np.searchsorted(stop_rows, all_gaps)
+        begun = np.bincount(first_stops, minlength=len(stop_rows))
+        ended = np.bincount(last_stops, minlength=len(stop_rows))
         stops[mode] = stop_rows, np.cumsum(begun - ended)[:-1] > 0
     return stops
 
 
 @dataclass(frozen=True)
 class PendingPoles:
-    """What is known of the poles of a block before they are asked for.
+    """Facts about the poles of a block that are computed together with its positions.
 
-    A block has n rows: samples of all assembly modes. A row is certified if the error
-    bounds that the kernel computes for it are small enough. A pole is the axis about which
-    one link rotates relative to another.
+    The poles themselves are computed later, if an analysis reads them. A pole is the axis
+    about which one link rotates relative to another. A block has n rows: samples of all
+    assembly modes. A row is certified if the error bounds that the kernel computes for it
+    are small enough.
 
     Attributes
     ----------
@@ -581,7 +640,22 @@ class BatchRunner:
         needs_timing: bool = True,
         reads_frames: bool = False,
     ) -> "BatchRunner | None":
-        """Make a kernel for a run; see the attributes for the parameters.
+        """Make a kernel, compiled functions that evaluate all numbers of many rows at once.
+
+        Parameters
+        ----------
+        sampling
+            The samples of the run. A row is one sample in one assembly mode.
+        requests
+            The poles to evaluate, for each input that moves while the others are locked.
+        is_recorded
+            Whether the run is recorded.
+        looks_ahead
+            Whether the next block is computed in another thread while a block is used.
+        needs_timing
+            Whether motions need times.
+        reads_frames
+            Whether an analysis reads rotation matrices.
 
         Returns
         -------
@@ -593,20 +667,23 @@ class BatchRunner:
         if sampling.simulation is not None or row_count < MIN_KERNEL_ROWS or not requests:
             return None
         is_compiled = row_count >= MIN_COMPILED_ROWS and available()
+        # Some samples are the reference for the order in which variables are eliminated.
         kernel = row_kernel(
             position_analysis.sparse(REFERENCE_SAMPLES),
             requests,
-            "compiled" if is_compiled else "numpy",
+            engine="compiled" if is_compiled else "numpy",
         )
         if kernel is None or not kernel.can_certify_rows:
             return None
+        # Without a closed form, configurations are predicted by interpolation.
+        predict = None
+        if not kernel.has_closed_form:
+            predict = make_sample_predictor(position_analysis)
         return cls(
             sampling=sampling,
             requests=requests,
             kernel=kernel,
-            predict=None
-            if kernel.has_closed_form
-            else make_sample_predictor(position_analysis),
+            predict=predict,
             is_recorded=is_recorded,
             looks_ahead=looks_ahead,
             needs_timing=needs_timing,
@@ -615,27 +692,40 @@ class BatchRunner:
 
     @property
     def block_size(self) -> int:
-        """Number of samples in a block, limited by memory."""
+        """Number of samples in a block, limited by memory.
+
+        Each sample has one row in each assembly mode.
+        """
         position_analysis = self.sampling.position_analysis
+        # A column has 8 bytes in each row.
         bytes_per_row = 8 * self.kernel.column_count
         if self.reads_frames:
+            # Rotation matrices of the links need more memory than the columns.
             frame_bytes = evaluation_memory(position_analysis.mechanism, 1)
             bytes_per_row = max(bytes_per_row, frame_bytes)
         mode_count = len(position_analysis.assembly_modes)
-        size = BLOCK_BYTES // (bytes_per_row * mode_count)
+        fitting_size = BLOCK_BYTES // (bytes_per_row * mode_count)
+        # Blocks of a recorded run are as small as without a kernel.
         factor = 1 if self.is_recorded else MAX_BLOCK_FACTOR
-        return max(1, min(size, position_analysis.block * factor))
+        return max(1, min(fitting_size, position_analysis.block * factor))
 
     def blocks(self, size: int, first_sample: int = 0) -> Iterator[Motion]:
         """Yield the motion in blocks of successive samples.
 
-        Blocks have `size` samples. If that is `block_size`, they grow as long as no column
-        of the previous block was read, because then only values are kept in memory.
+        Parameters
+        ----------
+        size
+            Number of samples in a block. If it is `block_size`, blocks may grow. They
+            become larger as long as no column of the previous block was read, because only
+            the pair variables of such a block are in memory.
+        first_sample
+            Number of the first sample.
         """
         may_grow = size == self.block_size and not (self.is_recorded or self.reads_frames)
         largest_size = MAX_BLOCK_GROWTH * size if may_grow else size
 
         def block_samples() -> Iterator[Indices]:
+            """Yield the numbers (n,) of the samples of each block."""
             start = first_sample
             count = size
             while start < len(self.sampling):
@@ -645,43 +735,55 @@ class BatchRunner:
                     was_read = self._last_columns.was_read
                     count = size if was_read else min(2 * count, largest_size)
 
+        # The next block may be computed in another thread while the caller uses a block.
         return prefetch(self.motion_at, block_samples(), self.looks_ahead)
 
     def fields(
         self, motion: Motion, sign_continuations: Sequence[SignContinuation]
     ) -> tuple[LazyField, ...]:
-        """Return the poles of a motion of `motion_at`, for each input that moves.
+        """Return the poles of a block, for each input that moves while others are locked.
 
-        Their columns are computed when they are read. The poles of a motion can be asked
-        for once.
+        A pole is the axis about which one link rotates relative to another. The columns of
+        numbers are computed when they are read. This method can be called once for each
+        motion.
 
         Parameters
         ----------
         motion
-            A block of samples.
+            A block of samples that `motion_at` has returned.
         sign_continuations
-            For each input, the last directions of the previous block. Directions continue
-            them, and they are updated in place.
+            For each input, the last pole directions of the previous block. The signs of
+            directions are chosen such that they continue from there. They are updated in
+            place.
+
+        Returns
+        -------
+        For each input, an object with the attributes of `PoleField`.
         """
+        # What `motion_at` has computed already, such as rows at which directions may
+        # reverse.
         pending = self.unread.pop(id(motion))
         columns = KernelColumns(self.kernel, motion, self.requests, pending.uncertified)
         self._last_columns = columns
         sign_functions: list[SignFunction] = []
-        for input_index, (moving, memory) in enumerate(
+        for input_index, (input_columns, sign_continuation) in enumerate(
             zip(self.kernel.input_columns, sign_continuations, strict=False)
         ):
             if motion.is_path:
-                velocities_at = partial(columns.unsigned_poles, input_index)
-                stops = pending.stops[input_index]
-                sign_functions.append(
-                    continue_signs(
-                        motion, moving.signed_poles, stops, velocities_at, memory
-                    )
+                # Directions are continuous along a path of samples.
+                sign_function = continue_signs(
+                    motion,
+                    input_columns.signed_poles,
+                    pending.stops[input_index],
+                    partial(columns.unsigned_poles, input_index),
+                    sign_continuation,
                 )
             else:
-                sign_functions.append(
-                    signs_by_start_sides(motion, pending.is_assembled, memory)
+                # Over a grid of inputs, directions point to one side of a fixed plane.
+                sign_function = signs_by_start_sides(
+                    motion, pending.is_assembled, sign_continuation
                 )
+            sign_functions.append(sign_function)
         columns.set_signs(sign_functions, motion.samples)
         return tuple(
             LazyField(columns, input_index, motion, pending.is_certified, errors)

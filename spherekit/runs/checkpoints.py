@@ -115,10 +115,24 @@ def checkpointing(
     run_state: RunState,
     table_store: TableStore | None,
 ) -> Iterator[Callable[[], None]]:
-    """Yield a function that saves a checkpoint, to be called after each block.
+    """Yield a function that saves the state of a run, so that the run can be resumed.
 
-    If the run ends with an error, a note about the saved samples is added to it. Otherwise
-    the checkpoints are removed at the end.
+    The function is called in a `with` block after each block of samples. If the run ends
+    with an error, a note about the saved samples is added to the error. If it succeeds, the
+    saved state is removed at the end.
+
+    Parameters
+    ----------
+    run_plan
+        The samples and analyses of the run, and its identity: only a run with the same
+        identity can be resumed.
+    run_folder
+        The folder with the journal, in which the state is saved. Without it nothing is
+        saved.
+    run_state
+        The state: the number of samples done, and what continues from block to block.
+    table_store
+        The rows of the tables so far. Only rows that are stored in files can be resumed.
     """
     saved_samples = run_state.samples_done
 

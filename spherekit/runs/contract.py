@@ -38,17 +38,17 @@ class Sweep:
     values
         Its values, the most accurate last.
     table, column
-        The numbers that are compared.
+        Names of the table and of the column whose numbers are compared.
     match
-        Columns of texts. Rows are compared with rows that have the same texts.
+        Columns of texts. A row is compared with the row that has the same texts in them.
     error
         Column with the error estimate of the analysis, if there is one.
     places
         Whether `column` is a position in rad, such as an input at which something happens.
-        Each position is then compared with the nearest. If there are several inputs, there
-        is a column for each, whose name begins with `column`.
+        Each position is then compared with the nearest one of the most accurate value. With
+        several inputs there is one column for each, whose name begins with `column`.
     beside
-        Names and values of other parameters during the comparison.
+        Names and values of other parameters of the analysis during the comparison.
     inputs
         Whether the parameter matters to mechanisms with any number of inputs, with one, or
         with several.
@@ -184,9 +184,10 @@ Analyses = Sequence[AbstractAnalysis]
 
 @dataclass(frozen=True)
 class BrokenAnalysis(AbstractAnalysis):
-    """Stands for an analysis that cannot be used, so that the other analyses are run.
+    """Takes the place of an analysis that cannot be used, so that the others are run.
 
-    The run notes the reason `why` as its failure.
+    Its methods raise an error with the reason `why`, for example that a plugin cannot be
+    imported. The run notes the reason as the failure of this analysis.
     """
 
     name: str  # type: ignore[misc]
@@ -196,7 +197,7 @@ class BrokenAnalysis(AbstractAnalysis):
     tables = ()
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Raise `PluginError` with the reason."""
+        """Raise `PluginError` with the reason why the analysis cannot be used."""
         raise PluginError(self.why)
 
     def compute(self, batch: Batch) -> Mapping[str, TableArrays]:

@@ -105,19 +105,20 @@ NEEDS_OF_LINK_NAMES = ("rotations", "link_rates")
 
 
 def check_needs(analysis: AbstractAnalysis, mechanism: Mechanism) -> Needs:
-    """Return what an analysis needs of a mechanism, after checking it.
+    """Return the quantities that an analysis reads for a mechanism, after checks.
 
     Raises
     ------
     PluginError
-        If the analysis breaks the contract: its class, or the types, links or pairs in
-        what it returns.
+        If the class of the analysis is faulty, or if it declares links, pairs or types that
+        do not exist.
     SpherekitError
-        With which it refuses the mechanism, or its parameters.
+        If the analysis refuses the mechanism or its parameters. The error is its own.
     """
     name = getattr(analysis, "name", type(analysis).__name__)
-    is_broken = isinstance(analysis, BrokenAnalysis)
-    fault = "" if is_broken else find_class_fault(type(analysis))
+    # The placeholder of an analysis that cannot be used raises the reason in `needs`.
+    is_placeholder = isinstance(analysis, BrokenAnalysis)
+    fault = "" if is_placeholder else find_class_fault(type(analysis))
     if not fault:
         with convert_plugin_errors(name, "needs"):
             needs = analysis.needs(mechanism)
@@ -142,16 +143,24 @@ def _find_needs_fault(needs: Any, mechanism: Mechanism) -> str:
 
 
 def _find_item_fault(field: str, item: Any, mechanism: Mechanism) -> str:
-    """Return what is wrong with a declared pole, pair or link, empty if nothing is.
+    """Return the fault of a declared pole, pair or link, or an empty text.
+
+    An analysis declares in its `Needs` for which poles, pairs and links it reads
+    quantities.
 
     Parameters
     ----------
     field
-        Name of the field of `Needs`.
+        Name of the field of `Needs` that contains the item.
     item
-        A number of a link, a pair of such numbers, or a name.
+        The number of a link, a pole (numbers of two links, the smaller one first), or the
+        name of a link or pair.
     mechanism
-        The mechanism.
+        The mechanism whose links and pairs are meant.
+
+    Returns
+    -------
+    The end of a sentence that begins with the item.
     """
     name = mechanism.name
     if field in NEEDS_OF_LINK_NUMBERS:

@@ -27,13 +27,15 @@ class Setting:
     Attributes
     ----------
     engine
-        Evaluates the velocity equations at the samples.
+        Name of the engine that evaluates the velocity equations at the samples.
     route
-        How the NumPy engine computes poles; see `spherekit.velocities.pole_request`.
+        How the engine "numpy" computes poles: from the velocity equations of the whole
+        mechanism, or from great circles; see `spherekit.velocities.pole_request`.
     integrator
-        The engine of a simulation.
+        Name of the engine that solves a simulation.
     tolerance
-        The tolerance of a simulation, rad. None if the study has it.
+        The tolerance of a simulation, rad. None if the run is no simulation or has the
+        tolerance of its study.
     """
 
     engine: RowEngine = "numpy"
@@ -43,6 +45,7 @@ class Setting:
 
     def __str__(self) -> str:
         parts: list[str] = [self.engine]
+        # A setting with a tolerance is one of a simulation.
         if self.tolerance is not None:
             parts = [self.integrator, f"tolerance {self.tolerance:.0e}"]
         elif self.engine == "numpy":

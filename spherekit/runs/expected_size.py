@@ -118,16 +118,19 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
     predicted_modes = mode_count if finds_modes else min(mode_count, 1)
 
     def extrapolate(*keys: str) -> int:
-        """Return the predicted value of an entry of the cost, given by its nested keys.
+        """Return the predicted value of an entry of the cost, such as the size of a table.
 
-        Entries grow linearly with the samples, and in proportion to the assembly modes.
+        `keys` are its nested keys. The entry is a linear function of the number of samples,
+        which two short runs give, and proportional to the number of assembly modes.
         """
         is_motion = keys[1:2] == (MOTION,)
         if has_many_poles and not is_motion:
-            # The part that does not grow with the samples is small in such tables.
+            # Only one run was measured. The part that does not grow with the samples is
+            # small in tables of many poles.
             measured_value = _entry(measured["cost"], keys)
             value = measured_value * samples / MEASURED_SAMPLES_OF_MANY_POLES
         else:
+            # The longer run has twice as many samples as the shorter one.
             short_value = _entry(shorter["cost"], keys)
             growth = _entry(longer["cost"], keys) - short_value
             value = short_value + growth * (samples - short_count) / short_count
@@ -173,9 +176,22 @@ def predict_recording(
     analyses: Analyses,
     make_recorder: Callable[[int], Any],
 ) -> dict[str, int]:
-    """Predict the entities, rows and bytes of the recording of a study.
+    """Predict the size of the recording of a study, from the recordings of two short runs.
 
-    `make_recorder` returns a recorder of `spherekit.display` for a number of samples.
+    The size is a linear function of the number of recorded samples.
+
+    Parameters
+    ----------
+    study
+        The motion that the run analyses.
+    analyses
+        The analyses of the run.
+    make_recorder
+        Function of a number of samples that returns a recorder of `spherekit.display`.
+
+    Returns
+    -------
+    The numbers of entities, rows and bytes, by these names.
     """
     short_count = MEASURED_RECORDING_SAMPLES
     costs: list[dict[str, int]] = []
@@ -183,13 +199,14 @@ def predict_recording(
         with make_recorder(samples) as recorder:
             run_study(shorten_study(study, samples), analyses, Execution(recorder=recorder))
             costs.append(recorder.cost)
-    shorter, longer = costs
-    total = study.count
-    # A long run records one of several successive samples.
-    every = -(-total // MAX_RECORDED_SAMPLES)
-    recorded_samples = -(-total // every)
+    short_cost, long_cost = costs
+    sample_count = study.count
+    # A long run records one of `stride` successive samples. -(-a // b) is a / b, rounded
+    # up.
+    stride = -(-sample_count // MAX_RECORDED_SAMPLES)
+    recorded_samples = -(-sample_count // stride)
     growth_factor = recorded_samples / short_count - 1.0
     return {
-        key: round(shorter[key] + growth_factor * (longer[key] - shorter[key]))
-        for key in shorter
+        key: round(short_cost[key] + growth_factor * (long_cost[key] - short_cost[key]))
+        for key in short_cost
     }

@@ -109,17 +109,17 @@ class FigureOfMerit:
         return analysis, table
 
     def parsed(self, names: Units) -> Expression:
-        """Return the parsed expression.
+        """Return the expression of this figure of merit, parsed from its text.
 
         Parameters
         ----------
         names
-            Units of the quantities of which it may consist, by their names.
+            Units of the quantities that the expression may contain, by their names.
 
         Raises
         ------
         AnalysisError
-            If it is not an expression of these.
+            If the text is no expression, or contains other names.
         """
         try:
             return parse(self.expression, names)

@@ -38,14 +38,17 @@ RowSlice = tuple[int, slice]
 class ColumnKey(NamedTuple):
     """Identifies a column: one number of a pole or link at all rows of a block.
 
+    A pole is the axis about which one link rotates relative to another. A row is one sample
+    in one assembly mode.
+
     Attributes
     ----------
     input_index
-        Index of the input that moves.
+        Index of the input that moves while the others are locked.
     quantity
         Name of a quantity of `PoleField`, such as ``"direction"``.
     subject
-        The pole or link.
+        The pole (two link numbers) or the link (its number).
     component
         Index of the component of a vector, 0 for a number.
     """
@@ -120,53 +123,72 @@ class KernelColumns:
         requests: Sequence[Request],
         uncertified: Indices,
     ) -> None:
-        """Evaluate the rows that are not certified. Columns are computed by `read`."""
+        """Evaluate the rows that are not certified. Columns are computed by `read`.
+
+        Parameters
+        ----------
+        kernel
+            Compiled functions that evaluate all columns of many rows at once.
+        motion
+            The configurations of the block. A row is one sample in one assembly mode.
+        requests
+            The poles to evaluate, for each input that moves while the others are locked.
+        uncertified
+            (k,) numbers of the rows that the kernel does not certify.
+        """
         self.kernel = kernel
         self.uncertified = uncertified
         self.requests = requests
         self.uncertified_fields: list[PoleField] = []
         self.was_read = False
+        # (variables, n) pair variables (rad), and (n,) whether the row has failed.
         self._values = motion.values.T
         self._failed = motion.failed
-        # Rows whose numbers are not those of the kernel.
+        # (n,) rows in which other numbers replace those of the kernel.
         self._is_replaced = motion.failed.copy()
         self._is_replaced[uncertified] = True
         mode_count = len(motion.assembly_modes)
         self._slices = split_rows(mode_count, motion.samples, SLICE_ROWS)
+        # `set_signs` sets one function for each input.
         self._sign_functions: Sequence[SignFunction] = ()
+
+        # Ordinary functions evaluate the poles in the rows that are not certified.
         if len(uncertified):
             rows = motion.rows(uncertified)
-            for request, columns in zip(requests, kernel.input_columns, strict=True):
+            for request, input_columns in zip(requests, kernel.input_columns, strict=True):
                 field = evaluate_unsigned(rows, replace(request, planes=frozenset()))
-                # As in the kernel, directions are first chosen so that no velocity
-                # coefficient is negative.
-                for pole in columns.signed_poles:
+                # A pole is a line with two senses. As in the kernel, the sense is first
+                # chosen so that no velocity coefficient is negative.
+                for pole in input_columns.signed_poles:
                     signs = np.where(field.velocity_coefficient[pole] < 0.0, -1.0, 1.0)
                     apply_signs(field, pole, signs)
                 self.uncertified_fields.append(field)
 
     def unsigned_poles(self, input_index: int, rows: Indices) -> UnsignedPoles:
-        """Return the poles whose sense is to be chosen, in some rows.
+        """Return the poles whose sense is chosen later, in some rows.
 
-        They are all poles but the axes of pairs. The angular velocity of a pole is its unit
-        vector u times the velocity coefficient c. Its derivative is c' u + c u'.
+        A pole is the axis about which one link rotates relative to another: a line, with
+        two senses. The sense of poles that are the axis of a pair is fixed; they are left
+        out. With the unit vector u and the velocity coefficient c of a pole, the relative
+        angular velocity is ``c u`` and its derivative is ``c' u + c u'``. Derivatives are
+        with respect to the input.
 
         Parameters
         ----------
         input_index
-            Index of the input that moves.
+            Index of the input that moves while the others are locked.
         rows
             (k,) numbers of the rows.
         """
         input_columns = self.kernel.input_columns[input_index]
-        part = input_columns.signed_part(self.kernel.all_columns(self._values[:, rows]))
-        # The part is (8, poles, k): direction (3), its derivative (3), velocity coefficient
-        # and acceleration coefficient.
-        unit, unit_rate, (coefficient, coefficient_rate) = np.split(part, [3, 6])
-        with np.errstate(invalid="ignore", over="ignore"):  # of uncertified rows
+        # (8, poles, k): u (3), u' (3), c, c'.
+        columns = input_columns.signed_part(self.kernel.all_columns(self._values[:, rows]))
+        unit, unit_rate, (coefficient, coefficient_rate) = np.split(columns, [3, 6])
+        # Rows that are not certified can have NaN or huge numbers here.
+        with np.errstate(invalid="ignore", over="ignore"):
             velocity = coefficient * unit
             velocity_rate = coefficient_rate * unit + coefficient * unit_rate
-        # Rows that the kernel does not certify come from the fields that replace it.
+        # In these rows the ordinary functions have evaluated the poles.
         replaced = np.flatnonzero(np.isin(rows, self.uncertified))
         if len(replaced):
             field = self.uncertified_fields[input_index]
@@ -179,62 +201,69 @@ class KernelColumns:
         return UnsignedPoles(unit, velocity, velocity_rate)
 
     def set_signs(self, sign_functions: Sequence[SignFunction], samples: int) -> None:
-        """Choose the senses of all directions.
+        """Choose the senses of all pole directions.
+
+        The signs are applied at once in the rows that are not certified. In the others,
+        `read` applies them when columns are computed.
 
         Parameters
         ----------
         sign_functions
-            For each input, the function that returns the signs.
+            For each input that moves, a function of directions (3, poles, k), row numbers
+            (k,) and indices of assembly modes (k,). It returns signs +1 or -1 (poles, k).
         samples
-            Number of samples of each mode.
+            Number of samples of each assembly mode.
         """
         self._sign_functions = sign_functions
         rows = self.uncertified
         for input_index, field in enumerate(self.uncertified_fields):
             poles = self.kernel.input_columns[input_index].signed_poles
-            unit = np.array([field.direction[pole].T for pole in poles])
-            unit = unit.reshape(-1, 3, len(rows)).swapaxes(0, 1)
-            signs = sign_functions[input_index](unit, rows, rows // samples)
+            # (3, poles, k). The first `reshape` makes the shape right without poles, too.
+            directions = np.array([field.direction[pole].T for pole in poles])
+            directions = directions.reshape(-1, 3, len(rows)).swapaxes(0, 1)
+            signs = sign_functions[input_index](directions, rows, rows // samples)
             for pole, signs_of_pole in zip(poles, signs, strict=True):
                 apply_signs(field, pole, signs_of_pole)
 
     def read(self, keys: Sequence[ColumnKey], reader: Reader) -> None:
         """Compute some columns slice by slice, and pass them to a reader.
 
+        A slice is a number of successive rows that fits into the cache of the processor.
+
         Parameters
         ----------
         keys
-            The columns.
+            The columns to compute.
         reader
-            Called for each slice, with the rows and the numbers of all columns there. Calls
-            can come from several threads.
+            Called for each slice, with the slice of rows, and a list of the numbers (k,) of
+            each column in these rows. Calls can come from several threads.
         """
         self.was_read = True
-        # The row of each column in the result of the kernel.
-        kernel_rows = [
-            self.kernel.input_columns[key.input_index].column_indices[key.quantity][
-                key.subject
-            ][key.component]
-            for key in keys
-        ]
+        # The position of each column among all columns of the kernel.
+        column_indices = []
+        for key in keys:
+            indices = self.kernel.input_columns[key.input_index].column_indices
+            column_indices.append(indices[key.quantity][key.subject][key.component])
 
         def read_slice(row_slice: RowSlice) -> None:
             """Compute the columns of one slice."""
             mode, rows = row_slice
             values = np.ascontiguousarray(self._values[:, rows])
-            computed = np.empty((self.kernel.all_columns.width, values.shape[1]))
-            self.kernel.all_columns(values, computed)
+            all_columns = np.empty((self.kernel.all_columns.width, values.shape[1]))
+            self.kernel.all_columns(values, all_columns)
+            # The kernel gives directions in one of their two senses. The chosen signs
+            # change them in place.
             for find_signs, input_columns in zip(
                 self._sign_functions, self.kernel.input_columns, strict=False
             ):
-                # A view of `computed`: directions (first three rows) and what changes its
-                # sign with them.
-                signed = input_columns.signed_part(computed)
-                signs = find_signs(signed[:3], rows, mode)
+                # A view (8, poles, k): direction (3), its derivative (3), and the
+                # coefficients of velocity and acceleration.
+                signed_columns = input_columns.signed_part(all_columns)
+                signs = find_signs(signed_columns[:3], rows, mode)
                 # Most directions keep their sense in all rows of a slice.
                 for k in np.flatnonzero(np.any(signs < 0, axis=1)):
-                    signed[:, k] *= signs[k]
-            columns = [computed[row] for row in kernel_rows]
+                    signed_columns[:, k] *= signs[k]
+            columns = [all_columns[index] for index in column_indices]
             if np.any(self._is_replaced[rows]):
                 columns = [
                     self._replace_uncertified(key, column, rows)
@@ -245,27 +274,31 @@ class KernelColumns:
         thread_map(read_slice, self._slices, self.kernel.is_compiled)
 
     def _replace_uncertified(self, key: ColumnKey, column: Floats, rows: slice) -> Floats:
-        """Return a column of some rows with the numbers of rows that are not certified.
+        """Return a column of a slice, with the right numbers in rows without certificate.
 
-        Failed rows become NaN.
+        The kernel does not certify all rows. Ordinary functions have computed the others,
+        and their numbers replace those of the kernel. Failed rows become NaN.
 
         Parameters
         ----------
         key
-            The column.
+            Identifies the column: input that moves, quantity, pole or link, and component.
         column
-            Its numbers of the kernel.
+            (k,) the numbers of the kernel.
         rows
-            The rows of the block to which the numbers belong.
+            The k rows of the block to which the numbers belong.
         """
         result = np.where(self._failed[rows], np.nan, column)
+        # `uncertified` are the numbers of all rows without certificate, rising. Those from
+        # `low` to `high` are in the slice.
         low, high = np.searchsorted(self.uncertified, [rows.start, rows.stop])
         if low < high:
             field = self.uncertified_fields[key.input_index]
             values = getattr(field, key.quantity)[key.subject]
+            # (uncertified rows, components)
             values = values.reshape(len(self.uncertified), -1)
-            replaced = self.uncertified[low:high] - rows.start
-            result[replaced] = values[low:high, key.component]
+            positions = self.uncertified[low:high] - rows.start
+            result[positions] = values[low:high, key.component]
         return result
 
 
@@ -313,22 +346,39 @@ class LazyField:
         is_certified: Bools,
         errors: Sequence[float],
     ) -> None:
-        """Set the attributes that are known without evaluating the kernel."""
+        """Set the attributes that are known without evaluating the kernel.
+
+        Parameters
+        ----------
+        source
+            The kernel (compiled functions that evaluate the columns of many rows), with the
+            rows of the block.
+        input_index
+            Index of the input that moves while the others are locked.
+        motion
+            The configurations of the block: n rows.
+        is_certified
+            (n,) whether the kernel certifies the row. Ordinary functions have evaluated the
+            others.
+        errors
+            The largest errors in certified rows, as in `REPORTED_ERRORS`.
+        """
         self._source = source
         self._input_index = input_index
         self._motion = motion
-        # Rows of the kernel's result by quantity, then by pole or link.
+        # Positions of the columns in the kernel's result, by quantity, then by pole or
+        # link.
         self._column_indices = source.kernel.input_columns[input_index].column_indices
         request = source.requests[input_index]
         uncertified = source.uncertified
         n = len(motion)
         self.error_maxima = dict(zip(REPORTED_ERRORS, errors, strict=True))
-        # Certified rows have the status of their configuration, and no relative error. The
-        # numbers of the other rows are then put in.
+        # Certified rows have the status of their configuration, and no relative error.
         status = motion.status
         is_quad_precision, is_decimal = np.zeros((2, n), dtype=bool)
         relative_error_bound = np.where(motion.failed, np.nan, 0.0)
         pole_status = dict.fromkeys(self._column_indices["direction"], status)
+        # The other rows have the numbers of the ordinary functions.
         if source.uncertified_fields:
             field = source.uncertified_fields[input_index]
             status = _replace_rows(status, uncertified, field.status)
@@ -360,8 +410,9 @@ class LazyField:
     @cached_property
     def as_arrays(self) -> PoleField:
         """The field with all columns as arrays, computed when it is first asked for."""
-        # Each component of each quantity is a row of an array, which `put` fills below.
         n = len(self._field.status)
+        # Allocate an array (components, n) for each quantity of each pole or link. The
+        # field gets views of these arrays, which are filled below.
         columns: list[tuple[LazyColumn, Floats]] = []
         for quantity, indices_by_subject in self._column_indices.items():
             for subject, indices in indices_by_subject.items():
@@ -371,23 +422,31 @@ class LazyField:
                     columns.append((LazyColumn(self._source, key, n), component))
                 values = components.T if len(components) > 1 else components[0]
                 getattr(self._field, quantity)[subject] = values
+        # Compute all columns together, from row 0 on.
         put(columns, [(slice(0, n), 0)])
+        # The kernel has no great circles.
         request = self._source.requests[self._input_index]
-        poles = PlannedPoles(request.plan, self._motion)
-        self._field.planes.update({x: poles.great_circles(x) for x in request.planes})
+        planned_poles = PlannedPoles(request.plan, self._motion)
+        for pole in request.planes:
+            self._field.planes[pole] = planned_poles.great_circles(pole)
         return self._field
 
     def column(self, name: str, pole: Pole, k: int) -> LazyColumn | Floats:
-        """Return one component of a quantity (n,), which is computed when it is read.
+        """Return one component of a quantity of a pole, at all n rows.
 
         Parameters
         ----------
         name
-            Name of the quantity in `PoleField`.
+            Name of the quantity in `PoleField`, such as ``"direction"``.
         pole
-            The pole.
+            Numbers of the two links, the smaller one first.
         k
-            Index of the component, 0 for a number.
+            Index of the component of a vector, 0 for a number.
+
+        Returns
+        -------
+        (n,) numbers that are computed when they are read, or an array if the kernel does
+        not have the quantity.
         """
         if pole in self._column_indices.get(name, {}):
             key = ColumnKey(self._input_index, name, pole, k)
@@ -397,9 +456,9 @@ class LazyField:
 
 
 def largest_errors(field: PoleField) -> dict[str, float]:
-    """Return the largest finite `REPORTED_ERRORS` of rows with the status OK, by name.
+    """Return the largest of each of the `REPORTED_ERRORS` over all poles, by name.
 
-    They are -inf if there is no such row.
+    Only finite errors in rows with the status OK count. The result is -inf without any.
     """
     is_ok = field.status == Status.OK
     maxima = {}

@@ -9,8 +9,9 @@ from spherekit.planning.pole_plan import Pole
 class Needs:
     """Declares which quantities an analysis reads from a `Batch`.
 
-    A run evaluates only what its analyses declare. A pole is a pair of link numbers; pairs
-    and other links are given by name.
+    A run evaluates only what its analyses declare. A pole is the axis about which one link
+    rotates relative to another. It is given by the numbers of both links, the smaller one
+    first. Pairs are given by name, and so are links in `rotations` and `link_rates`.
 
     Attributes
     ----------
@@ -20,10 +21,10 @@ class Needs:
         Poles whose direction and velocity coefficient are read. With `derivatives` their
         acceleration coefficient can be read too.
     derivatives
-        Whether derivatives with respect to the input are read, of what `rates`, `turns`
-        and `link_rates` name.
+        Whether derivatives with respect to the input are read, for the poles and links in
+        `rates`, `turns` and `link_rates`.
     planes
-        Poles whose two great circles are read.
+        Poles of which the two great circles that intersect in the pole are read.
     pair_values
         Pairs whose variable is read, in rad within (-pi, pi].
     continued_values

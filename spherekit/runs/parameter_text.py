@@ -63,47 +63,56 @@ def read_fields(
     make_error: Callable[[Names, str], SpherekitError],
     key_of_field: Mapping[str, str] | None = None,
 ) -> Facts:
-    """Return the values of fields of a dataclass from items with keys, by field name.
+    """Return the values of the fields of a dataclass that a user has given.
+
+    The dataclass is, for example, an analysis with its parameters. The user gives values by
+    keys, in a file or on the command line.
 
     Parameters
     ----------
     cls, name
         The dataclass, and its name in messages.
     items
-        The stated values by key.
+        The given values by key.
     read
-        Returns the value of a field from its key, the stated value and its type.
+        Function of a key, the given value and the type of the field, which returns the
+        value of the field.
     make_error
-        Returns the error about a key, or about all keys, from a message.
+        Function of the faulty key in a tuple (empty if no single key is at fault) and a
+        message, which returns the error to raise.
     key_of_field
-        Keys of fields whose key is not their name.
+        By name of a field its key, for keys that are not the name of the field.
+
+    Returns
+    -------
+    The values by field name. Fields that were not given are left out.
 
     Raises
     ------
     SpherekitError
-        The error of `make_error` for unknown keys and for missing fields.
+        The error of `make_error`, for unknown keys and for missing fields.
     """
     parameters = describe_parameters(cls)
     hints = get_type_hints(cls)
-    field_of_key = {(key_of_field or {}).get(field, field): field for field in parameters}
-    # Each item sets a field. Then every field without default must have a value.
+    field_by_key = {(key_of_field or {}).get(field, field): field for field in parameters}
     values: Facts = {}
-    for key, stated_value in items.items():
-        if key not in field_of_key:
+    for key, given_value in items.items():
+        if key not in field_by_key:
             allowed = listing(
                 f"{allowed_key}={parameters[field].type_text}"
-                for allowed_key, field in field_of_key.items()
+                for allowed_key, field in field_by_key.items()
             )
             raise make_error(
                 (key,),
-                f'"{key}" is not a parameter of {name}{nearest(key, field_of_key) or "."} '
+                f'"{key}" is not a parameter of {name}{nearest(key, field_by_key) or "."} '
                 f"Allowed: {allowed or 'none'}",
             )
-        field = field_of_key[key]
-        values[field] = read(key, stated_value, hints[field])
+        field = field_by_key[key]
+        values[field] = read(key, given_value, hints[field])
+    # Every field without a default must have been given.
     missing = [
         key
-        for key, field in field_of_key.items()
+        for key, field in field_by_key.items()
         if parameters[field].default is MISSING and field not in values
     ]
     if missing:
@@ -114,14 +123,20 @@ def read_fields(
 def parse_fields(
     text: str, cls: type, name: str, key_of_field: Mapping[str, str] | None = None
 ) -> Facts:
-    """Return the fields of a dataclass that a text states. Lists are ``a+b+c``.
+    """Return the values of fields of a dataclass that a text of the command line gives.
 
     Parameters
     ----------
     text
-        ``key=value,key=value``.
-    cls, name, key_of_field
-        As for `read_fields`.
+        The text, such as ``key=value,key=value``. A list is written ``a+b+c``.
+    cls, name
+        The dataclass, and its name in messages.
+    key_of_field
+        By name of a field its key, for keys that are not the name of the field.
+
+    Returns
+    -------
+    The values by field name. Fields that were not given are left out.
 
     Raises
     ------
@@ -132,10 +147,13 @@ def parse_fields(
     def make_error(_: Names, message: str) -> AnalysisError:
         return AnalysisError(f"{name}: {message}")
 
+    def split_list(text: str) -> list[str]:
+        return text.split("+")
+
     def read(key: str, value: str, hint: Any) -> Any:
-        """Return the value of a field from its text."""
+        """Return the value of a field from its text; `hint` is the type of the field."""
         try:
-            return read_value(hint, value, _read_simple_value, lambda text: text.split("+"))
+            return read_value(hint, value, _read_simple_value, split_list)
         except ValueError:
             type_text = describe_type(hint, _TEXT_WORDING)
             raise make_error(

@@ -13,23 +13,25 @@ Result = TypeVar("Result")
 def prefetch(
     compute: Callable[[Item], Result], items: Iterable[Item], looks_ahead: bool
 ) -> Iterator[Result]:
-    """Yield the result of each item, and compute the next one while it is used.
+    """Yield the result of each item, and compute the next result while one is used.
 
     Parameters
     ----------
     compute
-        Function of one item.
+        Function of one item that returns its result.
     items
-        The items. The item after the next one is taken when the caller asks for the next
-        result, so that it can depend on the use of earlier results.
+        The items. An item is taken from this iterator as late as possible: when the caller
+        asks for the result before it. It can therefore depend on the use of earlier
+        results.
     looks_ahead
-        Whether the next result is computed in another thread. With a single core nothing
-        is computed ahead.
+        Whether the next result is computed in another thread, which needs a second core.
+        Otherwise each result is computed when the caller asks for it.
     """
     if not looks_ahead or usable_cores() < 2:
         yield from map(compute, items)
         return
     with ThreadPoolExecutor(1) as thread:
+        # Taking a future from this generator starts its computation.
         futures = (thread.submit(compute, item) for item in items)
         next_future = next(futures, None)
         while next_future:

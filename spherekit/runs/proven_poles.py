@@ -114,14 +114,19 @@ PROVEN_TABLE = Table(
 
 @dataclass(frozen=True)
 class ProvenPoles:
-    """The enclosed poles of a run.
+    """The table of the poles of a run with proven bounds of their errors.
+
+    A pole is the axis about which one link rotates relative to another. The poles are
+    enclosed in balls: numbers of many digits with a proven bound of their error. They show
+    whether the error bounds that the run has estimated are right.
 
     Attributes
     ----------
     data
         Columns of the table.
     counts
-        How many rows have each finding, by the words for the bounds.
+        For each kind of bound, by its name in messages: the number of rows with each
+        finding, such as that the bound is proven to be exceeded.
     """
 
     data: TableArrays
@@ -129,7 +134,7 @@ class ProvenPoles:
 
     @property
     def exceeded(self) -> int:
-        """How many bounds are proven to be exceeded."""
+        """Number of error bounds of the run that are proven to be exceeded."""
         return sum(counts[EXCEEDED] for counts in self.counts.values())
 
     def __str__(self) -> str:
@@ -165,6 +170,7 @@ class ProvenPoles:
         """
         from spherekit.tables.table_files import write_table
 
+        # Refuse to replace files that spherekit has not made: those without this column.
         for kind in FILE_SIZE:
             check_made_by_spherekit(folder / f"{PROVEN_TABLE.name}.{kind}", b"proven_u")
         notes = {"analysis": PROVEN_ANALYSIS, "mechanism_hash": mechanism_hash}
@@ -198,25 +204,30 @@ class PoleKey(NamedTuple):
 def prove_poles(
     mechanism: Mechanism, motion: TableArrays, poles: TableArrays
 ) -> ProvenPoles:
-    """Return the poles of a run, enclosed in balls about the mechanism as it is written.
+    """Enclose the poles of a run by proof, and compare the run with them.
 
-    A ball is a number of many digits with a proven error bound. The mechanism has the
-    decimal numbers of its file, without rounding to float64. Rows of the run that failed,
-    or whose configuration is not proven, get no enclosure.
+    A pole is the axis about which one link rotates relative to another. It is enclosed in a
+    ball: a number of many digits with a proven error bound. The proof uses the decimal
+    numbers of the mechanism's file, without rounding to float64. Rows of the run that
+    failed, or whose configuration cannot be proven to exist, get no enclosure.
 
     Parameters
     ----------
     mechanism
         The mechanism of the run, with its inputs.
-    motion, poles
-        Columns of the tables of those names, angles in rad. Inputs are taken as exact.
+    motion
+        Columns of the run's table of configurations, angles in rad. Inputs are taken as
+        exact.
+    poles
+        Columns of the run's table of poles.
 
     Raises
     ------
     PlanError
-        If the mechanism is none that proofs are for.
+        If proofs do not apply to mechanisms of this kind.
     """
     pole_columns = dict(poles)
+    # The enclosures, by the key of a row: sample, assembly mode, moving input and links.
     enclosed_poles = _enclose_run_poles(mechanism, dict(motion))
     rows: list[Facts] = []
     for number in range(len(pole_columns["sample"])):
@@ -306,23 +317,23 @@ def _enclose_run_poles(
 
 
 def check_provable(mechanism: Mechanism, analyses: Collection[str], whole: bool) -> None:
-    """Refuse a run whose poles could not be proven, before anything is computed.
+    """Check, before a run, that its poles can be enclosed by proof (option ``--prove``).
 
     Parameters
     ----------
     mechanism
         The mechanism of the run, with its inputs.
     analyses
-        Names of the analyses.
+        Names of the analyses of the run.
     whole
-        Whether all links and pairs are computed.
+        Whether the run computes all links and pairs, instead of the needed ones only.
 
     Raises
     ------
     AnalysisError
-        If poles are not among the analyses, or not all pairs are computed.
+        If the run has no analysis of poles, or does not compute all pairs.
     PlanError
-        If the mechanism is none that proofs are for.
+        If proofs do not apply to mechanisms of this kind.
     """
     if PROVEN_ANALYSIS not in analyses:
         raise AnalysisError(

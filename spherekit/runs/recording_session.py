@@ -33,8 +33,9 @@ smaller: fewer of the successive samples are shown.
 class Recorder(Protocol):
     """A viewer or file that receives the scenes of a run; see `spherekit.display`.
 
-    A recorder that counts has two more members: `finish`, which completes the recording,
-    and `cost`, the entities, rows and bytes that it has written.
+    A scene is a set of drawings over some samples. Some recorders have two more members:
+    `finish`, which completes the recording, and `cost`, the numbers of entities, rows and
+    bytes that it has written.
     """
 
     def start(self, head: RecordingHead) -> None:
@@ -47,10 +48,18 @@ class Recorder(Protocol):
         inputs: Floats | None = None,
         times: Floats | None = None,
     ) -> None:
-        """Receive one block of one assembly mode.
+        """Receive the scene of a block of samples in one assembly mode.
 
-        `samples` (k,) are sample numbers, `inputs` (k,) are in rad and `times` (k,) in s.
-        A scene that does not move, and is known only after the start, has no samples.
+        Parameters
+        ----------
+        scene
+            The drawings.
+        samples
+            (k,) sample numbers. Empty for a scene that does not move.
+        inputs
+            (k,) values of the input, rad.
+        times
+            (k,) times, s.
         """
 
 
@@ -160,16 +169,18 @@ class RecordingSession:
     def use_final_sampling(self, sampling: Sampling) -> None:
         """Record the samples of a finished simulation from now on.
 
-        The finished simulation can end earlier than the one that was shown. Links at
-        samples after its end are hidden.
+        While a simulation is solved, a preliminary one with more samples is shown. The
+        finished one can end earlier. Links at samples after its end are then hidden.
         """
-        # If it ends earlier, its last sample is its end. The sample that was shown with the
-        # same number is hidden too.
+        # The last sample of the finished simulation may be at another time than the sample
+        # that was shown with the same number. This sample is therefore hidden too.
+        # `_shown_count` samples have been shown.
         shown_after_end = np.arange(len(self._sampling))[
             len(sampling) - 1 : self._shown_count
         ]
         if shown_after_end.size:
             motion = self._sampling.motion_at(shown_after_end)
+            # Links without a rotation (NaN) are not drawn.
             motion = replace(motion, placed=np.full_like(motion.placed, np.nan))
             self.record_scenes(motion_scenes(motion, self._link_shapes), motion, MOTION)
         self._sampling = sampling
@@ -207,38 +218,54 @@ class RecordingSession:
         return (index_in_row % self._every == 0) | is_last_of_path
 
     def _log(self, scene: Scene, motion: Motion) -> None:
-        """Pass a scene to the recorder, with the samples of a block of recorded rows.
+        """Pass a scene to the recorder, with the samples of a block.
 
-        A scene over an axis of its own, such as a parameter of a curve, has no samples. Its
-        points are spread evenly over the timeline of the recording.
+        Some scenes are drawn over an axis of their own, such as a parameter of a curve,
+        instead of the samples. Their points are spread evenly over the timeline of the
+        recording.
+
+        Parameters
+        ----------
+        scene
+            The drawings.
+        motion
+            The recorded samples of the block, in one or several assembly modes.
         """
         count = motion.samples
         timing = motion.timing
         if scene.over:
+            # An axis of its own. `_inputs` and `_times` are those of the whole recording.
             count = len(scene.over[0].values)
             self._recorder.log(
                 scene,
-                np.arange(count),
-                _spread_evenly(self._inputs, count),
-                _spread_evenly(self._times, count),
+                samples=np.arange(count),
+                inputs=_spread_evenly(self._inputs, count),
+                times=_spread_evenly(self._times, count),
             )
         elif count:
+            # The rows of the first assembly mode have the inputs and times of all samples.
             inputs = None if self._inputs is None else motion.q[:count]
             times = None if self._times is None or timing is None else timing.t[:count]
             scene = replace(scene, over=self._axes(motion))
             self._recorder.log(scene, motion.sample[:count], inputs, times)
 
     def _axes(self, motion: Motion) -> tuple[Axis, ...]:
-        """Return the axes over which the samples of a block are drawn: time, or inputs."""
+        """Return the axes over which the samples of a block are drawn.
+
+        They are the time if the samples are times, and otherwise each input. The range of
+        an axis is that of the whole run.
+        """
+        # The first `count` rows, which belong to the first assembly mode, have all samples.
         count = motion.samples
         times = self._sampling.t
         if times is not None and motion.timing is not None:
             return (Axis("time", "s", motion.timing.t[:count], (times[0], times[-1])),)
         names = motion.mechanism.input_pairs
-        label = "input {}" if len(names) == 1 else "{}"
+        has_one_input = len(names) == 1
+        # `extents[0]` (2, inputs) are the least and greatest inputs (rad).
         input_ranges = self._sampling.extents[0].T.tolist()
         return tuple(
-            Axis(label.format(name), "rad", values, input_range)
+            Axis(f"input {name}" if has_one_input else name, "rad", values, input_range)
             for name, values, input_range in zip(
                 names, motion.inputs[:count].T, input_ranges, strict=True
             )

@@ -83,18 +83,18 @@ def analysis_names() -> Names:
 
 
 class AnalysisRecord(NamedTuple):
-    """An installed analysis.
+    """An installed analysis, as in the list that users can ask for.
 
     Attributes
     ----------
     name
-        Its name.
+        Name of the analysis.
     origin
-        The distribution that contains it.
+        Name of the installed package (distribution) that contains it.
     class_name
-        Its class.
+        Name of its class, or its entry point ``MODULE:CLASS``.
     error
-        Why it cannot be used, empty if it can.
+        Reason why it cannot be used, empty if it can.
     """
 
     name: str
@@ -104,11 +104,16 @@ class AnalysisRecord(NamedTuple):
 
 
 def list_analyses() -> list[AnalysisRecord]:
-    """Return every installed analysis by name, after loading it to find errors."""
+    """Return all installed analyses, sorted by name.
+
+    Each analysis is loaded, so that errors are found.
+    """
+    # Classes that this process has registered itself, without an installed package.
     analysis_records = [
-        AnalysisRecord(name, "this process", cls.__name__, "")
+        AnalysisRecord(name, origin="this process", class_name=cls.__name__, error="")
         for name, cls in _registered_classes.items()
     ]
+    # Analyses of installed packages, which declare them as entry points.
     for name, entries in _find_entry_points().items():
         for entry in entries:
             try:
@@ -122,15 +127,18 @@ def list_analyses() -> list[AnalysisRecord]:
 
 
 def load_analysis(name: str) -> type[AbstractAnalysis]:
-    """Return the class of an analysis.
+    """Return the class of an analysis, given by its name.
 
     Raises
     ------
     AnalysisError
         If no analysis has this name.
     PluginError
-        If it is given twice, does not import, or breaks the contract.
+        If several packages have an analysis of this name, if it cannot be imported, or if
+        its class is faulty.
     """
+    # This process may have registered the class itself. Otherwise an installed package
+    # declares it as an entry point.
     if name in _registered_classes:
         return _registered_classes[name]
     entries = _find_entry_points().get(name, [])

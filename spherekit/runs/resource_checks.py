@@ -65,10 +65,14 @@ def need_disk(
     ----------
     folder
         A folder on the disk.
-    written_bytes, total_bytes
-        Size of the files that are already there, and of all files in the end.
-    subject, advice
-        Words of the message: what takes the space, and what the user can do.
+    written_bytes
+        Size of the files that exist already.
+    total_bytes
+        Expected size of all files in the end.
+    subject
+        Subject of the sentence in the message: the data that need the space.
+    advice
+        What the user can do, for the end of the message.
     """
     free = shutil.disk_usage(folder).free
     if total_bytes - written_bytes > free:
@@ -84,14 +88,25 @@ def need_disk_for_run(
     sample_count: int,
     formats: Sequence[Format] | None,
 ) -> None:
-    """Raise `OutputError` if the disk has no room for the stored rows and files of a run.
+    """Raise `OutputError` if the disk has no room for the tables of a run.
 
-    The size is extrapolated from the rows that are stored after `samples_done` of
-    `sample_count` samples. Stored rows remain until all files are written.
+    The rows of a run are first stored in a work folder, block by block. The tables are
+    written from them at the end, and the stored rows are removed after that. Both need
+    space at the same time. The sizes are extrapolated from the rows stored so far.
+
+    Parameters
+    ----------
+    store
+        The rows that are stored so far.
+    samples_done, sample_count
+        Numbers of samples whose rows are stored, and of all samples.
+    formats
+        Formats of the tables; None for the default.
     """
     written_bytes = store.size
     stored_bytes = written_bytes * sample_count / samples_done
     formats = formats_of(formats, FILE_SIZE["csv"] * stored_bytes)
+    # `FILE_SIZE` is the size of a table in each format, relative to its stored rows.
     total_bytes = stored_bytes * (1.0 + sum(FILE_SIZE[kind] for kind in formats))
     hint = ""
     if "csv" in formats:

@@ -32,23 +32,28 @@ WORDS_BY_KIND = {
 def compute_checked_tables(
     analysis: AbstractAnalysis, tables: Sequence[Table], batch: Batch
 ) -> dict[str, TableData]:
-    """Return the tables of a batch by name, columns in the types of their kinds.
+    """Compute the tables of an analysis for a block of samples, and check them.
 
     Parameters
     ----------
     analysis
         The analysis.
     tables
-        The tables that it declares.
+        The tables that it has declared.
     batch
-        The samples.
+        The samples, in all assembly modes.
+
+    Returns
+    -------
+    The columns of each table, by name of the table. They are converted to the declared
+    kinds (numbers, whole numbers, texts and so on).
 
     Raises
     ------
     PluginError
-        If `compute` fails, or its tables are not those declared.
+        If `compute` fails, or if its tables are not those that were declared.
     SpherekitError
-        With which the analysis, or what it reads, says that it does not apply.
+        If the analysis does not apply to the samples. The error is its own.
     """
     with convert_plugin_errors(analysis.name, "compute"):
         returned_tables = analysis.compute(batch)
@@ -59,13 +64,14 @@ def compute_checked_tables(
             f"{analysis.name}: compute returned {listing(returned_names) or 'no tables'}, "
             f"it has to return the declared tables by name: {listing(declared_names)}"
         )
-    # The columns of each table, and the number of rows of tables over the samples.
     data: dict[str, TableData] = {}
     for table in tables:
         where = f"{analysis.name}: table {table.name}"
         columns = _check_columns(where, table, returned_tables[table.name])
         data[table.name] = columns
         rows = row_count(columns)
+        # Tables over the samples have the same number of rows, perhaps several, for each
+        # row of the batch.
         has_rows_of_samples = (
             analysis.rowwise and analysis.reads_samples and table.in_assembly_modes
         )
@@ -84,12 +90,12 @@ def _describe_keys(data: Any) -> list[str]:
 
 
 def _check_columns(where: str, table: Table, data: Any) -> dict[str, Array | Interleaved]:
-    """Return the columns of a table in the types of their kinds.
+    """Return the columns of a table, checked and converted to their declared kinds.
 
     Parameters
     ----------
     where
-        Analysis and table, for messages.
+        Names of the analysis and the table, for messages.
     table
         The declared table.
     data
@@ -120,29 +126,30 @@ def _check_columns(where: str, table: Table, data: Any) -> dict[str, Array | Int
 
 
 def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
-    """Return a column as an array (n,) of the type of its kind.
-
-    Columns that are computed when they are read stay as they are.
+    """Return a column as an array (n,) of the type that belongs to its declared kind.
 
     Parameters
     ----------
     where
-        Analysis, table and column, for messages.
+        Names of analysis, table and column, for messages.
     column
-        The declared column.
+        The declared column. Its kind is "number", "text" or a kind of whole numbers.
     data
-        The values that the analysis returned.
+        The values that the analysis returned: an array, or an `Interleaved` column, whose
+        numbers are computed when they are read. The latter is returned unchanged if it has
+        the right type.
 
     Raises
     ------
     PluginError
-        If they have another type or shape.
+        If the values have another type or shape.
     """
     kind = column.kind
     if isinstance(data, Interleaved):
-        has_type = (
-            data.dtype.kind == "U" if kind == "text" else data.dtype == DTYPE_BY_KIND[kind]
-        )
+        if kind == "text":
+            has_type = data.dtype.kind == "U"
+        else:
+            has_type = data.dtype == DTYPE_BY_KIND[kind]
         if has_type:
             return data
     try:
@@ -169,21 +176,24 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
 def compute_findings(
     analysis: AbstractAnalysis, batch: Batch, before: Findings | None
 ) -> Findings:
-    """Return the findings of an analysis in a batch, joined with earlier ones.
+    """Return the findings of an analysis in a block, joined with those of earlier blocks.
+
+    Findings are results of an analysis in addition to its tables: values for the summary,
+    warnings and remarks.
 
     Parameters
     ----------
     analysis
         The analysis.
     batch
-        The samples.
+        The samples of the block.
     before
-        Findings in earlier batches, None in the first one.
+        Findings in earlier blocks, None in the first one.
 
     Raises
     ------
     PluginError
-        If that fails, or is not ready for JSON.
+        If a method of the analysis fails, or if its values cannot be written as JSON.
     """
     with convert_plugin_errors(analysis.name, "findings"):
         findings = analysis.findings(batch)
@@ -195,18 +205,21 @@ def compute_findings(
             f"{analysis.name}: findings returned a {type(findings).__name__}, it has to "
             "return Findings(...)"
         )
+    # The text is not used. This only finds values that cannot be written.
     with convert_plugin_errors(analysis.name, "findings: making JSON of its figures"):
         json.dumps(dict(findings.figures))
     return findings
 
 
 def compute_scenes(analysis: AbstractAnalysis, batch: Batch) -> tuple[Scene, ...]:
-    """Return the scenes of an analysis for a batch, with arrays of the right shapes.
+    """Return the scenes (drawings) of an analysis for a block of samples, after checks.
+
+    The arrays of a scene must have one value at each sample.
 
     Raises
     ------
     PluginError
-        If that fails, or `check_scene` refuses one of the scenes.
+        If the method of the analysis fails, or if a scene is faulty.
     """
     with convert_plugin_errors(analysis.name, "scene"):
         scenes = tuple(analysis.scene(batch))

@@ -54,12 +54,15 @@ def count_evaluations(request: Request) -> dict[str, int]:
 class Timer:
     """Measures the wall-clock time in seconds of each stage of a run.
 
+    A stage is a part of the work that comes again in each block of samples, such as
+    ``"positions"``.
+
     Attributes
     ----------
     seconds
-        Time of each stage in this process, by its name.
+        Time of each stage in this process, by name of the stage.
     earlier_seconds
-        Time of each stage before a resumed run was stopped, by its name.
+        Time of each stage before a resumed run was stopped, by name of the stage.
     """
 
     def __init__(self) -> None:

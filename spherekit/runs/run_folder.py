@@ -71,19 +71,20 @@ class RunFolder:
     @classmethod
     @contextmanager
     def open(cls, path: AnyPath) -> "Iterator[RunFolder]":
-        """Create and lock a folder, and tidy it up at the end of a `with` statement.
+        """Create and lock the folder of a run for a `with` statement.
 
-        At the end the folder has results, or work that can be resumed, and nothing else of
-        a run.
+        The folder has a hidden work folder, in which a run stores unfinished work and then
+        complete results. At the end the folder contains the results of a run, or work that
+        can be resumed. Everything else is removed from the work folder.
 
         Raises
         ------
         OutputError
-            If the folder cannot be written, another program writes to it, or it has a
-            summary or a hidden folder that no run has written.
+            If the folder cannot be written, if another program writes to it, or if it has a
+            summary or a work folder with files that no run has written.
         """
         run_folder = cls(make_folder(path))
-        # The work folder may only have what runs make.
+        # Refuse a work folder with files that are not from a run.
         foreign_files = find_foreign_files(
             run_folder.work, WORK_FILES, re.compile(FINISHED)
         )
@@ -103,17 +104,20 @@ class RunFolder:
         try:
             run_folder.refuse_foreign_results([SUMMARY])
             if run_folder._has_finished_results:
-                # A run was stopped while its complete results were moved. Move the rest.
+                # An earlier run was stopped while its complete results were moved from the
+                # work folder. Move the rest.
                 run_folder.publish()
                 run_folder.discard_work()
             yield run_folder
         finally:
             if not (run_folder.has_unfinished_work or run_folder._has_finished_results):
                 run_folder.discard_work()
-                with suppress(OSError):  # Windows removes no open file
+                # Windows does not remove a file that is open. It is removed below then.
+                with suppress(OSError):
                     (run_folder.work / LOCK).unlink(missing_ok=True)
             lock.release()
-            with suppress(OSError):  # the folder is not empty if work is kept
+            # Only an empty folder can be removed. It is not empty if work is kept.
+            with suppress(OSError):
                 run_folder.work.rmdir()
 
     @property
@@ -127,7 +131,9 @@ class RunFolder:
         return bool(_signed_summary(self.work / FINISHED / SUMMARY))
 
     def read_journal(self) -> dict[str, Any]:
-        """Return the entries of the journal.
+        """Return the entries of the journal, which describe unfinished work.
+
+        The file has a checksum of the entries, so that damage is noticed.
 
         Raises
         ------
@@ -174,19 +180,28 @@ class RunFolder:
                     path.unlink()
 
     def refuse_foreign_results(self, names: Iterable[str]) -> None:
-        """Raise `OutputError` if files of these names exist that no run has written."""
+        """Raise `OutputError` if results would replace files that no run has written.
+
+        The summary of a run lists its files, which results may replace.
+
+        Parameters
+        ----------
+        names
+            Names of the files that results will have.
+        """
         summary_path = self.path / SUMMARY
-        replaceable = {
+        replaceable_names = {
             *self._written_files(summary_path),
-            # Those that an interrupted `publish` has already moved.
+            # Files of new results that an interrupted `publish` has moved already.
             *self._written_files(self.work / FINISHED / SUMMARY),
         }
         if _signed_summary(summary_path):
-            replaceable.add(SUMMARY)
+            replaceable_names.add(SUMMARY)
+        # `lexists` also finds links that lead nowhere.
         foreign_files = [
             name
             for name in names
-            if name not in replaceable and os.path.lexists(self.path / name)
+            if name not in replaceable_names and os.path.lexists(self.path / name)
         ]
         if foreign_files:
             raise OutputError(
@@ -274,14 +289,14 @@ def _file_size(path: Path) -> int:
 def find_foreign_files(
     folder: Path, files: re.Pattern[str], folders: re.Pattern[str]
 ) -> list[str]:
-    """Return the paths in a folder that are links, or that we do not write there.
+    """Return the paths in a folder that are links, or that spherekit does not write there.
 
     Parameters
     ----------
     folder
         The folder to search, with all folders in it. It need not exist.
     files, folders
-        Patterns of the relative paths of our files and folders.
+        Patterns of the relative paths of files and folders that spherekit writes there.
 
     Returns
     -------
@@ -293,8 +308,10 @@ def find_foreign_files(
     for path in folder.rglob("*"):
         relative_path = path.relative_to(folder).as_posix()
         is_folder = path.is_dir()
-        has_our_name = (folders if is_folder else files).fullmatch(relative_path)
+        pattern = folders if is_folder else files
+        has_expected_name = pattern.fullmatch(relative_path)
+        # The size is negative for a device or another special file.
         is_plain = is_folder or _file_size(path) >= 0
-        if path.is_symlink() or not has_our_name or not is_plain:
+        if path.is_symlink() or not has_expected_name or not is_plain:
             foreign_files.append(relative_path)
     return foreign_files

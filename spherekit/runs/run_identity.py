@@ -16,10 +16,10 @@ MAX_VALUE_LENGTH = 60
 
 
 def code_identity() -> dict[str, str]:
-    """Return the versions of the software, and the kind of machine.
+    """Return the versions of the software and the kind of machine, by name.
 
-    Runs with the same options and the same code identity have the same results, bit for
-    bit.
+    Runs with the same options and equal results of this function have the same results, bit
+    for bit. Only such runs may continue the stored work of each other.
     """
     try:
         heyoka_version = version("heyoka")

@@ -139,13 +139,24 @@ class RunPlan:
     def evaluate_poles(
         self, motion: Motion, sign_continuations: Sequence[SignContinuation]
     ) -> PoleFields:
-        """Evaluate the poles of a block, for each input whose request has poles.
+        """Evaluate the poles of a block, for each input that moves while others are locked.
 
-        `sign_continuations` has a memory for each request, which is updated in place. It
-        makes pole directions continuous from block to block.
+        A pole is the axis about which one link rotates relative to another. Inputs for
+        which no poles are requested are left out.
+
+        Parameters
+        ----------
+        motion
+            The configurations of the block.
+        sign_continuations
+            For each input, the last pole directions of the previous block. The signs of
+            directions continue from there. They are updated in place.
         """
+        # A kernel has computed the motion of this block. It computes the poles too, when
+        # they are read.
         if isinstance(self.source, BatchRunner) and id(motion) in self.source.unread:
             return self.source.fields(motion, sign_continuations)
+        # Only some poles are evaluated, if the size of tables is measured.
         if self.max_poles is not None:
             return tuple(
                 evaluate_sample(motion, request, self.max_poles)
@@ -153,8 +164,16 @@ class RunPlan:
                 if request.poles
             )
         return tuple(
-            evaluate(motion, request, memory, self.setting.route, self.setting.engine)
-            for request, memory in zip(self.requests, sign_continuations, strict=True)
+            evaluate(
+                motion,
+                request,
+                sign_continuation,
+                self.setting.route,
+                self.setting.engine,
+            )
+            for request, sign_continuation in zip(
+                self.requests, sign_continuations, strict=True
+            )
             if request.poles
         )
 
@@ -176,7 +195,19 @@ class RunPlan:
         pole_fields: PoleFields,
         continued_angles: ContinuedAngles,
     ) -> Batch:
-        """Return the view of a block that an analysis may read."""
+        """Return the view of a block of samples that an analysis may read.
+
+        Parameters
+        ----------
+        analysis
+            The analysis. It may read only the quantities that it has declared as needs.
+        motion
+            The configurations of the block.
+        pole_fields
+            The poles of the block, for each input that moves while the others are locked.
+        continued_angles
+            Variables (rad) without jumps of whole revolutions, by pair.
+        """
         sampling = self.sampling
         return Batch(
             mechanism=self.mechanism,
@@ -244,16 +275,16 @@ class RunPlan:
             table_store.add(
                 analysis_name, stored_table, stored_table.named(rows, mode_names)
             )
-        # The rows of an analysis belong to the samples of the batch, unless it reads no
-        # samples. It then computes configurations of its own, which are others even if its
-        # tables have columns for sample and assembly mode. At most one analysis has the
-        # name. `MOTION` is none, and its rows belong to the samples (`all` of nothing).
-        has_rows_of_batch = all(
-            analysis.reads_samples
-            for analysis in self.analyses
-            if analysis.name == analysis_name
+        # The rows belong to the samples of the batch, except for an analysis that reads no
+        # samples. It computes configurations of its own, even if its tables have columns
+        # for sample and assembly mode.
+        has_rows_of_batch = True
+        for analysis in self.analyses:
+            if analysis.name == analysis_name:
+                has_rows_of_batch = analysis.reads_samples
+        run_state.count_rows(
+            analysis_name, table, rows, batch=batch, has_rows_of_batch=has_rows_of_batch
         )
-        run_state.count_rows(analysis_name, table, rows, batch, has_rows_of_batch)
 
     @cached_property
     def identity(self) -> Facts:
@@ -309,10 +340,15 @@ class RunPlan:
         return (motion_table(self.sampling), EVENTS.of(self.mechanism))
 
     def tables(self, failed: Collection[str] = ()) -> Mapping[str, tuple[Table, ...]]:
-        """Return the tables that are stored, by analysis, without those of failed analyses.
+        """Return the declared tables of a run, by name of the analysis.
 
-        The key of the motion is `MOTION`. Tables have a column for names of assembly modes
-        if the mechanism names any.
+        The configurations have the name `MOTION`. Tables get a column for names of assembly
+        modes if the mechanism names any.
+
+        Parameters
+        ----------
+        failed
+            Names of failed analyses, which are left out.
         """
         declared_tables = {MOTION: self.motion_tables} | {
             analysis.name: self.tables_of(analysis)
@@ -326,10 +362,10 @@ class RunPlan:
 
 
 def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
-    """Ask each analysis for its needs, and check its declaration and parameters.
+    """Ask each analysis for its needs (the quantities that it reads), and check them.
 
-    An analysis that breaks the contract of plugins is noted in the result; the others are
-    run.
+    A faulty analysis of a plugin does not stop the others. The reason is noted in the
+    result.
 
     Raises
     ------
@@ -345,14 +381,15 @@ def collect_needs(analyses: Analyses, mechanism: Mechanism) -> DeclaredNeeds:
                 "twice"
             )
     needs = []
-    refused = {}
+    reason_by_refused_analysis = {}
     for analysis in analyses:
         try:
             needs.append(check_needs(analysis, mechanism))
         except PluginError as error:
-            refused[analysis.name] = str(error)
+            reason_by_refused_analysis[analysis.name] = str(error)
+            # There is one entry for each analysis, here an empty one.
             needs.append(Needs())
-    return DeclaredNeeds(needs, refused)
+    return DeclaredNeeds(needs, reason_by_refused_analysis)
 
 
 def make_run_plan(
@@ -464,7 +501,11 @@ def motion_table(sampling: Sampling) -> Table:
 
 
 def motion_rows(sampling: Sampling, motion: Motion, pole_fields: PoleFields) -> TableArrays:
-    """Return the columns of `motion_table` for a block; status includes that of poles."""
+    """Return the columns of the table of configurations for a block of samples.
+
+    The declaration of the table is `motion_table`. The status of a row is that of its
+    configuration or, if this is OK, that of its poles.
+    """
     mechanism = sampling.position_analysis.mechanism
     times = {}
     if sampling.is_over_time and motion.timing:
@@ -493,6 +534,9 @@ def links_of(mechanism: Mechanism, needs: Needs) -> frozenset[int]:
 def extract_needed_part(study: Study, analyses: Analyses) -> Mechanism:
     """Return the mechanism of a study without the groups of links that no analysis needs.
 
+    A group consists of links whose positions are found together. Groups on which the links
+    that analyses read do not depend are left out.
+
     Raises
     ------
     AnalysisError
@@ -512,8 +556,11 @@ def extract_needed_part(study: Study, analyses: Analyses) -> Mechanism:
         try:
             needs = check_needs(analysis, mechanism)
         except PluginError:
-            continue  # the run reports it
+            # The run reports the error.
+            continue
         links = links_of(mechanism, needs)
+        # An analysis that computes further configurations (`tracer`) reads all links unless
+        # it declares some.
         declared_links = needs.links if needs.tracer else links
         if not declared_links:
             raise AnalysisError(

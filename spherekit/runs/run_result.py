@@ -64,11 +64,11 @@ class AnalysisResult:
     name
         Name of the analysis.
     tables
-        The tables that it declares.
+        The declared tables: names, units and meanings of their columns.
     data
-        The columns of each table by its name. If the run wrote to a folder, columns are
-        read from its Parquet files when they are asked for. A run that kept no tables has
-        no data.
+        The columns of each table, by name of the table. If the run wrote to a folder, a
+        column is read from the Parquet file when it is first used. If the run kept no
+        tables, the mapping is empty.
     """
 
     name: str
@@ -239,19 +239,19 @@ class RunResult:
     ) -> "Mapping[str, Figure] | Figure":
         """Return figures for a paper, drawn by matplotlib from the scenes of the analyses.
 
-        The first time the run is repeated, since tables do not contain the scenes. The
-        scenes are kept for further figures, `show` and `save`.
+        Tables do not contain the scenes. The first call therefore repeats the run. The
+        scenes are stored for further figures, `show` and `save`.
 
         Parameters
         ----------
         subject
-            Name of a figure, ``"poles/velocity coefficients"``, or the part of it after
-            the analysis, or the name of an analysis with one figure; by default a mapping
-            of all by their names.
+            Name of a figure, such as ``"poles/velocity coefficients"``. The name of the
+            analysis before the slash can be omitted, and so can the rest if the analysis
+            has one figure. By default all figures are returned, as a mapping by name.
         degrees
             Whether angles are in degrees instead of rad.
         columns
-            Over how many columns of a journal the figure goes: 3.5 or 7.2 inches.
+            Width of the figure in columns of a journal: 1 is 3.5 inches, 2 is 7.2 inches.
 
         Raises
         ------
@@ -282,15 +282,20 @@ class RunResult:
         degrees: bool = False,
         formats: Sequence[Format] | None = None,
     ) -> list[Path]:
-        """Write every table, and `summary.json`; return the paths.
+        """Write all tables and `summary.json` to a folder, and return the paths.
 
-        By default as Parquet, and as CSV up to 100 MB.
+        `columns.csv` and the summary contain the unit of each column. The files appear
+        together when all of them are complete, in place of those of an older run.
 
-        `columns.csv` and the summary say each column's unit. With `degrees` angles, their
-        rates and accelerations are in degrees, and their columns are headed ``q [deg]``.
-
-        The files appear together when all are complete, in place of those of an older
-        run.
+        Parameters
+        ----------
+        folder
+            The folder. It is created if needed.
+        degrees
+            Whether angles, their rates and accelerations are in degrees. The heading of
+            such a column is ``q [deg]``, for example.
+        formats
+            Formats of the tables. By default Parquet, and CSV up to 100 MB.
 
         Raises
         ------
@@ -358,14 +363,14 @@ def make_result(
     degrees: bool,
     formats: Sequence[Format] | None,
 ) -> RunResult:
-    """Return the result of a run, after writing it if there is a folder.
+    """Return the result of a run, and write it first if there is a folder.
 
     Parameters
     ----------
     declared
-        The tables by the name of their analysis.
+        The declared tables, by name of the analysis.
     store
-        Their rows; None if no tables are kept.
+        The rows of the tables; None if no tables are kept.
     run_folder
         The folder of the run; None without one.
     summary
@@ -378,10 +383,10 @@ def make_result(
     Raises
     ------
     OutputError
-        If the disk is full; the folder then has what it had.
+        If the disk is full. The folder then still has the results of an older run.
     """
-    # Columns of tables, by analysis and table: read from Parquet files when they are asked
-    # for, or in memory.
+    # Columns of tables, by analysis and then by table. They are read from Parquet files
+    # when they are used, or they are in memory.
     files: list[Path] = []
     data: dict[str, dict[str, TableArrays]] = {name: {} for name in declared}
     summary = {**summary, "units": _units_by_stem(declared, degrees=False)}

@@ -130,21 +130,25 @@ class Sampling:
         return replace(motion, timing=timing)
 
     def _simulated_motion(self, simulation: Simulation, samples: Indices) -> Motion:
-        """Return the motion of a simulation at samples (n,)."""
+        """Return the motion of a simulation at samples, given by their numbers (n,).
+
+        The motion has one assembly mode, the one in which the simulation starts.
+        """
         assert self.timing is not None
         position_analysis = self.position_analysis
         solver = position_analysis.solver
 
-        # A simulation can end before the last sample. It stays at its end then.
+        # Samples after the end of the simulation have the state at its end.
         t = np.minimum(self.timing.t[samples], simulation.end.t)
         states = simulation.at(t)
+        # (n, variables). A simulation counts revolutions. A motion has angles in (-pi, pi],
+        # except for the inputs.
         values = states.values
-        # A simulation counts revolutions; a motion has angles in (-pi, pi], except inputs.
         values[:, solver.angles] = wrap(values[:, solver.angles])
         values[:, list(simulation.driven)] = states.inputs
 
-        # At a dead centre the input turns back while the mechanism moves on. The sign of
-        # the input's rate relative to the motion changes there.
+        # At a dead centre the input turns back while the mechanism moves on. After an odd
+        # number of dead centres the input moves against the sense of the motion.
         reversal_times = [
             event.t
             for event in simulation.events
@@ -171,26 +175,28 @@ class Sampling:
     def continue_angles(
         self, motion: Motion, names: Collection[str], last_angles: LastAngles
     ) -> Mapping[str, Floats]:
-        """Return pair variables without jumps of whole revolutions, at the next block.
+        """Return pair variables of a block that continue those of the previous block.
+
+        The variables have no jumps of whole revolutions.
 
         Parameters
         ----------
         motion
-            The block that follows the one of `last_angles`: n rows.
+            A block of successive samples: n rows.
         names
             Pairs whose variables are returned.
         last_angles
-            The variables at the end of the previous block. It is updated in place.
+            The variables at the end of the previous block. They are updated in place.
 
         Returns
         -------
         (n,) variables in rad, by pair.
         """
         solver = self.position_analysis.solver
-        needs_revolutions = set(names) - set(self.position_analysis.inputs)
-        if self.simulation is not None and needs_revolutions:
+        passive_names = set(names) - set(self.position_analysis.inputs)
+        if self.simulation is not None and passive_names:
             assert motion.timing is not None
-            # A simulation has counted the revolutions already.
+            # A simulation has counted the revolutions of passive pairs already.
             difference = self.simulation.at(motion.timing.t).values - motion.values
             values = motion.values.copy()
             values[:, solver.angles] += TURN * np.round(difference / TURN)[:, solver.angles]
@@ -217,18 +223,19 @@ class Sampling:
 
     @property
     def mean_axis_direction(self) -> Floats | None:
-        """Unit vector (3,) to the mean of axes and contacts in the first mode, ground axes.
+        """Mean direction of the axes and contact points in the first assembly mode.
 
-        About 24 samples are used. None if the axes cancel each other.
+        It is a unit vector (3,) in ground axes, from which recordings are viewed. About 24
+        samples are used. None if the axes cancel each other.
         """
         spread_samples = np.arange(0, len(self), max(1, len(self) // 24))
         motion = self.motion_at(spread_samples)
         is_first_mode = motion.assembly_mode == motion.assembly_mode[0]
         # (rows, pairs, 3): the third column of the frame of a pair is its axis.
         axes = motion.frames[~motion.failed & is_first_mode, :, :, 2]
-        mean = np.sum(axes, axis=(0, 1))
-        length = np.linalg.norm(mean)
-        return None if length < DIRECTION_CANCELS else mean / length
+        axis_sum = np.sum(axes, axis=(0, 1))
+        length = np.linalg.norm(axis_sum)
+        return None if length < DIRECTION_CANCELS else axis_sum / length
 
     def events(self) -> TableArrays:
         """Return the rows of the table `EVENTS` of a simulation."""
@@ -252,7 +259,13 @@ class Sampling:
         )
 
     def summary(self) -> dict[str, Any]:
-        """Return the time laws, or the checks of a simulation, ready for JSON."""
+        """Return facts about the motion over time for the summary of a run.
+
+        Returns
+        -------
+        An entry ``time`` with the duration and the time laws, or an entry ``simulation``
+        with its end and the results of its checks. Empty if the samples are no times.
+        """
         if not self.is_over_time:
             return {}
         facts: dict[str, Any] = {"duration_s": self.duration}
@@ -317,7 +330,18 @@ def make_sampling(
 
 
 def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling:
-    """Return samples over ranges or a path of the inputs."""
+    """Return samples over the ranges of the inputs, or on a path of the inputs.
+
+    Parameters
+    ----------
+    study
+        The samples, and options of the search for assembly modes.
+    mechanism
+        The mechanism of the study, with the inputs of the run.
+    follow
+        Whether assembly modes are searched. Without them there are no configurations.
+    """
+    # `input_pair=None`: the inputs are those of the mechanism.
     position_analysis = PositionAnalysis(
         mechanism,
         input_pair=None,
@@ -330,6 +354,7 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
         crossings=study.crossings,
     )
     input_grid = position_analysis.input_grid
+    # The samples have times if they are on a straight path, or if there is one input.
     is_straight = study.path is None and input_grid.is_path
     timing = None
     if is_straight or len(mechanism.input_pairs) == 1:
@@ -345,7 +370,7 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
 
 
 def _sample_laws(study: Study, mechanism: Mechanism, t: Floats) -> Sampling:
-    """Return samples at times t (n,) s of the time laws of the inputs."""
+    """Return samples at times t (n,) in s, at which the inputs follow their time laws."""
     laws = study.laws
     if not laws:
         # The single input moves from the start of its range at the default speed.
@@ -379,12 +404,14 @@ def _simulate_study(
     engine: EngineChoice,
     on_progress: Callable[[Sampling], None] | None,
 ) -> Sampling:
-    """Solve and check the simulation of a study, and return it at times t (n,) s.
+    """Solve the simulation of a study, in which the motion follows from loads.
 
     Parameters
     ----------
-    study, mechanism
-        The study, and its mechanism with the inputs of the run.
+    study
+        Duration, start, driving torques and tolerance of the simulation.
+    mechanism
+        The mechanism of the study, with the inputs of the run.
     t
         (n,) times of the samples, s.
     engine
@@ -392,14 +419,19 @@ def _simulate_study(
     on_progress
         Called while the simulation is solved, with all samples and with the part of the
         simulation that is solved. None if nobody follows the progress.
+
+    Returns
+    -------
+    The samples at times t, or up to the end of the simulation if it ends earlier.
     """
     assert study.start is not None and study.duration is not None
     check_engine_and_tolerance(mechanism, engine, study.tolerance)
-    # The position analysis only finds the assembly modes at the start. A single input has
-    # the two ends of its range as samples, several inputs have the start (1, inputs).
+    # The position analysis only finds the assembly modes at the start. Its samples are the
+    # two ends of the range of a single input, or the start (1, inputs) of several inputs.
     start_inputs = None
     if len(mechanism.input_pairs) > 1:
-        start_inputs = study.start.each(mechanism.input_pairs)[0][None]
+        start_values, *_ = study.start.each(mechanism.input_pairs)
+        start_inputs = start_values[None]
     position_analysis = PositionAnalysis(
         mechanism,
         input_pair=None,
@@ -571,18 +603,18 @@ def _time_faults(study: Study, mechanism: Mechanism) -> Iterator[tuple[Names, st
 
 
 def _default_timing(q: Floats, is_straight: bool) -> Timing:
-    """Return the timing of inputs without laws: times, constant rates, no accelerations.
+    """Return times, rates and accelerations of inputs that have no time laws.
 
-    Time begins at 0. The other inputs move in proportion to the fastest one.
+    The fastest input moves at the constant speed `DEFAULT_INPUT_SPEED`, the others in
+    proportion to it. Time begins at 0, and accelerations are 0.
 
     Parameters
     ----------
     q
         (k, inputs) values of the inputs, rad.
     is_straight
-        Whether the inputs move on a straight path from the first to the last row. The
-        fastest input then moves at `DEFAULT_INPUT_SPEED`. Otherwise there is a single
-        input, which moves at this speed from its least to its greatest value.
+        Whether the inputs move on a straight path from the first to the last row.
+        Otherwise there is a single input, which moves from its least to its greatest value.
     """
     # (2, inputs): the first and the last values, or the least and the greatest.
     ends = q[[0, -1]] if is_straight else input_extents(q)[0]
@@ -592,7 +624,7 @@ def _default_timing(q: Floats, is_straight: bool) -> Timing:
     if displacement[fastest]:
         relative_speed = displacement / np.abs(displacement[fastest])
     else:
-        # No input moves. Rates are then those of a motion at the default speed.
+        # No input moves. The rates are then those of inputs that move at the default speed.
         relative_speed = np.ones_like(displacement)
     return Timing(
         t,
