@@ -2,7 +2,12 @@
 
 import numpy as np
 import pytest
-from helpers.error_bound_checks import KINDS, evaluate, judged_special, stated
+from helpers.error_bound_checks import (
+    KINDS,
+    compare_errors_with_bounds,
+    compare_special_mechanism,
+    evaluate,
+)
 from helpers.refusals import mechanism_text
 from mechanism_examples.random_mechanisms import random_mechanism
 from mechanism_examples.special_mechanisms import special_mechanism
@@ -43,13 +48,13 @@ def test_special_geometry_keeps_to_what_is_stated(seeds):
     """By the float64 numbers and by the decimal degrees, every number of every row."""
     judged, marked, worst = 0, 0, 0.0
     for seed in seeds:
-        _, found = judged_special(seed)
+        _, found = compare_special_mechanism(seed)
         for kind in KINDS:
-            assert np.all(found.parts(kind) <= 1.0), (seed, kind)
+            assert np.all(found.error_ratios(kind) <= 1.0), (seed, kind)
         assert found.silent == 0 and found.unknown == 0, seed
         judged += found.numbers
         marked += found.marked
-        worst = max(worst, float(np.max(found.parts("directions"), initial=0.0)))
+        worst = max(worst, float(np.max(found.error_ratios("directions"), initial=0.0)))
     assert judged > 150 * len(seeds) and worst > 0.05
     assert marked < 0.6 * (judged / 6)  # of rows; far from folds none is marked
 
@@ -60,10 +65,10 @@ def test_shipped_mechanisms_keep_to_what_is_stated(name):
     """All modes, against the closure equations in 18 digits, or 50 where these say no."""
     made = sk.load(name)
     grid = [3] * len(made.inputs) if len(made.inputs) > 1 else 13
-    found = stated(PositionAnalysis(made, search=False, samples=grid))
+    found = compare_errors_with_bounds(PositionAnalysis(made, search=False, samples=grid))
     assert found.silent == found.unknown == 0
     for kind in KINDS:
-        assert np.all(found.parts(kind) <= 1.0), kind
+        assert np.all(found.error_ratios(kind) <= 1.0), kind
 
 
 def test_special_mechanisms_are_of_all_kinds():

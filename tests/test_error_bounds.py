@@ -2,7 +2,12 @@
 
 import numpy as np
 import pytest
-from helpers.error_bound_checks import KINDS, Stated, judge_bounds, stated
+from helpers.error_bound_checks import (
+    KINDS,
+    ErrorComparison,
+    compare_errors_with_bounds,
+    judge_bounds,
+)
 from helpers.refusals import HERE, mechanism_text
 from mechanism_examples.special_mechanisms import special_mechanism, straight_mechanism
 
@@ -60,11 +65,13 @@ def test_arcs_near_0_and_180_degrees_keep_to_their_bounds(seeds):
 )
 def test_bounds_of_ordinary_mechanisms_are_not_grossly_wide(names, samples):
     """Medians over all errors above half a rounding; measured were 1e2 to 2e4."""
-    found = Stated()
+    found = ErrorComparison()
     for name in names:
-        found.add(stated(PositionAnalysis(sk.load(name), samples=samples)))
+        found.add(
+            compare_errors_with_bounds(PositionAnalysis(sk.load(name), samples=samples))
+        )
     for kind in KINDS[1:]:
-        error, bound = found.of(kind)
+        error, bound = found.errors_and_bounds(kind)
         seen = error > 1e-16
         assert np.sum(seen) > 500
         assert np.median(bound[seen] / error[seen]) < 1e5, kind
@@ -100,4 +107,4 @@ def test_evaluate_has_the_bounds_of_the_table(name, inputs, assembly_mode):
 def test_derivatives_of_directions_are_within_bounds_beside_folds(seed):
     _, made, path = special_mechanism(seed)
     found = judge_bounds(made, path)
-    assert len(found.of("direction derivatives")[0]) > 20
+    assert len(found.errors_and_bounds("direction derivatives")[0]) > 20

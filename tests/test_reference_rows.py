@@ -6,7 +6,7 @@ from functools import cache
 import mpmath as mp
 import numpy as np
 import pytest
-from helpers.error_bound_checks import KINDS, stated
+from helpers.error_bound_checks import KINDS, compare_errors_with_bounds
 from mechanism_examples.linkages import mechanism_from_chain
 from mechanism_examples.random_mechanisms import random_mechanism
 from oracles.exact_four_bar import angle, arcs_of
@@ -368,12 +368,14 @@ def test_stated_errors_hold(seeds):
             tracer = PositionAnalysis(made, search=False, samples=3, assembly_mode=0)
         except SpherekitError:
             continue
-        found = stated(tracer)
+        found = compare_errors_with_bounds(tracer)
         for kind in KINDS:
-            assert np.all(found.parts(kind) <= 1.0), (seed, kind)
+            assert np.all(found.error_ratios(kind) <= 1.0), (seed, kind)
         assert found.silent == 0
-        judged += len(found.parts("directions"))
-        worst = max(worst, float(np.max(found.parts("directions"), initial=0.0)))
-        widest = max(widest, float(np.max(found.of("configurations")[0], initial=0.0)))
+        judged += len(found.error_ratios("directions"))
+        worst = max(worst, float(np.max(found.error_ratios("directions"), initial=0.0)))
+        widest = max(
+            widest, float(np.max(found.errors_and_bounds("configurations")[0], initial=0.0))
+        )
     # Bounds that are met by far everywhere would say nothing.
     assert judged > 500 and worst > 1e-3 and widest > 1e-15

@@ -1,4 +1,7 @@
-"""How far the errors that spherekit states for its rows hold, and how wide they are."""
+"""Compares the errors of configurations and poles with the bounds that spherekit states.
+
+The reference is `spherekit.proof.reference_rows`: the same loops closed in more digits.
+"""
 
 from dataclasses import dataclass, field
 from typing import final
@@ -19,21 +22,39 @@ from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
 TINY = 1e-300
+"""Stands for a bound of 0 in a division."""
 
 
 KINDS = ("configurations", "directions", "rates", "derivatives", "direction derivatives")
+"""Quantities with an error bound.
+
+Variables of the configuration (rad), pole directions (unit vectors), velocity and
+acceleration coefficients of poles, and derivatives of pole directions by the input.
+"""
 """What errors are stated of."""
 
 
 @final
 @dataclass
-class Stated:
-    """Errors and what is stated for them: of configurations and of the rows of poles.
+class ErrorComparison:
+    """Errors of numbers in rows with status OK, and the bounds stated for them.
 
-    Per kind of `KINDS` an error and a bound for each number judged. `rows` (one per
-    configuration and input that moves) and `numbers` (poles times rows) that are OK were
-    looked at; of the rows `marked` have another status, and `unknown` no reference; `many`
-    were judged in 50 digits. `silent` numbers are NaN in rows that are OK.
+    Attributes
+    ----------
+    error, bound
+        Per kind of `KINDS` a list of arrays, with one error and one bound per number.
+    rows
+        Rows with status OK; one row is a configuration and the input that moves in it.
+    numbers
+        Rows times poles.
+    marked
+        Rows with another status than OK, which are not compared.
+    unknown
+        Rows for which the reference was not computed.
+    many
+        Rows whose reference was computed in 50 digits.
+    silent
+        Numbers that are NaN although their row is OK.
     """
 
     error: dict[str, list[Floats]] = field(default_factory=lambda: {k: [] for k in KINDS})
@@ -45,183 +66,266 @@ class Stated:
     many: int = 0
     silent: int = 0
 
-    def of(self, kind):
-        """Return errors (n,) and bounds (n,) of a kind."""
+    def errors_and_bounds(self, kind):
+        """Return the errors (n,) and the bounds (n,) of a kind."""
         nothing = [np.empty(0)]
-        error, bound = self.error[kind] or nothing, self.bound[kind] or nothing
-        return np.concatenate(error), np.concatenate(bound)
+        errors = np.concatenate(self.error[kind] or nothing)
+        bounds = np.concatenate(self.bound[kind] or nothing)
+        return errors, bounds
 
-    def parts(self, kind):
-        """Return (n,) errors over their bounds."""
-        error, bound = self.of(kind)
-        return error / np.maximum(bound, TINY)
+    def error_ratios(self, kind):
+        """Return (n,) errors divided by their bounds; at most 1 if the bounds are right."""
+        errors, bounds = self.errors_and_bounds(kind)
+        return errors / np.maximum(bounds, TINY)
 
-    def add(self, other):
-        """Count another one's numbers too."""
+    def add(self, comparison):
+        """Append the numbers and counts of another comparison."""
         for kind in KINDS:
-            self.error[kind] += other.error[kind]
-            self.bound[kind] += other.bound[kind]
+            self.error[kind] += comparison.error[kind]
+            self.bound[kind] += comparison.bound[kind]
         for name in ("rows", "numbers", "marked", "unknown", "many", "silent"):
-            setattr(self, name, getattr(self, name) + getattr(other, name))
+            setattr(self, name, getattr(self, name) + getattr(comparison, name))
 
 
-def judge_bounds(made, path, **how):
-    """Check that all numbers of rows that are OK have bounds, and keep to them.
+def judge_bounds(mechanism, path, **options):
+    """Assert that every number in a row with status OK has a bound and keeps it.
 
     Parameters
     ----------
-    made, path
-        A mechanism, and its inputs (n, inputs) in rad.
-    how
-        Options of `stated`.
+    mechanism
+        Mechanism that is moved along the path.
+    path
+        Inputs (samples, inputs) in rad.
+    options
+        Keyword arguments of `compare_errors_with_bounds`.
 
     Returns
     -------
-    Stated
-        The errors and bounds, without any if the mechanism can be assembled nowhere.
+    ErrorComparison
+        Errors and bounds; empty if the loops of the mechanism close nowhere.
     """
     try:
-        position_analysis = PositionAnalysis(made, path=path)
-    except SpherekitError:  # arcs that close nowhere
-        return Stated()
+        position_analysis = PositionAnalysis(mechanism, path=path)
+    except SpherekitError:  # the loops close nowhere
+        return ErrorComparison()
     with np.errstate(all="ignore"):
-        found = stated(position_analysis, **how)
-    assert found.silent == found.unknown == 0
+        comparison = compare_errors_with_bounds(position_analysis, **options)
+    assert comparison.silent == 0
+    assert comparison.unknown == 0
     for kind in KINDS:
-        assert np.all(found.parts(kind) <= 1.0), kind
-    return found
+        assert np.all(comparison.error_ratios(kind) <= 1.0), kind
+    return comparison
 
 
-def judged_special(seed):
-    """Return the family of a seed, and what is stated for its mechanism."""
-    family, made, path = special_mechanism(seed)
-    found = Stated()
-    try:
-        tracer = PositionAnalysis(made, path=path)
-    except SpherekitError:
-        return family, found
-    with np.errstate(all="ignore"):
-        found.add(stated(tracer, as_written=True, every=50))
-    return family, found
+def compare_special_mechanism(seed):
+    """Compare errors and bounds for the special mechanism of a seed.
 
-
-def stated(tracer, as_written=False, every=0):
-    """Return errors and statements of the rows that are OK and have a reference.
-
-    With `as_written` they are judged a second time, by the decimal numbers of a file; of
-    `every` so many rows one is judged in 50 digits in any case.
+    Returns
+    -------
+    family
+        Words for the special geometry, see `special_mechanism`.
+    comparison
+        `ErrorComparison`; empty if the loops close nowhere.
     """
-    motion = tracer.motion()
-    made = motion.mechanism
-    poles = all_poles(len(made.links))
-    found = Stated()
-    for driven in motion.assembly.inputs:
-        wanted = request(
-            made, made.pairs[driven].name, poles, poles, by_rank=tracer.by_rank
+    family, mechanism, path = special_mechanism(seed)
+    try:
+        position_analysis = PositionAnalysis(mechanism, path=path)
+    except SpherekitError:
+        return family, ErrorComparison()
+    with np.errstate(all="ignore"):
+        comparison = compare_errors_with_bounds(
+            position_analysis, as_written=True, every=50
         )
-        poled = evaluate(motion, wanted)
-        good = poled.status == Status.OK
-        found.marked += int(np.sum(~good))
-        found.silent += _silent(poled, good)
-        if not np.any(good):
+    return family, comparison
+
+
+def compare_errors_with_bounds(position_analysis, as_written=False, every=0):
+    """Compare all rows of a motion that have status OK with their reference.
+
+    Parameters
+    ----------
+    position_analysis
+        Position analysis whose motion is evaluated, one input moving at a time.
+    as_written
+        Whether rows are also compared with the mechanism whose sizes are the decimal
+        numbers of the file, without rounding to float64.
+    every
+        One of this many rows has a reference in 50 digits in any case; 0 for none.
+
+    Returns
+    -------
+    ErrorComparison
+        Errors and bounds of all numbers.
+    """
+    motion = position_analysis.motion()
+    mechanism = motion.mechanism
+    poles = all_poles(len(mechanism.links))
+    comparison = ErrorComparison()
+    for moving_input in motion.assembly.inputs:
+        pole_request = request(
+            mechanism,
+            mechanism.pairs[moving_input].name,
+            poles,
+            poles,
+            by_rank=position_analysis.by_rank,
+        )
+        field = evaluate(motion, pole_request)
+        is_ok = field.status == Status.OK
+        comparison.marked += int(np.sum(~is_ok))
+        comparison.silent += _count_missing_numbers(field, is_ok)
+        if not np.any(is_ok):
             continue
-        found.rows += int(np.sum(good))
-        found.numbers += int(np.sum(good)) * len(poles)
-        for written in (False, True):
-            # Rows by decimals are not those of the float64 numbers.
-            judged = good & poled.is_decimal if written else good & ~poled.is_decimal
-            judged = good if written and as_written else judged
-            if np.any(judged):
-                _judge(found, motion, poled, wanted, judged, (driven, written, every))
-    return found
+        comparison.rows += int(np.sum(is_ok))
+        comparison.numbers += int(np.sum(is_ok)) * len(poles)
+        for is_decimal in (False, True):
+            # A row computed from the decimal numbers of the file is not a row of the
+            # float64 numbers, so it is compared with the decimal reference only.
+            if not is_decimal:
+                rows = is_ok & ~field.is_decimal
+            elif as_written:
+                rows = is_ok
+            else:
+                rows = is_ok & field.is_decimal
+            if np.any(rows):
+                _compare_rows(
+                    comparison,
+                    motion,
+                    field,
+                    pole_request,
+                    rows,
+                    moving_input=moving_input,
+                    is_decimal=is_decimal,
+                    every=every,
+                )
+    return comparison
 
 
-def _silent(field, good):
-    """Return how many numbers of rows that are OK are missing."""
+def _count_missing_numbers(field, is_ok):
+    """Return how many coefficients and error bounds are NaN in rows (n,) that are OK."""
     count = 0
     for pole, codes in field.pole_status.items():
-        known = good & (codes == Status.OK)
-        rest = good & (codes == Status.NO_POLE)
+        has_direction = is_ok & (codes == Status.OK)
+        is_at_rest = is_ok & (codes == Status.NO_POLE)
         for values in (
             field.velocity_coefficient,
             field.acceleration_coefficient,
             field.velocity_coefficient_error,
             field.acceleration_coefficient_error,
+            field.direction_error,
         ):
-            count += int(np.sum(~np.isfinite(values[pole]) & known))
-        count += int(np.sum(~np.isfinite(field.velocity_coefficient_error[pole]) & rest))
-        count += int(np.sum(~np.isfinite(field.direction_error[pole]) & known))
-        turned = np.isfinite(field.direction_dq[pole][:, 0])
-        count += int(np.sum(turned & ~np.isfinite(field.direction_dq_error[pole])))
+            count += int(np.sum(~np.isfinite(values[pole]) & has_direction))
+        # Links at rest relative to each other have the coefficient 0, with a bound.
+        rate_error = field.velocity_coefficient_error[pole]
+        count += int(np.sum(~np.isfinite(rate_error) & is_at_rest))
+        has_derivative = np.isfinite(field.direction_dq[pole][:, 0])
+        has_bound = np.isfinite(field.direction_dq_error[pole])
+        count += int(np.sum(has_derivative & ~has_bound))
     return count
 
 
-def _judge(found, motion, field, wanted, good, how):
-    driven, written, every = how
-    errors, bounds, known = _compared(
-        motion, field, wanted, good, (driven, written), Digits(MIN_DIGITS)
+def _compare_rows(
+    comparison, motion, field, pole_request, rows, *, moving_input, is_decimal, every
+):
+    """Append errors and bounds of some rows to a comparison.
+
+    All rows are compared in the smallest number of digits first. Rows whose error is more
+    than half of a bound, rows without a reference, and one of `every` rows are compared
+    again in 50 digits, because the rounding of the reference might decide on them.
+
+    Parameters
+    ----------
+    comparison
+        `ErrorComparison` that is extended.
+    motion, field, pole_request
+        Motion, its poles, and the request that the poles were evaluated for.
+    rows
+        (n,) True for the rows that are compared.
+    moving_input
+        Number of the input pair that moves.
+    is_decimal
+        Whether the reference has the decimal sizes of the file.
+    every
+        As in `compare_errors_with_bounds`.
+    """
+    errors, bounds, has_reference = _errors_of_rows(
+        motion, field, pole_request, rows, moving_input, is_decimal, Digits(MIN_DIGITS)
     )
-    doubtful = ~known
+    is_doubtful = ~has_reference
     for kind in KINDS:
-        beside = errors[kind] > 0.5 * bounds[kind]
-        doubtful |= np.any(beside.reshape(-1, len(known)), axis=0)
+        is_close_to_bound = errors[kind] > 0.5 * bounds[kind]
+        is_doubtful |= np.any(is_close_to_bound.reshape(-1, len(is_doubtful)), axis=0)
     if every:
-        doubtful[(found.rows + int(written)) % every :: every] = True
-    if np.any(doubtful):
-        rows = np.zeros(len(motion), dtype=bool)
-        rows[np.flatnonzero(good)[doubtful]] = True
-        better, _, sure = _compared(
-            motion, field, wanted, rows, (driven, written), Digits(50)
+        first = (comparison.rows + int(is_decimal)) % every
+        is_doubtful[first::every] = True
+    if np.any(is_doubtful):
+        doubtful_rows = np.zeros(len(motion), dtype=bool)
+        doubtful_rows[np.flatnonzero(rows)[is_doubtful]] = True
+        better_errors, _, has_better_reference = _errors_of_rows(
+            motion, field, pole_request, doubtful_rows, moving_input, is_decimal, Digits(50)
         )
         for kind in KINDS:
-            errors[kind][..., doubtful] = better[kind]
-        known[doubtful] = sure
-        found.many += int(np.sum(doubtful))
-    found.unknown += int(np.sum(~known))
+            errors[kind][..., is_doubtful] = better_errors[kind]
+        has_reference[is_doubtful] = has_better_reference
+        comparison.many += int(np.sum(is_doubtful))
+    comparison.unknown += int(np.sum(~has_reference))
     for kind in KINDS:
-        stands = known & np.isfinite(errors[kind]) & ~np.isnan(bounds[kind])
-        found.error[kind].append(errors[kind][stands])
-        found.bound[kind].append(bounds[kind][stands])
+        is_comparable = has_reference & np.isfinite(errors[kind]) & ~np.isnan(bounds[kind])
+        comparison.error[kind].append(errors[kind][is_comparable])
+        comparison.bound[kind].append(bounds[kind][is_comparable])
 
 
-def _compared(motion, field, wanted, rows, which, numbers):
-    """Return errors and bounds by kind, (rows,) or (poles, rows), and which rows stand."""
-    driven, written = which
-    with numbers.within():
-        frames = read_decimals(motion.mechanism).revolute_frames() if written else None
+def _errors_of_rows(motion, field, pole_request, rows, moving_input, is_decimal, digits):
+    """Return errors and bounds of some rows against a reference in so many digits.
+
+    Parameters as in `_compare_rows`; `digits` is the arithmetic of the reference.
+
+    Returns
+    -------
+    errors, bounds
+        By kind (rows,) for configurations, (poles, rows) for all others.
+    has_reference
+        (rows,) whether the reference was computed.
+    """
+    with digits.within():
+        frames = read_decimals(motion.mechanism).revolute_frames() if is_decimal else None
         inputs = exact_balls(motion.inputs[rows])
     (exact,) = exact_rows_by_input(
-        motion, rows, (driven,), numbers, inputs=inputs, frames=frames
+        motion, rows, (moving_input,), digits, inputs=inputs, frames=frames
     )
-    given = field.rows(rows)
-    nearest = exact_field(exact, wanted, given)
-    poles = list(given.direction)
-    with numbers.within():
-        ways = [
-            centre_floats(exact_direction(exact, p, u) - u)
-            for p, u in given.direction.items()
-        ]
-    errors = {
-        "configurations": exact.distance,
-        "directions": [np.linalg.norm(way, axis=1) for way in ways],
-    }
+    evaluated = field.rows(rows)
+    reference = exact_field(exact, pole_request, evaluated)
+    poles = list(evaluated.direction)
+
+    direction_errors = []
+    with digits.within():
+        for pole, direction in evaluated.direction.items():
+            deviation = centre_floats(exact_direction(exact, pole, direction) - direction)
+            direction_errors.append(np.linalg.norm(deviation, axis=1))
+    errors = {"configurations": exact.distance, "directions": direction_errors}
     bounds = {
         "configurations": motion.configuration_error[rows],
-        "directions": [given.direction_error[pole] for pole in poles],
+        "directions": [evaluated.direction_error[pole] for pole in poles],
     }
     for kind, name in (
         ("rates", "velocity_coefficient"),
         ("derivatives", "acceleration_coefficient"),
     ):
-        own, right = getattr(given, name), getattr(nearest, name)
-        errors[kind] = [np.abs(own[pole] - right[pole]) for pole in poles]
-        bounds[kind] = [getattr(given, f"{name}_error")[pole] for pole in poles]
-    own, right = given.direction_dq, nearest.direction_dq
+        values = getattr(evaluated, name)
+        exact_values = getattr(reference, name)
+        stated_bounds = getattr(evaluated, f"{name}_error")
+        errors[kind] = [np.abs(values[pole] - exact_values[pole]) for pole in poles]
+        bounds[kind] = [stated_bounds[pole] for pole in poles]
     errors["direction derivatives"] = [
-        np.linalg.norm(own[pole] - right[pole], axis=1) for pole in poles
+        np.linalg.norm(evaluated.direction_dq[pole] - reference.direction_dq[pole], axis=1)
+        for pole in poles
     ]
-    bounds["direction derivatives"] = [given.direction_dq_error[pole] for pole in poles]
-    rounding = 10.0 * numbers.eps * exact.condition**2  # of the reference itself
-    judged = {k: np.maximum(np.array(v) - rounding, 0.0) for k, v in errors.items()}
-    stated = {kind: np.array(values) for kind, values in bounds.items()}
-    return judged, stated, exact.status == Status.OK
+    bounds["direction derivatives"] = [evaluated.direction_dq_error[p] for p in poles]
+
+    # The reference is rounded too; the squared condition number scales its rounding.
+    reference_rounding = 10.0 * digits.eps * exact.condition**2
+    errors = {
+        kind: np.maximum(np.array(values) - reference_rounding, 0.0)
+        for kind, values in errors.items()
+    }
+    bounds = {kind: np.array(values) for kind, values in bounds.items()}
+    return errors, bounds, exact.status == Status.OK
