@@ -53,19 +53,19 @@ MAX_FRICTION_ITERATIONS = 100
 
 @dataclass(frozen=True)
 class IndeterminateForces:
-    """The information that a file lacks, without which not all forces are determined.
+    """The information that a mechanism file lacks, so that forces are not determined.
 
     Attributes
     ----------
     centres
-        Links with inertia but without a centre of mass.
+        Names of links with inertia but without a centre of mass.
     distances
-        Contacts whose distance from the centre O is not known.
+        Names of contacts whose distance from the centre O is not known.
     floating
-        Pairs that would have to let their links slide along the axis.
+        Names of pairs whose bearings would have to let the links slide along the axis.
     enough
         Whether this information would determine all forces. If not, redundant constraints
-        leave some of them undetermined.
+        leave some of the forces undetermined.
     """
 
     centres: Names = ()
@@ -96,12 +96,13 @@ class IndeterminateForces:
 def diagnose_indeterminate_forces(
     mechanism: Mechanism, frames: Floats
 ) -> IndeterminateForces:
-    """Return what would determine all forces through O in one configuration.
+    """Return the information that would determine all forces through the centre O.
 
-    O is the centre of the sphere. Reactions that balance each other without loads form a
-    linear space, and no equation determines their sizes. Each pair that lets its links
-    slide along its axis removes one dimension of this space, if the axial force of the pair
-    takes part in the remaining space. The pair with the largest part is chosen first.
+    Reactions that balance each other without loads form a linear space, and no equation
+    determines their sizes. Each pair that lets its links slide along its axis has no axial
+    force. This removes one dimension of the space, unless the axial force is zero
+    everywhere in the space. Pairs are chosen one after another, always the one whose axial
+    force has the largest part in the remaining space.
 
     Parameters
     ----------
@@ -115,8 +116,8 @@ def diagnose_indeterminate_forces(
         for pair in mechanism.pairs
         if not pair.kind.has_axis and pair.distance is None
     )
-    # Which reactions balance each other does not depend on the values of masses and
-    # distances, so any values stand for those that are not known.
+    # Unknown masses, centres and distances get arbitrary values: the reactions that balance
+    # each other do not depend on them.
     complete_mechanism = replace(
         mechanism,
         masses=tuple(
@@ -145,8 +146,9 @@ def diagnose_indeterminate_forces(
     # chosen before leave.
     basis_change, triangle, order = qr(balanced[axial_columns].T, pivoting=True)
     chosen = np.count_nonzero(np.abs(np.diag(triangle)) >= np.sqrt(DETERMINED_PART))
-    floating = sorted(equations.columns[axial_columns[k]][0] for k in order[:chosen])
-    # What is left of the space once all chosen pairs slide.
+    chosen_columns = [axial_columns[k] for k in order[:chosen]]
+    floating = sorted(equations.columns[column][0] for column in chosen_columns)
+    # Basis of the space that remains if all chosen pairs slide.
     remaining = balanced @ basis_change[:, chosen:]
     is_force = [
         k for k, component in enumerate(components) if component >= MOMENT_COMPONENTS
@@ -163,14 +165,17 @@ def diagnose_indeterminate_forces(
 class CarriedLoads:
     """The forces that pairs with friction carry, at n rows.
 
+    Friction depends on the carried forces and changes them. The feedback says how strongly:
+    below 1 there is exactly one solution.
+
     Attributes
     ----------
     carried
         (n, k) sums of the forces on bearings (N), or the push of a contact (N m), for each
-        of `Loads.friction_components`; NaN in rows that were left out.
+        of `Loads.friction_components`. NaN in rows that were not to be solved.
     is_unknown
-        (n,) whether the friction is not known: the feedback is not below 1, as where
-        bearings lock, or the iteration has not converged.
+        (n,) whether the friction is not known: the feedback is not below 1, so that
+        bearings may lock, or the iteration has not converged.
     iterations
         Number of iterations.
     """
@@ -186,22 +191,22 @@ def solve_bearing_friction(
     is_finite: Bools,
     inverse_inertia: Floats | None = None,
 ) -> CarriedLoads:
-    """Return what pairs with friction carry, given the motion without their friction.
+    """Return the loads that pairs with friction carry, from the motion without friction.
 
     The friction torques f of all such pairs depend on the loads that they carry, and change
     these loads. At place j of pair k (a bearing, or a contact) the load is the vector
-    a_kj + sum_l b_kjl f_l. The vectors a and b are computed here, and `_solve_friction`
-    solves f_k = r_k sum_j |a_kj + sum_l b_kjl f_l| with the friction coefficients and laws
-    of rates r_k.
+    a_kj + sum_l b_kjl f_l. The vectors a and b are computed here. `_solve_friction` then
+    solves f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|, where r_k is the friction coefficient
+    times the law of friction at the rate of pair k.
 
     Parameters
     ----------
     frictionless
-        n rows in which this friction does not act.
+        n rows of the moving mechanism without this friction.
     loads
         The loads of the mechanism.
     is_finite
-        (n,) which rows are to be solved.
+        (n,) rows to be solved.
     inverse_inertia
         (n, m, m) inverse of the inertia matrix, by which friction changes the
         accelerations. Without it the accelerations are given, and friction changes the
@@ -215,6 +220,7 @@ def solve_bearing_friction(
     components = [loads.components[k] for k in loads.friction_components]
     carried = nans((len(is_finite), len(components)))
     is_unknown = np.zeros(len(is_finite), dtype=bool)
+    # Only rows that are to be solved; the results are inserted at the end.
     driven = frictionless.rows(is_finite)
     mechanism = driven.mechanism
     motion = driven.motion
@@ -227,23 +233,29 @@ def solve_bearing_friction(
     _check_determined(driven, balance, frictions)
 
     def compute_carried(reaction_wrenches: Floats) -> Floats:
-        """Return the loads (n, k, 2, 3) at each place; 0 at a place that is missing."""
+        """Return the load vectors (n, k, 2, 3) that k pairs carry at up to two places.
+
+        The places are the bearings of a pair, or its contact. The vector of a place that
+        does not exist is 0. `reaction_wrenches` (n, links, 6) are the moments and forces
+        on links that the reactions have to supply.
+        """
         equations = balance.equations
         reactions, _ = equations.solve_reactions(reaction_wrenches)
         wrenches = equations.sum_wrenches(reactions)
-        places = np.zeros((len(reaction_wrenches), len(friction_pairs), 2, 3))
+        carried_loads = np.zeros((len(reaction_wrenches), len(friction_pairs), 2, 3))
         for k, (friction, pair) in enumerate(zip(frictions, friction_pairs, strict=True)):
             moment = wrenches[:, pair, :3]
             force = wrenches[:, pair, 3:] if friction.needs_forces else None
-            at_pair = friction.supported_loads(moment, force)
-            places[:, k, : at_pair.shape[1]] = at_pair
-        return places
+            loads_at_pair = friction.supported_loads(moment, force)
+            carried_loads[:, k, : loads_at_pair.shape[1]] = loads_at_pair
+        return carried_loads
 
     # The loads a_kj without friction.
     without_friction = compute_carried(balance.equilibrium.reaction_wrenches)
 
-    # A friction torque of 1 N m at a pair has the generalised force of a torque there, the
-    # pair's velocity. It changes accelerations, or the torques at the inputs balance it.
+    # The generalised force of a friction torque of 1 N m is the velocity of its pair, per
+    # unit rate of each coordinate: (n, k, m). It changes the accelerations. If they are
+    # given, the torques at the inputs balance it instead.
     velocities = np.swapaxes(loads.velocities(motion)[..., loads.friction_components], 1, 2)
     acceleration_changes = 0.0 * velocities
     input_torque_changes = -velocities
@@ -314,12 +326,12 @@ def _check_determined(
 def _solve_friction(
     without_friction: Floats, per_friction: Floats, factors: Floats
 ) -> CarriedLoads:
-    """Return what pairs carry, from the equation of their friction torques f.
+    """Return the loads that pairs carry, from the equation of their friction torques f.
 
-    At place j of pair k the load is a_kj + sum_l b_kjl f_l, and the friction is
-    f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|. In each round of the iteration the right side
-    at the last f (a step to the fixed point) and a Newton step are tried. Each row takes
-    the one with the smaller residual.
+    At place j of pair k (a bearing or a contact) the load is a_kj + sum_l b_kjl f_l, and
+    the friction is f_k = r_k sum_j |a_kj + sum_l b_kjl f_l|. Each iteration tries two new
+    values of f: the right side at the last f (fixed-point iteration), and a Newton step.
+    Each row takes the one with the smaller residual.
 
     Parameters
     ----------
@@ -344,10 +356,12 @@ def _solve_friction(
     is_contracting = feedback < 1.0
 
     def compute_loads(friction: Floats) -> Floats:
-        # n rows, k and l pairs, j places, a components
+        """Return the load vectors (n, k, 2, 3) for friction torques (n, k)."""
+        # The letters are: n rows, k and l pairs, j places, a components.
         return without_friction + np.einsum("nkjal,nl->nkja", per_friction, friction)
 
     def sum_loads(friction: Floats) -> Floats:
+        """Return the sums (n, k) of the sizes of the loads of each pair."""
         return np.sum(np.linalg.norm(compute_loads(friction), axis=3), axis=2)
 
     friction = np.zeros_like(factors)
@@ -378,7 +392,7 @@ def _solve_friction(
         carried = np.where(is_newton_better, newton_loads, fixed_point_loads)
 
         change = max_abs(carried - previous, axis=1)
-        # The negation also finds NaN.
+        # Rows with NaN do not count as converged.
         is_converged = change <= CARRIED_LOAD_TOLERANCE * np.max(carried, axis=1)
         is_moving = is_contracting & ~is_converged
         if iterations == MAX_FRICTION_ITERATIONS or not np.any(is_moving):

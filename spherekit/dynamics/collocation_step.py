@@ -44,7 +44,10 @@ INTEGRATION_MATRIX = legendre.legvander(GAUSS_NODES, NODE_COUNT) @ legendre.legi
 
 @dataclass(frozen=True)
 class CollocationStep:
-    """One step of Gauss collocation with N nodes.
+    """One step of Gauss collocation with N nodes, an implicit Runge-Kutta method.
+
+    A state (states,) has the pair variables, the momenta and the work of each load. Within
+    the step it is a polynomial of time.
 
     Attributes
     ----------
@@ -55,9 +58,10 @@ class CollocationStep:
     series
         (N, states) Legendre coefficients of the rate of the state over the step.
     frames
-        (k, m, variables) frames of the momenta at k times, evenly over the step: with one
-        degree of freedom the unit tangents of the curve at the nodes, with several a single
-        frame for the whole step.
+        (k, m, variables) frames at k times, evenly over the step: the coefficients of the
+        pair variables in the m coordinates to which the momenta belong. With one degree of
+        freedom these are the unit tangents of the configuration curve at the nodes, with
+        several there is a single frame for the whole step.
     """
 
     start: float
@@ -141,26 +145,26 @@ class CollocationStep:
         for joint_limit in mechanism.joint_limits:
             variable = variable_of(mechanism, joint_limit.pair)
             for limit, sense in ((joint_limit.low, -1.0), (joint_limit.high, 1.0)):
-                # The variable minus its limit, as a function of time with its slope. Times
-                # the sense it is positive outside.
+                # The variable minus its limit, as a function of time with its slope. Its
+                # product with the sense is positive outside of the range.
                 distance = self._function(
                     self.state_series(variable, limit - turn_angles[variable])
                 )
                 zero_times = find_zeros(distance, self.times).places
                 _, slopes = distance(zero_times)
                 outward_times = zero_times[sense * slopes > 0.0]
-                end_distance = distance(self.times[-1:])[0][0]
+                ((end_distance,), _) = distance(self.times[-1:])
                 if len(outward_times) or sense * end_distance > 0.0:
-                    # Without a zero, the pair was beyond its limit from the start.
+                    # Without an outward zero, the pair was outside from the start.
                     first_time = float([*outward_times, self.start][0])
                     yield first_time, joint_limit.pair
 
     def closure_determinants(self, closure: Closure, rates: Floats) -> Floats:
         """Return the determinants (N,) of closure equations and rates, at the nodes.
 
-        The rates of the variables are appended to the closure equations as further rows. On
-        a smooth curve of configurations the determinant keeps its sign. It passes through
-        zero where curves cross.
+        The matrix is the Jacobian of the loop-closure equations with the rates of the
+        variables as further rows. On a smooth curve of configurations its determinant keeps
+        its sign. It passes through zero where curves cross.
 
         Parameters
         ----------
@@ -195,5 +199,6 @@ class CollocationStep:
         if not np.any(is_small):
             return None
         sign_changes = self.find_sign_changes(SERIES_MATRIX @ determinants)
+        # `times` begins with the start of the step, so node k has the index k + 1.
         first_small_time = float(self.times[1 + np.argmax(is_small)])
         return min([*sign_changes, first_small_time])

@@ -104,14 +104,15 @@ END_BY_RUN_END: dict[RunEnd, tuple[EndKind, str]] = {
 
 @dataclass(frozen=True)
 class CompiledRuns:
-    """The runs of a simulation, one after the other.
+    """The successive runs of a simulation by Taylor series.
 
     Attributes
     ----------
     runs
-        One run for each choice of coordinates.
+        One run for each choice of coordinates, in order of time.
     frames
-        For each run the function that converts its momenta.
+        For each run the function that converts its states to those of a simulation, and
+        returns the frames of their momenta.
     compile_seconds
         Time that compiling took, s.
     """
@@ -124,14 +125,14 @@ class CompiledRuns:
 def by_taylor_series(
     problem: Problem, tolerance: float, reason: str, forecast: Forecast | None = None
 ) -> Simulation:
-    """Return the motion of a problem.
+    """Simulate a motion by Taylor series of the compiled equation of motion.
 
     Parameters
     ----------
     problem
-        The problem.
+        The mechanism with its loads, and the start of the motion.
     tolerance
-        See `spherekit.dynamics.compiled_equation.compile_equation`.
+        Error of each step, relative to the largest element of the state.
     reason, forecast
         The reason for this engine, and the times that were expected for each engine.
 
@@ -173,16 +174,21 @@ def by_taylor_series(
 def _integrate(
     problem: Problem, motion: CoordinateMotion, tolerance: float
 ) -> CompiledRuns:
-    """Return the runs of a problem, with other coordinates where these become necessary.
+    """Return the runs of a problem, with other coordinates where they become necessary.
+
+    With several degrees of freedom, a compiled equation is that of some pair variables as
+    coordinates. Where they cease to determine the motion well, a new run begins with other
+    coordinates. A run with a coarse tolerance also ends near a crossing of sets of
+    configurations, and continues with a finer one.
 
     Parameters
     ----------
     problem
-        The problem.
+        The mechanism with its loads, and the start of the motion.
     motion
         The motion at the start by the coordinates of the problem, 1 row.
     tolerance
-        Tolerance of the simulation.
+        Error of each step, relative to the largest element of the state.
     """
     equation = problem.equation
     mechanism = equation.mechanism
@@ -197,6 +203,7 @@ def _integrate(
     max_tolerance = MAX_COARSE_STEP_TOLERANCE
     # One run for each choice of coordinates.
     while True:
+        # Compile the equation of these coordinates (none with one degree of freedom).
         coordinate_pairs = coordinates_at(problem, values)
         started = time.perf_counter()
         compiled_equation, was_compiled = compile_equation(
@@ -209,6 +216,7 @@ def _integrate(
         if not was_compiled:
             compile_seconds += time.perf_counter() - started
 
+        # Convert the state at the start to that of the compiled equation.
         can_see_crossings = compiled_equation.tolerance <= MAX_STEP_TOLERANCE
         coordinate_variables = [mechanism.angles[pair] for pair in coordinate_pairs]
         frame = np.eye(equation.variable_count)[coordinate_variables]
@@ -225,6 +233,7 @@ def _integrate(
             momenta = momentum_unit * variable_rates[coordinate_variables]
             frames = CoordinateFrames(equation, frame)
 
+        # Integrate, from the end of the previous run, if there is one.
         integration = TaylorIntegration(
             compiled_equation,
             mechanism,
@@ -269,15 +278,16 @@ def _integrate(
 
 
 def coordinates_at(problem: Problem, values: Floats) -> Names:
-    """Return the R pairs whose variables are the coordinates from a configuration on.
+    """Return the names of the R pairs whose variables become the coordinates of a run.
 
-    They are the inputs if these determine the motion well enough, otherwise the R pairs
-    that determine it best. With one degree of freedom there are none.
+    They are the inputs if the inputs determine the motion well enough at a configuration,
+    otherwise the R pairs that determine it best. With one degree of freedom no pairs are
+    chosen, because the coordinate is the arc length of the configuration curve.
 
     Parameters
     ----------
     problem
-        The problem.
+        The mechanism with its loads, and the start of the motion.
     values
         (variables,) a closed configuration, rad.
 
@@ -295,14 +305,17 @@ def coordinates_at(problem: Problem, values: Floats) -> Names:
     velocity_basis = np.linalg.svd(jacobian)[2][-equation.freedoms :]
 
     def sum_rate_squares(variables: tuple[int, ...]) -> float:
-        """Return the squares of all rates per unit rates of these variables."""
-        # The smaller the part of these variables, the larger are the rates of the others.
-        own_part = velocity_basis[:, list(variables)]
-        singular_values = np.linalg.svd(own_part, compute_uv=False)
+        """Return the sum of the squares of all rates, per unit rates of some variables."""
+        # With the basis V and its columns V_c of these variables, the rates are V_c^-1 V.
+        # V is orthonormal, so the sum of their squares is that of 1 / s^2 over the singular
+        # values s of V_c.
+        chosen_columns = velocity_basis[:, list(variables)]
+        singular_values = np.linalg.svd(chosen_columns, compute_uv=False)
         return float(np.sum(1.0 / np.maximum(singular_values, MIN_SINGULAR_VALUE) ** 2))
 
     choices = combinations(sorted(pair_of_variable), equation.freedoms)
     best = min(choices, key=sum_rate_squares)
+    # The inputs have the preference, even if others are better.
     for variables in (problem.driven, best):
         if sum_rate_squares(variables) < MAX_START_RATE_RATIO * MAX_RATE_SQUARES:
             return tuple(pair_of_variable[v] for v in variables)
@@ -314,7 +327,7 @@ def _check_first_step(problem: Problem, run: TaylorRun) -> None:
     if run.segments:
         return
     state = problem.equation.make_state(problem.values, problem.speed, problem.frame)
-    if _have_loads_values(problem, 0.0, state, problem.frame, problem.whole):
+    if _have_loads_values(problem, 0.0, state, problem.frame, problem.turn_angles):
         raise EngineError(
             f"{problem.equation.mechanism.name}: at the start {NO_SERIES_MESSAGE}"
         )
@@ -330,8 +343,10 @@ def _check_crossing(problem: Problem, run: TaylorRun) -> None:
 
     Parameters
     ----------
-    problem, run
-        The problem, and the run that ended because equations became dependent.
+    problem
+        The mechanism with its loads, and the start of the motion.
+    run
+        A run that ended because its equations became dependent.
     """
     equation = problem.equation
     values = run.last_state[: equation.variable_count]
@@ -352,22 +367,24 @@ def _collect_events(
     Parameters
     ----------
     problem
-        The problem, with the times at which the user says that loads have kinks.
+        The problem, with the times at which loads have kinks according to the user.
     path, runs
-        The states of the simulation, and the runs it consists of.
+        The states of the simulation, and the runs of which it consists.
     """
     pair_of_variable = {v: pair for pair, v in problem.equation.mechanism.angles.items()}
     events: list[tuple[float, EventKind, int]] = []
     for run in runs:
         for t, kind, variable in run.events:
-            # Singularities end a simulation, and coordinates are not those of the user.
+            # A singularity is the end of the simulation, which is reported elsewhere. A
+            # change of coordinates is of no interest to the user.
             if kind == "singularity" or kind == "coordinates":
                 continue
-            # A mechanism that starts at rest or in a dead centre does not reach it.
+            # Rest or a dead centre at the start is no event.
             if t > 0.0 or kind in ("switch", "joint_limit"):
                 events.append((t, kind, variable))
     events += [(t, "switch", -1) for t in problem.switches if t < runs[-1].end_time]
     events.sort(key=lambda event: event[0])
+    # The inputs at the times of all events.
     times = np.array([t for t, *_ in events])
     inputs = path.evaluate(times).values[:, problem.driven]
     return tuple(
@@ -393,11 +410,12 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
         return SimulationEnd(kind, run.end_time, message)
     path_states = path.evaluate(np.array([run.end_time]))
     if run.end == "joint_limit":
-        variable = run.events[-1][2]
+        _, _, variable = run.events[-1]
         mechanism = problem.equation.mechanism
         name = mechanism.pairs[mechanism.variable_owners[variable]].name
         return joint_limit_end(run.end_time, name, float(path_states.values[0, variable]))
-    # If the loads have values there, only their series have none.
+    # A state that is not finite although all loads are finite: only the Taylor series of
+    # the loads have no values, as for the square root of a load argument at zero.
     if run.end == "not_finite" and _have_loads_values(
         problem,
         run.end_time,
@@ -418,13 +436,14 @@ def _have_loads_values(
     Parameters
     ----------
     problem
-        The problem.
+        The mechanism with its loads.
     t
         Time, s.
     state
-        (states,) the state.
+        (states,) pair variables, momenta, and works of loads.
     frame
-        (m, variables) the frame of its momenta.
+        (m, variables) the coefficients of the pair variables in the coordinates to which
+        the momenta belong.
     whole_turns
         (variables,) angles (rad) of the whole turns that the state leaves out, but on which
         loads may depend.

@@ -59,10 +59,11 @@ miss a crossing.
 
 
 class EquationArguments(NamedTuple):
-    """The arguments of `compile_equation`, by which an equation is compiled again.
+    """The arguments of `compile_equation`, from which an equation can be compiled again.
 
-    An equation is pickled as its arguments. Whoever loads it compiles it again, or uses the
-    equation that this process has compiled before.
+    Machine code cannot be pickled, so an equation is pickled as these arguments. Loading it
+    compiles it again, or uses the equation that the process has compiled before. The fields
+    are the parameters of `compile_equation`.
     """
 
     mechanism: Mechanism
@@ -76,8 +77,9 @@ class EquationArguments(NamedTuple):
 class CompiledEquation:
     """The compiled equation of motion of a mechanism with its loads and joint limits.
 
-    The state of the integrator has the pair variables less whole turns, the momenta in
-    their unit, and the work of each load in the square of that unit.
+    The state of the integrator consists of the pair variables (rad) reduced by whole turns,
+    the momenta divided by a unit of momentum, and the work of each load divided by the
+    square of this unit.
 
     Attributes
     ----------
@@ -87,15 +89,16 @@ class CompiledEquation:
         The Taylor integrator. It stores the state of a run, so `lock` is acquired for a
         run. The functions may be called by several threads at once.
     rates_function
-        From the variables the homogeneous rates of all variables by each coordinate, then
-        the measure of independence.
+        Computes from the variables the homogeneous rates of all variables by each
+        coordinate, then the measure of independence. Homogeneous rates are those per unit
+        rate of the coordinate, times the determinant of the velocity equations.
     switch_function
-        From state, time and parameters the switch conditions, then their rates by time;
-        None without conditions.
+        Computes from state, time and parameters the switch conditions, then their rates by
+        time. A load changes abruptly where a condition is zero. None without conditions.
     probe_function
-        From state, time and parameters the rates of the momenta, then the arguments at
-        whose zeros and extrema loads may change faster than a series shows; None if no
-        load has such arguments.
+        Computes from state, time and parameters the rates of the momenta, then the
+        arguments at whose zeros and extrema loads may change faster than a series shows.
+        None if no load has such arguments.
     tolerance
         Tolerance of a step, relative to the largest element of the state.
     arguments
@@ -141,9 +144,9 @@ def compile_equation(
     Parameters
     ----------
     mechanism
-        All its loads act. With one degree of freedom its first input is the input. Values
-        of torque tables and joint limits are set for each run, so mechanisms that differ
-        in these only share one equation.
+        The mechanism, with all loads that act. With one degree of freedom its first input
+        is the input. Values of torque tables and joint limits are set for each run.
+        Mechanisms that differ only in such values share one equation.
     tolerance
         Error of each step relative to the largest element of the state. At most
         `MAX_STEP_TOLERANCE`, with several degrees of freedom `MAX_COARSE_STEP_TOLERANCE`,
@@ -164,12 +167,13 @@ def compile_equation(
         If the coordinates are not independent.
     """
     _check_expressible(mechanism)
-    # What is set for each run is left out, so that other runs find the equation again.
+    # Torque tables and joint limits get fixed values here, so that runs with other values
+    # use the same equation.
     common_mechanism = _remove_run_data(mechanism, coordinates)
     step_tolerance = _limit_tolerance(tolerance, coordinates)
     key = _cache_key(mechanism, step_tolerance, compact)
     input_variables = [mechanism.angles[pair] for pair in mechanism.input_pairs]
-    # Becomes False if the cache has no such equation and calls `compile_now`.
+    # `compile_now`, which the cache calls if it has no such equation, sets this to False.
     was_compiled = True
 
     def compile_now() -> CompiledEquation:
@@ -217,7 +221,8 @@ def estimate_compile_seconds(
         If heyoka is not installed, or a profile cannot be compiled.
     """
     _check_expressible(mechanism)
-    # These two calls raise the errors that compiling would raise.
+    # These calls raise the errors that compiling would raise: for profiles that cannot be
+    # compiled, and if heyoka is not installed.
     pair_rotations(mechanism)
     if not available():
         heyoka()
@@ -228,14 +233,16 @@ def estimate_compile_seconds(
     variables = len(mechanism.variable_names)
     loads_on_links = sum("pair" not in load.field_kinds for load in mechanism.loads)
     loads_at_pairs = len(mechanism.loads) - loads_on_links
-    # Fitted numbers of seconds. Without compact mode the time grows with the square of the
-    # number of variables.
+    # All numbers are fitted seconds. Without compact mode the time grows with the square of
+    # the number of variables, and loads multiply it. `coordinates` is empty with one degree
+    # of freedom.
     if compact:
-        base = 0.5 if coordinates else 0.0
-        kinematics = max(0.22 * variables - 0.55, 0.3)
-        return base + kinematics + 0.07 * loads_on_links + 0.02 * loads_at_pairs
-    kinematics = (0.36 if coordinates else 0.06) * variables**2
-    return kinematics * (1.0 + 0.25 * loads_on_links + 0.03 * loads_at_pairs)
+        base_seconds = 0.5 if coordinates else 0.0
+        kinematics_seconds = max(0.22 * variables - 0.55, 0.3)
+        load_seconds = 0.07 * loads_on_links
+        return base_seconds + kinematics_seconds + load_seconds + 0.02 * loads_at_pairs
+    kinematics_seconds = (0.36 if coordinates else 0.06) * variables**2
+    return kinematics_seconds * (1.0 + 0.25 * loads_on_links + 0.03 * loads_at_pairs)
 
 
 def _check_expressible(mechanism: Mechanism) -> None:
@@ -257,15 +264,22 @@ def _limit_tolerance(tolerance: float, coordinates: Sequence[str]) -> float:
 
 
 def _cache_key(mechanism: Mechanism, step_tolerance: float, compact: bool) -> str:
-    """Return what distinguishes compiled equations of one mechanism."""
+    """Return a text that distinguishes the compiled equations of one mechanism."""
     return repr(("motion", step_tolerance, compact, mechanism.input_pairs))
 
 
 def _remove_run_data(mechanism: Mechanism, coordinates: Sequence[str]) -> Mechanism:
-    """Return the mechanism with fixed values for what is set for each run.
+    """Return the mechanism with fixed values for the quantities that are set for each run.
 
-    These are the numbers of torque tables and joint limits. The coordinates, if there are
-    any, are its inputs.
+    The numbers of torque tables and joint limits are replaced by arbitrary ones.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its loads and joint limits.
+    coordinates
+        Names of the pairs that become the inputs of the result. If it is empty, the inputs
+        stay.
     """
     if coordinates and tuple(coordinates) != mechanism.input_pairs:
         mechanism = mechanism.with_inputs(*coordinates)
@@ -287,16 +301,16 @@ def _compile_expressions(
     step_tolerance: float,
     arguments: EquationArguments,
 ) -> CompiledEquation:
-    """Return the compiled equation of expressions.
+    """Compile the integrator and the functions of an equation of motion.
 
     Parameters
     ----------
     expressions
-        The equation of motion.
+        The equation of motion as expressions.
     mechanism
         The mechanism with its loads and joint limits, without data of a run.
     step_tolerance
-        Tolerance of a step.
+        Tolerance of a step, relative to the largest element of the state.
     arguments
         The arguments of `compile_equation`, to be pickled.
     """
@@ -304,28 +318,29 @@ def _compile_expressions(
     layout = expressions.layout
     # The differential equations: each symbol of the state with its rate.
     equations = [*zip(layout.state, expressions.state_rates, strict=True)]
-    # Arguments at whose zeros or extrema loads may change faster than a series shows. A
-    # dictionary keeps each argument once, in order.
-    probed_arguments = dict.fromkeys(
-        argument
-        for load in mechanism.loads
-        for argument in steep_arguments(load, expressions.load_state)
+    # Arguments at whose zeros or extrema loads may change faster than a series shows.
+    arguments_of_loads = chain.from_iterable(
+        steep_arguments(load, expressions.load_state) for load in mechanism.loads
     )
-    # An event that does not depend on the motion cannot occur.
+    # The keys of a dictionary have each argument once, in order.
+    probed_arguments = dict.fromkeys(arguments_of_loads)
+    # Events at which a run stops. One whose expression does not contain the motion cannot
+    # occur.
     moving_symbols = {*layout.variables, *layout.momenta}
     events = [
         event
         for event in (*expressions.events, *make_joint_limit_events(mechanism, layout))
         if moving_symbols & {*iterate_nodes([event.expression])}
     ]
+    # The inputs of the compiled functions: state, time and parameters.
     conditions = layout.switch_conditions
     parameters = [
         parameter_symbol(k) for k in range(layout.switch_parameters + len(conditions))
     ]
     inputs = [*layout.state, TIME, *parameters]
 
-    # At a zero of a switch condition a load changes abruptly. The parameter with the sign
-    # of the condition changes there, unless it would change back at once.
+    # At a zero of a switch condition a load changes abruptly. There, the parameter with the
+    # sign of the condition is reversed, unless it would be reversed back at once.
     switch_function = None
     if conditions:
         condition_rates = differentiate(conditions, dict(equations) | {TIME: 1.0})
@@ -352,7 +367,14 @@ def _compile_expressions(
     rate_outputs = [*chain(*expressions.homogeneous_rates), expressions.independence]
     return CompiledEquation(
         layout=layout,
-        integrator=Integrator(equations, TIME, parameters, step_tolerance, compact, events),
+        integrator=Integrator(
+            equations,
+            time_symbol=TIME,
+            parameter_symbols=parameters,
+            tolerance=step_tolerance,
+            compact=compact,
+            events=events,
+        ),
         rates_function=compile_function(rate_outputs, layout.variables, compact=True),
         switch_function=switch_function,
         probe_function=probe_function,
@@ -364,11 +386,13 @@ def _compile_expressions(
 def _make_sticking_test(
     switch_function: ArrayFunction, index: int, layout: EquationLayout
 ) -> Callable[[Floats, float, Floats], bool]:
-    """Return a function that tells whether a sign would change back at once.
+    """Return a function that decides whether the motion sticks where a load switches.
 
-    The function is called with the state, the time and the parameters after the condition
-    has changed its sign. If the rate of the condition has the opposite sign, the motion
-    sticks, as with dry friction at rest.
+    A load changes abruptly at a zero of its switch condition, for example dry friction
+    where the sliding rate is zero. The function is called with the state, the time and the
+    parameters after the sign of the condition was reversed. If the rate of the condition
+    has the sign opposite to the new one, the condition would pass back through zero at
+    once. The motion then sticks, as with dry friction at rest.
 
     Parameters
     ----------

@@ -33,9 +33,10 @@ def count_whole_turns(angles: Floats) -> Floats:
 def shift_into_range(position_analysis: PositionAnalysis, q: Floats) -> Floats:
     """Return input angles shifted by whole turns into the range of the input.
 
-    If the range is shorter than a turn, they are shifted as near to it as possible. If
-    wheels count the turns, the shift is a multiple of the period after which all links are
-    in the same position again. Without such a period the angles are not changed.
+    If the range is shorter than a turn, the angles are shifted as near to it as possible.
+    Gear wheels can make the configuration depend on the number of turns of the input. The
+    shift is then a multiple of the period after which all links are in the same position
+    again. Without such a period the angles are not changed.
 
     Parameters
     ----------
@@ -60,10 +61,11 @@ def analysis_covering(
     assembly_mode: int | None = None,
     search: bool = True,
 ) -> PositionAnalysis:
-    """Return a position analysis over a range that contains input angles.
+    """Return a position analysis over a range that contains given input angles.
 
-    It is the given one unless wheels count the turns and whole periods do not lead into its
-    range.
+    The given analysis is returned if the angles, shifted by whole periods, are in its
+    range, or if the configuration does not depend on the number of turns of the input. A
+    new one is made only for gear wheels, which can make it depend on this number.
 
     Parameters
     ----------
@@ -72,19 +74,20 @@ def analysis_covering(
     q
         (n,) angles of the input, rad.
     assembly_mode, search
-        See `PositionAnalysis`, for a new one.
+        Arguments of a new `PositionAnalysis`: the assembly mode to compute, or None for
+        all of them, and whether all modes are searched for.
     """
-    # The range and all inputs, shifted by whole periods.
-    places = np.append(shift_into_range(position_analysis, q), position_analysis.range)
-    path = np.array([np.min(places), np.max(places)])
+    # The smallest range that contains the present range and all shifted inputs.
+    angles = np.append(shift_into_range(position_analysis, q), position_analysis.range)
+    path = np.array([np.min(angles), np.max(angles)])
     has_meshes = position_analysis.solver.gear_phases is not None
     if not has_meshes or np.array_equal(path, position_analysis.range):
         return position_analysis
     return PositionAnalysis(
         position_analysis.mechanism,
-        None,
-        assembly_mode,
-        search,
+        input_pair=None,
+        assembly_mode=assembly_mode,
+        search=search,
         path=path,
         crossings=position_analysis.crossings,
     )
@@ -105,7 +108,12 @@ def compute_modes_at_inputs(
     q
         (n, inputs) angles of the inputs with any number of whole turns, rad.
     assembly_mode, search
-        See `PositionAnalysis`.
+        The assembly mode to compute, or None for all of them, and whether all modes are
+        searched for.
+
+    Returns
+    -------
+    The position analysis, and the motion: the inputs `q` in each mode, mode after mode.
     """
     if q.shape[1] > 1:
         assert isinstance(mechanism_or_analysis, Mechanism)
@@ -120,7 +128,10 @@ def compute_modes_at_inputs(
         return position_analysis, position_analysis.motion()
     if isinstance(mechanism_or_analysis, Mechanism):
         position_analysis = PositionAnalysis(
-            mechanism_or_analysis, None, assembly_mode, search
+            mechanism_or_analysis,
+            input_pair=None,
+            assembly_mode=assembly_mode,
+            search=search,
         )
     else:
         position_analysis = mechanism_or_analysis

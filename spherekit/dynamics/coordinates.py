@@ -31,6 +31,9 @@ Order = Literal[1, 2]
 class CoordinateMotion(ArrayRows):
     """Configurations in rows, and their derivatives with respect to m coordinates.
 
+    There are as many coordinates as degrees of freedom. They are, for example, the input
+    angles, or the arc length of the curve of configurations.
+
     Attributes
     ----------
     values
@@ -123,15 +126,15 @@ def motion_by_combinations(
     """
     linearisation = closure.at(values)
     count = frame.shape[-2]
+    # For each row a linear system: the closure equations, then the coordinates.
     coordinate_rows = np.broadcast_to(frame, (len(values), *frame.shape[-2:]))
     equations = np.concatenate([linearisation.jacobian, coordinate_rows], axis=1)
     inverse = left_inverse(equations)
     # The last columns of the inverse are the rates of the variables by each coordinate, the
     # others the changes of the variables per closure error.
     solution = inverse[:, :, -count:]
-    # The product with an inverse loses digits. One step of iterative refinement restores
-    # them.
-    # Each coordinate in turn has the rate 1, while the loops stay closed.
+    # An inverse loses digits. One step of iterative refinement restores them. In each
+    # column of the right side one coordinate has the rate 1, while the loops stay closed.
     right_side = np.eye(equations.shape[1])[:, -count:]
     residual = right_side - equations @ solution
     solution = solution + inverse @ residual
@@ -167,25 +170,29 @@ def _complete_motion(
 ) -> CoordinateMotion:
     """Return a motion with all derivatives, from the first derivatives of the variables.
 
-    With the closure Jacobian J, J r_i = 0 for the rates r_i by coordinate i. Its derivative
-    by coordinate k is J dr_i = -J_k r_i with J_k = dJ/dq_k. It is solved for dr_i, the
-    second derivatives by i and k.
+    The rates r_i of all variables by coordinate i keep the loops closed: J r_i = 0, with
+    the Jacobian J of the loop-closure equations. The derivative of this equation by
+    coordinate k is J dr_i = -J_k r_i with J_k = dJ/dq_k. It is solved for dr_i, the second
+    derivatives by i and k.
 
     Parameters
     ----------
     linearisation
-        The configurations.
+        n closed configurations with their Jacobians.
     rates
-        (n, m, variables) rates r.
+        (n, m, variables) the rates r_i.
     closing_inverse
-        (n, variables, equations) solves the equations for the second derivatives.
+        (n, variables, equations) the part of an inverse matrix that maps right-hand sides
+        of J x = y to solutions x at which no coordinate changes.
     order
         1 leaves out the second derivatives.
     """
     n, m, variables = rates.shape
+    # A spanning tree of the links, and the vectors (axes) about which each variable turns.
     tree = linearisation.tree
     vectors = linearisation.vectors
     w = tree.body_rates(vectors[:, None], rates)
+    # The status is 0 (OK) unless a contact does not exist in the configuration.
     status = np.zeros(n, dtype=np.int8)
     status[has_penetration(linearisation.joints, linearisation.states)] = Status.CURVATURE
     status[~np.all(linearisation.states.inside, axis=1)] = Status.OFF_PROFILE
@@ -236,11 +243,12 @@ def determinacy(rates: Floats) -> Floats:
 
 
 def reciprocal_condition(closure: Closure, values: Floats, freedoms: int = 1) -> float:
-    """Return the reciprocal condition number of the closure equations.
+    """Return the reciprocal condition number of the loop-closure equations.
 
-    With V variables and m degrees of freedom, V - m closure equations are independent. The
-    result is the ratio of singular value number V - m, in falling order, to the largest. It
-    vanishes where curves of configurations cross. Redundant equations have no effect.
+    With V variables and m degrees of freedom, V - m of these equations are independent. The
+    result is singular value number V - m of their Jacobian, in falling order, divided by
+    the largest one. It vanishes where curves of configurations cross. Redundant equations
+    have no effect.
 
     Parameters
     ----------

@@ -64,7 +64,10 @@ PROJECTION_RANK_RATIO = 1e-10
 
 @dataclass(frozen=True)
 class InertiaRoots:
-    """The symmetric roots R of n inertia matrices M = R R, as eigenvectors and eigenvalues.
+    """The symmetric square roots R of n inertia matrices M = R R.
+
+    They are stored as eigenvectors and eigenvalues. Momenta are p = R u with the rates u of
+    the m coordinates, so that the kinetic energy is p^2 / 2.
 
     Attributes
     ----------
@@ -117,23 +120,28 @@ class InertiaRoots:
             (n, m) rates of the coordinates.
         """
         to_eigenvectors = transpose(self.vectors)
-        # dM/dt along the eigenvectors, then dR/dt along them.
-        rate = to_eigenvectors @ (dM @ u[:, None, :, None])[..., 0] @ self.vectors
-        rate /= self.sizes[:, :, None] + self.sizes[:, None]
-        return (self.vectors @ rate @ to_eigenvectors @ u[..., None])[..., 0]
+        # dM/dt, by the chain rule, then along the eigenvectors.
+        inertia_rate = (dM @ u[:, None, :, None])[..., 0]
+        root_rate = to_eigenvectors @ inertia_rate @ self.vectors
+        # Division by r_i + r_j turns it into dR/dt along the eigenvectors.
+        root_rate /= self.sizes[:, :, None] + self.sizes[:, None]
+        return (self.vectors @ root_rate @ to_eigenvectors @ u[..., None])[..., 0]
 
 
 @dataclass(frozen=True)
 class StateDynamics:
-    """Motion, inertia and generalised forces at n states.
+    """Motion, inertia and generalised forces at n states of a simulation.
+
+    The equation of motion is M du/dt + C u = Q with the rates u of m coordinates, the
+    inertia matrix M, the Coriolis forces C u and the sum Q of the generalised forces.
 
     Attributes
     ----------
     motion
-        Configurations by m coordinates; angles include whole turns, on which loads may
-        depend. Derivatives are of first order with one coordinate and without friction of
-        bearings, unless more was asked for; otherwise they are of second order. The status
-        is NOT_CONVERGED where bearings lock.
+        Configurations with derivatives by m coordinates. Angles include whole turns, on
+        which loads may depend. Derivatives are of first order with one coordinate and
+        without friction of bearings, unless second order was requested; otherwise they are
+        of second order. The status is NOT_CONVERGED where bearings lock.
     masses
         Inertia with its derivatives; None if `motion` is of first order.
     roots
@@ -145,7 +153,8 @@ class StateDynamics:
     coriolis_forces
         (n, m) C u; 0 if `masses` are None.
     carried
-        (n, k) what pairs with bearing friction carry, see `CarriedLoads`; None without any.
+        (n, k) loads that the pairs with bearing friction carry, see `CarriedLoads`; None
+        without such pairs.
     """
 
     motion: CoordinateMotion
@@ -183,10 +192,12 @@ class StateDynamics:
 
 
 class EquationOfMotion:
-    """Rates of the state of one mechanism with its loads.
+    """The equation of motion of one mechanism with its loads: rates of its state.
 
-    A state (variables + m + loads,) has the pair variables, the momenta and the work of
-    each load.
+    A state (variables + m + loads,) has the pair variables (rad), the m momenta p = R u and
+    the work of each load (J). R is the symmetric root of the inertia matrix. The rates u
+    are those of m coordinates, which are sums of pair variables. The rows of a *frame*
+    (m, variables) are the coefficients of these sums.
 
     Attributes
     ----------
@@ -199,7 +210,15 @@ class EquationOfMotion:
     """
 
     def __init__(self, mechanism: Mechanism, closure: Closure, freedoms: int = 1) -> None:
-        """Lay out the state: pair variables, `freedoms` momenta, and works of loads."""
+        """Assign the positions of variables, momenta and works in a state.
+
+        Parameters
+        ----------
+        mechanism, closure
+            The mechanism with its loads, and its loop-closure equations.
+        freedoms
+            Number m of degrees of freedom.
+        """
         self.mechanism = mechanism
         self.closure = closure
         self.freedoms = freedoms
@@ -226,10 +245,11 @@ class EquationOfMotion:
         return np.concatenate([values, momenta, np.zeros(len(self.loads.names))])
 
     def renew_frame(self, state: Floats, frame: Floats) -> tuple[Floats, Floats]:
-        """Return the same state in a frame that is orthonormal there, and that frame.
+        """Return a state with new coordinates, and the frame of these coordinates.
 
-        The rows of a frame are the coefficients of the pair variables in the coordinates
-        that the momenta belong to. In an orthonormal one they are possible velocities.
+        The rows of a frame are the coefficients of the pair variables in the coordinates to
+        which the momenta belong. The new frame is an orthonormal basis of the velocities
+        that are possible in this configuration, so its coordinates are well conditioned.
 
         Parameters
         ----------
@@ -244,11 +264,12 @@ class EquationOfMotion:
         velocity_basis = dynamics.motion.rates[0]
         # The orthonormal basis nearest to the given one (symmetric orthogonalisation).
         squares, vectors = np.linalg.eigh(velocity_basis @ velocity_basis.T)
-        frame = (vectors / np.sqrt(squares)) @ vectors.T @ velocity_basis
+        new_frame = (vectors / np.sqrt(squares)) @ vectors.T @ velocity_basis
+        # The same configuration, velocity and work in the new coordinates.
         values = state[: self.variable_count]
-        new_state = self.make_state(values, frame @ variable_rates, frame)
+        new_state = self.make_state(values, new_frame @ variable_rates, new_frame)
         new_state[self.works] = state[self.works]
-        return new_state, frame
+        return new_state, new_frame
 
     def compute_motion(
         self, values: Floats, frame: Floats, order: Order = 1
@@ -260,11 +281,12 @@ class EquationOfMotion:
         values
             (n, variables) pair variables.
         frame
-            With several degrees of freedom (m, variables) or (n, m, variables): the
-            coefficients of the pair variables in each coordinate. With one, vectors to the
-            side of which the tangents of the curve point: (1, variables) for the first row,
-            while each further tangent points to the side of the one before, or
-            (n, 1, variables) for each row.
+            With several degrees of freedom, (m, variables) or (n, m, variables): the
+            coefficients of the pair variables in each coordinate. With one degree of
+            freedom the coordinate is the arc length of the configuration curve, and the
+            frame only decides in which sense its tangents point. A frame (1, variables)
+            applies to the first row, and each further tangent points to the side of the one
+            before. A frame (n, 1, variables) has one vector for each row.
         order
             Order of the derivatives.
         """
@@ -272,7 +294,8 @@ class EquationOfMotion:
             return motion_by_combinations(self.closure, values, frame, order)
         motion = motion_by_arc_length(self.closure, values, order)
         if frame.ndim == 2:
-            return motion.with_senses(continuous_signs(motion.rates[:, 0], frame[0]))
+            tangents = motion.rates[:, 0]
+            return motion.with_senses(continuous_signs(tangents, frame[0]))
         cosines = np.sum(frame * motion.rates, axis=(1, 2))
         return motion.with_senses(np.where(cosines < 0.0, -1.0, 1.0))
 
@@ -312,8 +335,9 @@ class EquationOfMotion:
             (n, variables) angles (rad) of the whole turns that the states leave out, but on
             which loads may depend.
         needs_second_order
-            Whether `StateDynamics.masses` are needed. Derivatives of second order take more
-            time; several degrees of freedom and friction of bearings always need them.
+            Whether the caller needs `StateDynamics.masses`, the inertia with derivatives.
+            Second-order derivatives take more time. Several degrees of freedom and friction
+            of bearings always need them.
         """
         has_friction = bool(self.loads.friction_components)
         has_second_order = needs_second_order or self.freedoms > 1 or has_friction
@@ -343,8 +367,16 @@ class EquationOfMotion:
     def _add_bearing_friction(self, t: Floats, dynamics: StateDynamics) -> StateDynamics:
         """Return the dynamics with friction that follows from the reactions of bearings.
 
-        `t` (n,) are the times, s. The friction changes the accelerations, and these change
-        the reactions. Rows in which it is not known get the status NOT_CONVERGED.
+        The friction changes the accelerations, and the accelerations change the reactions,
+        so both are solved together. Rows in which the friction is not known get the status
+        NOT_CONVERGED.
+
+        Parameters
+        ----------
+        t
+            (n,) times, s.
+        dynamics
+            Motion and forces without this friction.
         """
         motion = dynamics.motion
         timing = Timing(t, dynamics.speed, dynamics.accelerations)
@@ -365,7 +397,7 @@ class EquationOfMotion:
         )
 
     def state_rates(self, dynamics: StateDynamics) -> Floats:
-        """Return the rates (n, states) of the states."""
+        """Return the rates by time (n, states) of variables, momenta and works."""
         variable_rates = rates_by_time(dynamics.motion, dynamics.speed)
         return np.concatenate(
             [variable_rates, dynamics.momentum_rates, dynamics.power], axis=1

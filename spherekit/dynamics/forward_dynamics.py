@@ -152,7 +152,7 @@ def simulate(
     if any(pair.one_sided for pair in mechanism.pairs):
         # The pushes of contacts are known only after the simulation.
         seen = None
-    problem = replace(problem, seen=seen, compact=compact)
+    problem = replace(problem, on_progress=seen, compact=compact)
     if check:
         return _simulate_and_compare(problem, tolerance, engine)
     return _simulate_problem(problem, tolerance, engine)
@@ -181,14 +181,17 @@ def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: flo
 def _simulate_and_compare(
     problem: Problem, tolerance: float, engine: EngineChoice
 ) -> Simulation:
-    """Return a simulation with its difference from one with a smaller tolerance.
+    """Return a simulation, with its difference from a more accurate one as its error.
 
-    If the tolerance is missed, the second simulation replaces the first, as long as the
-    tolerance can be reduced.
+    If the error exceeds the tolerance, the more accurate simulation takes the place of the
+    first one, and is compared with another one of a still smaller tolerance. This ends at
+    the smallest tolerance that the engine allows.
 
     Parameters
     ----------
-    problem, tolerance, engine
+    problem
+        The mechanism with its loads, and the start of the motion.
+    tolerance, engine
         As in `simulate`.
     """
     simulation = _simulate_problem(problem, tolerance, engine)
@@ -219,7 +222,10 @@ def _simulate_and_compare(
 
 
 def _largest_difference(simulation: Simulation, reference: Simulation) -> float:
-    """Return the largest difference (rad) of a variable; infinite if the ends differ."""
+    """Return the largest difference (rad) of any pair variable between two simulations.
+
+    It is infinite if the simulations end for different reasons.
+    """
     if simulation.end.kind != reference.end.kind:
         return np.inf
     end_time = min(simulation.end.t, reference.end.t)
@@ -253,42 +259,48 @@ def _simulate_by_choice(
 ) -> Simulation:
     """Return the motion by NumPy, or by the engine that is expected to need less time.
 
-    NumPy starts, and continues until the rest would take it longer than compiling and
-    solving by the compiled engine. If NumPy is not able to solve the problem as well, it is
-    compiled at once.
+    The NumPy engine starts. It continues as long as it is expected to finish sooner than
+    the compiled engine would, compiling included. If the equation is already compiled, or
+    if NumPy would solve the problem less well, the compiled engine is used at once.
 
     Parameters
     ----------
-    problem, tolerance
+    problem
+        The mechanism with its loads, and the start of the motion.
+    tolerance
         As in `simulate`.
     engine
-        "numpy" or "auto".
+        "numpy" to use NumPy in any case, or "auto".
     """
     mechanism = problem.equation.mechanism
     collocation = Collocation(problem, tolerance)
-    # Why NumPy is taken, or why it is not. Empty if the forecast decides.
+    # The reason for the choice of the engine. It stays empty while the forecast of the
+    # computing times decides for NumPy.
     reason = ""
     forecast: Forecast | None = None
-    # `EngineError` is raised here if only NumPy is possible. Its text is the reason then.
+    # If only NumPy is possible, an `EngineError` is raised in this block, and its text is
+    # the reason.
     try:
         if engine == "numpy":
             raise EngineError(REQUESTED_REASON)
-        if problem.passes:
+        if problem.passes_crossings:
             raise EngineError("only NumPy's engine passes crossings")
         pairs = coordinates_at(problem, problem.values)
         compile_seconds = estimate_compile_seconds(
             mechanism, tolerance, problem.compact, pairs
         )
-        # Reasons to compile at once.
+        # Reasons to use the compiled engine at once.
         if compile_seconds == 0.0:
             reason = "it was compiled before"
         if tolerance < MIN_TOLERANCE_BY_ENGINE["numpy"]:
             reason = "NumPy does not reach the tolerance"
         if not has_smooth_loads(mechanism):
             reason = "NumPy does not find the kinks of the loads"
-        # Otherwise NumPy goes on step by step, as long as it is expected to finish first.
+        # Otherwise NumPy takes one step after the other, as long as it is expected to
+        # finish first. The reported forecast is the first one if NumPy finishes, and the
+        # last one if it is replaced.
         while not reason and collocation.advance():
-            numpy_seconds = collocation.left
+            numpy_seconds = collocation.remaining_seconds
             if numpy_seconds is None:
                 continue
             compiled_seconds = compile_seconds + numpy_seconds / COMPILED_SPEEDUP
@@ -308,7 +320,7 @@ def _simulate_by_choice(
             reason = NO_SERIES_MESSAGE
     except (EngineError, PlanError) as refusal:
         reason = refusal.fault
-    # NumPy finishes the simulation, and reports the forecast if that decided for it.
+    # NumPy finishes the simulation. The forecast is reported if it was the reason.
     if not reason:
         forecast = forecast or {
             "numpy": collocation.seconds,

@@ -43,6 +43,9 @@ class UnitWrench:
 class Loads:
     """The loads of a mechanism, ready to be evaluated at any configurations.
 
+    A load consists of components, which each have a magnitude (N m or N) and a direction. A
+    component acts at a pair, or on links.
+
     Attributes
     ----------
     names
@@ -57,11 +60,11 @@ class Loads:
     friction_components
         Indices of the components whose friction follows from reactions.
     friction_coefficients
-        (k,) friction (N m) of each of these per unit of what it carries (N on bearings,
-        N m of contacts).
+        (k,) friction (N m) of each of these components per unit of the carried load, which
+        is a force (N) of a bearing or a moment (N m) of a contact.
     needs_step_probes
         Whether loads may change abruptly within an integration step: they have steep
-        arguments, or are functions of which nothing is known.
+        arguments, or are arbitrary Python functions.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
@@ -102,12 +105,12 @@ class Loads:
         """
         velocities = np.zeros((*motion.rates.shape[:2], len(self.components)))
         for index, component in enumerate(self.components):
-            # A component at a pair works on the rate of the pair, one on links on their
-            # angular velocities.
+            # A component at a pair works on the rate of the pair. A component on links
+            # works on their angular velocities.
             if component.pair:
                 velocities[..., index] = self._pair_rate(motion.rates, component.pair)
             for wrench in self.unit_wrenches(component, motion.rotations):
-                # All moments are about the centre, which rests, so forces do no other work.
+                # Moments are about the centre, which is at rest, so they do all the work.
                 work = motion.w[:, :, wrench.link] @ wrench.moment[..., None]
                 velocities[..., index] += work[..., 0]
         return velocities
@@ -115,7 +118,7 @@ class Loads:
     def unit_wrenches(
         self, component: LoadComponent, rotations: Floats
     ) -> Iterator[UnitWrench]:
-        """Yield the wrenches on links that a component has per unit of its magnitude.
+        """Yield the forces and moments on links of a component of magnitude 1.
 
         Parameters
         ----------
@@ -127,9 +130,11 @@ class Loads:
         for link_moment in component.moments:
             link = self.mechanism.link_number[link_moment.link]
             rotation = rotations[:, link]
+            # The direction is given in link axes or in ground axes.
             direction = np.array(link_moment.direction)
             if link_moment.axes == "link":
                 direction = rotation @ direction
+            # Without an arm the component is a couple, otherwise a force at this arm.
             if link_moment.arm is None:
                 yield UnitWrench(link, moment=direction, force=0.0 * direction)
             else:
@@ -160,11 +165,12 @@ class Loads:
         t
             (n,) time, s.
         carried
-            (n, k) what each of the `friction_components` carries, N on bearings and N m of
-            contacts. Without it their friction is zero.
+            (n, k) load that each of the `friction_components` carries: a force (N) of a
+            bearing or a moment (N m) of a contact. If it is None, this friction is zero.
         """
         laws = [component.magnitude for component in self.components]
         magnitudes = self.evaluate_laws(laws, motion, speed, t)
+        # The law of friction is that for unit coefficient and unit load.
         loads_carried = 0.0 if carried is None else carried
         magnitudes[:, self.friction_components] *= (
             self.friction_coefficients * loads_carried
@@ -180,7 +186,8 @@ class Loads:
     ) -> Floats:
         """Return the values (n, laws) of expressions, functions and tables.
 
-        A law of friction gives the friction per unit of coefficient and of carried load.
+        They are the magnitudes of load components. A law of friction gives the friction per
+        unit of its coefficient and of the carried load.
 
         Parameters
         ----------
@@ -223,7 +230,7 @@ class Loads:
     ) -> Floats:
         """Return the generalised forces (n, m, loads) of each load, N m.
 
-        They are the power of the load per unit rate of each coordinate.
+        A generalised force is the power of the load per unit rate of one coordinate.
 
         Parameters
         ----------
@@ -234,8 +241,8 @@ class Loads:
         t
             (n,) times, s.
         carried
-            (n, k) what each of the `friction_components` carries, N on bearings and N m of
-            contacts. Without it their friction is zero.
+            (n, k) load that each of the `friction_components` carries: a force (N) of a
+            bearing or a moment (N m) of a contact. If it is None, this friction is zero.
         """
         magnitudes = self.evaluate_magnitudes(motion, speed, t, carried)
         component_forces = magnitudes[:, None] * self.velocities(motion)

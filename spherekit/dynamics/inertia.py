@@ -42,17 +42,18 @@ as motion.
 
 @dataclass(frozen=True)
 class Inertia:
-    """The part of each link in the inertia matrix M and in its derivatives.
+    """Contributions of the links to the inertia matrix M and its derivatives, at n rows.
 
-    Links are those with mass, in the order of `Mechanism.masses`. The matrix of one
-    coordinate is the equivalent inertia B.
+    The links are those with mass, in the order of `Mechanism.masses`. With one coordinate
+    the matrix is a single number, the equivalent inertia B.
 
     Attributes
     ----------
     M_parts
-        (n, masses, m, m) kg m2 per product of the units of two coordinates.
+        (n, masses, m, m) contribution of each link to M, kg m2 per product of the units of
+        two coordinates.
     dM_parts
-        (n, masses, m, m, m) at [i, j, k] the derivative of M_ij by coordinate k.
+        (n, masses, m, m, m) its derivatives: at [i, j, k] that of M_ij by coordinate k.
     """
 
     M_parts: Floats
@@ -122,12 +123,14 @@ def inertia_matrix(mechanism: Mechanism, motion: CoordinateMotion) -> Floats:
 def _link_components(
     mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats
 ) -> tuple[Floats, Floats]:
-    """Return inertia tensors, and vectors of links, in link axes.
+    """Return the inertia tensors of links with mass, and vectors of these links.
+
+    Both have components along link axes.
 
     Parameters
     ----------
     mechanism, motion
-        The mechanism, and its orientations.
+        The mechanism with its masses, and n configurations with orientations of its links.
     vectors
         (n, ..., links, 3) a vector of each link in ground axes.
 
@@ -177,7 +180,8 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
     motion
         The motion by m coordinates. Its first row is the start of a simulation.
     """
-    # With several coordinates, a direction in which the inertia matrix vanishes.
+    # With several coordinates, the inertia matrix may vanish in one direction only: pairs
+    # then move together so that no mass moves.
     principal_inertias, directions = np.linalg.eigh(inertia_matrix(mechanism, motion)[0])
     smallest = principal_inertias[0]
     largest = principal_inertias[-1]
@@ -189,7 +193,7 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
             "that no link with mass moves, so loads would accelerate them endlessly; give "
             "mass to links that move then, or lock a pair"
         )
-    # A motion in which links with mass hardly move, compared with the fastest link.
+    # In every motion, some link with mass has to move, compared with the fastest link.
     moving_masses = (mass for mass in mechanism.masses if mass.link != mechanism.ground)
     total_inertia = sum(np.linalg.norm(mass.tensor, 2) for mass in moving_masses)
     largest_speed_square = np.max(np.sum(motion.w[0] ** 2, axis=-1))
@@ -224,6 +228,8 @@ def coriolis(dM: Floats, rates: Floats) -> Floats:
 
 def driving_torques(M: Floats, dM: Floats, Q: Floats, dq: Floats, ddq: Floats) -> Floats:
     """Return the driving torques tau (n, m) = M q'' + C q' - Q at the coordinates, N m.
+
+    C q' are the torques that depend on products of rates (Coriolis and centrifugal).
 
     Parameters
     ----------

@@ -68,18 +68,18 @@ def judged(
     rates: Floats,
     locked: Bools | bool,
 ) -> SmallIntegers:
-    """Return the status of torques, and replace what is not known by NaN.
+    """Return the status of torques, and replace unknown entries of arrays by NaN.
 
-    Inertia does not depend on loads. It is kept in rows in which a load is no number, or in
-    which bearings lock. If a single load is no number, the other loads are kept too.
+    Inertia does not depend on loads. It stays in rows in which a load is not finite, or in
+    which bearings lock. If a single load is not finite, the other loads stay too.
 
     Parameters
     ----------
     status
         (n,) status of the rates.
     masses, forces, torques
-        Inertia, (n, m, loads) generalised forces and (n, m) torques. They are changed in
-        place.
+        Inertia, (n, m, loads) generalised forces and (n, m) torques. Unknown entries of
+        these arrays are set to NaN in place.
     rates
         (n, m) rates of the inputs.
     locked
@@ -99,8 +99,8 @@ def judged(
     is_finite = np.isfinite(powers) & all_finite(forces, 1)
     is_overflow = ~(all_finite(torques, 1) & np.all(is_finite, axis=1))
     status[(status == Status.OK) & is_overflow] = Status.OVERFLOW
-    # What is not known becomes NaN: inertia without rates, single loads that are no
-    # numbers, and torques unless the row is OK.
+    # Unknown entries become NaN: inertia without rates, single loads that are not finite,
+    # and torques unless the row is OK.
     for parts in (masses.M_parts, masses.dM_parts):
         parts[~has_rates] = np.nan
         parts[~np.isfinite(parts)] = np.nan
@@ -113,10 +113,12 @@ def judged(
 
 @dataclass(frozen=True)
 class InverseSolution(InputMotion):
-    """The driving torques of a motion at n rows: mode after mode, the times of each.
+    """The driving torques of a motion at n rows.
 
-    Failed rows are NaN. Quantities that do not depend on loads are NaN in rows whose
-    `rate_status` is not OK.
+    The rows are the times of the first assembly mode, then those of the next one, and so
+    on. An assembly mode is one of the ways to assemble the links at the same inputs. Failed
+    rows are NaN. Quantities that do not depend on loads are NaN in rows whose `rate_status`
+    is not OK.
 
     Attributes
     ----------
@@ -132,7 +134,7 @@ class InverseSolution(InputMotion):
         (n, masses, inputs, inputs) kg m2 and (n, masses, inputs, inputs, inputs): the part
         of each link in the inertia matrix, and its derivatives by the inputs.
     Q_parts
-        (n, inputs, loads) generalised forces of single loads, N m.
+        (n, inputs, loads) generalised force of each load, N m.
     torques
         (n, inputs) driving torques, N m.
     values
@@ -144,10 +146,10 @@ class InverseSolution(InputMotion):
     status, rate_status
         (n,) status of the torques, and of the rates on which inertia depends.
     carried
-        (n, k) N: for mechanisms with friction of bearings, the sums of the bearing forces
-        from which the friction of each of these loads follows.
+        (n, k) for each of the k loads that are friction of bearings, the sum of the bearing
+        forces (N) to which this friction is proportional. None without such loads.
     rounds
-        Number of iterations in which these forces were found.
+        Number of iterations by which these forces were computed.
     """
 
     mechanism: Mechanism
@@ -183,7 +185,7 @@ class InverseSolution(InputMotion):
 
     @property
     def dM(self) -> Floats:
-        """(n, inputs, inputs, inputs) its derivatives by the inputs, the last axis."""
+        """(n, inputs, inputs, inputs) derivatives of M by the inputs (the last axis)."""
         return total(self.dM_parts, self.rate_status)
 
     @property
@@ -193,15 +195,19 @@ class InverseSolution(InputMotion):
 
     @property
     def sure_torques(self) -> Floats:
-        """(n, inputs) driving torques, 0 if they are rounding errors of their terms."""
+        """(n, inputs) driving torques, N m; 0 if they are only rounding errors.
+
+        A torque M ddq + C dq - Q is compared with the sum of the sizes of its terms.
+        """
         speeds = np.abs(self.input_rates)
         with np.errstate(over="ignore"):
             # Estimated sizes of the terms M ddq and C dq, with |M| in place of dM/dq.
-            changes = np.max(speeds, axis=1)[:, None] * speeds
-            changes += np.abs(self.input_accelerations)
-            terms = np.einsum("nkij,nj->ni", np.abs(self.M_parts), changes)
-            terms += np.sum(np.abs(self.Q_parts), axis=2)
-            is_rounding = np.abs(self.torques) <= MAX_ZERO_TORQUE * terms
+            accelerations = np.max(speeds, axis=1)[:, None] * speeds
+            accelerations += np.abs(self.input_accelerations)
+            # The letters are: n rows, k masses, i and j inputs.
+            term_sizes = np.einsum("nkij,nj->ni", np.abs(self.M_parts), accelerations)
+            term_sizes += np.sum(np.abs(self.Q_parts), axis=2)
+            is_rounding = np.abs(self.torques) <= MAX_ZERO_TORQUE * term_sizes
             return np.where(is_rounding, 0.0, self.torques)
 
     @property
@@ -226,7 +232,7 @@ class InverseSolution(InputMotion):
 
     @property
     def dB_parts(self) -> Floats:
-        """(n, masses) their derivatives by the input."""
+        """(n, masses) derivatives of `B_parts` by the input."""
         return only_column(self.dM_parts[..., 0, 0])
 
     @property
@@ -236,7 +242,7 @@ class InverseSolution(InputMotion):
 
     @property
     def dB_dq(self) -> Floats:
-        """(n,) its derivative, kg m2/rad."""
+        """(n,) derivative of the equivalent inertia by the input, kg m2/rad."""
         return only_column(self.dM[..., 0, 0])
 
     @property
@@ -329,7 +335,8 @@ def _driven(
     mechanism
         The mechanism.
     law
-        A law of the only input, or laws by the names of the inputs.
+        Variable, rate and acceleration of the only input as functions of time, or such laws
+        by the names of the inputs.
     input_pair
         Name of the only input, by default the one that the mechanism declares.
 
@@ -356,19 +363,19 @@ def _driven(
 
 
 def _motion_of_rotation(mechanism: Mechanism, scaling: TimeScaling, t: Floats) -> Motion:
-    """Return the motion of a rotation of an output in time.
+    """Return the motion of a mechanism that rotates an output about a fixed axis.
 
     Parameters
     ----------
     mechanism
-        The mechanism.
+        The mechanism with the output.
     scaling
-        The rotation with its angle as a function of time.
+        The rotation, with its angle as a function of time. It also has the inputs and the
+        configurations that belong to each angle.
     t
         (n,) times, s.
     """
-    # The configurations follow from the angle of the output; the analysis need not search
-    # for them.
+    # The configurations are known, so the position analysis need not search for them.
     samples = scaling.at(t)
     position_analysis = PositionAnalysis(
         mechanism.with_inputs(*samples.names), follow=False
@@ -389,8 +396,9 @@ def needed_torques(motion: Motion) -> InverseSolution:
     Parameters
     ----------
     motion
-        A motion of all inputs with its timing. Its angles are those on which loads depend,
-        without jumps of whole revolutions.
+        A motion of all inputs with its timing (times, rates and accelerations of the
+        inputs). Its angles have no jumps of whole revolutions, because loads may depend on
+        the number of revolutions.
     """
     assert motion.timing is not None
     mechanism = motion.mechanism
@@ -402,8 +410,9 @@ def needed_torques(motion: Motion) -> InverseSolution:
     # is also true for NaN.
     is_singular = ~(determinacy(coordinates.rates) >= SINGULAR_INPUT_DETERMINACY)
     has_configuration = ~motion.failed
-    # Where assembly modes nearly cross, the derivatives depend on rounding errors of the
-    # configuration. The evaluation of poles finds such rows.
+    # If assembly modes nearly meet at a row, the derivatives depend on rounding errors of
+    # the configuration. The evaluation of poles finds such rows, with each input in turn as
+    # the only one that moves.
     for name in mechanism.names_of(motion.assembly.inputs):
         pole_request = request(mechanism, name, (), by_rank=True)
         field = evaluate_unsigned(motion.rows(has_configuration), pole_request)
@@ -413,7 +422,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
     status = motion.status.copy()
     status[(status == Status.OK) & is_singular] = Status.AT_SINGULARITY
 
-    # First without friction of bearings.
+    # First without friction of bearings. See `balancing` for the tuple.
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     solution = balancing(mechanism, rows, timing, coordinates, status)
     loads = Loads(mechanism)
@@ -435,6 +444,7 @@ def needed_torques(motion: Motion) -> InverseSolution:
             carried=friction.carried,
         )
         solution = replace(solution, rounds=friction.iterations)
+    # Rows without rates are NaN in all arrays.
     for array in (solution.values, coordinates.rates, coordinates.frames):
         array[status != Status.OK] = np.nan
     return solution
@@ -456,7 +466,8 @@ def balancing(
     mechanism
         The mechanism with its inputs.
     rows
-        (n,) samples and assembly modes, (n, inputs) inputs and (n,) closure residuals.
+        Four arrays: (n,) numbers of the samples, (n,) numbers of the assembly modes,
+        (n, inputs) values of the inputs (rad), and (n,) closure residuals (rad).
     timing
         Times, rates and accelerations of the inputs.
     coordinates
@@ -466,7 +477,8 @@ def balancing(
     locked
         (n,) whether the friction of bearings is not determined.
     carried
-        (n, k) bearing forces; see `InverseSolution`.
+        (n, k) sums of bearing forces, to which friction is proportional; see
+        `InverseSolution`. None leaves this friction out.
     """
     sample, assembly_mode, inputs, residual = rows
     with np.errstate(over="ignore", invalid="ignore"):

@@ -17,7 +17,7 @@ PROBES_PER_STEP = 8
 Larger: more time. Smaller: a contact that lifts off for a short time is missed.
 """
 
-FIRST_STEPS = 8
+FIRST_LIFT_OFF_STEPS = 8
 """Number of first steps whose largest reaction is the least with which pulls are compared.
 
 Smaller: if a mechanism starts without reactions, their rounding ends the simulation.
@@ -66,8 +66,10 @@ def end_at_lift_off(simulation: Simulation) -> Simulation:
     t = np.append(t[t < simulation.end.t], simulation.end.t)
 
     def compute_pushes(t: Floats) -> ContactPushes:
+        """Return the pushes of the one-sided contacts at times (n,), s."""
         moments = simulation.moments(t).moments
-        # The first component of a contact is the force along its normal.
+        # The first component of a contact's moment is the force along its normal times the
+        # radius.
         return ContactPushes(
             pushes=moments[:, one_sided, 0],
             largest_reaction=np.fmax.reduce(np.abs(moments), axis=(1, 2)),
@@ -81,7 +83,7 @@ def end_at_lift_off(simulation: Simulation) -> Simulation:
     # Pulls are compared with the largest reaction up to their time, but at least with that
     # of the first steps.
     scale = np.fmax.accumulate(reactions)
-    scale = np.maximum(scale, scale[: FIRST_STEPS * PROBES_PER_STEP][-1])
+    scale = np.maximum(scale, scale[: FIRST_LIFT_OFF_STEPS * PROBES_PER_STEP][-1])
     is_pulling = np.any(pushes < -MAX_SIMULATED_PULL * scale[:, None], axis=1)
     pulling_rows = np.flatnonzero(is_pulling)
     if not len(pulling_rows):

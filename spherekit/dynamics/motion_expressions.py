@@ -60,7 +60,10 @@ class EquationLayout:
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
-        """Lay out state and parameters for a mechanism with its inputs and loads."""
+        """Assign positions in the state and among the parameters.
+
+        They depend on the pair variables, inputs, loads and joint limits of `mechanism`.
+        """
         self.variable_count = len(mechanism.variable_names)
         self.freedoms = len(mechanism.inputs)
         self.variables = symbols(mechanism.variable_names)
@@ -74,7 +77,10 @@ class EquationLayout:
         self.table_names = [
             load.name for load in mechanism.loads if isinstance(load, TorqueTable)
         ]
-        # Positions of the parameters, in the order that the class explains.
+        # Positions of the parameters. The whole turns of all variables come first, then the
+        # unit of momentum and its reciprocal, the smallest measure of independence, a lower
+        # and an upper value per joint limit, and the time at which the current interval of
+        # the torque tables begins, with a value and a slope per table.
         self.unit_parameter = self.variable_count
         self.min_independence_parameter = self.unit_parameter + 2
         self.limit_parameters = self.min_independence_parameter + 1
@@ -100,12 +106,13 @@ class EquationLayout:
     def make_load_state(
         self, coordinate_rates: CoordinateRates, variable_rates: Sequence[Expr]
     ) -> LoadState:
-        """Return the moving mechanism on which loads depend.
+        """Return the symbols of the motion on which loads depend.
 
         Parameters
         ----------
         coordinate_rates
-            Homogeneous rates by each coordinate.
+            The rates of all variables and links by each coordinate, in homogeneous form:
+            times the determinant of the velocity equations.
         variable_rates
             Rates of the variables by time.
         """
@@ -149,15 +156,17 @@ class EquationExpressions:
     state_rates
         Rates of the state by time.
     homogeneous_rates
-        For each coordinate the homogeneous rates of all variables (tau in
+        For each coordinate the homogeneous rates of all variables: their rates per unit
+        rate of the coordinate, times the determinant of the velocity equations (tau in
         `spherekit.velocities.coordinate_rates`).
     independence
-        Measure of the independence of the closure equations. It is zero where sets of
+        Measure of the independence of the loop-closure equations. It is zero where sets of
         configurations cross.
     events
-        Events of the motion, without joint limits and switches.
+        Events at which a run ends or changes its coordinates, without those of joint limits
+        and of switches of loads.
     load_state
-        The moving mechanism on which loads depend.
+        Symbols of the motion on which loads depend.
     """
 
     layout: EquationLayout
@@ -171,9 +180,20 @@ class EquationExpressions:
 def make_joint_limit_events(
     mechanism: Mechanism, layout: EquationLayout
 ) -> Iterator[EventFunction]:
-    """Yield two events for each joint limit: a pair leaves the range below, or above."""
+    """Yield two events for each joint limit: a pair leaves its range below, or above.
+
+    An event occurs where its expression passes through zero, downwards (-1) or upwards (1).
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its joint limits.
+    layout
+        Symbols of the variables, and numbers of the parameters with the limits.
+    """
     for index, limit in enumerate(mechanism.joint_limits):
         (variable,) = mechanism.variables_of(mechanism.pair_number[limit.pair])
+        # Parameter number v has the whole turns by which variable v is reduced.
         angle = layout.variables[variable] + TURN * parameter_symbol(variable)
         low = parameter_symbol(layout.limit_parameters + 2 * index)
         high = parameter_symbol(layout.limit_parameters + 2 * index + 1)

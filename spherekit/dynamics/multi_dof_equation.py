@@ -68,8 +68,6 @@ def derive_multi_dof_equation(
     input_variables
         Numbers of the variables of the inputs that the user chose, for the event "type_2".
     """
-    # The momenta of the state are the rates of the coordinates, times the square root of
-    # the mass scale, in their unit.
     layout = EquationLayout(mechanism)
     structure = KinematicStructure.from_mechanism(
         mechanism, mechanism.input_pairs, closed=values
@@ -79,6 +77,8 @@ def derive_multi_dof_equation(
     # near 1.
     mass_scale = total_moment_of_inertia(mechanism)
     root_mass_scale = float(np.sqrt(mass_scale))
+    # The momenta of the state are the rates of the coordinates times the square root of the
+    # mass scale, divided by the unit of momentum.
     speeds = [
         layout.momentum_unit * momentum * (1.0 / root_mass_scale)
         for momentum in layout.momenta
@@ -90,7 +90,7 @@ def derive_multi_dof_equation(
     for pair, speed in zip(structure.assembly.inputs, speeds, strict=True):
         variable_rates[mechanism.variables_of(pair)[0]] = speed
 
-    # Generalised forces of loads, less the velocity-dependent ones, for each coordinate.
+    # Generalised forces of loads, minus the velocity-dependent ones, for each coordinate.
     load_state = layout.make_load_state(coordinate_rates, variable_rates)
     forces_of_load = [generalised_forces(load, load_state) for load in mechanism.loads]
     moments = InputMoments(coordinate_rates, link_inertia_tensors(mechanism), mass_scale)
@@ -127,11 +127,12 @@ def derive_multi_dof_equation(
 def _derive_independence(
     layout: EquationLayout, coordinate_rates: CoordinateRates, values: Floats
 ) -> Expr:
-    """Return the measure of independence, 1 at a closed configuration (variables,).
+    """Return the measure of independence of the closure equations as an expression.
 
     It is zero where closure equations depend on each other. The homogeneous rates tau_i are
     those of all variables by coordinate i, times a common scale D. With m degrees of
-    freedom, the measure is det(tau_i . tau_k) / D^(2 m - 2), times a constant.
+    freedom, the measure is det(tau_i . tau_k) / D^(2 m - 2), times a constant by which it
+    is 1 at the closed configuration `values` (variables,).
     """
     tau = coordinate_rates.tau
     independence = determinant([[dot(a, b) for b in tau] for a in tau])
@@ -151,11 +152,12 @@ def _derive_events(
     independence: Expr,
     input_variables: Sequence[int],
 ) -> list[EventFunction]:
-    """Return the events of the motion, without joint limits and switches.
+    """Return the events of the motion, without those of joint limits and of switches.
 
-    They are singularities, configurations in which other coordinates should be chosen and,
-    unless the inputs of the user are the coordinates, configurations in which these inputs
-    do not determine the motion.
+    There are two or three of them: a singularity, where the measure of independence falls
+    below its limit; the choice of other coordinates, where the rates of the variables
+    become too large; and, unless the inputs of the user are the coordinates, a singularity
+    of type II ("type_2"), where these inputs do not determine the motion.
 
     Parameters
     ----------
@@ -171,6 +173,7 @@ def _derive_events(
     """
     tau = coordinate_rates.tau
     inverse_scale = 1.0 / coordinate_rates.scale
+    # Sum of the squares of all rates per unit rate of each coordinate.
     rate_squares = sum((dot(rates, rates) for rates in tau), 0.0)
     rate_squares = rate_squares * inverse_scale * inverse_scale
     events = [

@@ -194,19 +194,22 @@ END_BY_STATUS: dict[Status, tuple[EndKind, str]] = {
 
 
 class Collocation:
-    """One integration of a problem, which is continued step by step.
+    """One integration of a problem by Gauss collocation, continued step by step.
+
+    A state (states,) has the pair variables (rad), the momenta and the work of each load.
 
     Attributes
     ----------
     problem, equation, tolerance
         The problem, its equation of motion, and the tolerance of the pair variables (rad).
     frame
-        (m, variables) the coefficients of the pair variables in the coordinates to which
-        the momenta belong, at the end of the last step; along a curve its tangent.
+        (m, variables) the coefficients of the pair variables in the m coordinates to which
+        the momenta belong, at the end of the last step. With one degree of freedom it is
+        the tangent of the configuration curve.
     steps
         The accepted steps.
     events
-        The events in them.
+        The events in these steps.
     start_state
         (states,) the state at the start.
     scales
@@ -227,13 +230,7 @@ class Collocation:
     """
 
     def __init__(self, problem: Problem, tolerance: float) -> None:
-        """Prepare the first step.
-
-        Parameters
-        ----------
-        problem, tolerance
-            The problem, and the tolerance of the pair variables (rad).
-        """
+        """Prepare the first step; `tolerance` is that of the pair variables (rad)."""
         self.problem = problem
         self.equation = equation = problem.equation
         self.tolerance = tolerance
@@ -262,7 +259,10 @@ class Collocation:
         self._progress_times: list[tuple[float, float]] = [(0.0, 0.0)]
 
     def advance(self) -> bool:
-        """Take a step, and return whether the integration continues after it."""
+        """Take a step, and return whether the integration continues after it.
+
+        Also reports progress, and sets `end` if this was the last step.
+        """
         started = time.perf_counter()
         with np.errstate(all="ignore"):
             try:
@@ -271,16 +271,18 @@ class Collocation:
                 self.end = stopped.value
                 t = self.reached
         self._progress_times.append((t, self.seconds + time.perf_counter() - started))
+        # The text is only formed if a report is due.
         is_due = self._progress.tell(lambda: f"{t:.4g} of {self.problem.until:.6g} s")
-        if is_due and self.end is None and self.problem.seen:
-            self.problem.seen(self.simulation("it goes on"))
+        if is_due and self.end is None and self.problem.on_progress:
+            self.problem.on_progress(self.simulation("it goes on"))
         return self.end is None
 
     @property
-    def left(self) -> float | None:
-        """Computing time (s) that the rest is expected to need, by the last steps.
+    def remaining_seconds(self) -> float | None:
+        """Computing time (s) that the rest of the simulation is expected to need.
 
-        None until there are more than `FORECAST_STEPS` steps.
+        It is extrapolated from the last `FORECAST_STEPS` steps. None until there are more
+        steps than that.
         """
         if len(self._progress_times) <= FORECAST_STEPS + 1:
             return None
@@ -356,12 +358,15 @@ class Collocation:
             while t < target:
                 rest = target - t
                 tried = rest if rest < FINAL_STEP_RATIO * length else length
-                attempt = self._attempt_step(t, tried, state, previous)
+                attempt = self._attempt_step(
+                    start=t, length=tried, state=state, previous=previous
+                )
                 step = attempt.step
                 error = attempt.error
                 rates = attempt.dynamics.motion.rates
                 if error <= 1.0:
-                    # Determinants whose sign changes where curves of configurations cross.
+                    # (N,) determinants at the nodes, whose sign changes where curves of
+                    # configurations cross.
                     orientations = step.closure_determinants(equation.closure, rates)
                     if not self._stays_on_set(step, orientations):
                         error = np.inf
@@ -372,7 +377,7 @@ class Collocation:
                         return self._diagnose_failure(step, error, attempt.dynamics)
                     continue
                 if self._needs_careful_step(orientations):
-                    # The same step is repeated with a smaller tolerance.
+                    # The same step is repeated with the smaller tolerance that was set.
                     continue
                 if len(self.steps) >= MAX_COLLOCATION_STEPS:
                     message = too_many_steps_message(MAX_COLLOCATION_STEPS)
@@ -427,20 +432,23 @@ class Collocation:
     def _evaluate_dynamics(self, t: Floats, states: Floats) -> StateDynamics:
         """Return motion and forces at times (n,) and states (n, states).
 
-        The frame, which says by which coordinates the motion is described, is that of the
-        end of the last step. If crossings of curves are passed, the configurations are
-        closed first: near a crossing, the rates of configurations that are open have no
-        limit, and those of closed ones continue smoothly.
+        The motion is described by the coordinates at the end of the last step (`frame`). If
+        crossings of curves are passed, the loops of the configurations are closed first.
+        Near a crossing the rates of closed configurations continue smoothly, but those of
+        configurations whose loops are slightly open have no limit.
         """
         equation = self.equation
         variables = self.equation.variable_count
-        if self.problem.passes and all_finite(states):
+        if self.problem.passes_crossings and all_finite(states):
             closed = equation.project(states[:, :variables])
             states = np.concatenate([closed, states[:, variables:]], axis=1)
-        return equation.evaluate(t, states, self.frame, self.problem.whole)
+        return equation.evaluate(t, states, self.frame, self.problem.turn_angles)
 
     def _close(self, state: Floats) -> Floats:
-        """Return the state (states,) with its configuration closed again."""
+        """Return the state (states,) after one Newton step that closes its loops.
+
+        The closure residual that is removed is recorded in `max_closure_residual`.
+        """
         variables = self.equation.variable_count
         values, closure_residual = self.equation.project_once(state[:variables])
         self.max_closure_residual = max(self.max_closure_residual, closure_residual)
@@ -539,8 +547,9 @@ class Collocation:
         """Return the matrix (N, N) of Newton's method for the momenta at N nodes.
 
         It turns residuals of the collocation equations into corrections of the momenta. It
-        is the inverse of 1 - h/2 A diag(d), with the length h of the step, A the
-        `INTEGRATION_MATRIX`, and the derivatives d of dp/dt by the momentum p at the nodes.
+        is the inverse of 1 - h/2 A diag(d), with the length h of the step, the
+        `INTEGRATION_MATRIX` A, and the derivatives d of dp/dt by the momentum p at the
+        nodes.
 
         Parameters
         ----------
@@ -570,10 +579,13 @@ class Collocation:
     ) -> bool:
         """Return whether the loads within a step agree with its series.
 
+        A load that changes abruptly between two nodes of the step has no effect on the
+        series. The rates of the momenta are therefore compared at further times.
+
         Parameters
         ----------
         step
-            The step.
+            A step whose iteration has converged.
         scale
             (states,) sizes of the state.
         tolerance
@@ -605,12 +617,13 @@ class Collocation:
             start of the step to 1 at its end.
             """
             t = step.start + fractions * step.length
-            # The frames are the tangents at the nodes, which are in [-1, 1].
+            # With one degree of freedom the frames are the tangents at the nodes, which are
+            # in [-1, 1]. The nearest one is used.
             distances = np.abs(2.0 * fractions[:, None] - 1.0 - GAUSS_NODES)
             nearest = np.argmin(distances, axis=1)
             frame = step.frames[nearest] if equation.freedoms == 1 else self.frame
             states = step.evaluate_state(t)
-            dynamics = equation.evaluate(t, states, frame, self.problem.whole)
+            dynamics = equation.evaluate(t, states, frame, self.problem.turn_angles)
             rate_errors = np.abs(
                 dynamics.momentum_rates - step.evaluate_rate(t)[:, momenta]
             )
@@ -619,8 +632,9 @@ class Collocation:
             )
             return np.max(rate_errors, axis=1) / allowed_error, steep_arguments
 
-        # A value above 1 means that no error was found in the step.
-        return bool(find_first_errors(probe, 1)[0] > 1.0)
+        # The first fraction with an error; infinite if there is none.
+        (first_error,) = find_first_errors(probe, 1)
+        return bool(first_error > 1.0)
 
     def _is_noisy(self, step: CollocationStep) -> bool:
         """Return whether the last Legendre coefficients of a step are noise.
@@ -635,9 +649,10 @@ class Collocation:
     def _stays_on_set(self, step: CollocationStep, orientations: Floats) -> bool:
         """Return whether a step stays on one set of configurations near a crossing.
 
-        This is examined only if crossings are passed. The step then has to pass through at
-        most one crossing and to end away from any. It must not lead from one set to another
-        that comes near without crossing it.
+        A set of configurations is a curve, or a surface of several degrees of freedom. The
+        question is only examined if crossings are passed. The step then has to pass through
+        at most one crossing and to end away from any. It must not lead from one set to
+        another one that comes near without crossing it.
 
         Parameters
         ----------
@@ -646,7 +661,7 @@ class Collocation:
         orientations
             (N,) determinants at its nodes, whose sign changes at a crossing.
         """
-        if not self.problem.passes:
+        if not self.problem.passes_crossings:
             return True
         equation = self.equation
         largest, sign = self._largest_orientation(orientations)
@@ -655,7 +670,7 @@ class Collocation:
         if not np.any(orientations * sign < 0.0):
             return not np.any(is_near)
         t = step.find_crossing(orientations, float(np.copysign(largest, sign)))
-        # With one, the last nodes have to be beyond it.
+        # With a crossing, the last two nodes have to be beyond it.
         if np.any(is_near[-2:]) or t is None:
             return False
         values = step.evaluate_state(np.array([t]))[0, : equation.variable_count]
@@ -669,11 +684,16 @@ class Collocation:
     def _needs_careful_step(self, orientations: Floats) -> bool:
         """Return whether a step has to be repeated with a smaller tolerance.
 
-        This is the case if a crossing of curves may be near, and the tolerance is too large
-        to recognise it. `orientations` (N,) are the determinants at the nodes of the step,
-        whose sign changes at a crossing. Also updates `is_careful`.
+        It has to be repeated if a crossing of curves may be near, and the tolerance is too
+        large to recognise the crossing. Also updates `is_careful`, which makes the
+        following steps use the smaller tolerance.
+
+        Parameters
+        ----------
+        orientations
+            (N,) determinants at the nodes of the step, whose sign changes at a crossing.
         """
-        if self.problem.passes:
+        if self.problem.passes_crossings:
             return False
         largest, sign = self._largest_orientation(orientations)
         # A configuration off its curve by d misses a crossing by about sqrt(d).
@@ -686,8 +706,10 @@ class Collocation:
     def _largest_orientation(self, orientations: Floats) -> tuple[float, float]:
         """Return the largest size of an orientation so far, and a number with its sign.
 
-        `orientations` (N,) are those at the nodes of a step, which are included. The sign
-        is that before this step, or that of its first node if it is the first step.
+        An orientation is the determinant whose sign changes where curves of configurations
+        cross. Those at the nodes of the current step, `orientations` (N,), are included.
+        The sign is that before this step, or that of its first node if it is the first
+        step.
         """
         largest = max(abs(self.orientation), float(max_abs(orientations)))
         return largest, self.orientation or float(orientations[0])
@@ -700,7 +722,7 @@ class Collocation:
         Parameters
         ----------
         step
-            The step.
+            A step whose error is small enough.
         rates
             (N, m, variables) rates of the variables by the coordinates at its nodes.
         orientations
@@ -721,29 +743,34 @@ class Collocation:
     def _find_occurrences(
         self, step: CollocationStep, rates: Floats, orientations: Floats
     ) -> Iterator[tuple[float, EventKind | Literal["singularity"], str]]:
-        """Yield time, kind and pair of what occurs within a step.
+        """Yield time (s), kind and pair of each event within a step.
 
-        Occurrences that end the simulation come first. Also updates `orientation`, the
+        They are, in this order: exceeded joint limits, a crossing of curves, reversals of
+        the input (or singularities of type II with several inputs), and moments of rest.
+        The pair is empty if the event belongs to none. Also updates `orientation`, the
         determinant whose sign changes where curves of configurations cross. The parameters
         are those of `_accept`.
         """
         mechanism = self.equation.mechanism
         driven = list(self.problem.driven)
-        for t, pair in step.find_exceeded_limits(mechanism, self.problem.whole):
+        for t, pair in step.find_exceeded_limits(mechanism, self.problem.turn_angles):
             yield t, "joint_limit", pair
         largest, sign = self._largest_orientation(orientations)
         self.orientation = float(np.copysign(largest, sign))
         crossing = step.find_crossing(orientations, self.orientation)
         if crossing is not None:
-            yield crossing, "crossing" if self.problem.passes else "singularity", ""
+            ends_here = not self.problem.passes_crossings
+            yield crossing, "singularity" if ends_here else "crossing", ""
             self.orientation = float(np.copysign(largest, orientations[-1]))
-        # Where the rates of the inputs by the coordinates are dependent, the inputs do not
-        # determine the motion. A single input reverses there.
+        # At a zero of the determinant of the inputs' rates by the coordinates, the inputs
+        # do not determine the motion (singularity of type II). A single input reverses.
         has_one_input = len(driven) == 1
         kind: EventKind = "dead_centre" if has_one_input else "type_2"
         input_rates = np.linalg.det(rates[:, :, driven])
         for t in step.find_sign_changes(SERIES_MATRIX @ input_rates):
             yield t, kind, mechanism.input_pairs[0] if has_one_input else ""
+        # The mechanism rests where its only momentum, which follows after the variables in
+        # the state, changes its sign.
         if has_one_input:
             momentum_series = step.state_series(self.equation.variable_count)
             for t in step.find_sign_changes(momentum_series):
@@ -754,7 +781,7 @@ class Collocation:
     ) -> Floats:
         """Record an event at a time (s) within a step, and return all variables (rad)."""
         state = step.evaluate_state(np.array([t]))[0]
-        values = state[: self.equation.variable_count] + self.problem.whole
+        values = state[: self.equation.variable_count] + self.problem.turn_angles
         inputs = tuple(values[list(self.problem.driven)].tolist())
         self.events.append(Event(kind, t, inputs, pair))
         return values
@@ -762,14 +789,18 @@ class Collocation:
     def _diagnose_failure(
         self, step: CollocationStep, error: float, dynamics: StateDynamics
     ) -> SimulationEnd:
-        """Return the reason why no step from the start of a rejected one is short enough.
+        """Return the end of a simulation in which even very short steps are rejected.
+
+        The reasons are, in this order: a configuration without rates, such as a contact
+        beyond its profile; a crossing of curves of configurations; a load that changes too
+        fast.
 
         Parameters
         ----------
         step, error
-            The rejected step, and its error relative to the tolerance.
+            The last rejected step, and its error relative to the tolerance.
         dynamics
-            Motion and forces at its nodes.
+            Motion and forces at the nodes of this step.
         """
         equation = self.equation
         t = step.start
@@ -788,15 +819,16 @@ class Collocation:
 
 @dataclass(frozen=True)
 class StepAttempt:
-    """A step whose equations were iterated.
+    """A step whose equations were solved by iteration, and the estimate of its error.
 
     Attributes
     ----------
     step
-        The step.
+        The step, which may be rejected.
     error
-        Its error relative to the tolerance. It is infinite if the iteration failed, if
-        there are no rates at a node, or if the series miss a change of the loads.
+        Error relative to the tolerance; at most 1 if the step can be accepted. It is
+        infinite if the iteration failed, if there are no rates at a node, or if the series
+        miss a change of the loads.
     iterations
         Number of iterations.
     dynamics
@@ -810,12 +842,13 @@ class StepAttempt:
 
 
 def _length_factor(error: float, iterations: int) -> float:
-    """Return the ratio of the next step to one with this error.
+    """Return the ratio of the length of the next step to that of a step with this error.
 
     Parameters
     ----------
     error
-        Error relative to the tolerance. It is proportional to the power N of the length.
+        Error relative to the tolerance. It is proportional to the N-th power of the length,
+        with the number N of nodes.
     iterations
         Number of iterations that the step took.
     """

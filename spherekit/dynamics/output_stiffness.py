@@ -27,9 +27,9 @@ class Stiffness:
         (n, inputs, 3) relative angular velocity of the link per unit rate of each input, in
         ground axes.
     advantage
-        (n, inputs) moment about the axis of w that a unit torque at this input balances
-        while the others are locked: ``1 / |w|``. Infinite if the input does not move the
-        link.
+        (n, inputs) mechanical advantage ``1 / |w|``: the moment about the axis of w that a
+        unit torque at this input balances while the other inputs are locked. Infinite if
+        the input does not move the link.
     stiffness
         (n, 3) principal stiffnesses of the link in rising order, N m/rad. Infinite about
         axes that do not yield.
@@ -77,19 +77,22 @@ def output_stiffness(
     compliance = np.einsum("nia,nib,i->nab", w, w, 1.0 / stiffness)
     principal_compliances = nans((len(w), 3))
     axes = nans((len(w), 3, 3))
+    # Eigenvalues in rising order, and eigenvectors in columns.
     principal_compliances[is_ok], columns = np.linalg.eigh(compliance[is_ok])
     axes[is_ok] = np.swapaxes(columns, 1, 2)
-    # Axes that do not yield get no direction, and below an infinite stiffness.
+    # Axes that do not yield have no direction. Their stiffness becomes infinite below.
     is_rigid = principal_compliances < (
         MIN_RELATIVE_COMPLIANCE * principal_compliances[:, -1:]
     )
     principal_compliances[is_rigid] = 0.0
     axes[principal_compliances == 0.0] = np.nan
-    # The sign of an axis is arbitrary. It is chosen on the side to which the inputs turn
-    # the link together. Their weights differ, so that opposite inputs do not cancel.
+    # The sense of an axis is arbitrary. It is chosen on the side of the weighted sum of the
+    # angular velocities by all inputs. The weights differ, so that opposite velocities do
+    # not cancel.
     weights = 1.0 + np.arange(w.shape[1])
     side = np.sum(w / weights[:, None], axis=1)
     axes *= np.where(axes @ side[..., None] < 0.0, -1.0, 1.0)
+    # In the order of rising stiffness, so of falling compliance.
     with np.errstate(divide="ignore", invalid="ignore"):
         return Stiffness(
             w=w,

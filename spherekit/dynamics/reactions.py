@@ -39,20 +39,20 @@ from spherekit.tolerances import MAX_ROW_PULL
 class Reactions(JointReactions):
     """The moments and forces that every pair transmits, at n rows of a motion.
 
-    Components are along the pair axes: the columns of `frames`, which for an R pair are
-    fixed in its second link. z is the axis of an R pair, and the moment about it is the
-    torque of loads and drives. For a contact, x is the tangent, y the normal on the side of
-    the first body, and z the contact point. Failed rows, and components that constraints
-    leave undetermined, are NaN.
+    Components are along the pair axes, the columns of `frames`. For an R pair these are
+    fixed in its second link, and z is its axis; the moment about z is the torque of loads
+    and drives. For a contact, x is the tangent, y the normal on the side of the first body,
+    and z points from the centre O to the contact. Failed rows, and components that
+    redundant constraints leave undetermined, are NaN.
 
     Attributes
     ----------
     wrenches, opened, unbalanced, slides
         As in `JointReactions`.
     torques
-        The driving torques of the motion.
+        The driving torques of the motion, with its configurations.
     lacking
-        The information that would determine the forces.
+        The information that would determine the forces if they are not determined.
     status
         (n, pairs) status of the torques, and LIFT_OFF if a contact would have to pull.
     """
@@ -181,8 +181,9 @@ def reactions(motion: Motion) -> Reactions:
 
     Notes
     -----
-    There are more equations of links than unknown reactions, by the number of inputs, since
-    the torques at the inputs are known. The residual of the equations checks both.
+    Because the torques at the inputs are known, the links have as many more equations than
+    unknown reactions as there are inputs. The residual of these equations checks torques
+    and reactions.
     """
     torques = needed_torques(motion)
     mechanism = motion.mechanism
@@ -194,7 +195,8 @@ def reactions(motion: Motion) -> Reactions:
     # The equations are solved in rows with torques only.
     is_ok = torques.status == Status.OK
     joint_reactions = compute_reactions(driven.rows(is_ok), forces=True)
-    # The information that is missing, if some components are not determined.
+    # The information that would determine components that are not determined. It is not
+    # looked for if links can slide along axes.
     indeterminate_forces = IndeterminateForces()
     open_counts = np.count_nonzero(joint_reactions.opened, axis=(1, 2))
     if np.any(open_counts) and not np.any(joint_reactions.slides):
@@ -219,6 +221,7 @@ def reactions(motion: Motion) -> Reactions:
         lacking=indeterminate_forces,
         status=np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1),
     )
+    # Pulls that are small compared with the largest moment of the row may be rounding.
     largest_moment = max_abs(np.nan_to_num(result.moments), axis=(1, 2))
     is_pulling = result.push < -MAX_ROW_PULL * largest_moment[:, None]
     result.status[is_pulling] = Status.LIFT_OFF

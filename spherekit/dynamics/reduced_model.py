@@ -76,10 +76,14 @@ SingleFunction = Callable[[Any], list[float]]
 class StoredModel:
     """Functions of m coordinates in one assembly mode of a mechanism.
 
+    An assembly mode is one of the ways in which the links can be assembled at the same
+    inputs. With one coordinate the functions are stored along the curve of configurations,
+    with several coordinates over a box of their ranges.
+
     A point is a number along a curve, and a sequence (m,) over a box. Every method takes
     one point, which is evaluated in the least time. It also takes many points: an array of
     any shape along a curve, and an array (n, m) over a box. Coordinates of a periodic curve
-    beyond its ends are further laps. The range of other models must not be left.
+    beyond its ends are further laps. Other models are not defined outside their range.
 
     Attributes
     ----------
@@ -104,17 +108,24 @@ class StoredModel:
     def torque(self, x: Any, dx: Any, ddx: Any, t: Any = 0.0) -> Any:
         """Return the torques (N m) that a motion needs while all loads act.
 
-        They are M x'' + C x' - Q, with one coordinate B x'' + 1/2 dB/dx x'^2 - Q (Di
-        Gregorio 2024, eq. (21)). They act at the inputs, if these are the coordinates. With
-        the arc length s, divide the torque by the rate of a pair along the curve to obtain
-        the torque at this pair.
+        The torques are M x'' + C x' - Q, with the inertia matrix M, the Coriolis and
+        centrifugal torques C x' and the generalised forces Q of all loads. With one
+        coordinate, this is B x'' + 1/2 dB/dx x'^2 - Q with the inertia B (Di Gregorio 2024,
+        eq. (21)). If the coordinates are the inputs, the torques act at the inputs. If the
+        coordinate is the arc length s of the curve, divide the torque by the rate of a pair
+        along the curve to obtain the torque at this pair.
 
         Parameters
         ----------
         x, dx, ddx
-            Coordinates (rad) and their first and second rates by time.
+            Coordinates (rad) and their first and second rates by time, at one point or at
+            many points (see the class).
         t
             Time (s) for loads that depend on it.
+
+        Returns
+        -------
+        One torque per point along a curve, and m torques per point over a box.
 
         Raises
         ------
@@ -122,11 +133,12 @@ class StoredModel:
             At a single point outside the domain. Rows of several inputs are NaN there.
         """
         if self._is_single(x):
+            # Inertia, its derivatives and load velocities, which the torques depend on.
             evaluate_functions, _ = self.dynamics
             return self.torque_at_functions(evaluate_functions(x), x, dx, ddx, t)
         arrays = self._broadcast(x, dx, ddx, t=t)
-        columns = self._torque_function(self._arguments(arrays))
-        return self._restore_shape(columns.T, arrays.shape)
+        torque_rows = self._torque_function(self._arguments(arrays))
+        return self._restore_shape(torque_rows.T, arrays.shape)
 
     def forces(self, x: ArrayLike, dx: ArrayLike, t: ArrayLike = 0.0) -> dict[str, Floats]:
         """Return the generalised forces Q (N m) of each load by its name.
@@ -140,20 +152,25 @@ class StoredModel:
 
         Returns
         -------
-        Arrays of the shape of `x`.
+        For each load an array of the shape of `x`, the forces by each coordinate.
         """
+        # Forces do not depend on accelerations. The rates take their place among the
+        # arguments.
         arrays = self._broadcast(x, dx, dx, t=t)
         loads = self.heading.loads
-        columns = self._force_function(self._arguments(arrays))
-        columns = columns.reshape(len(loads), len(self.heading.by), len(arrays.t))
+        force_rows = self._force_function(self._arguments(arrays))
+        # The axes are: load, coordinate, point.
+        forces = force_rows.reshape(len(loads), len(self.heading.by), len(arrays.t))
         return {
-            load.name: self._restore_shape(part.T, arrays.shape)
-            for load, part in zip(loads, columns, strict=True)
+            load.name: self._restore_shape(load_forces.T, arrays.shape)
+            for load, load_forces in zip(loads, forces, strict=True)
         }
 
     def _arguments(self, arrays: "BroadcastArrays") -> Floats:
-        """Return the arguments (k, n) of the expressions of forces and torques.
+        """Return the arguments (k, n) of the expressions of forces and torques at n points.
 
+        The rows are the stored functions of group 0, the rates and the accelerations of the
+        coordinates, the time, and the present torques of the loads given by tables.
         `arrays` has coordinates, rates and accelerations.
         """
         coordinates, *rates = arrays.columns
@@ -179,24 +196,28 @@ class StoredModel:
         return [*symbols(names), *self.heading.motion_symbols]
 
     def value(self, name: str, x: Any) -> Any:
-        """Return any stored function by its name in `heading.functions`."""
+        """Return the values of one stored function at one point or at many points.
+
+        `name` is one of the names in `heading.functions`.
+        """
         if self._is_single(x):
             return self._single_function(name)(x)[0]
         return self.functions([name], x)[..., 0]
 
     def functions(self, names: Sequence[str], x: ArrayLike) -> Floats:
-        """Return k stored functions (..., k) of one group at many points.
+        """Return the values (..., k) of k stored functions at many points.
 
         Parameters
         ----------
         names
-            Names of the functions.
+            Names of the functions. All of them belong to one group of the heading.
         x
             (...) coordinates of a curve, or (..., m) over a box.
         """
         arrays = self._broadcast(x)
+        (coordinates,) = arrays.columns
         group, _ = self.heading.locate_function(names[0])
-        values = self._evaluate_group(group, arrays.columns[0])
+        values = self._evaluate_group(group, coordinates)
         selected = values[:, self._indices_in_group(names)]
         return selected.reshape(*arrays.shape[:-1], len(names))
 
@@ -204,6 +225,7 @@ class StoredModel:
         """Return the inertia matrix (..., m, m) in kg m2; along a curve the number B."""
         if self.heading.is_curve:
             return self.value("B", x)
+        # The entries up to the diagonal are stored, row by row. The matrix is symmetric.
         i, k = np.tril_indices(len(self.heading.by))
         M = np.empty((*np.shape(x), len(self.heading.by)))
         M[..., i, k] = M[..., k, i] = self.functions(self.heading.inertia, x)
@@ -217,6 +239,9 @@ class StoredModel:
         self, q: ArrayLike, dq: ArrayLike, torques: ArrayLike, t: float = 0.0
     ) -> Floats:
         """Return the accelerations (m,) of the inputs (rad/s2) at one point.
+
+        They solve M q'' = T - T_0, with the inertia matrix M, the given torques T, and the
+        torques T_0 that the motion needs without acceleration.
 
         Parameters
         ----------
@@ -234,14 +259,17 @@ class StoredModel:
     def status(self, q: ArrayLike) -> SmallIntegers:
         """Return the status (n,) of points: OK, or OUT_OF_REACH outside the domain."""
         arrays = self._broadcast(np.atleast_1d(q))
-        values = self._evaluate_group(0, arrays.columns[0])
+        (coordinates,) = arrays.columns
+        # Outside the domain of a box all functions are NaN.
+        values = self._evaluate_group(0, coordinates)
         is_inside = np.isfinite(values[:, 0])
         return np.where(is_inside, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
 
     def pole(self, name: str, x: ArrayLike) -> Floats:
         """Return the unit vector (3,) or (..., 3) of a pole axis along a curve.
 
-        It is in ground axes.
+        A pole axis is the instantaneous axis of the motion of one link relative to another
+        one. The vector has its components in ground axes.
 
         Parameters
         ----------
@@ -290,22 +318,32 @@ class StoredModel:
         Returns
         -------
         (..., m, 3) angular velocities of the first link relative to the second per unit
-        rate of each input, in ground axes. The direction of each is the pole axis while
-        this input moves alone, and its length is the velocity coefficient.
+        rate of each input, in ground axes. The direction of each is the pole axis (the
+        instantaneous axis of rotation) while this input moves alone. Its length is the
+        velocity coefficient.
         """
         stored_name, sense = self.heading.pole(pole)
-        # Stored component by component, wanted input by input.
+        # For each component, the names of its derivatives by each input.
         names_by_axis = [
             self.heading.by_coordinates(f"velocity {stored_name} {axis}") for axis in "xyz"
         ]
-        names = [name for column in zip(*names_by_axis, strict=True) for name in column]
+        # The result has the components of one input next to each other.
+        names = []
+        for names_of_input in zip(*names_by_axis, strict=True):
+            names += names_of_input
         return sense * self.functions(names, q).reshape(*np.shape(q), 3)
 
     def places(self, variable: str, value: float) -> Floats:
         """Return the coordinates (k,) of a curve at which a pair variable has a value.
 
-        They are in rising order. The variable of an R pair (rad) has the value up to whole
-        revolutions.
+        The coordinates are in rising order.
+
+        Parameters
+        ----------
+        variable
+            Name of a pair variable, such as "theta_21" for the angle of the R pair 21.
+        value
+            Its value (rad). Angles that differ from it by whole revolutions count as equal.
 
         Raises
         ------
@@ -319,6 +357,7 @@ class StoredModel:
                 f'{heading.mechanism}: "{variable}" is not a pair variable'
                 f"{choices(variable, heading.variables, 'Variables')}"
             )
+        # Columns of the variable and of its derivative by the coordinate.
         columns = self._indices_in_group((variable, heading.derivative(variable)))
         assert isinstance(series, PiecewiseChebyshev)
         is_angle = variable in {f"theta_{pair}" for pair in heading.angles}
@@ -326,14 +365,16 @@ class StoredModel:
         def evaluate_distance(x: Floats) -> tuple[Floats, Floats]:
             """Return a function that vanishes at the value, and its derivative."""
             values, rates = series.evaluate(x)[:, columns].T
-            half = 0.5 * (values - value)
+            half_difference = 0.5 * (values - value)
             if is_angle:
                 # The sine of half the difference vanishes at whole revolutions too.
-                return np.sin(half), 0.5 * np.cos(half) * rates
-            return half, 0.5 * rates
+                sines = np.sin(half_difference)
+                return sines, 0.5 * np.cos(half_difference) * rates
+            return half_difference, 0.5 * rates
 
-        nodes = series.spread_positions(ZERO_SEARCH_DIVISIONS)
-        return find_zeros(evaluate_distance, nodes).places
+        # Zeros are sought between these positions; see `ZERO_SEARCH_DIVISIONS`.
+        search_grid = series.spread_positions(ZERO_SEARCH_DIVISIONS)
+        return find_zeros(evaluate_distance, search_grid).places
 
     def with_torque(self, torque: str | Mapping[str, str]) -> "StoredModel":
         """Return the model with torques (N m) at inputs as further loads.
@@ -341,14 +382,15 @@ class StoredModel:
         Parameters
         ----------
         torque
-            An expression in pair variables, their rates and the time, as in a file, at the
-            first input, or one for each of some inputs by their names.
+            An expression in pair variables, their rates and the time, in the syntax of
+            mechanism files. It acts at the first input. A mapping has one expression for
+            each driven input, by the name of the input.
 
         Raises
         ------
         ModelError
-            If an expression breaks the grammar, or there is no such input, or one has a
-            torque already.
+            If an expression breaks the grammar, if there is no such input, or if an input
+            has such a torque already.
         """
         heading = self.heading
         if isinstance(torque, str):
@@ -360,10 +402,12 @@ class StoredModel:
                     f'{heading.mechanism}: torque: "{pair}" is not an input'
                     f"{choices(pair, heading.inputs, 'Inputs')}"
                 )
+            # Along a curve there is only one input, so its torque needs no pair name.
             name = DRIVE_LOAD_NAME if heading.is_curve else f"{DRIVE_LOAD_NAME}_{pair}"
             if any(load.name == name for load in loads):
                 raise ModelError(f"{heading.mechanism}: torque: the model has one already")
             try:
+                # Only to check the expression. The load stores the text.
                 parse(text, load_names(heading.angles))
             except ModelError as error:
                 raise ModelError(f"{heading.mechanism}: torque: {error}") from None
@@ -390,12 +434,13 @@ class StoredModel:
     def dynamics(self) -> tuple[SingleFunction, FloatFunction]:
         """Functions that evaluate the torques at single points in the least time.
 
-        The first one returns the stored functions that torques need at a point: the inertia
-        first, and along a curve dB/dx next. The second one returns the torques from these
-        and from the values of `StoredHeading.motion_symbols`.
+        The first function returns the stored functions that torques need at a point: the
+        inertia first, and along a curve dB/dx next. The second function returns the torques
+        from the result of the first one, followed by the values of
+        `StoredHeading.motion_symbols` (rates, accelerations, time, torques of tables).
         """
         heading = self.heading
-        # Symbols in the torques that stand for stored functions, those of inertia first.
+        # Symbols in the torques that represent stored functions, those of inertia first.
         first_symbols = symbols([*heading.inertia, *heading.christoffel[0]])
         stored_symbols = [
             node
@@ -450,16 +495,18 @@ class StoredModel:
         return self._single_functions[names]
 
     def _is_single(self, x: Any) -> bool:
-        """Return whether `x` is one point, and not many."""
+        """Return whether `x` is one point, and not an array of many points."""
+        # Over a box a single point is a sequence of numbers.
         return isinstance(x if self.heading.is_curve else x[0], SINGLE_TYPES)
 
     def _broadcast(self, *arrays: ArrayLike, t: ArrayLike = 0.0) -> "BroadcastArrays":
-        """Return coordinates, rates and times at the same points.
+        """Return coordinates, rates and times broadcast to the same n points, in rows.
 
         Parameters
         ----------
         arrays
-            Arrays (...) along a curve or (..., m) over a box: the coordinates first.
+            The coordinates (rad), then possibly their rates and accelerations: arrays (...)
+            along a curve or (..., m) over a box.
         t
             Times, s.
 
@@ -474,6 +521,7 @@ class StoredModel:
         float_arrays = [np.asarray(array, dtype=float) for array in arrays]
         coordinates = float_arrays[0]
         if heading.is_curve:
+            # An axis of length m = 1, as for coordinates over a box.
             float_arrays = [array[..., None] for array in float_arrays]
         elif coordinates.ndim not in (1, 2) or coordinates.shape[-1] != m:
             raise SolveError(
@@ -481,13 +529,14 @@ class StoredModel:
                 f"inputs {listing(heading.inputs)}, not {coordinates.shape}"
             )
         elif coordinates.ndim == 1:
+            # This raises the error of a single point outside the domain.
             self._find_cell(coordinates.tolist())
         times = np.asarray(t, dtype=float)[..., None]
-        *parts, all_times = np.broadcast_arrays(*float_arrays, times)
+        *broadcast_arrays, all_times = np.broadcast_arrays(*float_arrays, times)
         return BroadcastArrays(
-            columns=[part.reshape(-1, m) for part in parts],
+            columns=[array.reshape(-1, m) for array in broadcast_arrays],
             t=all_times.reshape(-1, m)[:, 0],
-            shape=parts[0].shape,
+            shape=broadcast_arrays[0].shape,
         )
 
     def _restore_shape(self, values: Floats, shape: tuple[int, ...]) -> Floats:
@@ -495,12 +544,21 @@ class StoredModel:
         return values.reshape(shape[:-1] if self.heading.is_curve else shape)
 
     def _evaluate_group(self, group: int, coordinates: Floats) -> Floats:
-        """Return the functions of a group (n, F) at points (n, m).
+        """Return the values (n, F) of the F functions of a group at n points.
+
+        Parameters
+        ----------
+        group
+            Index of the group in the heading.
+        coordinates
+            (n, m) coordinates (rad), in one column for a curve. A periodic curve also takes
+            coordinates of further laps. Points outside the domain of a box give NaN.
 
         Raises
         ------
         SolveError
-            If a coordinate of a curve is beyond its ends.
+            If a coordinate is not finite, or beyond the ends of a curve that is not
+            periodic.
         """
         heading = self.heading
         series = self.groups[group]
@@ -521,7 +579,7 @@ class StoredModel:
             # This raises the error of the first point that is not valid.
             heading.reduce_to_range(float(x[~is_valid][0]))
         values = series.evaluate(x - laps * period)
-        # The pair variables, the first functions of group 0, grow in each lap.
+        # The pair variables, the first functions of group 0, grow by `rise` in each lap.
         if group == 0:
             values[:, : len(heading.rise)] += laps[:, None] * np.array(heading.rise)
         return values
@@ -535,6 +593,11 @@ class StoredModel:
             Index of a group of F functions.
         factors
             (F, K) factors of the functions in each of K sums.
+
+        Returns
+        -------
+        A function that maps a point to the K sums. Everything that does not depend on the
+        point is computed here once, so that the function takes the least time.
         """
         heading = self.heading
         series = self.groups[group]
@@ -546,9 +609,11 @@ class StoredModel:
                 return cell_sums.evaluate(find_cell(q), q).tolist()  # type: ignore[no-any-return]
 
             return evaluate_in_box
-        sizes = np.array([function.largest for function in heading.groups[group]])
+        # The scale of each sum is a bound of its absolute value.
+        largest_values = np.array([function.largest for function in heading.groups[group]])
+        scales = largest_values @ np.abs(factors)
         combined = PiecewiseChebyshev(series.edges, series.coefficients @ factors)
-        evaluate_in_range = make_local_polynomials(combined, sizes @ np.abs(factors))
+        evaluate_in_range = make_local_polynomials(combined, scales)
         # `rise` is the growth of the pair variables, the first functions of group 0, over a
         # lap of the curve. Sums of them grow too; those that do not are left out.
         rise = heading.rise if group == 0 else ()
@@ -578,7 +643,10 @@ class StoredModel:
         return indices
 
     def _find_cell(self, q: Sequence[float]) -> int:
-        """Return the index of the cell of a box that contains a point.
+        """Return the index of the cell of a box that contains a point q (m,), rad.
+
+        The box is divided into cells, each with its own series. The domain consists of the
+        cells; it may be smaller than the box.
 
         Raises
         ------
@@ -592,6 +660,7 @@ class StoredModel:
             if not low <= value <= high:
                 break
         else:
+            # Every coordinate is within its range, so the point is in the box.
             cell = series.find_cell(q)
             if cell >= 0:
                 return cell
@@ -609,16 +678,16 @@ class StoredModel:
 
 @dataclass(frozen=True)
 class BroadcastArrays:
-    """Arrays that were broadcast to the same n points.
+    """Coordinates, rates and times that were broadcast to the same n points.
 
     Attributes
     ----------
     columns
-        Arrays (n, m): coordinates, and possibly their rates and accelerations.
+        Arrays (n, m): m coordinates (rad), and possibly their rates and accelerations.
     t
         (n,) times, s.
     shape
-        The shape (..., m) of the points before.
+        The shape (..., m) of the arrays before they were flattened to n rows.
     """
 
     columns: list[Floats]
@@ -647,11 +716,12 @@ def _construct_model(
     Parameters
     ----------
     where
-        Name of the file for errors.
+        Name of the file, for error messages.
     header
-        The entries of the heading.
+        Values of the fields of `StoredHeading` by name. Loads and functions are
+        dictionaries of their fields.
     arrays
-        The arrays by their names.
+        The arrays of all groups by their names, such as "coefficients_0" for group 0.
     """
     fields = {name: header[name] for name in StoredHeading.__dataclass_fields__}
     fields["loads"] = tuple(StoredLoad(**load) for load in header["loads"])
@@ -675,18 +745,24 @@ def _construct_model(
 def _construct_series(
     where: str, heading: StoredHeading, k: int, arrays: Mapping[str, Floats]
 ) -> PiecewiseChebyshev | TensorChebyshev:
-    """Return the series of a group of functions after checking them.
+    """Return the Chebyshev series of one group of functions, after checking its arrays.
 
     Parameters
     ----------
     where
-        Name of the file for errors.
+        Name of the file, for error messages.
     heading
-        The heading.
+        The heading of the model, with names and groups of the functions.
     k
         Index of the group.
     arrays
-        All arrays of the file by their names.
+        All arrays of the file. The names of those of this group end in "_k".
+
+    Raises
+    ------
+    FileError
+        If the arrays do not fit the heading, are not finite, or have cells that do not
+        rise.
     """
     functions = heading.groups[k]
     coefficients = arrays[f"coefficients_{k}"]
@@ -702,6 +778,7 @@ def _construct_series(
         column = np.argwhere(~np.isfinite(coefficients))[0, -1]
         fault = f'"{functions[column].name}" has coefficients that are not finite'
     else:
+        # The arrays of the cells are all arrays of the group but the coefficients.
         cell_arrays = [arrays[f"{name}_{k}"] for name in _array_names(heading)[:-1]]
         if heading.is_curve:
             (edges,) = cell_arrays

@@ -65,14 +65,16 @@ class FunctionLabel:
 def function_scales(labels: Sequence[FunctionLabel], values: Floats) -> Floats:
     """Return the scale of each function, to which its error is relative.
 
-    The scale is the largest absolute value, of a vector that of all its components. A
-    function that is zero up to rounding has no scale of its own, and the fit would resolve
-    its rounding errors. Each scale is therefore at least `MIN_RELATIVE_SCALE` times the
-    scale of
+    The scale is the largest absolute value. The components of a vector share the largest of
+    their scales. A function that is zero up to rounding has no scale of its own, and the
+    fit would resolve its rounding errors. Each scale is therefore at least
+    `MIN_RELATIVE_SCALE` times the scale of
 
     - the largest function of the same kind,
-    - the largest inertia, for Christoffel symbols: those of a constant inertia are zero,
-    - the function itself, for a derivative: that of a constant function is zero.
+    - the largest inertia, for Christoffel symbols, which are zero if the inertia is
+      constant,
+    - the differentiated function, for a derivative, which is zero if the function is
+      constant.
 
     Parameters
     ----------
@@ -83,8 +85,8 @@ def function_scales(labels: Sequence[FunctionLabel], values: Floats) -> Floats:
 
     Returns
     -------
-    (F,) scales in the unit of each function; 1.0 if a function and all others that it is
-    compared with are zero.
+    (F,) scales in the unit of each function; 1.0 if a function and all functions with which
+    it is compared are zero.
     """
     kinds = np.array([label.kind for label in labels])
     vectors = np.array([label.vector for label in labels])
@@ -94,13 +96,13 @@ def function_scales(labels: Sequence[FunctionLabel], values: Floats) -> Floats:
         components = vectors == vector
         scales[components] = np.max(scales[components])
 
-    # The smallest scale that each kind of function allows.
+    # The smallest scale of functions of each kind.
     min_scales = np.zeros(len(labels))
     for kind in set(kinds):
-        compared = kinds == kind
+        is_compared = kinds == kind
         if kind is FunctionKind.CHRISTOFFEL:
-            compared |= kinds == FunctionKind.INERTIA
-        min_scales[kinds == kind] = MIN_RELATIVE_SCALE * np.max(scales[compared])
+            is_compared |= kinds == FunctionKind.INERTIA
+        min_scales[kinds == kind] = MIN_RELATIVE_SCALE * np.max(scales[is_compared])
     scales = np.maximum(scales, min_scales)
 
     # A derivative has at least a part of the scale of its function.

@@ -48,14 +48,17 @@ class StoredFunction:
 
 @dataclass(frozen=True)
 class StoredLoad:
-    """A load, as magnitudes times stored functions.
+    """A load of a mechanism, as a reduced model stores it.
+
+    A load is the sum of its components. The power of a component is its magnitude times the
+    rate of the variable on which it works.
 
     Attributes
     ----------
     name
         Name of the load.
     works_on
-        For each component the variable that it works on: a pair variable, or a velocity
+        For each component the variable on which it works: a pair variable, or a velocity
         that is stored for this load.
     components
         Expressions of the magnitudes in pair variables, their rates and the time. Empty if
@@ -83,6 +86,10 @@ class StoredLoad:
 class StoredHeading:
     """The heading of a reduced model with m coordinates.
 
+    A reduced model has the functions of a mechanism that depend on the configuration alone,
+    along the curve of its configurations (m = 1) or over a box of input ranges. The heading
+    describes these functions; their series are stored elsewhere.
+
     Attributes
     ----------
     mechanism, mechanism_sha256
@@ -90,15 +97,17 @@ class StoredHeading:
     made_by
         The version of spherekit.
     assembly_mode
-        Number of the assembly mode.
+        Number of the assembly mode (one of the ways to assemble the links at the same
+        inputs).
     variables, angles
         Names of all pair variables, and of the R pairs.
     poles
-        The stored poles, as LINK/RELATIVE_TO.
+        Names of the stored poles (axes of relative rotation of two links), as
+        LINK/RELATIVE_TO.
     loads
-        The loads.
+        The loads, as magnitudes times stored functions.
     inputs
-        The driven pairs.
+        Names of the driven pairs.
     by
         The coordinates. Along a curve it is "q", the variable of the input, if the input
         turns fully on a closed curve. Otherwise it is "s", the arc length of the curve
@@ -160,7 +169,10 @@ class StoredHeading:
     def christoffel(self) -> list[dict[str, float]]:
         """For each coordinate the names of its Christoffel symbols, with factors.
 
-        They are in the order of `inertia`. Entries off the diagonal count twice.
+        The torque at coordinate i is the sum of factor c_i,ab x_a' x_b' over the pairs a, b
+        of coordinates up to the diagonal, in the order of `inertia`. Entries off the
+        diagonal have the factor 2, because c_i,ab = c_i,ba. Along a curve the only symbol
+        is 1/2 dB/dx.
         """
         if self.is_curve:
             return [{self.derivative("B"): 0.5}]
@@ -177,12 +189,13 @@ class StoredHeading:
         return f"d({name})/d{self.by[0]}"
 
     def by_coordinates(self, name: str) -> list[str]:
-        """Return the names of derivatives by each coordinate.
+        """Return the names under which derivatives by each coordinate are stored.
 
         Parameters
         ----------
         name
-            A pair variable, or a velocity of a load, which is a derivative itself.
+            A pair variable, or a velocity of a load. Such a velocity is a rate already:
+            its value per unit rate of each coordinate is stored.
         """
         if name not in self.variables:
             return [name] if self.is_curve else [f"{name} by {pair}" for pair in self.by]
@@ -246,6 +259,7 @@ class StoredHeading:
         def named_value(name: str) -> Expr:
             """Return the value of a name in the expression of a load."""
             if name.startswith("dtheta_"):
+                # The chain rule: derivatives by the coordinates times their rates.
                 derivatives = self.by_coordinates(name[1:])
                 return dot(map(self._function_symbol, derivatives), rates)
             return time if name == "t" else self._function_symbol(name)
@@ -255,19 +269,20 @@ class StoredHeading:
             magnitudes: list[Expr] = []
             for text in load.components:
                 law = parse(text, names)
-                # The full value of each name, in place of a value less whole turns too.
+                # `convert_to_graph` takes two values of each name: one reduced by whole
+                # turns, and the full one. Stored functions only have the full value.
                 values = {name: (named_value(name),) * 2 for name in law.names}
                 magnitudes.append(convert_to_graph(law, values))
             if not magnitudes:
                 magnitudes = [*symbols([f"table {load.name}"])]
-            # For each component its velocities by the coordinates.
+            # Row: component of the load; column: its velocity per unit rate of a
+            # coordinate.
             velocities = [
                 [self._function_symbol(name) for name in self.by_coordinates(variable)]
                 for variable in load.works_on
             ]
-            forces.append(
-                [dot(magnitudes, column) for column in zip(*velocities, strict=True)]
-            )
+            velocities_by_coordinate = zip(*velocities, strict=True)
+            forces.append([dot(magnitudes, column) for column in velocities_by_coordinate])
         return forces
 
     @cached_property
@@ -287,6 +302,7 @@ class StoredHeading:
         M[first, second] = M[second, first] = list(map(self._function_symbol, self.inertia))
         torques: list[Expr] = []
         for i, factor_by_symbol in enumerate(self.christoffel):
+            # The Christoffel symbols of coordinate i, in the order of `rate_products`.
             symbols_of_row = [
                 factor * self._function_symbol(name)
                 for name, factor in factor_by_symbol.items()
@@ -302,7 +318,11 @@ class StoredHeading:
         return symbols([name])[0]
 
     def pole(self, name: str) -> tuple[str, float]:
-        """Return the name under which a pole is stored, and -1 if its links are exchanged.
+        """Return the name under which a pole is stored, and its sense.
+
+        A pole is the axis about which one link rotates relative to another one. Its name is
+        LINK/RELATIVE_TO. The sense is 1.0, or -1.0 if the pole is stored with the two links
+        exchanged, so that its velocities have the opposite sign.
 
         Raises
         ------

@@ -32,13 +32,13 @@ from spherekit.planning.pole_plan import all_poles, parse_pole
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.progress import ProgressReporter
 
-MIN_CELLS = 16
+FIRST_CURVE_CELLS = 16
 """Cells into which a curve is divided at first.
 
 Smaller: a narrow feature can be missed. Larger: smooth functions need more memory.
 """
 
-SCALE_SAMPLES = 1024
+CURVE_SCALE_SAMPLES = 1024
 """Samples of a curve from which the scales of its functions are computed.
 
 Smaller: the scale of a function with a narrow peak is too small, which only makes its fit
@@ -81,10 +81,15 @@ def reduced_model(
 ) -> StoredModel:
     """Return the reduced model of one assembly mode of a single-DOF mechanism.
 
+    A reduced model stores the functions of a mechanism that depend on the configuration
+    alone, such as the inertia, as series along the curve of configurations. An assembly
+    mode is one of the ways to assemble the links at the same input.
+
     Parameters
     ----------
     mechanism
-        Its masses and loads are stored if it has any; its joint limits end the curve.
+        The mechanism. Its masses and loads are stored if it has any. Its joint limits end
+        the curve.
     input_pair, assembly_mode
         The driven R pair, by default the first input, and the assembly mode.
     poles
@@ -113,7 +118,7 @@ def reduced_model(
         labels_of_group.append(sampler.label_pole_functions(pole, heading))
     # Errors of a function are relative to its scale, its largest value at many samples.
     coordinates = np.linspace(
-        0.0, heading.high[0], SCALE_SAMPLES, endpoint=not sampler.periodic
+        0.0, heading.high[0], CURVE_SCALE_SAMPLES, endpoint=not sampler.periodic
     )
     samples = sampler.evaluate_groups(range(len(labels_of_group)), coordinates)
     scales = function_scales([*chain(*labels_of_group)], samples)
@@ -123,7 +128,8 @@ def reduced_model(
     functions_fitted = 0
     progress = ProgressReporter("fitting functions")
     for group, labels in enumerate(labels_of_group):
-        progress.tell(f"{functions_fitted} of {len(scales)}".__str__)
+        progress_text = f"{functions_fitted} of {len(scales)}"
+        progress.tell(lambda text=progress_text: text)
         # The scales of all groups are in one array, group after group.
         group_scales = scales[functions_fitted : functions_fitted + len(labels)]
         functions_fitted += len(labels)
@@ -158,7 +164,7 @@ def _fit_curve_group(
         high=float(sampler.high[0]),
         tolerance=tolerance,
         scales=scales,
-        first_cells=MIN_CELLS,
+        first_cells=FIRST_CURVE_CELLS,
         rounding_tolerance=LOSSY_TOLERANCE,
     )
 
@@ -184,11 +190,15 @@ def reduced_grid_model(
 ) -> StoredModel:
     """Return the reduced model of one assembly mode of a mechanism with several inputs.
 
+    A reduced model stores the functions of a mechanism that depend on the configuration
+    alone, such as the inertia matrix, as series over a box of input ranges. An assembly
+    mode is one of the ways to assemble the links at the same inputs.
+
     Parameters
     ----------
     mechanism
-        Its masses and loads are stored if it has any; the ranges of its inputs bound the
-        domain.
+        The mechanism. Its masses and loads are stored if it has any. The ranges of its
+        inputs bound the domain.
     assembly_mode
         Its number in runs over a grid of the inputs.
     poles
@@ -221,10 +231,14 @@ def reduced_grid_model(
     progress = ProgressReporter("fitting functions")
 
     def evaluate(inputs: Floats) -> Floats:
-        progress.tell(f"{len(inputs)} places".__str__)
+        """Return all functions (n, F) at inputs (n, m), and report the progress."""
+        # The text is only formed if it is shown.
+        progress.tell(lambda: f"{len(inputs)} places")
         return sampler.evaluate(inputs, len(labels))
 
-    series = TensorChebyshev.fit(evaluate, sampler.low, sampler.high, tolerance, scales)
+    series = TensorChebyshev.fit(
+        evaluate, low=sampler.low, high=sampler.high, tolerance=tolerance, scales=scales
+    )
     if not len(series.bounds):
         raise SolveError(
             f"{mechanism.name}: assembly mode {assembly_mode} is nowhere smooth enough "

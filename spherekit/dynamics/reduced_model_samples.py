@@ -86,7 +86,7 @@ An axis with a larger bound is replaced by the direction of the relative angular
 if that is known better. Larger: axes are less accurate. Smaller: more comparisons.
 """
 
-MAX_NEWTON_STEP_RAD = 0.2
+MAX_SAMPLER_NEWTON_STEP_RAD = 0.2
 """Largest change of a variable in a step of Newton's method.
 
 Larger: it can leave the assembly mode. Smaller: it can fail where variables move fast.
@@ -108,16 +108,19 @@ Smaller: the model reaches nearer to singularities, where its functions are stee
 
 @dataclass(frozen=True)
 class ClosedConfigurations:
-    """Closed configurations at n places of m inputs.
+    """Closed configurations at n values of m inputs.
+
+    Newton's method finds each configuration from the nearest known one, which is called its
+    node.
 
     Attributes
     ----------
     linearisation
         The configurations with their closure residuals.
     nodes
-        (n,) index of the known configuration from which each was found.
+        (n,) index of the node of each configuration.
     steps
-        (n, m) difference of the inputs from those of the known configuration, rad.
+        (n, m) difference of the inputs from those of the node, rad.
     """
 
     linearisation: Linearisation
@@ -128,27 +131,35 @@ class ClosedConfigurations:
 def load_velocity_names(loads: Loads) -> dict[int, str]:
     """Return the names of stored velocities by the index of the load's component.
 
-    Components that act at a pair are left out: they work on the stored rate of the pair.
+    A load has one component or, as a force, up to three. The name is that of the load,
+    followed by x, y or z if it has several components. Components that act at a pair are
+    left out: they work on the rate of the pair, which is stored anyway.
     """
     names = {}
+    # `owners` has the index of the load to which each component belongs.
     for component, load in enumerate(loads.owners):
         if loads.components[component].pair:
             continue
         names[component] = f"load {loads.names[load]}"
         if loads.owners.count(load) > 1:
-            names[component] += f" {'xyz'[component - loads.owners.index(load)]}"
+            first_component = loads.owners.index(load)
+            names[component] += f" {'xyz'[component - first_component]}"
     return names
 
 
 class Sampler:
-    """Exact values of the functions that depend on the configuration alone.
+    """Computes the functions of a mechanism that depend on the configuration alone.
+
+    A reduced model stores these functions as series. This base class has what samples along
+    a curve of one input and samples over a box of several inputs have in common.
 
     Attributes
     ----------
     nodes
-        The motion by the inputs at known configurations.
+        The motion by the inputs at known configurations, from which Newton's method finds
+        others.
     driven
-        Numbers of the variables of the inputs.
+        Indices of the inputs among the pair variables.
     by, low, high, rise, periodic
         Coordinates and their ranges as in `StoredHeading`.
     """
@@ -164,12 +175,21 @@ class Sampler:
     def __init__(
         self, position_analysis: PositionAnalysis, poles: tuple[Pole, ...]
     ) -> None:
-        """Prepare the loops and the loads; `poles` are the pairs of links to be stored."""
+        """Prepare the loop-closure equations and the loads.
+
+        Parameters
+        ----------
+        position_analysis
+            The mechanism with its inputs, and its chosen assembly mode.
+        poles
+            Pairs of links whose relative motion is stored.
+        """
         self.position_analysis = position_analysis
         self.mechanism = position_analysis.mechanism
         self.poles = poles
         self.closure = position_analysis.solver.closure
         self.loads = Loads(self.mechanism)
+        # Names of the stored velocities, by the index of the load's component.
         self.load_velocities = load_velocity_names(self.loads)
         self.has_dynamics = bool(self.mechanism.masses or self.mechanism.loads)
 
@@ -199,14 +219,14 @@ class Sampler:
         They are the pair variables, their derivatives, the inertia, its derivatives, and
         the velocities on which loads act, in the order of `evaluate_motion`.
         """
-        labels = [
-            FunctionLabel(
-                variable,
-                "rad",
-                FunctionKind.ANGLE if self._is_angle(number) else FunctionKind.CONTACT_ARC,
-            )
-            for number, variable in enumerate(heading.variables)
-        ]
+        # The pair variables: angles of R pairs, and arcs along the profiles of contacts.
+        labels = []
+        for number, variable in enumerate(heading.variables):
+            kind = FunctionKind.CONTACT_ARC
+            if self._is_angle(number):
+                kind = FunctionKind.ANGLE
+            labels.append(FunctionLabel(variable, "rad", kind))
+        # Their derivatives by each coordinate.
         for number, variable in enumerate(heading.variables):
             kind = FunctionKind.CONTACT_ARC_DERIVATIVE
             if self._is_angle(number):
@@ -255,6 +275,9 @@ class Sampler:
     ) -> Floats:
         """Return the functions (n, F) of `label_motion_functions` at n configurations.
 
+        They are the pair variables and their derivatives, then the inertia matrix, its
+        Christoffel symbols, and the velocities on which loads act.
+
         Parameters
         ----------
         motion
@@ -263,13 +286,13 @@ class Sampler:
             Factor of the stored Christoffel symbols: 2 along a curve, where dB/dx is
             stored, and 1 over a box.
         """
-        # For symmetric matrices the entries up to the diagonal are stored, row by row.
         n, m = motion.rates.shape[:2]
-        # The derivatives of one variable by all coordinates stand side by side.
+        # The derivatives of one variable by all coordinates are next to each other.
         derivatives = np.swapaxes(motion.rates, 1, 2).reshape(n, -1)
         functions = [motion.values, derivatives]
         if self.has_dynamics:
             masses = inertia(self.mechanism, motion)
+            # For symmetric matrices the entries up to the diagonal are stored, row by row.
             rows, columns = np.tril_indices(m)
             symbols = christoffel_factor * christoffel(masses.dM)[:, :, rows, columns]
             functions += [masses.M[:, rows, columns], symbols.reshape(n, -1)]
@@ -287,34 +310,42 @@ class Sampler:
         return lambda inputs: np.asarray(tree.query(inputs)[1])
 
     def close_loops(self, inputs: Floats) -> ClosedConfigurations:
-        """Return closed configurations at inputs (n, m), found from the nearest nodes."""
+        """Return closed configurations at inputs (n, m), rad.
+
+        Each configuration is predicted from the nearest known configuration (its node) by a
+        Taylor series of second order in the inputs. Newton's method then closes the loops
+        while the inputs stay as they are.
+        """
         nodes = self.nodes
-        near = self._find_nearest_nodes(inputs)
-        steps = inputs - nodes.values[near][:, self.driven]
-        # A Taylor series of second order; n places, i and k coordinates, v variables.
-        first_order = np.einsum("ni,niv->nv", steps, nodes.rates[near])
-        second_order = np.einsum("ni,nk,nikv->nv", steps, steps, nodes.second[near])
-        values = nodes.values[near] + first_order + 0.5 * second_order
+        # (n,) index of the node of each row.
+        node_of_row = self._find_nearest_nodes(inputs)
+        steps = inputs - nodes.values[node_of_row][:, self.driven]
+        # The Taylor series; the letters are rows n, coordinates i and k, variables v.
+        first_order = np.einsum("ni,niv->nv", steps, nodes.rates[node_of_row])
+        second_order = np.einsum("ni,nk,nikv->nv", steps, steps, nodes.second[node_of_row])
+        values = nodes.values[node_of_row] + first_order + 0.5 * second_order
         values[:, self.driven] = inputs
         with np.errstate(all="ignore"):
             solution = self.closure.solve(
-                values, self.driven, longest_step=MAX_NEWTON_STEP_RAD
+                values, self.driven, longest_step=MAX_SAMPLER_NEWTON_STEP_RAD
             )
-        return ClosedConfigurations(solution, near, steps)
+        return ClosedConfigurations(solution, node_of_row, steps)
 
 
 class CurveSampler(Sampler):
-    """Exact values of stored functions along the whole configuration curve of one input.
+    """Computes the stored functions along the whole configuration curve of one input.
 
-    The functions are in groups: group 0 has those of the motion, each further group the
-    five functions of one pole.
+    The functions are in groups. Group 0 has those of the motion. Each further group has the
+    five functions of one pole, the axis of relative rotation of two links: three components
+    of its unit vector, the velocity coefficient and its derivative.
 
     Attributes
     ----------
     curve
         The configuration curve by its arc length.
     is_by_input
-        Whether the coordinate is the variable q of the input; otherwise it is s.
+        Whether the coordinate is the variable q of the input. Otherwise it is the arc
+        length s of the curve.
     input_sense
         1 or -1, the sign of the input's rate along the curve; 1 if the coordinate is s.
     lap
@@ -401,7 +432,10 @@ class CurveSampler(Sampler):
         return labels
 
     def evaluate_groups(self, groups: Sequence[int], x: Floats) -> Floats:
-        """Return the functions (n, F) of some groups at coordinates x (n,), in rad."""
+        """Return the functions (n, F) of some groups at coordinates x (n,), in rad.
+
+        Group 0 has the functions of the motion, group k + 1 those of pole k.
+        """
         motion = self._compute_motion(x)
         directions = self._evaluate_directions(x, motion) if any(groups) else {}
         functions = []
@@ -417,10 +451,11 @@ class CurveSampler(Sampler):
     def _compute_motion(self, x: Floats) -> CoordinateMotion:
         """Return the motion by the model's coordinate at x (n,), in rad."""
         if self.is_by_input:
+            # 1 or -1: whether q grows or falls along the curve.
             sense = self.input_sense
             lap = self.lap
-            # The nodes cover one lap, so whole laps are taken off before Newton's method
-            # and added to the variables afterwards.
+            # The known configurations (nodes) cover one lap of the curve. Whole laps are
+            # subtracted before Newton's method and added to the variables afterwards.
             laps = np.floor(sense * (x - self.nodes.values[0, self.driven]) / lap)
             closed = self.close_loops((x - sense * laps * lap)[:, None])
             values = closed.linearisation.values + np.outer(laps, self.curve.rise)
@@ -428,7 +463,8 @@ class CurveSampler(Sampler):
             return motion_by_variables(self.closure, values, self.driven)
         points = self.curve.at(x)
         motion = motion_by_arc_length(self.closure, points.values)
-        # The null vector has either sense; the tangent of the curve decides.
+        # The unit tangent is computed as a null vector, whose sense is arbitrary. It gets
+        # the sense of the stored tangent of the curve.
         return motion.with_senses(np.sign(np.vecdot(motion.rates[:, 0], points.tangents)))
 
     def _evaluate_directions(
@@ -444,7 +480,8 @@ class CurveSampler(Sampler):
             The motion at these coordinates.
         """
         directions = self._compute_axes(motion)
-        # An axis that points against the nearest stored direction is reversed.
+        # An axis that points against the nearest stored direction is reversed. There are
+        # `SENSE_SAMPLES` stored directions per lap.
         nearest = np.rint(x / self.lap * SENSE_SAMPLES).astype(int)
         if self.periodic:
             nearest %= SENSE_SAMPLES * self.laps
@@ -457,12 +494,16 @@ class CurveSampler(Sampler):
     def _compute_axes(self, motion: CoordinateMotion) -> dict[Pole, Floats]:
         """Return unit vectors (n, 3) along the pole axes in ground axes, in either sense.
 
+        A pole axis is the axis about which one link rotates relative to another one. Each
+        axis is computed by two methods, and the one with the smaller error is taken.
+
         Raises
         ------
         SolveError
             If the two links of a pole do not move relative to each other somewhere.
         """
-        # Each axis by the plan of the poles, with an error bound.
+        # The first method: as intersections of planes, in the order of the plan, with an
+        # error bound.
         planned = PlannedPoles(self.plan, self._convert_motion(motion))
         axes: dict[Pole, Floats] = {}
         w = motion.w[:, 0]
@@ -470,10 +511,12 @@ class CurveSampler(Sampler):
         for pole in self.poles:
             axis = planned.directions[pole].T.copy()
             error = np.nan_to_num(planned.errors[pole], nan=np.inf)
-            relative_w = w[:, pole[1]] - w[:, pole[0]]
+            first, second = pole
+            relative_w = w[:, second] - w[:, first]
             relative_speed = np.linalg.norm(relative_w, axis=1)
-            # The direction of the relative angular velocity has an error of a few roundings
-            # of the largest angular velocity. It replaces an axis whose bound is larger.
+            # The second method: the direction of the relative angular velocity, with an
+            # error of a few roundings of the largest angular velocity. It replaces an axis
+            # whose bound is larger.
             with np.errstate(divide="ignore", invalid="ignore"):
                 velocity_error = AXIS_ERROR_ROUNDINGS * EPS * max_speeds / relative_speed
                 is_better = (error > TRUSTED_AXIS_ERROR_RAD) & (velocity_error < error)
@@ -496,9 +539,10 @@ class CurveSampler(Sampler):
     def _store_axis_senses(self) -> None:
         """Store directions of the secondary pole axes along the curve, in a smooth sense.
 
-        The first direction of each looks to the side of the sum of all pair axes. The axes
-        of primary poles are pair axes, whose sense is known. If an axis comes back
-        reversed after one lap, the period of the model becomes two laps.
+        A primary pole is the axis of a pair, whose sense is known. A secondary pole is the
+        axis of two links that no pair joins. Its first stored direction points to the side
+        of the sum of all pair axes, and each further one to the side of the one before. If
+        an axis comes back reversed after one lap, the period of the model becomes two laps.
         """
         primary = {step.pole for step in self.plan.steps if isinstance(step, PrimaryPole)}
         motion = self._compute_motion(
@@ -522,12 +566,15 @@ class CurveSampler(Sampler):
             for pole, axis in axes.items()
         }
         # 1 if an axis comes back as it started, -1 if it comes back reversed.
-        end_senses = {pole: np.sign(d[0] @ d[-1]) for pole, d in directions.items()}
+        end_senses = {
+            pole: np.sign(samples[0] @ samples[-1]) for pole, samples in directions.items()
+        }
         if self.periodic and -1.0 in end_senses.values():
             self.laps = 2
+            # The second lap has the samples of the first one, reversed where necessary.
             directions = {
-                pole: np.concatenate([d[:-1], d * end_senses[pole]])
-                for pole, d in directions.items()
+                pole: np.concatenate([samples[:-1], samples * end_senses[pole]])
+                for pole, samples in directions.items()
             }
         self.stored_directions = directions
 
@@ -538,7 +585,11 @@ class BoxSampler(Sampler):
     def __init__(
         self, position_analysis: PositionAnalysis, poles: tuple[Pole, ...]
     ) -> None:
-        """Compute the assembly mode on a grid; its regular configurations become nodes."""
+        """Compute an assembly mode on a grid of inputs, as starting points of samples.
+
+        The regular configurations become nodes: known configurations from which Newton's
+        method finds others. The parameters are those of `Sampler`.
+        """
         super().__init__(position_analysis, poles)
         inputs = self.mechanism.inputs
         self.driven = [self.mechanism.angles[pair] for pair in position_analysis.inputs]
@@ -549,6 +600,7 @@ class BoxSampler(Sampler):
         )
         values = motion.values[motion.status == Status.OK]
         nodes = motion_by_variables(self.closure, values, self.driven)
+        # Near a singularity the inputs hardly determine the rates of the other variables.
         is_regular = all_finite(nodes.second, (1, 2, 3))
         is_regular &= determinacy(nodes.rates) >= MIN_DETERMINACY
         if not np.any(is_regular):
@@ -582,15 +634,15 @@ class BoxSampler(Sampler):
         # Configurations found from the nearest known ones (nodes).
         closed = self.close_loops(inputs)
         values = closed.linearisation.values
-        near = closed.nodes
+        node_of_row = closed.nodes
         nodes = self.nodes
         with np.errstate(all="ignore"):
             motion = motion_by_variables(self.closure, values, self.driven, order=1)
             # Newton's method can arrive on another assembly mode. On the mode of the node
             # the trapezoidal rule leads from the node to the configuration.
-            rate_sums = nodes.rates[near] + motion.rates
+            rate_sums = nodes.rates[node_of_row] + motion.rates
             change = 0.5 * np.einsum("ni,niv->nv", closed.steps, rate_sums)
-            predicted = nodes.values[near] + change
+            predicted = nodes.values[node_of_row] + change
             is_valid = closed.linearisation.closure_residual < CLOSURE_TOLERANCE
             is_valid &= max_abs(predicted - values, axis=1) < MAX_PREDICTION_ERROR_RAD
             is_valid &= determinacy(motion.rates) >= MIN_DETERMINACY
@@ -613,8 +665,10 @@ class BoxSampler(Sampler):
 def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats]:
     """Return the configuration curve of an assembly mode, and a configuration on it.
 
-    The configuration (variables,), rad, is the first one within the joint limits at inputs
-    evenly spaced over the range. The curve is followed from it, up to joint limits.
+    The configuration curve consists of all configurations that the mechanism with its one
+    input reaches from there. Inputs evenly spaced over the range are tried. The first
+    configuration within the joint limits, (variables,) in rad, is returned, and the curve
+    is followed from it up to joint limits.
 
     Raises
     ------
@@ -648,7 +702,7 @@ def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats
 
 
 def _evaluate_pole(motion: CoordinateMotion, pole: Pole, direction: Floats) -> Floats:
-    """Return the five functions of a pole along a curve.
+    """Return the five functions of a pole, the axis of relative rotation of two links.
 
     Parameters
     ----------
@@ -664,10 +718,11 @@ def _evaluate_pole(motion: CoordinateMotion, pole: Pole, direction: Floats) -> F
     (n, 5) direction, velocity coefficient and the derivative of this coefficient.
     """
     first, second = pole
+    # Relative angular velocity by the only coordinate (index 0), and its derivative.
     w = motion.w[:, 0, second] - motion.w[:, 0, first]
     dw = motion.dw[:, 0, 0, second] - motion.dw[:, 0, 0, first]
-    # w = coefficient * direction, and the derivative of a unit vector is normal to it. So
-    # the part of dw along the direction is the derivative of the coefficient.
+    # w = coefficient * direction. The derivative of a unit vector is normal to the vector,
+    # so the part of dw along the direction is the derivative of the coefficient.
     coefficient = np.vecdot(w, direction)
     coefficient_derivative = np.vecdot(dw, direction)
     return np.column_stack([direction, coefficient, coefficient_derivative])
@@ -682,7 +737,10 @@ def pole_name(mechanism: Mechanism, pole: Pole) -> str:
 def _describe_loads(
     loads: Loads, load_velocities: Mapping[int, str]
 ) -> tuple[StoredLoad, ...]:
-    """Return the magnitudes of loads and the stored functions on which they work.
+    """Return the loads of a mechanism as a reduced model stores them.
+
+    The power of a load's component is its magnitude times the rate of the stored function
+    on which it works.
 
     Parameters
     ----------
@@ -691,15 +749,16 @@ def _describe_loads(
     load_velocities
         Names of stored velocities by the index of the load's component.
     """
-    # For each load the functions that its components work on, and their magnitudes. A
-    # torque table has no expression and is stored as numbers.
+    # A torque table has no expression and is stored as numbers.
     stored_loads = []
     for load_index, load in enumerate(loads.mechanism.loads):
+        # For each component of the load, the function on which it works, and its magnitude.
         works_on = []
         expressions = []
         for component_index, component in enumerate(loads.components):
             if loads.owners[component_index] != load_index:
                 continue
+            # A component at a pair works on the pair variable, others on load velocities.
             works_on.append(load_velocities.get(component_index, f"theta_{component.pair}"))
             if isinstance(component.magnitude, Expression):
                 expressions.append(component.magnitude.text)

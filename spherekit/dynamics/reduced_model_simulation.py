@@ -35,14 +35,17 @@ MIN_STEP_TOLERANCE = 1e-14
 
 @dataclass(frozen=True)
 class TabulatedMotion:
-    """The motion at n times; its rows are NaN after the curve has ended.
+    """The motion of a reduced model at n times.
+
+    A reduced model of one input has the functions of a mechanism along the curve of its
+    configurations. If the motion reaches an end of the curve, later rows are NaN.
 
     Attributes
     ----------
     t
         (n,) times, s.
     x
-        (n,) coordinate of the model, rad.
+        (n,) coordinate along the curve (input variable or arc length), rad.
     values, value_rates
         (n, variables) pair variables and their rates, rad and rad/s.
     q, dq
@@ -111,10 +114,11 @@ def simulate_reduced(
     t = np.atleast_1d(np.asarray(times, dtype=float))
     if len(t) < 2 or not (all_finite(t) and np.all(np.diff(t) > 0.0)):
         raise SolveError(f"{name}: give two or more finite, increasing times")
+    # Returns the inertia B, dB/dx and the other functions on which the torque depends.
     evaluate_dynamics, _ = model.dynamics
     (low,) = heading.low
     (high,) = heading.high
-    start_inertia = evaluate_dynamics(x)[0]
+    start_inertia, *_ = evaluate_dynamics(x)
     if not start_inertia > 0.0:
         raise SolveError(f"{name}: has no inertia, so loads would accelerate it endlessly")
 
@@ -133,7 +137,9 @@ def simulate_reduced(
         inverse_root = 1.0 / sqrt(inertia)
         speed = momentum * inverse_root
         # The torque at zero acceleration is 1/2 dB/dx (dx/dt)^2 - Q.
-        torque = model.torque_at_functions(functions, coordinate, speed, 0.0, time)
+        torque = model.torque_at_functions(
+            functions, x=coordinate, dx=speed, ddx=0.0, t=time
+        )
         force = 0.5 * inertia_derivative * speed * speed - torque
         return speed, force * inverse_root, force * speed
 
@@ -164,7 +170,7 @@ def simulate_reduced(
 def _tabulate_motion(
     model: StoredModel, t: Floats, states: Floats, evaluations: int
 ) -> TabulatedMotion:
-    """Return the motion of integrated states.
+    """Return the motion that belongs to integrated states.
 
     Parameters
     ----------
@@ -173,7 +179,8 @@ def _tabulate_motion(
     t
         (n,) times, s.
     states
-        (n, 3) coordinate (rad), momentum and work (J); set to NaN after the curve ends.
+        (n, 3) coordinate x (rad), momentum sqrt(B) dx/dt and work of the loads (J). Rows
+        after the end of an open curve are set to NaN in place.
     evaluations
         Number of evaluations of the right-hand side.
     """
@@ -184,11 +191,13 @@ def _tabulate_motion(
         is_outside = (coordinates < heading.low[0]) | (coordinates > heading.high[0])
         outside_rows = np.flatnonzero(is_outside)
         if len(outside_rows):
-            message = f"the curve ends before t = {t[outside_rows[0]]:.6g} s"
-            states[outside_rows[0] :] = np.nan
+            first_outside = outside_rows[0]
+            message = f"the curve ends before t = {t[first_outside]:.6g} s"
+            states[first_outside:] = np.nan
     # Pair variables and their rates are computed up to the end of the curve.
     coordinates, momenta, work = states.T
     finite = np.isfinite(coordinates)
+    # The rates dx/dt; rates of variables are derivatives by x times these.
     speeds = momenta[finite] / np.sqrt(model.inertia(coordinates[finite]))
     derivative_names = [heading.derivative(name) for name in heading.variables]
     values, value_rates = nans((2, len(t), len(heading.variables)))

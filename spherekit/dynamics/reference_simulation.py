@@ -31,6 +31,8 @@ def reference_simulation(
 ) -> ExactSimulation:
     """Return the motion of a mechanism with one input under its loads, in many digits.
 
+    It serves to measure the errors of simulations in float64.
+
     Parameters
     ----------
     mechanism, start, until, torque, input_pair, assembly_mode
@@ -67,9 +69,11 @@ def refined(
     Parameters
     ----------
     simulation
-        A simulation in float64 with the smallest tolerance. The iteration starts from it.
+        A simulation in float64 with the smallest tolerance, from which the iteration in
+        many digits starts.
     start, until
-        Start and end time (s) of this simulation. Both numbers of the start are exact.
+        Start and end time (s) of this simulation. Angle and rate of the input at the start
+        count as exact numbers.
     arithmetic
         As in `reference_simulation`.
 
@@ -96,7 +100,10 @@ def refined(
     (q,), (dq,) = start.each(mechanism.input_pairs)
 
     def approximate_motion(t: Floats) -> tuple[Floats, Floats]:
-        """Return values and rates (n, variables) at times (n,), linear after the end."""
+        """Return values and rates (n, variables) of the simulation at times (n,), s.
+
+        After the end of the simulation the variables are extrapolated at constant rates.
+        """
         path_states = simulation.path.evaluate(np.clip(t, 0.0, end.t))
         rates = path_states.rates[:, : simulation.equation.variable_count]
         time_after_end = np.maximum(t - end.t, 0.0)[:, None]

@@ -38,13 +38,16 @@ class PathStates(ArrayRows):
     Attributes
     ----------
     states, rates
-        (n, states) states of `spherekit.dynamics.equation_of_motion`, and their rates by
-        time. The variables in them are reduced by whole revolutions.
+        (n, states) states and their rates by time. A state has the pair variables (rad),
+        the momenta and the work of each load, as in
+        `spherekit.dynamics.equation_of_motion`. Its variables are reduced by whole
+        revolutions.
     frames
-        (n, m, variables) frames of the momenta. With one degree of freedom this is a vector
-        on the side of the curve to which positive momenta lead.
+        (n, m, variables) frames: the coefficients of the pair variables in the m
+        coordinates to which the momenta belong. With one degree of freedom the frame is a
+        vector on the side of the curve to which positive momenta lead.
     turns
-        (n, variables) numbers of these whole revolutions.
+        (n, variables) numbers of the whole revolutions by which the variables are reduced.
     """
 
     states: Floats
@@ -65,9 +68,10 @@ class StatePath:
     Attributes
     ----------
     part_starts
-        (parts,) times from which each part applies, s.
+        (parts,) times from which each part applies, s. A part is one step of the NumPy
+        engine, or one segment of several steps of the compiled engine.
     parts
-        Functions that return the states at times (n,), s.
+        For each part a function that returns the states at times (n,), s.
     starts, lengths
         (steps,) start times and lengths of the steps, s.
     max_closure_residual
@@ -92,6 +96,7 @@ class StatePath:
         Times within one part of the path are evaluated together, in blocks of limited size.
         """
         part_of_row = np.searchsorted(self.part_starts[1:], t, side="right")
+        # Rows sorted by their part, and the positions at which the next part begins.
         order = np.argsort(part_of_row, kind="stable")
         cuts = np.flatnonzero(np.diff(part_of_row[order], prepend=-1))[1:]
         # Blocks of rows that belong to one part each.
@@ -100,6 +105,7 @@ class StatePath:
             blocks += np.split(rows, range(STATES_PER_BLOCK, len(rows), STATES_PER_BLOCK))
         results: list[PathStates] = []
         for rows in blocks:
+            # Without any times there is one empty block, for which any part will do.
             part = self.parts[part_of_row[rows[0]] if len(rows) else 0]
             results.append(part(t[rows]))
         # Back to the order of the times.
@@ -121,13 +127,19 @@ def make_collocation_path(
         Largest closure residual that was removed between steps, rad.
     """
     starts = np.array([step.start for step in steps])
-    lengths = np.array([step.length for step in steps])
-    parts = tuple(partial(_evaluate_step, step, turns) for step in steps)
-    return StatePath(starts, parts, starts, lengths, max_closure_residual)
+    # Each step is a part of the path.
+    return StatePath(
+        part_starts=starts,
+        parts=tuple(partial(_evaluate_step, step, turns) for step in steps),
+        starts=starts,
+        lengths=np.array([step.length for step in steps]),
+        max_closure_residual=max_closure_residual,
+    )
 
 
 def _evaluate_step(step: CollocationStep, turns: Floats, t: Floats) -> PathStates:
     """Return the states at times (n,) within a step; see `make_collocation_path`."""
+    # The step stores frames for equal parts of its length.
     position = (t - step.start) / step.length * len(step.frames)
     frames = np.take(step.frames, position.astype(int), axis=0, mode="clip")
     return PathStates(
@@ -145,16 +157,17 @@ returns their frames (n, m, variables)."""
 
 @dataclass(frozen=True)
 class CurveFrames:
-    """Frames of a mechanism with one degree of freedom: the tangent of its curve.
+    """Converts compiled runs of a mechanism with one degree of freedom.
 
-    It is a class and not a nested function, so that simulations can be pickled.
+    The frame of a state is the tangent of the configuration curve, which gives the momentum
+    its sense. It is a class and not a nested function, so that simulations can be pickled.
 
     Attributes
     ----------
     equation
         The equation of motion, which gives the homogeneous rates of the variables.
     sense
-        +1 or -1, the sense of the tangent.
+        +1 or -1, the sense of the tangent relative to the homogeneous rates.
     """
 
     equation: CompiledEquation
@@ -169,6 +182,7 @@ class CurveFrames:
             (n, states) states and their rates by time.
         """
         count = self.equation.layout.variable_count
+        # The momentum follows after the variables.
         for array in (states, rates):
             array[:, count] *= self.sense
         return self.sense * self.equation.homogeneous_rates(states[:, :count])
@@ -176,14 +190,16 @@ class CurveFrames:
 
 @dataclass(frozen=True)
 class CoordinateFrames:
-    """The constant frame of a mechanism with several degrees of freedom.
+    """Converts compiled runs of a mechanism with several degrees of freedom.
+
+    The coordinates of a run are some of the pair variables, so the frame is constant.
 
     Attributes
     ----------
     equation
         The equation of motion, whose states contain scaled rates.
     frame
-        (m, variables) the rates of all variables for each of the m coordinates.
+        (m, variables) the coefficients of the pair variables in each of the m coordinates.
     """
 
     equation: EquationOfMotion
@@ -230,7 +246,8 @@ def make_taylor_path(
     runs
         The runs in order of time.
     frame_functions
-        For each run the function that converts its states.
+        For each run the function that converts its states to those of a simulation, and
+        returns the frames of their momenta.
     """
     segments: list[Segment] = []
     parts: list[Callable[[Floats], PathStates]] = []

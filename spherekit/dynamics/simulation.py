@@ -122,17 +122,17 @@ class Checks:
     Attributes
     ----------
     energy
-        Largest difference between the kinetic energy gained and the work of the loads, J.
+        Largest difference between the gain of kinetic energy and the work of the loads, J.
     energy_scale
-        The larger of these two at any time, J.
+        Largest kinetic energy or work of the loads at any time, J.
     power
         Largest difference between the rate of the kinetic energy and the power of the
         loads, W.
     momentum
-        Largest change of the momentum by this difference over its step, relative to the
+        Largest error of the momentum rate times the length of its step, relative to the
         largest momentum.
     closure
-        Largest closure residual before it was removed, rad.
+        Largest closure residual (opening of a loop) before it was removed, rad.
     error
         Largest difference of a pair variable from a simulation with a smaller tolerance,
         rad. None if there is no such simulation.
@@ -148,10 +148,11 @@ class Checks:
 
 @dataclass(frozen=True)
 class History(InputMotion):
-    """A simulation at n times.
+    """The motion, forces and energies of a simulation at n times.
 
-    Coordinates are those of the integration. With one degree of freedom it is the arc
-    length of the curve of configurations.
+    The m coordinates are those of the integration, and m is the number of degrees of
+    freedom. With one degree of freedom the coordinate is the arc length of the curve of
+    configurations. With several it is a sum of pair variables.
 
     Attributes
     ----------
@@ -166,9 +167,9 @@ class History(InputMotion):
     speed
         (n, m) rates of the coordinates, 1/s.
     M
-        (n, masses, m, m) part of each link in the inertia matrix.
+        (n, masses, m, m) contribution of each link with mass to the inertia matrix.
     Q
-        (n, m, loads) generalised forces of single loads.
+        (n, m, loads) generalised force of each load.
     kinetic
         (n,) kinetic energy, J.
     power, work
@@ -205,17 +206,18 @@ class Simulation:
     equation
         The equation of motion.
     driven
-        Numbers of the variables of the inputs.
+        Indices of the inputs among the pair variables.
     path
-        The states at any time.
+        The states (variables, momenta, works of loads) at any time.
     events
-        Events in order of time.
+        Events in order of time, such as dead centres.
     end
-        The reason for which the simulation ended.
+        Time and reason of the end.
     engine
-        The engine, and its cost.
+        The engine that computed the simulation, and its cost.
     error
-        As in `Checks`.
+        Largest difference of a pair variable from a simulation with a smaller tolerance,
+        rad. None if there is no such simulation.
     tolerance
         The tolerance (rad) that was asked for. None if steps are not made for one.
     """
@@ -293,8 +295,8 @@ class Simulation:
         masses = dynamics.masses
         speed = dynamics.speed
         assert masses is not None
-        # The accelerations of the variables are `second` u u + `rates` du/dt, with their
-        # derivatives by the coordinates and the rates u of these.
+        # With the rates u of the coordinates, the accelerations of the variables v are
+        # sum d2v/dx_i dx_j u_i u_j + sum dv/dx_i du_i/dt.
         centripetal = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
         value_rates = rates_by_time(motion, speed)
         value_accelerations = rates_by_time(motion, dynamics.accelerations) + centripetal
@@ -322,7 +324,7 @@ class Simulation:
         times = np.atleast_1d(np.asarray(t, dtype=float))
         _, dynamics = self._evaluate(times, second=True)
         timing = Timing(times, dynamics.speed, dynamics.accelerations)
-        # All torques are loads of a simulation, so the inputs have none besides.
+        # All torques of a simulation are loads. There are no driving torques besides.
         no_torques = np.zeros_like(dynamics.speed)
         return compute_reactions(
             DrivenState(
@@ -334,7 +336,8 @@ class Simulation:
     def checks(self) -> Checks:
         """Balances of energy and power, closure residual, and the error if it is known.
 
-        They are evaluated within the steps `StatePath.checked_steps`, and at the end.
+        Balances are evaluated at three times within each of the steps
+        `StatePath.checked_steps`, and at the end.
         """
         path = self.path
         equation = self.equation
@@ -351,7 +354,8 @@ class Simulation:
         rate_errors = path_states.rates[:, equation.momenta] - dynamics.momentum_rates
         # At the end a load may jump, or the rates may have no value.
         rate_errors[t >= self.end.t] = 0.0
-        # The momentum at unit speed has the size of the roots of the inertia.
+        # The momentum at unit speed has the size of the root of the inertia. It is included
+        # so that a mechanism at rest does not lead to a division by zero.
         momentum_sizes = np.append(np.linalg.norm(momenta, axis=1), dynamics.roots.sizes)
         step_lengths = np.append(np.tile(lengths, len(BALANCE_FRACTIONS)), 0.0)
         momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
@@ -368,9 +372,20 @@ class Simulation:
     def _evaluate(
         self, t: Floats, second: bool = False
     ) -> tuple[PathStates, StateDynamics]:
-        """Return the states at times (n,), and the forces that act in them.
+        """Return the states at times (n,) in s, and the motion and forces in these states.
 
-        `second` says whether accelerations of the variables are needed.
+        Parameters
+        ----------
+        t
+            (n,) times, s.
+        second
+            Whether second derivatives are needed, from which accelerations follow. They
+            take more time.
+
+        Raises
+        ------
+        SolveError
+            If a time is outside of the simulation by more than rounding.
         """
         low = self.start
         high = self.end.t
@@ -385,5 +400,9 @@ class Simulation:
         path_states = self.path.evaluate(t)
         turn_angles = TURN * path_states.turns
         return path_states, self.equation.evaluate(
-            t, path_states.states, path_states.frames, turn_angles, second
+            t,
+            states=path_states.states,
+            frame=path_states.frames,
+            whole_turns=turn_angles,
+            needs_second_order=second,
         )

@@ -96,19 +96,19 @@ def too_many_steps_message(steps: int) -> str:
 def no_step_end(
     equation: EquationOfMotion, path: StatePath, t: float, message: str
 ) -> SimulationEnd:
-    """Return the end of a simulation that cannot continue with any step.
+    """Return the end of a simulation in which no further step is short enough.
 
-    It is "no_inertia" if the smallest principal inertia vanishes there, compared with the
-    largest so far, otherwise "too_fast" with the given message.
+    The end is "no_inertia" if the smallest principal inertia at its time vanishes, compared
+    with the largest one so far. Otherwise it is "too_fast" with the given message.
 
     Parameters
     ----------
     equation, path
         The equation of motion, and the states so far.
     t
-        The time, s.
+        Time of the end, s.
     message
-        The reason, unless the inertia vanishes there.
+        The reason of the end, which is used unless the inertia vanishes.
     """
     step_starts = path.starts[path.checked_steps]
     path_states = path.evaluate(np.append(step_starts, t))

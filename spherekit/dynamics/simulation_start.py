@@ -67,11 +67,14 @@ Torques = Torque | Mapping[str, Torque]
 class PoseStart:
     """A start from a whole configuration, which may be a dead centre of the input.
 
+    At a dead centre the input cannot move, so the speed is given by the rate of another
+    pair.
+
     Attributes
     ----------
     values
-        (variables,) pair variables in the order of the mechanism's `variable_names`, rad,
-        angles with any number of whole turns. They are changed by at most
+        (variables,) pair variables (rad) in the order of the mechanism's `variable_names`.
+        Angles may contain any number of whole turns. The values are changed by at most
         `MAX_START_DISTANCE_RAD` so that the loops close.
     pair
         The R pair whose rate is given; with several degrees of freedom as many pairs.
@@ -88,17 +91,20 @@ class PoseStart:
 class Problem:
     """A simulation problem that has passed all checks.
 
+    The state of motion has the pair variables and m rates along a *frame*, which are m
+    vectors in the space of all pair variables.
+
     Attributes
     ----------
     equation
         The equation of motion, with m degrees of freedom.
     driven
-        Numbers of the variables of the inputs.
+        Indices of the inputs among the pair variables.
     values
-        (variables,) pair variables of a closed configuration at the start, less whole
-        turns, so that they keep their digits.
+        (variables,) pair variables (rad) of a closed configuration at the start, reduced by
+        whole turns, so that they keep their digits.
     turns
-        (variables,) these whole turns.
+        (variables,) the numbers of these whole turns.
     frame
         (m, variables) orthonormal vectors of possible velocities at the start.
     speed
@@ -107,9 +113,10 @@ class Problem:
         Time at which to end, s.
     switches
         Times (s) within the simulation at which steps start anew.
-    passes
-        Whether it continues straight on where sets of configurations cross.
-    seen
+    passes_crossings
+        Whether the motion continues straight on where sets of configurations cross. By
+        default the simulation ends there.
+    on_progress
         Called with the simulation so far while it is computed.
     compact
         See `spherekit.dynamics.compiled_equation.compile_equation`.
@@ -123,12 +130,12 @@ class Problem:
     speed: Floats
     until: float
     switches: tuple[float, ...]
-    passes: bool = False
-    seen: Callable[..., None] | None = None
+    passes_crossings: bool = False
+    on_progress: Callable[..., None] | None = None
     compact: bool = True
 
     @property
-    def whole(self) -> Floats:
+    def turn_angles(self) -> Floats:
         """The angles (variables,) of `turns`, rad."""
         return TURN * self.turns
 
@@ -210,7 +217,7 @@ def prepare(
         speed=_solve_speed(mechanism, frame, moved_variables, rates),
         until=until,
         switches=tuple(t for t in times if 0.0 < t < until),
-        passes=passes,
+        passes_crossings=passes,
     )
 
 
@@ -232,7 +239,8 @@ def _read_rates(
         pairs = [start.pair] if isinstance(start.pair, str) else list(start.pair)
         rates = np.atleast_1d(np.asarray(start.rate, dtype=float))
     else:
-        pairs, (_, rates) = list(inputs), start.each(inputs)
+        pairs = list(inputs)
+        _, rates = start.each(inputs)
     if not all_finite(rates):
         raise SolveError(f"{name}: the rate at the start is {rates}, give finite numbers")
     if not len(pairs) == len(rates) == len(inputs):
@@ -249,16 +257,23 @@ def _solve_speed(
 ) -> Floats:
     """Return the rates (m,) along a frame at which some variables have given rates.
 
+    The velocity of all variables is a sum of the vectors of the frame times these rates.
+
     Parameters
     ----------
     mechanism
         The mechanism, for messages.
     frame
-        (m, variables) orthonormal vectors of possible velocities.
+        (m, variables) orthonormal vectors of possible velocities of all variables.
     moved
-        Numbers of m variables.
+        Indices of the m variables whose rates are given.
     rates
-        (m,) rates of these, rad/s.
+        (m,) given rates of these variables, rad/s.
+
+    Raises
+    ------
+    SolveError
+        If the given rates do not determine the velocity.
     """
     if not np.any(rates):
         return np.zeros(len(rates))
@@ -285,6 +300,13 @@ def make_input_torques(mechanism: Mechanism, torque: Torques | None) -> list[Pai
     torque
         A torque of the only input, or torques by the names of the inputs. None without
         driving torques.
+
+    Raises
+    ------
+    SolveError
+        If it is not clear at which input a torque acts, or if there is no such input.
+    ModelError
+        If a load of the mechanism has the name of the driving torque.
     """
     if torque is None:
         return []
@@ -328,10 +350,12 @@ def _close_start(
 ) -> tuple[Floats, Floats]:
     """Return the closed configuration at a start, and its whole revolutions.
 
+    Newton's method closes the loops from the given configuration.
+
     Parameters
     ----------
     closure, mechanism
-        The loops, and the mechanism.
+        The loop-closure equations of the mechanism, and the mechanism.
     values
         (variables,) a nearly closed configuration (rad), with any revolutions of angles.
 
@@ -380,7 +404,9 @@ def _check_digits(name: str, values: Floats) -> None:
 def _find_configuration(
     mechanism: Mechanism, q: Floats, assembly_mode: int
 ) -> tuple[Floats, Floats]:
-    """Return the configuration at some inputs, and its whole revolutions.
+    """Return the configuration of an assembly mode at some inputs, and its whole turns.
+
+    An assembly mode is one of the ways to assemble the links at the same inputs.
 
     Parameters
     ----------
@@ -421,7 +447,8 @@ def _find_configuration(
     number = motion.assembly_modes[row].number
     solver = position_analysis.solver
     values = motion.values[row].copy()
-    # Whole turns of the other angles, which follow from those of the inputs, and of these.
+    # The whole turns of the inputs determine those of the other angles, which are counted
+    # first. Then the inputs themselves are reduced.
     driven = list(solver.driven)
     turns = position_analysis.angle_unwrapping.count(
         number, values[None], q[None], solver.angles

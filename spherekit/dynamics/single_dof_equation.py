@@ -30,9 +30,9 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     """Return the equation of motion of a mechanism with its first input as the input.
 
     The state has the pair variables v, the momentum p and the work W of each load. The
-    homogeneous rates tau are those of all variables in a motion of some size. With the
-    inertia B and the generalised force Q for these rates, and u = p / sqrt(B), the equation
-    is dv/dt = tau u, dp/dt = Q / sqrt(B), dW/dt = Q u.
+    homogeneous rates tau are the rates of all variables by a parameter of the configuration
+    curve. With the inertia B and the generalised force Q for these rates, and u = p /
+    sqrt(B), the equation is dv/dt = tau u, dp/dt = Q / sqrt(B), dW/dt = Q u.
     """
     layout = EquationLayout(mechanism)
     structure = KinematicStructure.from_mechanism(mechanism, mechanism.inputs[0].pair)
@@ -54,6 +54,7 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     # The power of a load, Q u, is its part of dp/dt times p.
     powers = [rate * momentum for rate in momentum_rates]
 
+    # The measure of independence: it vanishes where curves of configurations cross.
     tau_square = dot(tau, tau)
     (input_variable,) = structure.inputs
     return EquationExpressions(

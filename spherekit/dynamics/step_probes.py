@@ -51,8 +51,10 @@ class ProbePlaces:
 def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     """Return the first probed place of each step at which its error is too large.
 
-    Places are fractions of a step. They are evenly spaced, and also at zeros and extrema of
-    steep arguments, where loads may change abruptly, and between these.
+    Places are fractions of a step, from 0 to 1. Probed are evenly spaced places, zeros and
+    extrema of steep arguments, and the middles between neighbouring ones of these zeros and
+    extrema. A steep argument is one of a function such as tanh(1000 x) in a load, which
+    changes abruptly where the argument is zero or extreme.
 
     Parameters
     ----------
@@ -107,6 +109,7 @@ def _find_critical_places(
         return probe(steps, places)[1]
 
     def evaluate_differences(steps: Indices, places: Floats) -> Floats:
+        # Central differences, which vanish at extrema.
         after = evaluate_arguments(steps, places + END_DISTANCE)
         before = evaluate_arguments(steps, places - END_DISTANCE)
         return after - before
@@ -130,23 +133,25 @@ def _find_critical_places(
 def _find_zeros(
     evaluate: Callable[[Indices, Floats], Floats], values: Floats, low: Floats, high: Floats
 ) -> ProbePlaces:
-    """Return the zeros of functions that change their sign between neighbouring places.
+    """Return the zeros of functions that change their sign between neighbouring values.
 
     Parameters
     ----------
     evaluate
         Returns the values (n, functions) for indices of steps (n,) and places (n,).
     values
-        (steps, k + 1, functions) values whose signs are compared.
+        (steps, k + 1, functions) known values, in the order of rising places.
     low, high
-        (k,) places between which a zero is if the sign changes between values k and k + 1.
+        (k,) ends of brackets. If the sign changes between values j and j + 1, a zero is
+        between `low[j]` and `high[j]`.
     """
     # For each change of sign the step, the interval between places, and the function.
     steps, brackets, functions = np.nonzero(values[:, :-1] * values[:, 1:] < 0.0)
 
     def evaluate_bracketed(places: Floats, numbers: Indices) -> Floats:
-        """Return for each place the value of the function in the bracket of that number."""
+        """Return the values (n,) at places (n,), each in the bracket of a given number."""
         rows = evaluate(steps[numbers], places)
+        # From each row, the function that changes its sign in this bracket.
         return rows[np.arange(len(places)), functions[numbers]]
 
     zeros, _ = find_bracketed_zeros(

@@ -76,7 +76,7 @@ Larger: it can contain the erroneous place again. Smaller: abrupt changes at the
 step need more steps.
 """
 
-STEP_GROWTH = 4.0
+MAX_TAYLOR_STEP_GROWTH = 4.0
 """Factor by which a step after a shortened one may be longer than it."""
 
 TURN_ROUNDING = 2.4492935982947064e-16
@@ -92,11 +92,12 @@ class TaylorStep:
     start, length
         Time at the start, and length, s.
     series
-        (states, order + 1) Taylor coefficients.
+        (states, order + 1) Taylor coefficients of the state by the time since the start.
     event_count
         Number of events that had occurred before the step.
     switch_signs
-        (switches,) signs of the switch conditions in the step.
+        (switches,) signs, 1 or -1, of the switch conditions in the step. At a zero of a
+        switch condition a load changes abruptly.
     """
 
     start: float
@@ -120,20 +121,23 @@ RunEnd = Literal[
 
 @dataclass(frozen=True)
 class Segment:
-    """Some steps between two normalisations of the state.
+    """Some successive steps of an integration by Taylor series.
+
+    Between two segments the state is normalised: angles are reduced by whole turns, the
+    work of loads is added to a separate sum, and the unit of momentum is adapted.
 
     Attributes
     ----------
     layout
-        Layout of the state.
+        Positions of variables, momenta and works in the state.
     starts, lengths
         (k,) start times and lengths of the steps, s.
     series
         (k, states, order + 1) Taylor coefficients.
     turns
-        (variables,) whole turns that were taken off the variables.
+        (variables,) numbers of whole turns that were subtracted from the variables.
     momentum_unit
-        Unit of the momenta.
+        Unit of the momenta. The unit of work is its square.
     work
         (loads,) work of each load before the segment, J.
     """
@@ -149,7 +153,8 @@ class Segment:
     def evaluate(self, t: Floats) -> tuple[Floats, Floats]:
         """Return the states and their rates (n, states) at times (n,), in SI units.
 
-        The variables are less the whole turns of the segment.
+        Variables do not contain the whole turns of the segment. Works are those since the
+        start of the simulation.
         """
         step = np.searchsorted(self.starts[1:], t, side="right")
         states, rates = _evaluate_series(self.series[step], t - self.starts[step])
@@ -169,9 +174,9 @@ class TaylorRun:
     equation
         The equation that was integrated.
     segments
-        Its segments in order of time.
+        Segments of some steps each, in order of time.
     events
-        Time (s), kind and variable (-1 without one) of each event.
+        Time (s), kind and number of the pair variable of each event (-1 without one).
     end
         The reason why the integration ended.
     end_time
@@ -179,7 +184,8 @@ class TaylorRun:
     max_closure_residual
         Largest closure residual that was removed, rad.
     max_independence
-        Largest measure of independence.
+        Largest value of `CompiledEquation.measure_independence` so far. The measure is zero
+        where sets of configurations cross.
     """
 
     equation: CompiledEquation
@@ -273,12 +279,15 @@ class TaylorIntegration:
         project: Callable[[Floats], tuple[Floats, float]],
         crossing_ratio: float,
     ) -> None:
-        """Prepare the integration; the parameters are explained in the class."""
+        """Compute the state of the integrator at the start.
+
+        The class explains the parameters.
+        """
         self.equation = equation
         self.layout = equation.layout
         self.project = project
         self.crossing_ratio = crossing_ratio
-        # What the parameters of the compiled equation need.
+        # Torque tables and joint limits are parameters of the compiled equation.
         self.tables = [x for x in mechanism.loads if isinstance(x, TorqueTable)]
         self.limit_values: list[float] = []
         for limit in mechanism.joint_limits:
@@ -288,8 +297,8 @@ class TaylorIntegration:
             np.arange(self.variable_count), [*mechanism.angles.values()]
         )
 
-        # What the state leaves out: whole turns of the variables, and the work (J) that
-        # loads have done before.
+        # The state does not contain the whole turns of the variables, and the work (J) that
+        # loads have done before the current segment.
         self.time = 0.0
         self.turns = start.turns
         self.work = np.zeros(len(mechanism.loads))
@@ -314,7 +323,7 @@ class TaylorIntegration:
             [start.values, start.momenta / self.momentum_unit, np.zeros_like(self.work)]
         )
         self.segments: list[Segment] = []
-        # Longest step that is tried, after longer ones missed what a load does.
+        # Longest step (s) that is tried. Limited after a step missed a change of a load.
         self.max_step = np.inf
 
     def run(self, targets: Sequence[float]) -> TaylorRun:
@@ -331,22 +340,26 @@ class TaylorIntegration:
         integrator = self.equation.integrator
         steps = 0
         progress = ProgressReporter("simulating")
+        # The integrator has only one state, so a second run has to wait.
         with self.equation.lock:
             self._set_switch_signs(targets[0])
             integrator.start(self.start_state, self.time, self._parameters(targets[0]))
             for target in targets:
+                # The reason for the end; "time" if the target is reached.
                 end: RunEnd | None = None
                 while end is None:
                     steps_tried, end = self._integrate_segment(
-                        integrator, target, MIN_STEP_FRACTION * targets[-1]
+                        integrator, target, min_step=MIN_STEP_FRACTION * targets[-1]
                     )
                     steps += steps_tried
+                    # The text is only formed if it is shown.
                     progress.tell(lambda: f"{self.time:.4g} of {targets[-1]:.6g} s")
                     if end is None and steps >= MAX_TAYLOR_STEPS:
                         end = "too_many"
                 if end != "time":
                     break
             assert end is not None
+            # The integrator notes the index and the time of each event.
             events = []
             for number, time in integrator.seen_events:
                 event = integrator.events[number]
@@ -379,7 +392,7 @@ class TaylorIntegration:
         Parameters
         ----------
         integrator
-            The integrator, whose state is that reached.
+            The integrator, with the state that the run has reached.
         target
             Time at which the next interval between knots of loads begins, s.
         min_step
@@ -388,8 +401,8 @@ class TaylorIntegration:
         self._normalise(integrator, target)
         steps: list[TaylorStep] = []
         has_probes = self.equation.probe_function is not None
-        # Steps before this index agree with the loads. Only if a step was shortened is each
-        # step probed at once; otherwise those of the whole segment together.
+        # Steps before this index agree with the loads. A shortened step is probed at once.
+        # Otherwise the steps of the whole segment are probed together, which is faster.
         probed_steps = 0
         steps_tried = 0
         end: RunEnd | None = None
@@ -410,12 +423,16 @@ class TaylorIntegration:
                 end = "not_finite"
             elif length > 0.0 or outcome == "event":
                 self.time = integrator.time
-                steps.append(
-                    TaylorStep(
-                        start, length, integrator.coefficients, event_count, switch_signs
-                    )
+                step = TaylorStep(
+                    start=start,
+                    length=length,
+                    series=integrator.coefficients,
+                    event_count=event_count,
+                    switch_signs=switch_signs,
                 )
-            # Why the run ends, if it does. "limit" is the largest length that was allowed.
+                steps.append(step)
+            # Whether and why the run ends. The outcome "limit" means that the step has the
+            # largest length that was allowed.
             if outcome == "limit" and not is_shortened:
                 end = "time"
             elif outcome == "event":
@@ -426,7 +443,8 @@ class TaylorIntegration:
             is_segment_over = end is not None or len(steps) == STEPS_PER_SEGMENT
             if not has_probes or not (is_shortened or is_segment_over):
                 continue
-            # The steps from the first one that missed a change of a load are discarded.
+            # The first step that missed a change of a load is discarded, with those after
+            # it, and repeated with a smaller length.
             agreeing, self.max_step = self._probe_steps(integrator, steps[probed_steps:])
             probed_steps += agreeing
             if probed_steps < len(steps):
@@ -434,7 +452,7 @@ class TaylorIntegration:
                 self._return_to_start(integrator, steps[probed_steps])
                 del steps[probed_steps:]
             elif is_shortened and outcome == "limit":
-                self.max_step = STEP_GROWTH * length
+                self.max_step = MAX_TAYLOR_STEP_GROWTH * length
         if steps:
             self._store_segment(steps)
         return steps_tried, end
@@ -458,7 +476,11 @@ class TaylorIntegration:
         self.max_independence = max(self.max_independence, float(np.max(independence)))
 
     def _all_parameters(self, integrator: Integrator) -> Floats:
-        """Return all parameters; heyoka has none beyond the last that occurs."""
+        """Return all parameters of the equation, in the order of `EquationLayout`.
+
+        The integrator only has those up to the last one that occurs in an expression. The
+        others are 0.
+        """
         parameters = integrator.parameters
         count = self.layout.switch_parameters + len(self.switch_signs)
         return np.pad(parameters, (0, count - len(parameters)))
@@ -477,17 +499,17 @@ class TaylorIntegration:
     ) -> tuple[int, float]:
         """Return the number of steps that agree with the loads, and the longest next step.
 
-        A step agrees if its Taylor series satisfy the equation of motion within it too. The
-        length of the next step is in s. The first step that does not agree is repeated so
-        that it ends before the time at which it missed a change of a load. If all agree,
-        the length is not limited.
+        A step agrees if its Taylor series also satisfy the equation of motion between its
+        ends. The first step that does not agree has to be repeated so that it ends before
+        the time at which it missed a change of a load. This limits the length (s) of the
+        next step. If all steps agree, the limit is infinite.
 
         Parameters
         ----------
         integrator
-            The integrator, which stores the parameters.
+            The integrator, which stores the parameters of the equation.
         steps
-            Successive steps.
+            Successive steps that have not been probed.
         """
         if not steps:
             return 0, np.inf
@@ -509,6 +531,8 @@ class TaylorIntegration:
             """
             h = places * lengths[step]
             states, rates = _evaluate_series(series[step], h)
+            # In the order of the function: state, time and parameters. The last parameters
+            # are the signs of the switch conditions.
             inputs = [
                 states.T,
                 (starts[step] + h)[None],
@@ -523,6 +547,7 @@ class TaylorIntegration:
             return errors / (MAX_PROBE_ERROR * self.equation.tolerance), arguments.T
 
         for index, place in enumerate(find_first_errors(probe, len(steps))):
+            # The place is infinite if the step agrees.
             if place <= 1.0:
                 fraction = max(RETRY_FRACTION * place, MIN_RETRY_FRACTION)
                 return index, float(fraction * lengths[index])
@@ -532,12 +557,11 @@ class TaylorIntegration:
         """Return the reason why the run ends at the last event."""
         number, _ = integrator.seen_events[-1]
         kind = integrator.events[number].kind
+        # A run ends at a switch of a load if there are too many of them, or if the load
+        # would switch back at once, as dry friction does at rest.
         if kind == "switch":
-            return (
-                "too_many"
-                if len(integrator.seen_events) >= MAX_EVENTS_BEFORE_SWITCH
-                else "sticking"
-            )
+            has_too_many = len(integrator.seen_events) >= MAX_EVENTS_BEFORE_SWITCH
+            return "too_many" if has_too_many else "sticking"
         return kind if kind in ("coordinates", "joint_limit") else "singularity"
 
     def _normalise(self, integrator: Integrator, target: float) -> None:
@@ -553,12 +577,12 @@ class TaylorIntegration:
         target
             Time (s) of the next knot of a load, up to which the parameters are set.
         """
-        # These are views, so that the state of the integrator changes with them.
+        # `state` and its slices are views, so that the integrator changes with them.
         state = integrator.state
         values = state[: self.variable_count]
         turns = np.round(values / TURN) * self.is_angle
         values -= turns * TURN
-        # Without the digits of 2 pi beyond float64, errors grow with the revolutions.
+        # The digits of 2 pi beyond float64. Otherwise errors grow with the revolutions.
         values -= turns * TURN_ROUNDING
         if self.segments and len(self.segments) % SEGMENTS_PER_CLOSURE == 0:
             values[:], residual = self.project(values)
@@ -567,6 +591,7 @@ class TaylorIntegration:
         works = state[self.layout.work_slice]
         self.work = self.work + works * self.momentum_unit**2
         works[:] = 0.0
+        # The unit only grows, so that a mechanism near rest does not lose digits.
         momenta = state[self.layout.momentum_slice]
         size = float(np.linalg.norm(momenta))
         if size > 1.0:
@@ -579,7 +604,12 @@ class TaylorIntegration:
         parameters[:] = self._parameters(target)[: len(parameters)]
 
     def _parameters(self, target: float) -> Floats:
-        """Return the parameters, in the order of `EquationLayout`, up to the `target`."""
+        """Return the parameters for the interval from now to the `target` (s).
+
+        They are, as in `EquationLayout`: whole turns of the variables, the unit of momentum
+        and its reciprocal, the smallest measure of independence, joint limits, torque
+        tables, and signs of the switch conditions.
+        """
         duration = target - self.time
         table_values = [self.time]
         for table in self.tables:
@@ -596,7 +626,9 @@ class TaylorIntegration:
     def _set_switch_signs(self, target: float) -> None:
         """Compute the signs of the switch conditions at the start.
 
-        If a condition is zero, its sign is that of its rate, and positive if that is zero.
+        A load changes abruptly at a zero of its switch condition. If a condition is zero at
+        the start, its sign is that of its rate, and positive if the rate is zero too.
+        `target` is the time (s) of the next knot of a load, for the parameters.
         """
         switch_function = self.equation.switch_function
         if switch_function is None:

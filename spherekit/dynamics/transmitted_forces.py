@@ -59,10 +59,12 @@ AXIAL_FORCE = 5
 
 @dataclass(frozen=True)
 class DrivenState(ArrayRows):
-    """n rows of a moving mechanism with its driving torques.
+    """n samples (rows) of a moving mechanism with its driving torques.
 
     Attributes
     ----------
+    mechanism
+        The mechanism with its masses and loads.
     motion
         Configurations and their derivatives by m coordinates.
     timing
@@ -70,7 +72,8 @@ class DrivenState(ArrayRows):
     torques
         (n, inputs) driving torques, N m.
     carried
-        (n, k) what pairs with friction carry, see `Loads.evaluate_magnitudes`.
+        (n, k) loads that the pairs with friction carry, see `Loads.evaluate_magnitudes`.
+        None without such friction.
     """
 
     mechanism: Mechanism
@@ -82,15 +85,18 @@ class DrivenState(ArrayRows):
 
 @dataclass(frozen=True)
 class JointReactions:
-    """Wrenches that pairs transmit at n rows, in pair axes.
+    """Moments and forces that pairs transmit at n rows, in pair axes.
+
+    A wrench is a moment about the centre O of the mechanism followed by a force.
 
     Attributes
     ----------
     wrenches
-        (n, pairs, 6) moments about O (N m) and forces through O (N); NaN where a component
-        is not determined or was not asked for.
+        (n, pairs, 6) moments about O (N m) and forces through O (N). NaN if a component is
+        not determined or was not requested.
     opened
-        (n, pairs, 6) whether a component is not determined.
+        (n, pairs, 6) whether a component is not determined, because reactions balance each
+        other.
     unbalanced
         (n,) largest moment (N m) by which a link misses its equation.
     slides
@@ -117,6 +123,9 @@ class JointReactions:
 class Equilibrium:
     """Solution of the Newton-Euler equations for given loads at n rows.
 
+    A reaction is one component of the moment and force (wrench) of one pair that does no
+    work.
+
     Attributes
     ----------
     reaction_wrenches
@@ -124,7 +133,7 @@ class Equilibrium:
     torques
         (n, pairs) moments of loads and drives about pair axes, N m.
     reactions
-        (n, columns) magnitudes of the reactions.
+        (n, columns) magnitudes of the reactions, one column per reaction.
     residual
         (n,) largest moment by which an equation is missed, N m.
     """
@@ -138,7 +147,8 @@ class Equilibrium:
 class NewtonEuler:
     """Newton-Euler equations of all links at n rows, solved for the reactions of pairs.
 
-    A reaction is one component of the wrench of one pair that does no work.
+    A wrench (6,) is a moment about the centre O (N m) followed by a force (N). A reaction
+    is one component of the wrench of one pair that does no work.
 
     Attributes
     ----------
@@ -179,7 +189,9 @@ class NewtonEuler:
         """
         self.mechanism = mechanism
         self.frames = frames
-        # With a pressure angle the moment of teeth about x follows from that about y.
+        # The unknowns: moments of each pair about directions about which it does not turn.
+        # With a pressure angle the moment of teeth about x follows from that about y, so
+        # component 0 is left out.
         self.columns = [
             (pair_number, component)
             for pair_number, pair in enumerate(mechanism.pairs)
@@ -210,7 +222,7 @@ class NewtonEuler:
         # Equations of forces are multiplied by the length, so that all are in N m.
         scaled_wrenches = self.unit_wrenches * np.repeat([1.0, self.length], 3)
         ground_wrenches = _rotate_to_ground(frames[:, column_pairs], scaled_wrenches)
-        # (n, links, 6, columns)
+        # (n, links, 6, columns) the wrench on each link by a unit of each reaction.
         matrix = (
             self._pair_to_link[column_pairs].T[:, None]
             * np.swapaxes(ground_wrenches, 1, 2)[:, None]
@@ -227,20 +239,23 @@ class NewtonEuler:
     def _invert(self, coupled: bool) -> None:
         """Compute the pseudoinverse, the open reactions and the sliding links.
 
-        A reaction is open if the equations do not determine it, because it belongs to
-        reactions that balance each other. A link slides if no pair holds it at O, the
-        centre.
+        The results are stored as `_inverse`, `is_open` and `slides`. A reaction is open if
+        the equations do not determine it, because it belongs to reactions that balance each
+        other. A link slides if no pair holds it at the centre O.
 
-        Equations of moments and equations of forces are solved as two systems unless
-        contacts at known distances have `coupled` them. Each then has its own rank.
+        Parameters
+        ----------
+        coupled
+            Whether contacts at known distances from O couple the equations of moments and
+            of forces. Otherwise they are solved as two systems, each with its own rank.
         """
         n, equation_count, column_count = self.matrix.shape
         self._inverse = np.zeros((n, column_count, equation_count))
         self.is_open = np.zeros((n, column_count), dtype=bool)
         is_unheld = np.zeros((n, equation_count), dtype=bool)
-        is_moment_equation = (
-            np.nonzero(self._has_equation)[1] < MOMENT_COMPONENTS
-        ) | coupled
+        # If they are coupled, all equations and reactions belong to the first system.
+        _, equation_components = np.nonzero(self._has_equation)
+        is_moment_equation = (equation_components < MOMENT_COMPONENTS) | coupled
         is_moment_column = np.array(
             [coupled or component < MOMENT_COMPONENTS for _, component in self.columns],
             dtype=bool,
@@ -272,12 +287,16 @@ class NewtonEuler:
     def _compute_unit_wrenches(self, tooth_sides: Floats) -> Floats:
         """Return the wrench (n, columns, 6) of each reaction of size 1, in pair axes.
 
-        A wrench is a moment about O (components 0 to 2) and a force (3 to 5). The signs of
-        the moments about y of teeth with a pressure angle are `tooth_sides` (n, pairs). The
-        moment about x of such teeth is the size of that about y times the angle's tangent.
+        A wrench is a moment about O (components 0 to 2) and a force (3 to 5). A force acts
+        at the point of a contact, at distance r along z. With its moments m_x and m_y about
+        x and y, it has the components (m_y, -m_x) / r along x and y.
 
-        The force at the point of a contact at distance r along z has components
-        (m_y, -m_x) / r along x and y if its moments about x and y are m_x and m_y.
+        Parameters
+        ----------
+        tooth_sides
+            (n, pairs) signs of the moments about y of teeth with a pressure angle. The
+            moment about x of such teeth is the size of the moment about y times the tangent
+            of the angle.
         """
         wrenches = np.zeros((len(tooth_sides), len(self.columns), 6))
         for column, (pair_number, component) in enumerate(self.columns):
@@ -298,12 +317,16 @@ class NewtonEuler:
     def subtract_torques(self, link_wrenches: Floats, torques: Floats) -> Floats:
         """Return the wrenches (n, links, 6) that the reactions have to supply.
 
+        They are the wrenches that the motion needs, less those of loads and of the torques
+        at pairs.
+
         Parameters
         ----------
         link_wrenches
             (n, links, 6) wrenches on links that their motion needs, less those of loads.
         torques
-            (n, pairs) torques about pair axes, for contacts moments along the tangent, N m.
+            (n, pairs) torques (N m) about the axes of R pairs, and moments of contacts
+            along their tangents.
         """
         pair_wrenches = _rotate_to_ground(self.frames, self.working_wrenches)
         return link_wrenches - self._pair_to_link.T @ (torques[..., None] * pair_wrenches)
@@ -373,8 +396,9 @@ def links_without_centre(mechanism: Mechanism) -> list[str]:
 def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
     """Return the pair and component (3, 4 or 5) of each force that no moment determines.
 
-    These are the forces of R pairs through the centre O, without that along the axis if the
-    links can slide there, and forces of contacts whose distance from O is not known.
+    They are the forces of R pairs through the centre O, and the forces of contacts whose
+    distance from O is not known. Components 3, 4 and 5 are along x, y and z of the pair. An
+    R pair has no force along its axis z if its bearings let the links slide along it.
     """
     floating_pairs = set()
     sliding_contacts = set()
@@ -389,8 +413,8 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
             end = AXIAL_FORCE if pair.name in floating_pairs else AXIAL_FORCE + 1
             columns += [(pair_number, component) for component in range(3, end)]
         elif pair.distance is None:
-            # The force along y belongs to the moment about x, that along x to the moment
-            # about y. A contact with friction transmits both.
+            # A force along y (component 4) causes the moment about x, a force along x
+            # (component 3) the moment about y. A contact with friction transmits both.
             count = 2 if pair.name in sliding_contacts else pair.constraints
             columns += [(pair_number, 4 - k) for k in range(count)]
     return columns
@@ -415,12 +439,12 @@ def _outside_span(is_regular: Bools, vectors: Floats) -> Bools:
 
 
 def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReactions:
-    """Return the wrenches that every pair transmits.
+    """Return the moments and forces (wrenches) that every pair transmits.
 
     Parameters
     ----------
     driven
-        n rows of a moving mechanism.
+        n rows of a moving mechanism, with its loads and driving torques.
     forces
         Whether to compute forces through O as well as moments. In rows in which links slide
         they are not determined, because the loads would move the links along their axes.
@@ -464,9 +488,10 @@ class DrivenEquilibrium:
 def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
     """Return the equilibrium of all links of a moving mechanism.
 
-    Teeth press on the side on which they drive the wheels, which follows from the solution.
-    The equations are therefore solved again with other sides as long as teeth are found to
-    press on the side on which they were not assumed to press.
+    Teeth with a pressure angle press on one of their two sides. The side is not known in
+    advance, because it follows from the sign of the transmitted moment. The equations are
+    solved with assumed sides, and again with the opposite ones wherever the solution
+    contradicts the assumption.
 
     Parameters
     ----------
@@ -487,6 +512,7 @@ def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
         equations = NewtonEuler(mechanism, motion.frames, forces=forces, tooth_sides=sides)
         equilibrium = equations.solve(needed - applied.link_wrenches, applied.torques)
         wrenches = equations.sum_wrenches(equilibrium.reactions)
+        # Component 1 is the moment about y, whose sign says on which side teeth press.
         is_reversed = (wrenches[..., 1] * sides < 0.0) & is_toothed
         if not np.any(is_reversed):
             break
@@ -512,7 +538,10 @@ def velocity_wrenches(
 ) -> Floats:
     """Return the wrenches (n, links, 6) that links need at constant rates, in ground axes.
 
-    They are gyroscopic and centripetal.
+    A wrench is a moment about the centre O followed by a force: here gyroscopic moments and
+    centripetal forces. For a link with the angular velocity w and the angular acceleration
+    a at constant rates, it is L(a) + w x L(w). The linear map L gives the angular momentum
+    and the momentum of a link for its angular velocity.
 
     Parameters
     ----------
@@ -524,10 +553,10 @@ def velocity_wrenches(
         (n, m) rates of these coordinates.
     """
     # At constant rates q' the angular acceleration is the sum of dw_i/dq_k q'_i q'_k. The
-    # momenta L turn with their link: the wrench is L(acceleration) + w x L(w).
-    # n rows, i and k coordinates, l links, a components
+    # letters are: n rows, i and k coordinates, l links, a components.
     w = np.einsum("ni,nila->nla", rates, motion.w)
     angular_accelerations = np.einsum("ni,nk,nikla->nla", rates, rates, motion.dw)
+    # (n, links, 2, 3) angular momenta and momenta.
     momenta = _apply_inertia(mechanism, motion, w).reshape(*w.shape[:2], 2, 3)
     momentum_rates = cross(w[:, :, None], momenta).reshape(*w.shape[:2], 6)
     return _apply_inertia(mechanism, motion, angular_accelerations) + momentum_rates
@@ -536,11 +565,11 @@ def velocity_wrenches(
 def _apply_inertia(
     mechanism: Mechanism, motion: CoordinateMotion, vectors: Floats
 ) -> Floats:
-    """Return I v and m v x c for each link, in ground axes.
+    """Return I v and m (v x c) for each link, in ground axes.
 
     I is the inertia tensor of the link about the centre O, m its mass and c its centre of
-    mass. With the angular velocity v these are the angular momentum about O and the
-    momentum. With the angular acceleration they are a moment and a force.
+    mass. If v is the angular velocity, I v is the angular momentum about O and m (v x c)
+    the momentum. If v is the angular acceleration, they are a moment and a force.
 
     Parameters
     ----------
@@ -585,8 +614,8 @@ class AppliedLoads:
 def sum_applied_loads(driven: DrivenState) -> AppliedLoads:
     """Return the sums of all loads and driving torques on links and at pairs.
 
-    A load component of a pair is a torque there. Other components act on links with a
-    force and a moment (a wrench), in proportion to their magnitudes.
+    A load component at a pair is a torque about its axis. Other components act on links
+    with a force and a moment (a wrench), in proportion to their magnitudes.
     """
     mechanism = driven.mechanism
     motion = driven.motion

@@ -26,9 +26,16 @@ class ArrayRows:
         return type(self)(**selected)
 
     def put(self, rows: Indices, new: Self) -> None:
-        """Replace some rows in place by the rows of another record.
+        """Replace some rows of all arrays in place by the rows of another record.
 
-        Tuples of arrays are not replaced.
+        Arrays in dictionaries and nested records are changed too; tuples of arrays are not.
+
+        Parameters
+        ----------
+        rows
+            (k,) indices of the rows to replace.
+        new
+            A record of the same type with k rows.
         """
         new_values = _field_values(new)
         for name, value in _field_values(self).items():

@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike
 
 from spherekit.arrays import Floats, Indices
 
-DEGREE = 15
+SERIES_DEGREE = 15
 """Default degree on a cell. Larger: fewer cells, each with more samples."""
 
-MAX_CELLS = 2**13
+MAX_SERIES_CELLS = 2**13
 """Default limit of the cells. Smaller: functions with kinks get a larger error."""
 
 LOSSY_TOLERANCE = 1e-10
@@ -67,15 +67,16 @@ class PiecewiseChebyshev:
         tolerance: float = 1e-13,
         scales: Floats | None = None,
         first_cells: int | Floats = 1,
-        degree: int = DEGREE,
-        max_cells: int = MAX_CELLS,
+        degree: int = SERIES_DEGREE,
+        max_cells: int = MAX_SERIES_CELLS,
         rounding_tolerance: float = 0.0,
     ) -> "PiecewiseChebyshev":
         """Return the interpolant of m functions on [low, high].
 
         A cell is halved until its error is small enough for every function. The error is
-        measured at the extrema of the next Chebyshev polynomial, which are between the
-        sampled positions. The attribute `error` says what was reached.
+        measured at the extrema of the Chebyshev polynomial of order degree + 1, which are
+        between its zeros, the sampled positions. The largest error of all cells is the
+        attribute `error` of the result.
 
         Parameters
         ----------
@@ -111,8 +112,11 @@ class PiecewiseChebyshev:
             order = np.argsort(x[:, 0])
             return function(np.minimum(x[order, 0], high))[np.argsort(order)]
 
+        # `bounds` (cells, 2) are the cells that are not finished, and `last_errors` the
+        # errors of the cells from which they were halved.
         last_errors = np.full(len(bounds), np.inf)
         largest_error = 0.0
+        # The series of each finished cell, by the lower end of the cell.
         series_by_start: dict[float, Floats] = {}
         while len(bounds):
             fits = fit_cells(
@@ -124,11 +128,13 @@ class PiecewiseChebyshev:
             errors = np.max(fits.deviations / scales, axis=(1, 2))
             is_rounding = (errors < rounding_tolerance) & (errors > 0.5 * last_errors)
             is_final = (errors <= tolerance) | is_rounding
+            # All cells are final if their halves would exceed the limit.
             is_final |= len(series_by_start) + 2 * len(bounds) > max_cells
             starts = bounds[is_final, 0].tolist()
             series_by_start.update(zip(starts, fits.coefficients[is_final], strict=True))
             largest_error = float(np.max(errors[is_final], initial=largest_error))
 
+            # The other cells are halved: (low, high) becomes (low, middle), (middle, high).
             bounds = bounds[~is_final]
             last_errors = np.repeat(errors[~is_final], 2)
             middles = np.mean(bounds, axis=1, keepdims=True)
@@ -187,7 +193,9 @@ class PiecewiseChebyshev:
 
 @dataclass(frozen=True)
 class CellFits:
-    """Chebyshev series of F functions of m variables, fitted to samples in cells.
+    """Chebyshev series of F functions of m variables, fitted to samples in several cells.
+
+    A cell is an interval of one variable or a box of several variables.
 
     A series is a sum of coefficients times products of one Chebyshev polynomial T_k per
     variable, with the orders k from 0 to the degree.
@@ -238,12 +246,14 @@ def fit_cells(
     x = bounds[:, None, 0] + half_widths[:, None] * (1.0 + reduced)
     samples = function(x.reshape(-1, variables)).reshape(len(bounds), len(reduced), -1)
 
-    # Variable by variable, values at the nodes become coefficients.
+    # The axes become: cell, node along each variable, function. Variable by variable,
+    # values at the nodes become coefficients.
     series = samples[:, : len(grid)].reshape(len(bounds), *[degree + 1] * variables, -1)
     for axis in range(1, variables + 1):
         transformed = np.tensordot(series, fitting_matrix(degree), (axis, 1))
         series = np.moveaxis(transformed, -1, axis)
 
+    # The values of the series at the check positions, compared with the samples there.
     flat_series = series.reshape(len(bounds), len(grid), -1)
     products = multiply_variables(evaluate_polynomials(check_positions, degree))
     return CellFits(
@@ -285,6 +295,7 @@ def evaluate_cells(
     low, high = bounds[cell_of].swapaxes(0, 1)
     reduced = (2.0 * x[order] - low - high) / (high - low)
     polynomials = evaluate_polynomials(reduced, coefficients.shape[1] - 1)
+    # The sorted positions from one start to the next are those in one cell.
     cell_starts = np.searchsorted(cell_of, np.arange(len(coefficients) + 1))
     for cell, (start, stop) in enumerate(pairwise(cell_starts.tolist())):
         if start < stop:
@@ -318,6 +329,9 @@ def evaluate_polynomials(reduced: Floats, degree: int) -> Floats:
 
 def multiply_variables(polynomials: Floats) -> Floats:
     """Return all products of one Chebyshev polynomial per variable.
+
+    With two variables they are T_j(x_1) T_k(x_2) for all orders j and k, with k varying
+    fastest.
 
     Parameters
     ----------
@@ -357,9 +371,9 @@ def trim_series(series: Floats, threshold: float) -> Floats:
 def find_real_zeros(series: Floats, limit: float = 1.0) -> Floats:
     """Return the real zeros of a Chebyshev series in [-limit, limit], rising.
 
-    `series` has the coefficients of T_0, T_1, ... The zeros are eigenvalues of its
-    companion matrix. Double zeros may have small imaginary parts by rounding, which are
-    dropped.
+    `series` has the coefficients of the Chebyshev polynomials T_0, T_1, ... The zeros are
+    eigenvalues of its companion matrix. Rounding can give a double zero a small imaginary
+    part (see `MAX_IMAGINARY_PART`), which is left out.
     """
     # Tiny last coefficients would lead to large spurious eigenvalues.
     largest_coefficient = float(np.max(np.abs(series), initial=0.0))

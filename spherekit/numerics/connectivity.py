@@ -58,11 +58,12 @@ def order_chains(count: int, links: Indices, directed: bool = False) -> list[Ind
     first, second = links.T
     graph = coo_matrix((np.ones(len(links)), (first, second)), (count, count)).tocsr()
 
-    # An open chain starts at an item without predecessor, or if undirected at one with a
-    # single neighbour. Such items come first in this order, so `np.unique` selects one of
-    # them in each component, and any item of a closed chain.
-    predecessors = second if directed else links.ravel()
-    order = np.argsort(np.bincount(predecessors, minlength=count), kind="stable")
+    # A directed open chain starts at the item without predecessor, an undirected one at an
+    # item with a single neighbour. Items are sorted by the number of their predecessors or
+    # neighbours. The first item of each component in this order is therefore an end of an
+    # open chain, or any item of a closed one.
+    linked_items = second if directed else links.ravel()
+    order = np.argsort(np.bincount(linked_items, minlength=count), kind="stable")
     _, positions = np.unique(label_components(count, links)[order], return_index=True)
     starts = order[np.sort(positions)].tolist()
     # From one end (or any item of a ring), a search in depth passes the items in order.

@@ -41,9 +41,10 @@ class LazyColumn:
     Attributes
     ----------
     source
-        Has a method `read(keys, reader)`. It computes the columns with these keys, and
-        calls the reader with a slice of rows and the values of the columns there, until all
-        rows were passed. The slices may come in any order and from several threads at once.
+        An object with a method `read(keys, reader)`. The method computes the columns with
+        these keys. It calls the reader with a slice of rows and the values of the columns
+        in these rows, until all rows were passed. The slices may come in any order and from
+        several threads at once.
     key
         Identifies the column in the source.
     count
@@ -65,8 +66,9 @@ class LazyColumn:
 class Interleaved:
     """A column in which the rows of several subjects alternate.
 
-    A table may have one row for each pole at each sample, for example. The first rows of
-    all subjects come first, then their second rows, and so on.
+    A table may have, for example, one row per pole (axis of relative rotation of two links)
+    for each sample of a motion. Each pole is then a subject. The first rows of all subjects
+    come first, then their second rows, and so on.
 
     Attributes
     ----------
@@ -112,6 +114,7 @@ def read(columns: Iterable[Column]) -> list[Array]:
     Columns that are arrays already are returned as they are.
     """
     arrays: list[Array] = []
+    # Columns that must be computed, each with the empty array that receives its values.
     unread: list[tuple[Column, Array]] = []
     length = 0
     for column in columns:
@@ -122,6 +125,7 @@ def read(columns: Iterable[Column]) -> list[Array]:
         arrays.append(array)
         unread.append((column, array))
         length = max(length, len(array))
+    # All rows, to be written from row 0 of the arrays.
     put(unread, [(slice(0, length), 0)])
     return arrays
 
@@ -144,11 +148,13 @@ def put(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span]) -> None:
     spans
         The rows to copy, and where they belong. They apply to all columns.
     """
+    # Columns to compute, by the identity of their source. A source need not be hashable.
     targets_by_source: defaultdict[int, list[tuple[LazyColumn, _Target]]]
     targets_by_source = defaultdict(list)
     for column, out in columns:
         parts = column.parts if isinstance(column, Interleaved) else (column,)
         for subject, part in enumerate(parts):
+            # The rows of a subject go to every len(parts)-th row of the output.
             target = out[subject:], len(parts)
             if isinstance(part, LazyColumn):
                 targets_by_source[id(part.source)].append((part, target))
@@ -169,12 +175,16 @@ def _copy_rows(
 ) -> None:
     """Copy some rows of several parts to their targets, as far as the spans contain them.
 
+    A part is a column, or the rows of one subject of a column in which the rows of several
+    subjects (such as poles) alternate.
+
     Parameters
     ----------
     targets
-        The target of each part.
+        For each part, the output array from the first row of its subject on, which is
+        changed in place, and the number of subjects whose rows alternate in it.
     spans
-        The rows of columns to copy, and where they belong.
+        The rows of the columns to copy, each with the first output row of these rows.
     rows
         The rows of the parts that are available.
     values_of_parts
@@ -202,7 +212,7 @@ def _match_rows(
     subject_count
         Number of subjects, whose rows alternate in the column and in the output.
     spans
-        Rows of the column to copy, and where they belong.
+        Rows of the column to copy, each with the first output row of these rows.
     rows
         The available rows of the subject.
 

@@ -12,7 +12,7 @@ Residuals = Callable[[Floats, Indices], tuple[Floats, Floats]]
 Returns the residuals (k, m) and their derivatives (k, m, variables).
 """
 
-MAX_STEPS = 60
+MAX_LEAST_SQUARES_STEPS = 60
 """Steps per start at most. Smaller: slow starts end before they reach a minimum."""
 
 FIRST_DAMPING = 0.1
@@ -73,7 +73,7 @@ def minimize_squares(
     # The residuals and their derivatives are stored for the active starts only.
     residual, jacobian = residuals(values, active)
     squares = np.sum(residual**2, axis=1)
-    for _ in range(MAX_STEPS):
+    for _ in range(MAX_LEAST_SQUARES_STEPS):
         active_values = values[active]
         transposed = np.swapaxes(jacobian, 1, 2)
         descent_direction = -(transposed @ residual[..., None])

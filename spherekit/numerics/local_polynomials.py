@@ -40,13 +40,13 @@ def make_local_polynomials(
     A function that maps a position in the range of the series to the m values.
     """
     fine_series = PiecewiseChebyshev.fit(
-        series.evaluate,
-        float(series.edges[0]),
-        float(series.edges[-1]),
-        LOCAL_TOLERANCE,
-        scales,
-        FIRST_CELLS,
-        LOCAL_DEGREE,
+        function=series.evaluate,
+        low=float(series.edges[0]),
+        high=float(series.edges[-1]),
+        tolerance=LOCAL_TOLERANCE,
+        scales=scales,
+        first_cells=FIRST_CELLS,
+        degree=LOCAL_DEGREE,
         rounding_tolerance=LOSSY_TOLERANCE,
     )
     half_widths = 0.5 * np.diff(fine_series.edges)

@@ -50,8 +50,8 @@ def find_local_minima(
     positions, values
         (k,) positions of the minima in rising order, and the values there.
     """
-    # All cells are sampled. Three successive samples with the smallest in the middle are a
-    # bracket of a minimum. Comparisons with NaN are false.
+    # All cells are sampled at `FRACTIONS` of their width. Three successive samples with the
+    # smallest in the middle are a bracket of a minimum. Comparisons with NaN are false.
     inner = grid[:-1] + np.diff(grid) * FRACTIONS[:-1]
     x = np.append(inner.T.ravel(), grid[-1])
     y = function(x)
@@ -61,8 +61,13 @@ def find_local_minima(
     is_minimum = (center < before) & (center <= after) & (center <= limit)
     is_minimum &= np.minimum(before, after) - center > MIN_DEPTH_RATIO * center
     (index,) = np.nonzero(is_minimum)
+    # `index` counts `before`, so the neighbours of a minimum are the samples at `index` and
+    # `index + 2`.
     positions = minimize_in_brackets(
-        function, x[index], x[index + 2], BRACKET_RATIO * (grid[-1] - grid[0])
+        function,
+        low=x[index],
+        high=x[index + 2],
+        width=BRACKET_RATIO * (grid[-1] - grid[0]),
     )
     return positions, function(positions)
 
@@ -84,11 +89,12 @@ def minimize_in_brackets(
     width
         The brackets are narrowed until none is wider.
     """
-    bracket = np.arange(len(low))
+    brackets = np.arange(len(low))
     while np.any(high - low > width):
+        # (fractions, n) samples in all brackets.
         positions = low + (high - low) * FRACTIONS
         values = function(positions.ravel()).reshape(positions.shape)
-        best = np.argmin(np.where(np.isnan(values), np.inf, values), axis=0)
-        low = positions[np.maximum(best - 1, 0), bracket]
-        high = positions[np.minimum(best + 1, len(FRACTIONS) - 1), bracket]
+        smallest = np.argmin(np.where(np.isnan(values), np.inf, values), axis=0)
+        low = positions[np.maximum(smallest - 1, 0), brackets]
+        high = positions[np.minimum(smallest + 1, len(FRACTIONS) - 1), brackets]
     return 0.5 * (low + high)

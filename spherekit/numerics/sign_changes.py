@@ -17,7 +17,7 @@ from spherekit.arrays import Floats
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
 from spherekit.numerics.chebyshev import find_real_zeros, fit_cells, trim_series
 
-DEGREE = 32
+SIGN_CHANGE_DEGREE = 32
 """Degree of the polynomial in a cell. Larger: fewer cells, each with more samples."""
 
 FIRST_EDGES = np.array([0.0, 0.2371, 0.4918, 0.7653, 1.0])
@@ -26,7 +26,7 @@ FIRST_EDGES = np.array([0.0, 0.2371, 0.4918, 0.7653, 1.0])
 The fractions are irregular, so that a zero at a round number is not at an edge.
 """
 
-MAX_HALVINGS = 12
+MAX_SIGN_CHANGE_HALVINGS = 12
 """Halvings after which a cell is not cut again. Larger: narrower doubtful intervals."""
 
 MAX_FRUITLESS_HALVINGS = 2
@@ -39,7 +39,7 @@ smaller cells do not become clearer. Larger: more samples are spent on such plac
 MAX_CELLS = 400
 """Default limit of the sampled cells. Smaller: more of the range stays doubtful."""
 
-NEWTON_STEPS = 3
+SIGN_CHANGE_NEWTON_STEPS = 3
 """Newton steps with the function itself that refine the zeros of the polynomials."""
 
 MAX_NEWTON_STEP = 1e-3
@@ -85,7 +85,7 @@ Without the margin, rounding could move an extremum at an edge out of both cells
 _CHECK_POSITIONS = np.linspace(-1.0, 1.0, 6)[:, None]
 """(6, 1) positions in a cell, from -1 to 1, where polynomial and function are compared."""
 
-SAMPLES_PER_CELL = DEGREE + 1 + len(_CHECK_POSITIONS)
+SAMPLES_PER_CELL = SIGN_CHANGE_DEGREE + 1 + len(_CHECK_POSITIONS)
 """Number of values of the function that a cell takes."""
 
 
@@ -123,6 +123,8 @@ def find_sign_changes(
         or has no value.
     """
     edges = low + (high - low) * FIRST_EDGES
+    # (n, 2) ends of the cells of the current pass. Results of finished cells are collected
+    # in the three lists.
     cells = np.stack([edges[:-1], edges[1:]], axis=1)
     zeros_of_cells: list[Floats] = []
     slopes_of_cells: list[Floats] = []
@@ -133,13 +135,17 @@ def find_sign_changes(
     # error. The extremum of a double zero would then seem to differ from zero. A cell
     # therefore inherits the largest rounding error of the cells that contain it.
     inherited_errors = np.zeros(len(cells))
-    for depth in range(MAX_HALVINGS + 1):
+    for depth in range(MAX_SIGN_CHANGE_HALVINGS + 1):
         sampled_cells += len(cells)
         middles = cells.mean(axis=1)
         half_widths = 0.5 * (cells[:, 1] - cells[:, 0])
         fits = fit_cells(
-            lambda x: function(x[:, 0]), cells[..., None], DEGREE, _CHECK_POSITIONS
+            lambda x: function(x[:, 0]),
+            cells[..., None],
+            SIGN_CHANGE_DEGREE,
+            _CHECK_POSITIONS,
         )
+        # Series and results of a cell refer to its reduced position, from -1 to 1.
         contents = [
             _examine_cell(series[:, 0], deviations, largest_value, inherited_error)
             for series, deviations, largest_value, inherited_error in zip(
@@ -151,7 +157,9 @@ def find_sign_changes(
             )
         ]
 
-        can_halve = depth < MAX_HALVINGS and sampled_cells + 2 * len(cells) <= max_cells
+        can_halve = (
+            depth < MAX_SIGN_CHANGE_HALVINGS and sampled_cells + 2 * len(cells) <= max_cells
+        )
         is_halved = np.array([content.needs_halving for content in contents])
         is_halved &= fruitless_halvings < MAX_FRUITLESS_HALVINGS
         is_halved &= can_halve
@@ -168,6 +176,7 @@ def find_sign_changes(
             neither_settled = np.repeat(is_halved.reshape(-1, 2).all(axis=1), 2)
             is_fruitless = neither_settled & (2.0 * half_widths <= smooth_width)
             fruitless_halvings = (fruitless_halvings + 1) * is_fruitless
+        # Both halves inherit the number of fruitless halvings and the rounding error.
         fruitless_halvings = np.repeat(fruitless_halvings[is_halved], 2)
         rounding_errors = np.array([content.rounding_error for content in contents])
         inherited_errors = np.maximum(inherited_errors, rounding_errors)
@@ -186,7 +195,7 @@ def find_sign_changes(
     slopes = slopes[~is_doubtful]
     if len(positions):
         # The slopes of the polynomials replace the unknown derivative of the function.
-        for _ in range(NEWTON_STEPS):
+        for _ in range(SIGN_CHANGE_NEWTON_STEPS):
             with np.errstate(all="ignore"):
                 step = -function(positions) / slopes
             positions = positions + np.where(np.abs(step) < MAX_NEWTON_STEP, step, 0.0)
@@ -244,16 +253,31 @@ def _examine_cell(
     """
     # The error of the polynomial, by comparison and by the size of its last coefficients.
     error = max(np.max(deviations), np.max(np.abs(series[-TAIL_LENGTH:])))
-    # The comparison is negated because the error is NaN where samples are NaN.
+    # A polynomial that does not fit says nothing about the cell. The comparison is negated
+    # because the error is NaN where samples are NaN.
     if not error <= FIT_TOLERANCE * largest_value or not largest_value:
-        return _CellContent(_NO_ZEROS, _NO_ZEROS, _WHOLE_CELL, True, 0.0)
+        return _CellContent(
+            zeros=_NO_ZEROS,
+            slopes=_NO_ZEROS,
+            doubtful=_WHOLE_CELL,
+            needs_halving=True,
+            rounding_error=0.0,
+        )
     is_rounding = error <= ROUNDING_ERROR_RATIO * largest_value
     rounding_error = error if is_rounding else 0.0
     error = max(error, inherited_error)
+    # Last coefficients far below the error are dropped, which saves time.
     series = trim_series(series, 1e-3 * error)
-    # No Chebyshev polynomial exceeds 1 in the cell, so the first term dominates all others.
+    # There is no zero if the constant term exceeds the sum of all others and the error,
+    # because no Chebyshev polynomial exceeds 1 in the cell.
     if abs(series[0]) > np.sum(np.abs(series[1:])) + NONZERO_ERROR_RATIO * error:
-        return _CellContent(_NO_ZEROS, _NO_ZEROS, _NO_INTERVALS, False, rounding_error)
+        return _CellContent(
+            zeros=_NO_ZEROS,
+            slopes=_NO_ZEROS,
+            doubtful=_NO_INTERVALS,
+            needs_halving=False,
+            rounding_error=rounding_error,
+        )
 
     derivative = np.asarray(chebyshev.chebder(series), dtype=float)
     extrema = find_real_zeros(derivative, 1.0 + EDGE_MARGIN)
@@ -282,12 +306,20 @@ def _examine_cell(
 
 
 def _enclose_touching_extrema(series: Floats, touching: Floats, error: float) -> Floats:
-    """Return intervals (k, 2) about extrema (k,) in which a polynomial may be zero.
+    """Return intervals (k, 2) about k extrema in which a polynomial may be zero.
 
-    `series` has its Chebyshev coefficients, and `error` is the bound of its error. An
-    interval ends at the first of `HALF_WIDTHS` at which the polynomial is clearly nonzero
-    on both sides. Near a zero of higher order the polynomial is flat, and the interval is
-    therefore wider.
+    An interval ends at the first of `HALF_WIDTHS` at which the polynomial is clearly
+    nonzero on both sides. Near a zero of higher order the polynomial is flat, and the
+    interval is therefore wider.
+
+    Parameters
+    ----------
+    series
+        Chebyshev coefficients of the polynomial.
+    touching
+        (k,) positions of extrema that are zero up to the error, from -1 to 1.
+    error
+        Bound of the error of the polynomial.
     """
     # The axes are: side of the extremum, half width, extremum.
     offsets = np.multiply.outer([-1.0, 1.0], HALF_WIDTHS)[..., None]
@@ -305,6 +337,7 @@ def _merge_intervals(intervals: Floats) -> Floats:
     A gap that is small compared with the length of the next interval counts as touching.
     """
     starts, stops = intervals[np.argsort(intervals[:, 0])].T
+    # The largest end of all intervals up to each one.
     furthest_stop = np.maximum.accumulate(stops)
     is_first = np.ones(len(intervals), dtype=bool)
     tolerance = MERGE_RATIO * np.abs(stops - starts)

@@ -16,10 +16,10 @@ import numpy as np
 from spherekit.arrays import Floats, Indices
 from spherekit.numerics.chebyshev import evaluate_cells, fit_cells, grid_points
 
-DEGREE = 11
+TENSOR_SERIES_DEGREE = 11
 """Default degree in each variable. Larger: fewer cells, each with more coefficients."""
 
-MAX_CELLS = 2048
+MAX_TENSOR_CELLS = 2048
 """Default limit of the cells. Smaller: the domain covers less of the box."""
 
 MIN_CELL_FRACTION = 1.0 / 32.0
@@ -67,8 +67,8 @@ class TensorChebyshev:
         high: Floats,
         tolerance: float,
         scales: Floats,
-        degree: int = DEGREE,
-        max_cells: int = MAX_CELLS,
+        degree: int = TENSOR_SERIES_DEGREE,
+        max_cells: int = MAX_TENSOR_CELLS,
     ) -> "TensorChebyshev":
         """Return the interpolant of F functions on a box.
 
@@ -96,14 +96,16 @@ class TensorChebyshev:
         splits: list[list[float]] = []
         cell_bounds: list[Floats] = []
         cell_series: list[Floats] = []
-        # The root is entered nowhere. Its link is written to a list that is dropped.
-        pending = [_PendingCell(np.stack([low, high]), [0.0], 0)]
+        # The whole box has no parent. Its link is written to a list that is not used.
+        unused_link = [0.0]
+        pending = [_PendingCell(np.stack([low, high]), unused_link, 0)]
         while pending:
             bounds = np.array([cell.bounds for cell in pending])
             fits = fit_cells(function, bounds, degree, check_positions)
             with np.errstate(invalid="ignore"):
                 errors = np.max(fits.deviations / scales, axis=(1, 2))
                 is_accurate = errors <= tolerance
+            # Number of cells that would still be allowed if all pending cells were halved.
             room = max_cells - len(cell_bounds) - 2 * len(pending)
             halves: list[_PendingCell] = []
             for number, cell in enumerate(pending):
@@ -134,12 +136,13 @@ class TensorChebyshev:
                     halves.append(_PendingCell(lower_bounds, split, 2))
                     halves.append(_PendingCell(upper_bounds, split, 3))
             pending = halves
+        series_shape = (*[degree + 1] * variables, len(scales))
         return TensorChebyshev(
-            low,
-            high,
-            np.array(splits).reshape(-1, 4),
-            np.array(cell_bounds).reshape(-1, 2, variables),
-            np.array(cell_series).reshape(-1, *[degree + 1] * variables, len(scales)),
+            low=low,
+            high=high,
+            splits=np.array(splits).reshape(-1, 4),
+            bounds=np.array(cell_bounds).reshape(-1, 2, variables),
+            coefficients=np.array(cell_series).reshape(-1, *series_shape),
         )
 
     @property
@@ -188,16 +191,17 @@ class TensorChebyshev:
 
 @dataclass(frozen=True)
 class _PendingCell:
-    """A cell that has not been fitted yet, and where the tree is to refer to it.
+    """A cell that has not been fitted yet, and the link of the tree that leads to it.
 
-    The tree consists of splits (cuts of cells), each with links to its two halves.
+    The box is halved into cells, which are the leaves of a binary tree. The tree consists
+    of splits (cuts of cells), each with links to its two halves.
 
     Attributes
     ----------
     bounds
         (2, m) lower and upper corner.
     parent_split
-        The row of `TensorChebyshev.splits` whose half this cell is.
+        The row of `TensorChebyshev.splits` of the cut that made this cell.
     link_index
         Index of the link to this cell in that row.
     """
@@ -220,6 +224,8 @@ class CellSums:
 
     def __init__(self, series: TensorChebyshev, weights: Floats) -> None:
         """Prepare K sums of the F functions, with weights (F, K)."""
+        # For each cell, the coefficients of the sums; then the numbers that turn a position
+        # into a reduced position, which is (position - middle) * scale, from -1 to 1.
         coefficients = series.coefficients @ weights
         self._order_count = coefficients.shape[1]
         self._orders = np.arange(self._order_count, dtype=float)
@@ -257,10 +263,13 @@ def _spread_positions(count: int, variables: int) -> Floats:
     -------
     (count + 2^m, m) positions, the corners last.
     """
+    # The iteration g = (1 + g)^(1 / (m + 1)) is a contraction, which converges to rounding
+    # in fewer than 40 steps.
     root = 1.5
-    for _ in range(40):  # a contraction, which converges to rounding
+    for _ in range(40):
         root = (1.0 + root) ** (1.0 / (variables + 1))
     steps = root ** -np.arange(1.0, variables + 1)
+    # Half a step from 0, so that no position is at an edge.
     fractions = (0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0
     corners = grid_points([np.array([-1.0, 1.0])] * variables)
     return np.concatenate([2.0 * fractions - 1.0, corners])
@@ -282,8 +291,9 @@ def _worst_direction(series: Floats, width_fractions: Floats) -> int:
     """
     if not np.all(np.isfinite(series)):
         return int(np.argmax(width_fractions))
-    tails = [
+    # The last axis of the series is the functions, the others are the variables.
+    largest_last_coefficients = [
         np.max(np.abs(np.take(series, [-1, -2], axis=axis)))
         for axis in range(series.ndim - 1)
     ]
-    return int(np.argmax(tails))
+    return int(np.argmax(largest_last_coefficients))

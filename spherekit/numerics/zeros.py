@@ -12,7 +12,7 @@ from spherekit.tolerances import EPS
 DifferentiableFunction = Callable[[Floats], tuple[Floats, Floats]]
 """Takes positions (n,); returns the values (n,) and the derivatives (n,) there."""
 
-MAX_HALVINGS = 8
+MAX_ZERO_CELL_HALVINGS = 8
 """Halvings of a grid cell, after which it is assumed to contain one extremum at most.
 
 Smaller: close zeros can be missed. Larger: more function values near zeros of high order.
@@ -41,7 +41,8 @@ class Zeros:
     places
         (k,) positions in rising order.
     double
-        (k,) whether the function only touches zero there, without a change of its sign.
+        (k,) whether the function only touches zero at the position, without a change of its
+        sign (a double zero).
     """
 
     places: Floats
@@ -96,23 +97,27 @@ def find_zeros(function: DifferentiableFunction, grid: Floats) -> Zeros:
     values, slopes = function(grid)
     tiny = np.finfo(float).tiny
     floor = DOUBLE_ZERO_RATIO * float(np.max(np.abs(values))) + tiny
-    # The rows of `cells` are the ends a and b, then the values at a and b, then the slopes.
-    # The first four rows of a cell are a bracket.
+    # The columns of `cells` are the grid cells. Its rows are the ends a and b, the values
+    # at a and b, and the slopes at a and b. The first four rows of a cell are a bracket: an
+    # interval in which the function counts as monotone.
     cells = np.stack(
         [grid[:-1], grid[1:], values[:-1], values[1:], slopes[:-1], slopes[1:]]
     )
     brackets: list[Floats] = []
-    for _ in range(MAX_HALVINGS):
+    for _ in range(MAX_ZERO_CELL_HALVINGS):
         cells, error = _halve_cells(function, cells)
         is_empty, is_monotone = _classify_cells(cells, error + floor)
+        # Cells without a zero are dropped, monotone cells are brackets, and the remaining
+        # ones are halved again.
         brackets.append(cells[:4, is_monotone & ~is_empty])
         cells = cells[:, ~is_empty & ~is_monotone]
         if not cells.size:
             break
 
-    # The remaining cells contain one extremum or none. A cell is cut at its extremum, or
-    # the extremum is a double zero.
-    has_extremum = _change_sign(*cells[4:])
+    # The remaining cells contain one extremum or none. The slope changes its sign at an
+    # extremum. A cell is cut there, unless the extremum is a double zero.
+    slopes_of_cells = cells[4:]
+    has_extremum = _change_sign(*slopes_of_cells)
     brackets.append(cells[:4, ~has_extremum])
     a, b, value_a, value_b, slope_a, slope_b = cells[:, has_extremum]
     extrema, _ = find_bracketed_zeros(lambda x, _: function(x)[1], a, b, slope_a, slope_b)
@@ -149,12 +154,26 @@ def find_zeros(function: DifferentiableFunction, grid: Floats) -> Zeros:
 
 
 def _classify_cells(cells: Floats, margin: Floats) -> tuple[Bools, Bools]:
-    """Return whether cells (n,) contain no zero, and whether the function is monotone.
+    """Return which of n cells contain no zero, and in which ones the function is monotone.
 
-    `cells` (6, n) has the ends of each cell, the values and the derivatives at both ends,
-    which determine a cubic polynomial. A cubic polynomial is enclosed by its Bernstein
-    coefficients, and its derivative by their differences. Both have to exceed the margin,
-    which covers the error of the polynomial, all with the same sign.
+    In each cell the function is approximated by a cubic polynomial. The values of a cubic
+    polynomial are between its smallest and its largest Bernstein coefficient. Its
+    derivative has one sign if the differences of successive coefficients have this sign. A
+    cell contains no zero if all coefficients have one sign and exceed the margin. The
+    function is monotone if this applies to the differences.
+
+    Parameters
+    ----------
+    cells
+        (6, n) the two ends of each cell, the values at the ends, and the slopes at the
+        ends.
+    margin
+        (n,) bound of the difference between polynomial and function.
+
+    Returns
+    -------
+    is_empty, is_monotone
+        (n,) each.
     """
     # The outer Bernstein coefficients are the values at the ends.
     a, b, value_a, value_b, slope_a, slope_b = cells
@@ -182,8 +201,9 @@ def _add_end_zeros(
 ) -> Zeros:
     """Return the zeros inside a range together with those at its two ends.
 
-    Near an end where the function touches zero, rounding may have produced zeros of the
-    parabola through the end. They are replaced by one double zero at the end.
+    Near an end at which the function touches zero, it resembles a parabola, and rounding
+    may have produced spurious zeros of this parabola. They are replaced by one double zero
+    at the end.
 
     Parameters
     ----------
@@ -214,7 +234,10 @@ def _add_end_zeros(
 
 
 def _halve_cells(function: DifferentiableFunction, cells: Floats) -> tuple[Floats, Floats]:
-    """Return the halves of cells, and the error of the polynomials.
+    """Return the halves of cells, and the error of their cubic Hermite polynomials.
+
+    The Hermite polynomial of a cell has the values and slopes of the function at both ends.
+    In the middle of a cell of width h it is (f_a + f_b) / 2 + h (f_a' - f_b') / 8.
 
     Parameters
     ----------

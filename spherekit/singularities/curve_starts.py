@@ -31,7 +31,7 @@ CLOSING_NEWTON_STEPS = 40
 smaller: failures end sooner."""
 RANDOM_LOCUS_NEWTON_STEPS = 30
 """Most Newton steps from there to the locus, likewise."""
-STARTS_PER_ROUND = 256
+CURVE_STARTS_PER_ROUND = 256
 """Random starts of one round. Larger: rounds without a new result are stronger evidence;
 smaller: the search ends sooner."""
 STARTS_OF_EVERYWHERE_TEST = 64
@@ -160,8 +160,8 @@ class LocusPointSearch:
                 return
             if not self.time_limit.goes_on(f"round {number + 1} of random starts"):
                 return
-            values = closed_configurations(solver, STARTS_PER_ROUND, random)
-            self._random_starts += STARTS_PER_ROUND
+            values = closed_configurations(solver, CURVE_STARTS_PER_ROUND, random)
+            self._random_starts += CURVE_STARTS_PER_ROUND
             self._rounds_without_result += 1
             yield points_from(self.report.locus, values, solver.driven)
 
@@ -188,7 +188,7 @@ class LocusPointSearch:
             return Completeness(Guarantee.SAMPLED, reason)
         notes = [self.time_limit.note]
         if self.section is None:
-            starts_without_result = self._rounds_without_result * STARTS_PER_ROUND
+            starts_without_result = self._rounds_without_result * CURVE_STARTS_PER_ROUND
             reason = (
                 f"{self._random_starts} random starts in the ranges of the inputs led to "
                 f"{self._singular_points} singular configurations, the last "

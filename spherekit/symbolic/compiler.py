@@ -66,14 +66,14 @@ def heyoka_variables(variables: Sequence[ExpressionNode]) -> dict[ExpressionNode
 def heyoka_expressions(
     expressions: Sequence[Expr], variables: Mapping[ExpressionNode, Any]
 ) -> list[Any]:
-    """Return expressions as expressions of heyoka.
+    """Return expressions as expressions of heyoka, the compiler of Taylor integrators.
 
     Parameters
     ----------
     expressions
         Numbers and nodes.
     variables
-        heyoka's expression for each variable: a variable, a parameter or the time.
+        For each variable in them, heyoka's expression: a variable, a parameter or the time.
     """
     module = heyoka()
 
@@ -90,6 +90,7 @@ def heyoka_expressions(
             return module.select(module.gt(value, zero), plus_one, minus_one_or_zero)
         if node.operation == "maximum":
             return module.select(module.gt(*arguments), *arguments)
+        # All other functions have the same name in heyoka.
         operation = _PYTHON_OPERATORS.get(node.operation) or getattr(module, node.operation)
         return operation(*arguments)
 
@@ -122,7 +123,7 @@ def compile_function(
     )
 
     def evaluate(inputs_array: Array, out: Array | None = None) -> Any:
-        """Return the outputs, in `out` if given."""
+        """Return the outputs (outputs, n), which are written to `out` if it is given."""
         return compiled_function(np.ascontiguousarray(inputs_array), outputs=out)
 
     return evaluate

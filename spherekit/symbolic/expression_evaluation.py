@@ -71,7 +71,9 @@ def array_function(
         *program.work_names,
     ]
     row_of_name = {name: row for row, name in enumerate(names)}
-    # Each operation: ufunc, row of its first and of its second argument, row of its result.
+    # All values are rows of arrays, in the order of `names`. An operation consists of a
+    # NumPy function, the row of its first and (or None) of its second argument, and the row
+    # of its result.
     operations: list[tuple[Callable[..., Any], int, int | None, int]] = []
     for step in program.steps:
         name = _NUMPY_NAMES.get(step.operation, step.operation)
@@ -80,9 +82,12 @@ def array_function(
         second_row = argument_rows[1] if len(argument_rows) == 2 else None
         operations.append((ufunc, argument_rows[0], second_row, row_of_name[step.result]))
     work_row_count = len(program.work_names)
-    constant_rows = lru_cache(2)(
-        lambda dtype: [*np.array([*program.constants.values()], dtype=dtype)[:, None]]
-    )
+
+    # Cached for the two number types that are common: float64 and one with more digits.
+    @lru_cache(2)
+    def constant_rows(dtype: Any) -> list[Array]:
+        """Return the constants as rows (1,) of a number type."""
+        return [*np.array([*program.constants.values()], dtype=dtype)[:, None]]
 
     def evaluate(inputs_array: Array, out: Array | None = None) -> Array:
         """Return the outputs (outputs, n) at inputs (inputs, n), see `ArrayFunction`."""
@@ -216,10 +221,12 @@ def _write_program(outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]) ->
         The variables in them.
     """
     nodes = [node for node in iterate_nodes(outputs) if node.operation != "variable"]
+    # The last step that reads each value. Later steps overwrite earlier entries.
     last_step_reading = {x: k for k, node in enumerate(nodes) for x in node.arguments}
 
-    used = [*(x for node in nodes for x in node.arguments), *outputs]
-    numbers = dict.fromkeys(float(x) for x in used if not isinstance(x, ExpressionNode))
+    # Names of numbers, inputs and outputs.
+    values = [*(x for node in nodes for x in node.arguments), *outputs]
+    numbers = dict.fromkeys(float(x) for x in values if not isinstance(x, ExpressionNode))
     name_of: dict[Any, str] = {number: f"c{k}" for k, number in enumerate(numbers)}
     constants = {name_of[number]: number for number in numbers}
     input_names = [f"x{k}" for k in range(len(inputs))]
@@ -228,6 +235,7 @@ def _write_program(outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]) ->
     for output, output_name in zip(outputs, output_names, strict=True):
         name_of.setdefault(output, output_name)
 
+    # One step per node. Names of intermediate values that are no longer needed are free.
     steps = list[_ProgramStep]()
     free_names = list[str]()
     # A dictionary, because it keeps the order and finds a name quickly: long chains have
@@ -236,10 +244,10 @@ def _write_program(outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]) ->
     for k, node in enumerate(nodes):
         arguments = [name_of[x] for x in node.arguments]
         # The result may overwrite an argument that no later step reads.
-        read_last = dict.fromkeys(
+        names_read_last = dict.fromkeys(
             name_of[x] for x in node.arguments if last_step_reading[x] == k
         )
-        free_names += [name for name in read_last if name in work_names]
+        free_names += [name for name in names_read_last if name in work_names]
         if node not in name_of:
             if not free_names:
                 free_names.append(f"z{len(work_names)}")
@@ -250,4 +258,10 @@ def _write_program(outputs: Sequence[Expr], inputs: Sequence[ExpressionNode]) ->
     for output, output_name in zip(outputs, output_names, strict=True):
         if name_of[output] != output_name:
             steps.append(_ProgramStep("positive", [name_of[output]], output_name))
-    return _Program(steps, constants, input_names, output_names, [*work_names])
+    return _Program(
+        steps=steps,
+        constants=constants,
+        input_names=input_names,
+        output_names=output_names,
+        work_names=[*work_names],
+    )

@@ -93,11 +93,17 @@ _BinaryOperation = Callable[[Any, Any], Expr]
 def _make_operator_methods(
     operation: _BinaryOperation,
 ) -> tuple[_BinaryOperation, _BinaryOperation]:
-    """Return the methods for ``node + x`` and ``x + node``, with `operation` as the +.
+    """Return the two methods of a binary operator of nodes, such as + or *.
 
-    Python calls the second one if the first operand x has no such operator for nodes.
-    Operands of other types, such as NumPy arrays, are left to their own operators: this is
-    what `NotImplemented` tells Python.
+    The first method computes ``node + x``, the second one ``x + node``. Python calls the
+    second method if x, the first operand, has no such operator for nodes. If x has another
+    type, such as a NumPy array, both return `NotImplemented`: Python then uses the operator
+    of x.
+
+    Parameters
+    ----------
+    operation
+        The function of two operands that the operator calls, such as `add`.
     """
 
     def node_first(node: Any, operand: Any) -> Expr:
@@ -116,12 +122,13 @@ def _make_operator_methods(
 
 
 class ExpressionNode:
-    """A variable, or an operation on numbers and other nodes.
+    """A variable, or an operation on numbers and other nodes, in a symbolic expression.
 
     Nodes are created by `symbols`, `function` and the operators ``+ - * /``. Equal nodes
-    are the same object. The operators carry out products with 0 and 1, sums with 0, and x -
-    x, and move signs outwards. Values remain the same to the last bit, with one exception:
-    an infinite or undefined value times 0, or minus itself, is 0.
+    are the same object. The operators simplify products with 0 and 1, sums with 0, and
+    x - x, and move minus signs outwards. Values remain the same to the last bit, with one
+    exception: an infinite or undefined value gives 0 if it is multiplied by 0 or subtracted
+    from itself.
 
     Attributes
     ----------
@@ -334,8 +341,8 @@ def separate_constant_parts(
     Returns
     -------
     replaced
-        The expressions, in which new variables replace the constant parts. These parts are
-        as large as possible.
+        The expressions, in which new variables replace the constant parts. The parts are as
+        large as possible.
     part_by_variable
         The part that each new variable replaces.
     """
@@ -345,11 +352,14 @@ def separate_constant_parts(
         if any(x in moving_nodes for x in node.arguments if isinstance(x, ExpressionNode)):
             moving_nodes.add(node)
 
-    # Constant nodes that are arguments of moving ones, or whole expressions.
-    used_by_moving = [x for node in nodes if node in moving_nodes for x in node.arguments]
+    # The largest constant parts are nodes that are arguments of moving nodes, or whole
+    # expressions. The keys of a dictionary have each part once, in order.
+    arguments_of_moving_nodes = [
+        x for node in nodes if node in moving_nodes for x in node.arguments
+    ]
     constant_parts = dict.fromkeys(
         x
-        for x in (*used_by_moving, *expressions)
+        for x in (*arguments_of_moving_nodes, *expressions)
         if isinstance(x, ExpressionNode) and x not in moving_nodes
     )
     variables = symbols(f"design_{k}" for k in range(len(constant_parts)))

@@ -79,17 +79,23 @@ def _frames_from_pose(
 ) -> Frames:
     """Return the frames of a pair whose axis is given in the reference pose.
 
-    Link axes and ground axes coincide in this pose. The zero direction points east, along
-    the circle of latitude of the axis.
+    The reference pose is a configuration in which the file gives the axes of all pairs.
+    Link axes and ground axes coincide in it. The zero direction of a pair points east,
+    along the circle of latitude of the axis.
 
     Parameters
     ----------
     mechanism, geometry
         The mechanism and its geometry, with axes and values in the reference pose.
     design
-        Numbers or expressions that replace some sizes.
+        Numbers or expressions that replace some sizes, by kind and owner; see
+        `DesignGeometry`.
     pair
         An R pair.
+
+    Returns
+    -------
+    The frames (3, 3) of the pair in the axes of its first and of its second link.
     """
     x, y, z = geometry.axes[pair.name]
     longitude = design.get(("longitudes", pair.name), float(np.arctan2(y, x)))
@@ -97,6 +103,7 @@ def _frames_from_pose(
     axis = direction_from_angles(longitude, latitude)
     east = vector([-1.0 * sine(longitude), cosine(longitude), 0.0])
     frame = np.stack([east, cross(axis, east), axis], axis=1)
+    # The variable of the pair has this value in the reference pose.
     value = design.get(("values", pair.name), geometry.values.get(pair.name, 0.0))
     first_frame, second_frame = (
         _rotate_by_size_changes(mechanism, design, link, pair.name, frame)
@@ -116,19 +123,23 @@ def _rotate_by_size_changes(
 ) -> Exprs:
     """Return the frame of a pair in a link whose sizes differ from the reference pose.
 
-    Each size (an arc or its angle) that is replaced turns the frame about an axis by the
+    Each size (an arc or its angle) that is replaced rotates the frame about an axis by the
     change of the size.
 
     Parameters
     ----------
-    mechanism, design
-        The mechanism, with its sizes in the reference pose, and sizes that replace them.
+    mechanism
+        The mechanism, with its sizes in the reference pose.
+    design
+        Numbers or expressions that replace some sizes, by kind and owner; see
+        `DesignGeometry`.
     link, pair
         Names of the link and of one of its pairs.
     frame
         (3, 3) frame of the pair in the reference pose.
     """
-    # The arc comes before its angle: it grows in the plane that it has in the pose.
+    # The arc is changed before its angle, since it grows in the plane that it has in the
+    # reference pose.
     for kind, size_pair, value, growth_axis in pose_sizes(mechanism, link):
         size = design.get((kind, (link, pair)))
         if size_pair == pair and size is not None:
@@ -143,21 +154,32 @@ def _frame_from_sizes(
     link: str,
     pair: str,
 ) -> Exprs:
-    """Return the frame (3, 3) of a pair in a link given by arcs and angles, without zero.
+    """Return the frame (3, 3) of a pair in a link that is given by arcs and angles.
 
-    The reference arc of the first axis leads to the second axis; that of every other axis
-    comes from the first one. The zero direction points along the reference arc.
+    The columns of the frame are the zero direction of the pair, a perpendicular direction
+    and the axis, in link axes. The first axis of the link is z. The reference arc of the
+    first axis leads to the second axis, and that of every other axis comes from the first
+    one. The zero direction points along the reference arc. The zero angle of the pair is
+    not included.
 
     Parameters
     ----------
     mechanism, geometry
         The mechanism and its geometry, with the sizes of links.
     design
-        Numbers or expressions that replace some sizes.
+        Numbers or expressions that replace some sizes, by kind and owner; see
+        `DesignGeometry`.
     link, pair
         Names of the link and of one of its R pairs.
+
+    Raises
+    ------
+    EngineError
+        If the reference arc is 0 or 180 degrees, so that it has no direction.
     """
     sizes = geometry.links.get(link, LinkSizes(()))
+    # Keys of arcs and angles are the link and the pair. Without such sizes of this link,
+    # the frame consists of numbers.
     varied_links = {key[0] for kind, key in design if kind in ("arcs", "angles")}
     if link not in varied_links:
         return reference_frame(axes_from_sizes(sizes), pair).astype(object)

@@ -20,11 +20,12 @@ def convert_to_graph(
     nodes_by_name: Mapping[str, tuple[Expr, Expr]],
     sign: Callable[[Expr], Expr] | None = None,
 ) -> Expr:
-    """Return a parsed expression as a graph of nodes.
+    """Return a parsed expression, such as the torque of a load, as a graph of nodes.
 
     Each name, and each part of the expression, has two values: the full value, and a
-    reduced value that differs from it by whole revolutions at most. Sines, cosines and
-    tangents use the reduced value, which keeps its digits after many revolutions.
+    reduced value that differs from it by a number of whole revolutions (or not at all).
+    Sines, cosines and tangents use the reduced value, which keeps its digits after many
+    revolutions.
 
     Parameters
     ----------
@@ -84,7 +85,8 @@ def convert_to_graph(
             return value, operations[name](*reduced_arguments)
         return value, value
 
-    full_value: Expr = fold(
+    # Both values of a number are the number itself.
+    full_value, _ = fold(
         expression.root, lambda x: (x, x), nodes_by_name.__getitem__, convert_operation
-    )[0]
+    )
     return full_value

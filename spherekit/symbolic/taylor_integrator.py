@@ -48,15 +48,16 @@ class EventFunction:
     kind
         What a zero means.
     variable
-        Number of the pair variable that the event is about, or -1 if it is about none.
+        Number of the pair variable to which the event belongs, or -1 without one.
     sense
-        Of an ending event: the sign that the function must have after the zero, or 0 if
-        passages in both directions count.
+        Only for ending events: the sign that the function must have after the zero. If it
+        is 0, passages in both directions count.
     switch
-        Of a switch: number of the parameter that is set to the new sign of the function.
+        Only for switches: number of the parameter that is set to the new sign of the
+        function.
     sticks
-        Of a switch: a function of the state, the time (s) and the parameters after the
-        switch. It returns whether the motion would switch back at once; the integration
+        Only for switches: a function of the state, the time (s) and the parameters after
+        the switch. It returns whether the motion would switch back at once. The integration
         then ends.
     """
 
@@ -115,7 +116,10 @@ class Integrator:
         compact: bool,
         events: Sequence[EventFunction],
     ) -> None:
-        """Compile the equations and event functions, the arguments of the class."""
+        """Compile the equations and the event functions.
+
+        The class explains the parameters.
+        """
         module = heyoka()
         self.events = events
         self.seen_events: list[tuple[int, float]] = []
@@ -167,7 +171,7 @@ class Integrator:
         }
 
     def _make_noting_callback(self, index: int) -> Callable[[Any, Any, int], None]:
-        """Return heyoka's callback that appends an event with its time to those seen."""
+        """Return heyoka's callback that appends an event with its time to `seen_events`."""
         return lambda _, time, sense: self.seen_events.append((index, time))
 
     def _make_switch_callback(
@@ -228,9 +232,14 @@ class Integrator:
         return float(self._adaptive.time)
 
     def step(self, max_length: float) -> tuple[StepEnd, float]:
-        """Take a step of at most this length (s); return why it ended, and its length (s).
+        """Take one step, and return why it ended and its length (s).
 
         If an event ends the integration, it is the last one of `seen_events`.
+
+        Parameters
+        ----------
+        max_length
+            Largest length of the step, s.
         """
         outcome, length = self._adaptive.step(max_delta_t=max_length, write_tc=True)
         code = int(outcome)

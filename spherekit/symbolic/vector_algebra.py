@@ -67,9 +67,10 @@ def constants(matrix: Floats | Exprs) -> Exprs:
 def determinant(rows: Sequence[Sequence[Expr]]) -> Expr:
     """Return the determinant of a square matrix by expansion along rows (Laplace).
 
-    A minor is the determinant of the last k rows in some k columns. It is identified by
-    these columns and formed once.
+    The minor of k columns is the determinant of these columns in the last k rows. Each
+    minor is formed once.
     """
+    # Minors by their columns.
     minors: dict[tuple[int, ...], Expr] = {(): 1.0}
 
     def form_minor(columns: tuple[int, ...]) -> Expr:
@@ -114,8 +115,9 @@ def singular_values(columns: Sequence[Exprs]) -> list[Expr]:
 
     One-sided Jacobi rotations (Hestenes 1958) make two columns at a time orthogonal, with
     the longer one first. The lengths of the final columns are the singular values. The
-    number of rotations is fixed, so that the result is one expression. Two columns take
-    one rotation.
+    number of rotations is fixed, so that the result is one expression without iteration.
+    One rotation makes two columns orthogonal; three columns take several sweeps over all
+    pairs of columns.
     """
     columns = [*columns]
     pairs = [*combinations(range(len(columns)), 2)]
@@ -123,7 +125,8 @@ def singular_values(columns: Sequence[Exprs]) -> list[Expr]:
     for first, second in pairs * sweeps:
         a = columns[first]
         b = columns[second]
-        # With this angle the rotated columns are orthogonal, and the first is the longer.
+        # With tan(2 angle) = 2 a b / (a^2 - b^2) the rotated columns are orthogonal, and
+        # the first one is the longer.
         angle = 0.5 * function("atan2", 2.0 * dot(a, b), dot(a, a) - dot(b, b))
         c = cosine(angle)
         s = sine(angle)

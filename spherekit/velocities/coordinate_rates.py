@@ -49,7 +49,10 @@ class MotionRates:
 class CoordinateRates(VelocityEquations):
     """Homogeneous rates of variables and links by each input.
 
-    Inputs are counted by their index in `KinematicStructure.input_pairs`.
+    While input i moves at the rate 1 and the others rest, the rates of all variables are
+    tau_i / D. The homogeneous rates tau_i are regular even if the scale D, the determinant
+    of the velocity equations, vanishes. Inputs are counted by their index in
+    `KinematicStructure.input_pairs`.
     """
 
     def __init__(
@@ -88,9 +91,10 @@ class CoordinateRates(VelocityEquations):
         Parameters
         ----------
         driven_rates
-            The rate of each driven pair.
+            The rate of each driven pair, by the number of the pair.
         offsets
-            Right-hand sides (3,) by pair, as in `solve_loops`.
+            Right-hand sides (3,) of the loop equations, by the number of the pair whose
+            velocity they reduce. None for zero.
         """
         rate_by_variable = {
             self.pair_variables[pair][0]: rate for pair, rate in driven_rates.items()
@@ -104,8 +108,8 @@ class CoordinateRates(VelocityEquations):
             for pair, offset in (offsets or {}).items():
                 known_velocities[pair] = known_velocities[pair] - offset * scale
             group_rates, group_scale = group.solve_rates(self.vectors, known_velocities)
-            # All rates before are multiplied by the determinant of this group, so that
-            # nothing is divided.
+            # The rates of earlier groups are multiplied by the determinant of this group,
+            # so that all rates have the same scale and nothing is divided.
             rate_by_variable = {
                 v: rate * group_scale for v, rate in rate_by_variable.items()
             } | group_rates
@@ -149,6 +153,7 @@ class CoordinateRates(VelocityEquations):
         """
         residual_rates: dict[int, Exprs] = {}
         for pair, frames in self._closing_frames.items():
+            # Rotation vectors by which the two frames turn as the size grows.
             rotations = []
             for frame in (frames.by_second_link, frames.by_pair):
                 derivative = vector(differentiate([*frame.ravel()], {size: 1.0}))
@@ -166,8 +171,9 @@ class CoordinateRates(VelocityEquations):
     def link_velocity(self, input_index: int, link: int) -> Exprs:
         """Return the homogeneous angular velocity of a link, along the link's basis.
 
-        Homogeneous velocities are those at the rate 1 of one input, while the others rest,
-        times the determinant of the equations. They are regular where it vanishes.
+        A homogeneous velocity is that at the rate 1 of one input, while the others rest,
+        times the determinant of the velocity equations. It is regular even if the
+        determinant vanishes.
 
         Parameters
         ----------
@@ -182,9 +188,10 @@ class CoordinateRates(VelocityEquations):
         has constant components there, so these expressions are short.
         """
         orientation = self.placed[link]
+        # The sum of all variables on the path from the ground to the link: vector times
+        # rate. The sense is 1 or -1, or 0 if the path does not contain the variable.
         parts: list[Exprs] = []
         for variable, sense in enumerate(self.tree.paths[link]):
-            # 0: the path from the ground to the link does not contain the variable.
             if not sense:
                 continue
             fixed_vectors = self.structure.fixed_vectors(variable)

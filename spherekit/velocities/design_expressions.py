@@ -57,10 +57,11 @@ MakePairs = Callable[[Mapping[str, Expr]], PairRotations]
 
 
 class DesignExpressions:
-    """The quantities of the rows of all designs of a mechanism.
+    """The quantities of the rows of all designs of a mechanism, as expressions.
 
-    Inputs are counted by their index in `inputs`. A *moving* input has the rate 1 while the
-    others rest.
+    A design is the mechanism with other sizes, masses or loads. A row is one configuration
+    of a design with rates and accelerations of its inputs. Inputs are counted by their
+    index in `inputs`. A *moving* input has the rate 1 while the others rest.
 
     Attributes
     ----------
@@ -69,9 +70,12 @@ class DesignExpressions:
     structure
         The kinematics, with symbols for the sizes that differ.
     sample_symbols
-        Symbols of the `sample_names`.
+        Symbols of a sample of the motion: angles, rates and accelerations of all inputs,
+        then the time.
     configuration_symbols
-        Symbols of the signs of the dyads (closed form), or of all pair variables.
+        In closed form, symbols of the signs of the dyads. A dyad (two links in series) can
+        be closed in two ways, between which its sign chooses. Otherwise symbols of all pair
+        variables.
     size_symbols
         Symbols of the sizes that differ, then of the numbers of masses and loads that
         differ.
@@ -119,16 +123,20 @@ class DesignExpressions:
         closed
             (variables,) a closed configuration (rad) of the mechanism, if one is known.
         pointing
-            By output, the direction in which it points if designs differ in it: the name of
-            a pair whose axis it is, or its components (3,) in link axes.
+            The directions of outputs in which designs differ, by the name of the output.
+            A direction is the name of a pair whose axis it is, or its components (3,) in
+            link axes.
         by_rank
-            As in `KinematicStructure.from_mechanism`.
+            Whether the mechanism is known to have a degree of freedom for each input by the
+            rank of its equations, though not by counting.
 
         Raises
         ------
         EngineError
             If there are no expressions for the pairs or groups of the mechanism.
         """
+        # Inputs, groups of links and pair rotations, with symbols for the sizes that
+        # differ.
         size_symbols = symbols(sizes)
         pairs = None
         if make_pairs:
@@ -137,12 +145,13 @@ class DesignExpressions:
         self.inputs = [*inputs]
         self._pointing = pointing or {}
         self.structure = KinematicStructure.from_mechanism(
-            mechanism, inputs, pairs, closed, by_rank
+            mechanism, input_pairs=inputs, pairs=pairs, closed=closed, by_rank=by_rank
         )
         structure = self.structure
         self.sample_symbols = symbols(sample_names(inputs))
         if closed_form is None:
             closed_form = structure.assembly.has_closed_form
+        # Links are placed by inputs and signs of dyads (closed form), or by all variables.
         self.triple_squares: list[Expr] = []
         self.variables: list[Expr] = []
         self._placed: list[LinkOrientation] = []
@@ -157,6 +166,7 @@ class DesignExpressions:
             self.triple_squares = placement.triple_squares
         else:
             self.configuration_symbols = symbols(mechanism.variable_names)
+            # Angles of pairs that follow the inputs through wheels.
             follower_angles = structure.follower_angles(
                 [self.configuration_symbols[v] for v in structure.inputs]
             )
@@ -165,6 +175,8 @@ class DesignExpressions:
                 for v, symbol in enumerate(self.configuration_symbols)
             ]
 
+        # Numbers of masses and loads that differ become symbols. The numbers are visited in
+        # the order in which `differing` counts them.
         number_symbols = symbols(f"number_{k}" for k in differing)
         symbol_by_index = dict(zip(differing, number_symbols, strict=True))
         indices = count()
@@ -204,21 +216,21 @@ class DesignExpressions:
         ]
 
     def differentiate_by_sizes(self, items: Sequence[Expr]) -> list[list[Expr]]:
-        """Return the derivatives of expressions by each size, with the loops kept closed.
+        """Return the derivatives of expressions by each size, while the loops stay closed.
 
-        Profiles other than circles are described by columns: their tangent, point and
-        curvature at the contact, as symbols. The derivatives by these columns follow after
-        the sizes, without the last column of each profile (d2k/ds2, with the curvature k
-        and the arc length s).
+        Profiles other than circles are described by symbols, the profile columns: tangent,
+        point and curvature at the contact. The derivatives by these columns follow after
+        those by the sizes. The last column of each profile (d2k/ds2, with the curvature k
+        and the arc length s) is left out.
 
         Parameters
         ----------
         items
-            The expressions.
+            The expressions to differentiate.
 
         Returns
         -------
-        For each size or column, the derivative of each expression.
+        For each size, then for each profile column, the derivative of each expression.
 
         Raises
         ------
@@ -303,15 +315,16 @@ class DesignExpressions:
     def refuse_ambiguous_name(self, name: str, *arguments: Sequence[Any]) -> Expr:
         """Raise `EngineError` because two quantities have the same name.
 
-        Names of links and pairs can contain underscores, which also join them.
+        Names of links and pairs can contain underscores, which also join them in the names
+        of quantities.
 
         Parameters
         ----------
         name
-            The name.
+            The name of both quantities.
         arguments
             Two sequences: for each of the quantities, the arguments of the method that
-            computes it. Those that are texts are names of links and pairs.
+            computes it. The texts among them are names of links and pairs.
         """
         first, second = (
             listing([x for x in items if isinstance(x, str)]) for items in arguments
@@ -322,7 +335,10 @@ class DesignExpressions:
         )
 
     def sample_variable(self, index: int) -> Expr:
-        """Return one of the `sample_symbols`."""
+        """Return the symbol of an angle, rate or acceleration of an input, or of the time.
+
+        `index` is that in `sample_symbols`.
+        """
         return self.sample_symbols[index]
 
     @cached_property
@@ -402,16 +418,16 @@ class DesignExpressions:
         This is the link from which the output is seen.
         """
         _, base = self._output_links(name)
-        return self.coordinate_rates.placed[base].direction(
-            np.eye(3)
-        ).T @ self._output_direction(name)
+        # The rotation from axes of the reference link to ground axes.
+        rotation = self.coordinate_rates.placed[base].direction(np.eye(3))
+        return rotation.T @ self._output_direction(name)
 
     def _output_jacobian(self, name: str) -> list[Exprs]:
         """Return the columns (3,) of the Jacobian of an output, one for each input.
 
-        A column is the angular velocity of the output's link, relative to the link it is
-        seen from, per unit rate of one input while the others rest. With two inputs and an
-        output that points, it is the rate of the output's direction instead.
+        A column is the angular velocity of the output's link, relative to its reference
+        link, per unit rate of one input while the others rest. With two inputs and an
+        output that points in a direction, it is the rate of this direction instead.
         """
         link, base = self._output_links(name)
         velocities = [w[link] - w[base] for w in self._link_velocities]
@@ -440,8 +456,8 @@ class DesignExpressions:
         output points. The determinant is then the area that they span, with the sign as
         seen along the direction.
         """
-        first, second, *others = self._output_jacobian(name)
-        third = others[0] if others else self._output_direction(name)
+        first, second, *further_columns = self._output_jacobian(name)
+        third = further_columns[0] if further_columns else self._output_direction(name)
         # With two inputs there is no determinant unless the output points.
         assert third is not None
         return dot(cross(first, second), third)
@@ -456,18 +472,23 @@ class DesignExpressions:
     def inertia_rate(self) -> Expr:
         """Return the derivative dB/dq (kg m2/rad) of the inertia B of a single input q.
 
-        The inertia forces need the moment B ddq + (dB/dq) dq^2 / 2. At the rate dq = 1 and
-        without acceleration, it is half of dB/dq.
+        The moment of the inertia forces is B ddq + (dB/dq) dq^2 / 2. At the rate dq = 1 and
+        without acceleration it is half of dB/dq, so the result is twice this moment.
         """
         return 2.0 * self._moments.resistance(0, [1.0], [0.0])
 
     def relative_loop_residual(self) -> Expr:
         """Return the residual of the loop equations at the computed rates.
 
-        It is the norm over all loops and inputs, relative to that of the rates, and zero up
-        to rounding if the equations that give the rates are independent. If equations
-        repeat each other, those that were chosen at one configuration can depend on each
-        other at another one. Their solution then does not satisfy the other equations.
+        If equations repeat each other, the rates are computed from equations that are
+        independent at one configuration. At another configuration they can depend on each
+        other, and the computed rates do not satisfy the remaining equations. The residual
+        shows this. It is zero up to rounding otherwise.
+
+        Returns
+        -------
+        The norm of the residuals of all loops and inputs. The residual of each input is
+        relative to the norm of its rates.
         """
         rates = self.coordinate_rates
         total: Expr = 0.0
@@ -488,6 +509,7 @@ class DesignExpressions:
     @cached_property
     def _inverse_inertia(self) -> list[list[Expr]]:
         """The inverse of the inertia matrix, 1/(kg m2)."""
+        # The inertia matrix is `matrix` times its unit, divided by the square of the scale.
         matrix = self._moments.matrix
         scale = self.coordinate_rates.scale
         factor = scale * scale / (self._moments.unit * determinant(matrix))
@@ -519,6 +541,7 @@ class DesignExpressions:
         """
         link = self.mechanism.link(link_name)
         other = self.mechanism.link(other_name)
+        # The variable of the R pair that joins the links; None if no R pair joins them.
         variable = self.mechanism.angle_between(link, other)
         w = self._link_velocities[moving]
         relative_velocity = w[link] - w[other]
@@ -528,13 +551,13 @@ class DesignExpressions:
             # The variable counts the rotation of the pair's second link relative to its
             # first. The sign changes if the links are asked for in the opposite order.
             first, _ = self.mechanism.ends[self.mechanism.variable_owners[variable]]
-            return self._variable_rates[moving][variable] * (
-                1.0 if first == other else -1.0
-            )
+            sense = 1.0 if first == other else -1.0
+            return self._variable_rates[moving][variable] * sense
         if self._rest_together(link_name, other_name, moving):
             return 0.0
-        # The derivative of a unit vector is perpendicular to it, so that of the direction
-        # does not contribute.
+        # The relative angular velocity is the coefficient times a unit vector. The
+        # derivative of the unit vector is perpendicular to it. So the component of the
+        # derivative along the unit vector is the derivative of the coefficient.
         dw = self._link_velocity_derivatives[moving]
         direction = self._relative_direction(link_name, other_name, moving)
         return dot(dw[link] - dw[other], direction)
@@ -542,9 +565,10 @@ class DesignExpressions:
     def pole(self, link_name: str, other_name: str, moving: int) -> Exprs:
         """Return the unit vector (3,) of the pole axis of two links in ground axes.
 
-        Multiplied by the velocity coefficient, it is the angular velocity of the first link
-        relative to the second one. It is NaN if the links do not move relative to each
-        other and no pair joins them.
+        The pole axis is the axis of the relative rotation of the links. The unit vector
+        times the velocity coefficient is the angular velocity of the first link relative to
+        the second one, per unit rate of the moving input. It is NaN if the links do not
+        move relative to each other and no pair joins them.
 
         Parameters
         ----------
@@ -564,9 +588,10 @@ class DesignExpressions:
         w = self._link_velocities[moving]
         larger_link_velocity = w[max(link, other)]
         relative_velocity = w[link] - w[other]
-        # The velocity of links that rest is rounding, which has a direction too. As in a
-        # run, links rest if their relative velocity is below a part of their own velocity.
-        # The square root of the sign is 1 or NaN.
+        # The relative velocity of links at rest is a rounding error, which has a direction
+        # too. As in a run, links count as at rest if their relative velocity is less than
+        # `NO_MOTION` times the velocity of the link with the larger number, or times 1. The
+        # square root of the sign of the difference is then NaN, otherwise 1.
         least_square = NO_MOTION**2 * function(
             "maximum", 1.0, dot(larger_link_velocity, larger_link_velocity)
         )
@@ -591,8 +616,9 @@ class DesignExpressions:
     def _rest_together(self, link_name: str, other_name: str, moving: int) -> bool:
         """Return whether two links rest relative to each other at all configurations.
 
-        The inputs that do not move then hold them together, and the difference of their
-        angular velocities is zero as an expression. The parameters are those of `pole`.
+        This is the case if the inputs that do not move lock them to each other. The
+        difference of their angular velocities is then zero as an expression. The parameters
+        are those of `pole`.
         """
         w = self._link_velocities[moving]
         relative_velocity = (
@@ -624,11 +650,12 @@ class DesignExpressions:
         return -1.0 * dot(self._inverse_inertia[index], torques)
 
     def linearised(self, kind: str, index: int, other: int) -> Expr:
-        """Return a derivative of an input's acceleration about the motion of the sample.
+        """Return a derivative of an input's acceleration, linearised about the sample.
 
-        All torques are held constant, and all loops stay closed. With the inertia matrix M,
-        the accelerations a and the torques T that the motion needs, the equations of motion
-        give da = M^-1 (dT_applied - dT), where dT is the change of T at constant
+        Torques that are not varied are held constant, and all loops stay closed. With the
+        inertia matrix M, the accelerations a of the inputs and the torques T that the
+        motion needs, a change of the applied torques or of the motion changes the
+        accelerations by da = M^-1 (dT_applied - dT). Here dT is the change of T at constant
         accelerations.
 
         Parameters
@@ -637,7 +664,8 @@ class DesignExpressions:
             "A_q", "A_dq" or "B_torque": the derivative with respect to the angle, the rate
             or the torque of another input.
         index, other
-            The input that accelerates, and the other input.
+            Indices of the input that accelerates, and of the input with respect to whose
+            angle, rate or torque the derivative is taken.
         """
         if kind == "B_torque":
             return self._inverse_inertia[index][other]
@@ -655,9 +683,9 @@ class DesignExpressions:
     def _symbol_rates(self, moving: int) -> dict[ExpressionNode, Expr]:
         """Return the rates of all symbols that change as one input moves.
 
-        They are the angle of this input, the pair variables (unless expressions contain the
-        inputs in closed form), and the columns of profiles: their tangent, point and
-        curvature at the contact. Rates are per unit rate of the moving input.
+        These symbols are the angle of the input, the pair variables (unless expressions are
+        in closed form), and the profile columns: tangent, point and curvature of each
+        profile at the contact. Rates are per unit rate of the moving input.
         """
         rates: dict[ExpressionNode, Expr] = {self.sample_symbols[moving]: 1.0}
         if not self.has_closed_form:
@@ -672,9 +700,9 @@ class DesignExpressions:
         return rates
 
     def generalized_force(self, moving: int) -> Expr:
-        """Return the power of all loads per unit rate of a moving input (N m).
+        """Return the generalised force of all loads on an input (N m).
 
-        It is the generalised force of the loads on this input.
+        It is the power of the loads per unit rate of this input while the others rest.
 
         Raises
         ------
@@ -683,6 +711,7 @@ class DesignExpressions:
         """
         mechanism = self.mechanism
         rates = self.coordinate_rates
+        # The advice of the error names the column of a run with the same torque.
         column = f"dynamics.dynamics: abs(tau_{self.inputs[moving]})"
         if len(self.inputs) == 1:
             column = "eksergian.eksergian: abs(tau)"
@@ -690,8 +719,8 @@ class DesignExpressions:
             mechanism,
             f'a kernel of designs does not solve for; runs do: --reduce "max({column})"',
         )
-        # Loads such as springs depend on angles with their whole revolutions. Of passive
-        # pairs these are symbols, angles of whole revolutions in rad.
+        # Loads such as springs depend on angles with their whole revolutions. For passive
+        # pairs, the angles of whole revolutions are symbols (rad).
         angles = self._angles()
         revolutions = {
             self._variable(pair): angle * (1.0 / TURN)
@@ -757,6 +786,7 @@ class DesignExpressions:
         dyads = (group for group in self.structure.assembly.groups if group.is_dyad)
         # A pair is the middle one of a single dyad.
         (group,) = (dyad for dyad in dyads if dyad.middle == number)
+        # Unit vectors (3,) of the three axes of the dyad, in ground axes.
         first_outer, middle, second_outer = (
             self.coordinate_rates.vectors[self._variable_of_pair(group.pairs[position])]
             for position in group.dyad_positions
@@ -766,7 +796,7 @@ class DesignExpressions:
         double_normal = cross(first_normal, second_normal)
         cosine = dot(first_normal, second_normal)
         # tan(angle) = |sine| / |cosine| of the angle between the normals of both planes.
-        # Both arguments are not negative, so the angle is at most 90 degrees.
+        # Neither argument of atan2 is negative, so the angle is at most 90 degrees.
         return function(
             "atan2",
             function("sqrt", dot(double_normal, double_normal)),

@@ -97,7 +97,11 @@ class RelativeMotion:
 
 
 class InputColumns:
-    """Velocities and poles while one input moves, and their places among all columns.
+    """Velocities and poles while one input moves, and their indices among all columns.
+
+    A pole is the axis about which one link rotates relative to another one. The other
+    inputs are locked. w are the angular velocities of links per unit rate of the moving
+    input, dw their derivatives with respect to it, and v the difference of w of two links.
 
     Attributes
     ----------
@@ -119,7 +123,17 @@ class InputColumns:
     """
 
     def __init__(self, rows: RowExpressions, request: Request, columns: ColumnList) -> None:
-        """Write the expressions and add them to `columns`."""
+        """Write the expressions and add them to `columns`.
+
+        Parameters
+        ----------
+        rows
+            Expressions of a row that do not depend on the moving input.
+        request
+            The moving input, and the poles and links to compute.
+        columns
+            The output columns of the kernel, which are extended in place.
+        """
         self._rows = rows
         self._request = request
         tree = rows.tree
@@ -145,8 +159,8 @@ class InputColumns:
     ) -> Expr:
         """Return the norm of the residual of the equations of all loops.
 
-        In each loop, the vectors of the two links of the closing pair must differ by the
-        vector of this pair.
+        In each loop, the vectors of the two links of the closing pair (the chord) must
+        differ by the vector of this pair.
 
         Parameters
         ----------
@@ -169,6 +183,8 @@ class InputColumns:
 
         The bounds are expressions. r_i are the rates of the variables per unit rate of the
         moving input, a_i their vectors (axes), and w the angular velocities of the links.
+        The velocity equation of a loop is sum a_i r_i = 0, and its derivative is
+        sum (a_i dr_i + da_i r_i) = 0.
         """
         rows = self._rows
         self._speeds = [absolute(rate) for rate in self._rates]
@@ -194,7 +210,11 @@ class InputColumns:
             axis_derivative = carried.length * self._w_bounds[carried.link]
             axis_derivative = axis_derivative + speed * carried.slide_length
             axis_derivative_error = self._axis_derivative_error(
-                carried, speed, rate_errors[v], rows.axis_errors[v], rows.slide_errors[v]
+                carried,
+                speed=speed,
+                rate_error=rate_errors[v],
+                axis_error=rows.axis_errors[v],
+                slide_error=rows.slide_errors[v],
             )
             self._axis_derivative_errors.append(axis_derivative_error)
             term_errors.append(
@@ -209,7 +229,8 @@ class InputColumns:
             term_errors, self.acceleration_residual
         )
 
-        # Along the axis of a pair, the error of the term counts too.
+        # The velocity coefficient of a pair is a component along its axis. Its error is the
+        # error of the rate and that of the term.
         self._rate_errors = [
             error + term_error
             for error, term_error in zip(rate_errors, rate_term_errors, strict=True)
@@ -413,11 +434,12 @@ class InputColumns:
         return bool(self._request.plan.rounded_axes)
 
     def _pair_axis_parts(self, pole: Pole, pair: int) -> dict[str, Iterable[Expr]]:
-        """Return the fields of a pole that is the axis or the contact line of a pair.
+        """Return the quantities of a pole that is the axis or the contact line of a pair.
 
-        The links of the pole can be those of the pair, or links that turn about the same
-        axis. A rolling contact turns its links about its contact line, from the centre of
-        the sphere to the contact point.
+        A pole is the axis about which two links rotate relative to each other. The links
+        can be those of the pair, or links that turn about the same axis. A rolling contact
+        turns its links about its contact line, from the centre of the sphere to the contact
+        point.
 
         Parameters
         ----------
@@ -446,10 +468,10 @@ class InputColumns:
             )
             axis_derivative_error = self._axis_derivative_error(
                 carried,
-                self._speeds[variable],
-                self._rate_errors[variable],
-                axis_error,
-                slide_error,
+                speed=self._speeds[variable],
+                rate_error=self._rate_errors[variable],
+                axis_error=axis_error,
+                slide_error=slide_error,
             )
         unit = carried.vector
         unit_derivative = carried.derivative(self._w[carried.link], self._rates[variable])
@@ -531,9 +553,9 @@ class InputColumns:
         transverse = direction_error * motion.dv_bound
         derivative_error = motion.dv_error + transverse
         unit_derivative_error = (derivative_error + transverse) * inverse_length
-        # In proportion to its limit, this part of the error of the derivative of u counts
-        # like an error of u in proportion to `MAX_CERTIFIED_ERROR_RAD`. The limit is
-        # `MAX_DIRECTION_DQ_ERROR`. Twice `derivative_error` is more than both parts of
+        # The error of du is limited by `MAX_DIRECTION_DQ_ERROR`, that of u by
+        # `MAX_CERTIFIED_ERROR_RAD`. The ratio of both limits converts an error of du to an
+        # equally serious error of u. Twice `derivative_error` is more than both parts of
         # `unit_derivative_error`.
         turn_uncertainty = (
             derivative_error
@@ -549,5 +571,5 @@ class InputColumns:
 
 
 def _error_parts(*bounds: Expr) -> dict[str, Iterable[Expr]]:
-    """Return error bounds by name, in the order of `POLE_ERRORS`."""
+    """Return error bounds by their names; `bounds` are in the order of `POLE_ERRORS`."""
     return {name: [bound] for name, bound in zip(POLE_ERRORS, bounds, strict=True)}

@@ -22,7 +22,7 @@ Larger: a solution of another assembly mode could be taken. Smaller: nearly sing
 which are open by more in float64, are not closed.
 """
 
-CLOSED_STEP_RAD = 1e-25
+CLOSED_ROW_STEP_RAD = 1e-25
 """Largest last step of Newton's method of a closed configuration.
 
 The steps converge quadratically, so the next one is below the rounding of quad precision.
@@ -98,10 +98,10 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
         passive_values = kernel.newton_step.function(extended)
         step_sizes = max_abs((passive_values - x[passive]).astype(float), axis=0)
         x[passive] = passive_values
-        if not np.any(step_sizes > CLOSED_STEP_RAD):
+        if not np.any(step_sizes > CLOSED_ROW_STEP_RAD):
             break
     distances = max_abs((x - start).astype(float), axis=0)
-    is_closed = (step_sizes <= CLOSED_STEP_RAD) & (distances < MAX_DISTANCE_RAD)
+    is_closed = (step_sizes <= CLOSED_ROW_STEP_RAD) & (distances < MAX_DISTANCE_RAD)
     x[:, ~is_closed] = start[:, ~is_closed]
 
     extended = append_profile_columns(x, kernel.profiles, expansion_point=values)

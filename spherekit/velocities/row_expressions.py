@@ -36,6 +36,10 @@ another step of Newton's method, which cannot reduce the residual.
 class RowExpressions(VelocityEquations):
     """Closure, loop inverse and error bounds of one configuration, as expressions.
 
+    The loops of a computed configuration are open by a small rotation, because of its
+    closure residual and of the rounding of sizes. The bounds say by how much this changes
+    variables and axes. They use norms only, so they apply to openings in any direction.
+
     Attributes
     ----------
     passive_variables
@@ -58,7 +62,8 @@ class RowExpressions(VelocityEquations):
     tilt_rad
         Bound of the tilt of an axis (rad) by the rounding of sizes on the path to its link.
     axis_errors, slide_errors
-        Bounds of the errors of the vector of each variable, and of its slide.
+        Bounds of the errors of the vector of each variable (its axis), and of its slide:
+        the derivative of the vector by the variable, which is zero except at contacts.
     loop_counts
         Number of loops that contain each variable.
     condition_number
@@ -98,8 +103,8 @@ class RowExpressions(VelocityEquations):
         self.passive_variables = [
             v for v in range(len(variables)) if v not in input_variables
         ]
-        # (loops, 3, variables): the vector of each variable, with the sense in which the
-        # loop passes its pair.
+        # (loops, 3, variables) the Jacobian of the loop equations: the vector of each
+        # variable, with the sense in which the loop passes its pair. Inputs are fixed.
         equations = np.stack(self.vectors, axis=1) * self.tree.signs[:, None]
         equations[..., input_variables] = 0.0
         self.inverse = loop_inverse(equations, pivots)
@@ -109,8 +114,9 @@ class RowExpressions(VelocityEquations):
     def _set_error_bounds(self) -> None:
         """Set the bounds of the errors of variables, orientations and axes.
 
-        All bounds are expressions, which follow from the inverse of the loop equations by
-        norms: the movement of variables is at most its norm times the opening of the loops.
+        All bounds are expressions. They follow from the inverse of the loop equations by
+        norms: variables move by at most the norm of the inverse times the opening of the
+        loops. The class explains the attributes that are set.
         """
         tree = self.tree
         inverse_squares = [dot(row.flat, row.flat) for row in self.inverse]
@@ -178,7 +184,11 @@ class RowExpressions(VelocityEquations):
         return axis_error, slide_error
 
     def turns_along_paths(self, variable_changes: Sequence[Expr]) -> list[Expr]:
-        """Return a bound of the rotation of each link if variables change by so much."""
+        """Return a bound of the rotation of each link, given changes of the variables.
+
+        Each variable on the path from the ground to a link turns the link by the length of
+        the variable's vector times its change.
+        """
         return self.sum_along_paths(
             [
                 carried.length * change
@@ -202,13 +212,19 @@ class RowExpressions(VelocityEquations):
         return [self.variables[v] + step[v] for v in self.passive_variables]
 
     def solve_loops(self, offsets: Mapping[int, Exprs]) -> list[Expr]:
-        """Return the rates of all variables for given offsets, while the inputs rest."""
-        loop_openings = [
-            vector_sum(
-                x * signs[self.pair_variables[pair][0]] for pair, x in offsets.items()
+        """Return the rates of all variables for given offsets, while the inputs rest.
+
+        `offsets` are angular velocities (3,) by pair, which open the loops that contain the
+        pair. The rates are the inverse of the loop equations times these openings.
+        """
+        loop_openings: list[Exprs] = []
+        for signs in self.tree.signs:
+            # The sense, 1 or -1, in which the loop passes each pair; 0 for other pairs.
+            opening = vector_sum(
+                offset * signs[self.pair_variables[pair][0]]
+                for pair, offset in offsets.items()
             )
-            for signs in self.tree.signs
-        ]
+            loop_openings.append(opening)
         return [dot(row.flat, np.ravel(loop_openings)) for row in self.inverse]
 
 

@@ -93,7 +93,8 @@ class ColumnFunction:
         variables
             The symbols that are inputs.
         profiles
-            Profiles whose columns are inputs after these.
+            Profiles of contacts. Their columns (tangent, point and curvature at the
+            contact) are further inputs, which are computed from the variables.
         compiled
             Whether heyoka compiles the function. NumPy evaluates it otherwise.
         """
@@ -121,14 +122,15 @@ class EvaluatedRow:
     Attributes
     ----------
     variables
-        Values (rad) of all variables.
+        Values (rad) of all pair variables.
     residual
-        Closure residual (rad).
+        Closure residual (rad): the opening of the loops.
     axis_sum
-        (3,) sum of the vectors of all variables, in ground axes. Directions of poles start
-        on its side.
+        (3,) sum of the vectors of all variables, in ground axes. The directions of poles
+        (axes of relative rotation) are chosen on its side at the start of a motion.
     columns
-        All columns of the kernel, whose meaning `InputColumns.column_indices` gives.
+        All columns of the kernel: velocities, poles and their error bounds.
+        `InputColumns.column_indices` says which column has which quantity.
     """
 
     variables: Sequence[float]
@@ -140,23 +142,25 @@ class EvaluatedRow:
 class RowKernel:
     """The functions that evaluate the rows of a run. Each is made when it is first used.
 
-    A row is certified if its loops are closed up to rounding and all its *uncertainties*
-    are at most 1. An uncertainty is the ratio of a condition number or of an error bound to
-    the largest allowed one.
+    A row is one configuration. The columns are the velocities, poles and error bounds that
+    are computed for each row. A row is certified if its loops are closed up to rounding and
+    all its *uncertainties* are at most 1. An uncertainty is the ratio of a condition number
+    or of an error bound to the largest allowed one.
 
     Attributes
     ----------
     engine
-        What evaluates the expressions.
+        "numpy", or "compiled" if heyoka evaluates the expressions.
     passive_variables
         Numbers of the variables that no input sets.
     input_columns
-        For each input that moves, which columns hold its velocities and poles.
+        For each input that moves while the others are locked, the indices of the columns of
+        its velocities and poles.
     closure_rounding_rad
         Loops with a smaller closure residual (rad) are closed up to rounding.
     can_certify_rows
-        Whether certified rows need no other check. It is false if there are no passive
-        variables, since the bounds follow from these, or if poles are uncertain.
+        Whether certified rows need no other check. It is false if poles are uncertain, or
+        if there are no passive variables, from whose equations the bounds follow.
     has_closed_form
         Whether all variables follow from the inputs and the signs of dyads.
     is_compiled
@@ -177,7 +181,11 @@ class RowKernel:
         pivots: EliminationOrder,
         engine: KernelEngine,
     ) -> None:
-        """Write the expressions; see `row_kernel` for the parameters."""
+        """Write the expressions of all columns.
+
+        `pivots` is the order in which variables are eliminated from the loop equations. For
+        the other parameters see `row_kernel`.
+        """
         mechanism = motion.mechanism
         self.engine = engine
         self.passive_variables = motion.passive_variables
@@ -244,9 +252,9 @@ class RowKernel:
             return float_function([*after_step, *columns], self._variables)
         closed_form = self._closed_form
         # In the columns, the symbol of each variable is replaced by its closed form.
-        by_variable = dict(zip(self._variables, closed_form.variables, strict=True))
+        form_by_variable = dict(zip(self._variables, closed_form.variables, strict=True))
         return float_function(
-            [*closed_form.variables, *substitute(columns, by_variable)],
+            [*closed_form.variables, *substitute(columns, form_by_variable)],
             closed_form.arguments,
         )
 
@@ -272,7 +280,7 @@ class RowKernel:
             except (ArithmeticError, ValueError):
                 return None
             kantorovich_number, uncertainty_sum, residual = numbers[count : count + 3]
-            # Written with "not", so that NaN is refused too.
+            # "not <=" also refuses NaN.
             if not kantorovich_number <= MAX_KANTOROVICH_NUMBER:
                 return None
             if residual <= self.closure_rounding_rad:
@@ -314,13 +322,14 @@ class RowKernel:
         }
         for k, columns in enumerate(self.input_columns):
             parts["velocities", k] = columns.velocity_components
-            parts["errors", k] = [
-                largest(
-                    self._columns[index]
-                    for (index,) in columns.column_indices[name].values()
-                )
-                for name in REPORTED_ERRORS
-            ]
+            # The indices of an error bound are a list of one column, by pole.
+            largest_errors: list[Expr] = []
+            for name in REPORTED_ERRORS:
+                error_columns = [
+                    index for (index,) in columns.column_indices[name].values()
+                ]
+                largest_errors.append(largest(self._columns[k] for k in error_columns))
+            parts["errors", k] = largest_errors
         return parts
 
     @cached_property
@@ -341,9 +350,9 @@ class RowKernel:
         """
         assert self._closed_form is not None
         closed_form = self._closed_form
-        by_variable = dict(zip(self._variables, closed_form.variables, strict=True))
+        form_by_variable = dict(zip(self._variables, closed_form.variables, strict=True))
         quality = {
-            name: substitute(expressions, by_variable)
+            name: substitute(expressions, form_by_variable)
             for name, expressions in self._quality_expressions.items()
         }
         parts = {
@@ -367,9 +376,11 @@ class RowKernel:
     def row_bounds(self) -> ColumnFunction:
         """Condition of the loops, their inverse, and residuals for the first input.
 
-        The quantities judge rows that are not certified in float64, and rows in quad
-        precision. The inverse (passive variables, loops, 3) is flattened. `RowExpressions`
-        and `InputColumns` explain the other quantities.
+        With these quantities other code decides about rows that are not certified in
+        float64, and about rows in quad precision. "inverse" is the movement of each passive
+        variable per unit opening of each loop about each ground axis, (passive variables,
+        loops, 3), flattened. `RowExpressions` and `InputColumns` explain the other
+        quantities, which are numbers.
         """
         rows = self._rows
         first_input = self.input_columns[0]
@@ -396,8 +407,9 @@ def row_kernel(
 ) -> RowKernel | None:
     """Return the kernel that computes the requested quantities of a mechanism's rows.
 
-    A kernel holds the expressions of the poles and velocities of a row (a configuration).
-    Kernels are kept in a cache, so equal requests for a mechanism get the same kernel.
+    A kernel evaluates the poles (axes of relative rotation of two links) and velocities of
+    rows (configurations). Kernels are cached, so equal requests for a mechanism get the
+    same kernel.
 
     Parameters
     ----------
@@ -437,10 +449,14 @@ def choose_order(motion: Motion) -> EliminationOrder | None:
     """Return the elimination order that is regular at most rows of a motion.
 
     The order says which variables are eliminated from the equations of which loop, one loop
-    after another. It is regular at a row if no step divides by nearly zero. No single order
-    needs to be regular in all assembly modes: if equations of some loops repeat those of
-    others, the loops concerned can depend on the mode. The result is empty if all variables
-    are inputs, and None if no row has a configuration or no order gives all variables.
+    after another. It is regular at a row if no step divides by nearly zero. If equations of
+    some loops repeat those of others, there may be no order that is regular in all assembly
+    modes (ways to assemble the links).
+
+    Returns
+    -------
+    The order. It is empty if all variables are inputs. None if no row has a configuration,
+    or if no order gives all variables.
     """
     if not motion.passive_variables:
         return []

@@ -71,6 +71,10 @@ RowEngine = Literal["numpy", "compiled", "extended"]
 class RowVelocities:
     """Velocities and poles at the n rows of a motion while one input moves.
 
+    A pole is the axis about which one link rotates relative to another one. Other inputs
+    are locked. w are the angular velocities of the links per unit rate of the moving input,
+    and dw their derivatives with respect to this input.
+
     Attributes
     ----------
     motion, request
@@ -181,8 +185,9 @@ class RowVelocities:
     def quantity(self, name: str, key: Any) -> Floats:
         """Return a quantity (components, n) of a pole or link.
 
-        It is NaN in rows that are not OK. Only directions are also returned in other rows
-        that have a configuration, since the axis of a pair is known without the rates.
+        It is NaN in rows whose status is not OK. Directions are an exception: they are
+        returned in all rows that have a configuration, because the axis of a pair is known
+        without the rates.
 
         Parameters
         ----------
@@ -213,11 +218,17 @@ class RowVelocities:
     def use_planned_velocities(self, planned_poles: PlannedPoles) -> None:
         """Replace w by the angular velocities that follow from the plan of the poles.
 
-        w are the angular velocities of links per unit rate of the moving input. Their
-        derivatives dw remain those of the velocity equations. The difference of w by the
-        plan and by the equations is added to the error of the velocity coefficients. The
-        rows no longer count as certified or as computed in quad precision. Rows in which
-        the plan determines no directions become ILL_CONDITIONED.
+        The plan computes poles one after another, as intersections of great circles. w are
+        the angular velocities of links per unit rate of the moving input. Their derivatives
+        dw remain those of the velocity equations. The difference between w by the plan and
+        w by the equations is added to the error of the velocity coefficients. The rows no
+        longer count as certified or as computed in quad precision. Rows in which the plan
+        determines no directions become ILL_CONDITIONED. All changes are made in place.
+
+        Parameters
+        ----------
+        planned_poles
+            The poles by the plan, at the same rows.
         """
         w, direction_error = planned_poles.link_rates(self.request.bodies)
         self.is_certified[:] = False
@@ -230,8 +241,11 @@ class RowVelocities:
             link: w[body] for link, body in enumerate(self.request.plan.body) if body in w
         }
         for pole, errors in self.pole_errors.items():
-            # Index 1 is the error of the velocity coefficient (`POLE_ERRORS`).
-            errors[1] += norm_columns(self.relative_velocity(pole) - previous_v[pole])
+            _, velocity_coefficient_error, _, _ = errors
+            # In place, since this is a view of `errors`.
+            velocity_coefficient_error += norm_columns(
+                self.relative_velocity(pole) - previous_v[pole]
+            )
 
     def _bound(self, name: str) -> Floats:
         """Return a quantity (n,) of `RowKernel.row_bounds` by its name."""
@@ -240,16 +254,19 @@ class RowVelocities:
     def _find_certified_rows(self) -> Bools:
         """Return (n,) the rows whose error bounds are small enough in float64.
 
-        In such a row the direction of each pole is accurate, or it is certain that its
-        links do not move relative to each other. The direction of a pole is that of the
-        relative angular velocity v of its links, so its error is that of v divided by |v|.
-        dv is the derivative of v with respect to the input.
+        A pole is the axis about which two links rotate relative to each other. In a
+        certified row the direction of each pole is accurate, or it is certain that its
+        links do not move relative to each other. The direction is that of the relative
+        angular velocity v of the links, so its error is the error of v divided by |v|. dv
+        is the derivative of v with respect to the input.
         """
         is_certified = self._bound("condition_number") <= 1.0 / MIN_RECIPROCAL_CONDITION
         # Above 1, the two profiles of a contact have nearly the same curvature.
         is_certified &= self._bound("curvature_uncertainty") <= 1.0
         is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
         for pole in self._signed_poles:
+            # The last bound is that of the derivative of the direction, which is bounded
+            # more simply here.
             direction_error, v_error, dv_error, _ = self.pole_errors[pole]
             v_size = norm_columns(self.relative_velocity(pole))
             dv_size = norm_columns(self.relative_velocity_derivative(pole))
@@ -292,8 +309,9 @@ class RowVelocities:
         best_condition_numbers = inverse_sizes(passive) * np.linalg.norm(
             passive, axis=(1, 2)
         )
-        # Near a singular configuration every order gives a large inverse. Another order
-        # helps only if the best possible inverse is much smaller.
+        # The product of the norms of the Jacobian and of its exact inverse. Near a singular
+        # configuration it is large itself. Another order only helps if it is much smaller
+        # than the condition number by the present order.
         is_regular = condition_numbers[rows] <= MAX_AMPLIFICATION * best_condition_numbers
         needs_order = ~(is_regular | np.isinf(best_condition_numbers))
         rows = rows[needs_order]
@@ -345,12 +363,13 @@ class RowVelocities:
 
         # The bounds of `rounding` are linear in the opening of the loops. The terms of
         # second order are in proportion to the number in Kantorovich's theorem. The theorem
-        # says nothing about larger numbers than the limit, so these, and NaN, count as it.
+        # says nothing about numbers above its limit. They, and NaN, are replaced by the
+        # limit.
         second_order = SECOND_ORDER_FACTOR * np.fmin(
             self._bound("kantorovich_number")[rows], MAX_KANTOROVICH_NUMBER
         )
-        # The errors of a pole also need its spreads: by how much its quantities change as
-        # the loops open. A pole without a sign to choose is the axis of a pair.
+        # The error bounds of each pole. Spreads say by how much its quantities change as
+        # the loops open. A pole that is not among the signed poles is the axis of a pair.
         for pole, errors in self.pole_errors.items():
             errors[:, rows] = rounding.pole_errors(
                 pole,
@@ -367,10 +386,11 @@ class RowVelocities:
     def _make_geometry_rounding(
         self, quad_rows: QuadPrecisionRows, rows: Indices
     ) -> GeometryRounding:
-        """Return the error bounds of rows (k,) that were computed in quad precision.
+        """Return the effect of rounded sizes on rows (k,) computed in quad precision.
 
-        The geometry is rounded: the axes of links are tilted by about `EPS` rad. Therefore
-        the loops remain open by a small angle, the gap.
+        The sizes of the mechanism are rounded to float64, so the axes of links are tilted
+        by about `EPS` rad. Therefore the loops remain open by a small angle, the gap. The
+        result computes bounds of the errors that the gap causes.
 
         Parameters
         ----------
@@ -383,7 +403,7 @@ class RowVelocities:
         # Rows that Newton's method did not close stay open as they were.
         closed_gap = EPS * (2.0 + tree.longest_loop)
         gap = np.where(quad_rows.is_closed, closed_gap, self.motion.residual_bound[rows])
-        # Each loop, closed by one of the chords, can open about three axes.
+        # A chord is a pair that closes a loop. Each loop can open about three axes.
         direction_count = 3 * len(tree.chords)
         # (passive variables, directions, k): movement of variables per unit opening.
         inverse = quad_rows.bounds[self._bound_slices["inverse"]].reshape(
@@ -411,10 +431,10 @@ class RowVelocities:
         )
 
     def _spread(self, quad_rows: QuadPrecisionRows, name: str, key: Any) -> Floats:
-        """Return (k,) by how much a quantity of a row changes as the loops open, per rad.
+        """Return (k,) the change of a quantity of each row per rad by which loops open.
 
-        The sizes of the changes of all components in all directions are summed. A loop can
-        open in three directions, about three axes.
+        Each loop can open about three axes. The absolute changes of all components for all
+        these openings are summed.
 
         Parameters
         ----------
@@ -427,7 +447,7 @@ class RowVelocities:
         return np.sum(changes, axis=0)
 
     def _link_rotations(self, rows: Indices, inverse: Floats) -> Floats:
-        """Return the rotations of links as the loops open, rad per rad.
+        """Return the rotations of all links if a loop opens, in rad per rad of opening.
 
         Parameters
         ----------
@@ -445,8 +465,8 @@ class RowVelocities:
         tree = linearisation.tree
         vectors = linearisation.vectors[rows]
         rotations = np.zeros((inverse.shape[1], tree.count, 3, len(rows)))
-        # For each direction: how all links turn if the passive variables move by `movement`
-        # (passive variables, k) and the inputs rest.
+        # For each direction: the rotations of all links if the passive variables move by
+        # `movement` (passive variables, k) while the inputs rest. `rotation` is a view.
         for rotation, movement in zip(rotations, inverse.swapaxes(0, 1), strict=True):
             rates = np.zeros((len(rows), vectors.shape[1]))
             rates[:, list(self.motion.passive_variables)] = movement.T
@@ -455,16 +475,17 @@ class RowVelocities:
         return rotations
 
     def _compute_from_decimals(self, kernel: RowKernel, rows: Indices) -> None:
-        """Compute rows (k,) that are too near to a singularity for rounded sizes.
+        """Compute rows (k,) from the decimal sizes of the file instead of rounded ones.
 
-        The decimal sizes of the file are used instead. The columns, error bounds and flags
-        of the rows for which this succeeds are changed in place. Other rows stay as they
-        are, and so do all rows if the mechanism is not supported.
+        These rows are so near to a singularity that the rounding of the sizes to float64
+        leaves no correct digit. The columns, error bounds and flags of the rows for which
+        the computation succeeds are changed in place. Other rows stay as they are, and so
+        do all rows if the mechanism is not supported.
 
         Parameters
         ----------
         kernel
-            Tells which columns are the same number in all rows.
+            Its `is_constant` says which columns are the same number in all rows.
         rows
             (k,) indices of the rows.
         """
@@ -475,7 +496,7 @@ class RowVelocities:
         has_rates = decimal_rates.is_known & (
             decimal_rates.relative_error_bound <= MAX_RATE_ERROR
         )
-        # From here on only the rows with rates.
+        # Below, `rows` are only those with rates.
         rows = rows[has_rates]
         self.is_decimal[rows] = True
         self.relative_error_bound[rows] = decimal_rates.relative_error_bound[has_rates]
@@ -503,14 +524,15 @@ class RowVelocities:
             errors[:, rows] = bounds[:, has_rates]
 
     def _add_errors_of_common_axes(self) -> None:
-        """Add the angle between axes that coincide up to rounding to errors of poles.
+        """Increase the errors of poles that are the common axis of several pairs.
 
         Links that turn about a common axis of several pairs have this axis as their pole
         (the axis of their relative rotation). If the axes of these pairs differ by
         rounding, each pair turns about a slightly different axis. This changes the relative
         angular velocity v of the links by at most the sine of the angle between the axes,
         times the sum of the rates. The same applies to the derivative dv of v with respect
-        to the input.
+        to the input. The error bounds of the poles and `axis_separations` are changed in
+        place.
         """
         plan = self.request.plan
         pairs = axis_pairs(plan)
