@@ -328,7 +328,7 @@ class StoredModel:
             self.heading.by_coordinates(f"velocity {stored_name} {axis}") for axis in "xyz"
         ]
         # The result has the components of one input next to each other.
-        names = []
+        names: list[str] = []
         for names_of_input in zip(*names_by_axis, strict=True):
             names += names_of_input
         return sense * self.functions(names, q).reshape(*np.shape(q), 3)

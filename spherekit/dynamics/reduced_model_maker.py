@@ -127,9 +127,13 @@ def reduced_model(
     stored_groups = []
     functions_fitted = 0
     progress = ProgressReporter("fitting functions")
+
+    def describe_progress() -> str:
+        """Return the present progress. The text is only formed if it is shown."""
+        return f"{functions_fitted} of {len(scales)}"
+
     for group, labels in enumerate(labels_of_group):
-        progress_text = f"{functions_fitted} of {len(scales)}"
-        progress.tell(lambda text=progress_text: text)
+        progress.tell(describe_progress)
         # The scales of all groups are in one array, group after group.
         group_scales = scales[functions_fitted : functions_fitted + len(labels)]
         functions_fitted += len(labels)

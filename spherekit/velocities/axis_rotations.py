@@ -63,11 +63,11 @@ VariableRotation = AxisRotation | Exprs
 
 @dataclass(frozen=True)
 class JointTransform:
-    """The rotation from the first link of a pair to the second.
+    """The rotation from the first link of a pair to the second, as a chain of factors.
 
-    R_second = R_first C_0 Z_1 C_1 ... Z_k C_k, where R leads from link axes to ground axes,
-    C are the `constants` (3, 3) and Z the `rotations`, which depend on variables. There is
-    one more constant than rotations.
+    The orientation of the second link is R_second = R_first C_0 Z_1 C_1 ... Z_k C_k. The
+    matrices R lead from link axes to ground axes, C are the `constants` (3, 3) and Z the
+    `rotations`, which depend on pair variables. There is one more constant than rotations.
     """
 
     constants: tuple[Entries, ...]
@@ -89,6 +89,8 @@ class JointTransform:
 @dataclass(frozen=True)
 class ProfileSide:
     """One of the two profiles of a contact, as expressions.
+
+    A profile is the curve along which the contact point moves on one link.
 
     Attributes
     ----------
@@ -191,13 +193,15 @@ def append_profile_columns(
     extended = np.empty((count + column_count * len(profiles), n), dtype=values.dtype)
     extended[:count] = values
     columns_by_profile = extended[count:].reshape(len(profiles), column_count, n)
+    series_values = values if expansion_point is None else expansion_point
     for profile, columns in zip(profiles, columns_by_profile, strict=True):
         _, variable, start = profile.track
-        parameter = (values if expansion_point is None else expansion_point)[variable]
-        columns[:] = profile.series.evaluate(parameter + start)
+        # The arc length of the contact.
+        arc_length = series_values[variable] + start
+        columns[:] = profile.series.evaluate(arc_length)
         if expansion_point is not None:
-            slopes = profile.series.evaluate_derivative(parameter + start)
-            columns += slopes * (values[variable] - parameter)
+            slopes = profile.series.evaluate_derivative(arc_length)
+            columns += slopes * (values[variable] - expansion_point[variable])
     return extended
 
 
@@ -243,14 +247,16 @@ def pair_rotations(
                 for end, track in enumerate(tracks[number])
             )
             sides[number] = first_side, second_side
-            # Both chains have two constants, with rotations between them. The inner
-            # constants become one.
+            # The chain leads to the contact frame and on to the second link. Both parts
+            # have two constants, with a rotation between them. The constants on both sides
+            # of the contact frame become one.
             to_contact = first_side.chain
             from_contact = second_side.chain.reversed()
-            first, before = to_contact.constants
-            after, last = from_contact.constants
+            first, before_contact = to_contact.constants
+            after_contact, last = from_contact.constants
+            constants = (first, before_contact @ after_contact, last)
             rotations = (*to_contact.rotations, *from_contact.rotations)
-            chains.append(JointTransform((first, before @ after, last), rotations))
+            chains.append(JointTransform(constants, rotations))
         else:
             hinge = revolute(joint)
             first_frame, second_frame = design_frames.get(
@@ -312,7 +318,12 @@ def _profile_side(
         chain = JointTransform((np.eye(3), np.eye(3)), (_moving_frame(columns),))
         *_, column_curvature, column_slope = columns
         return ProfileSide(
-            track, chain, column_curvature, column_slope, tuple(columns), last_derivative
+            track,
+            chain=chain,
+            curvature=column_curvature,
+            slope=column_slope,
+            column_symbols=tuple(columns),
+            last_derivative=last_derivative,
         )
     # The moving frame A of a curve with constant curvature k turns about n + k p, which is
     # fixed in the link (by the derivatives of n and p). So
@@ -325,7 +336,12 @@ def _profile_side(
     centre_frame = frame_from(axis, np.array([1.0, 0.0, 0.0]))
     rotation = AxisRotation(track.variable, scale, scale * track.start)
     constants = start.frame[0] @ centre_frame, transpose(centre_frame)
-    return ProfileSide(track, JointTransform(constants, (rotation,)), circle_curvature, 0.0)
+    return ProfileSide(
+        track,
+        chain=JointTransform(constants, (rotation,)),
+        curvature=circle_curvature,
+        slope=0.0,
+    )
 
 
 def _moving_frame(columns: Sequence[Expr]) -> Exprs:

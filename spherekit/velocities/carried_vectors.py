@@ -25,6 +25,10 @@ from spherekit.velocities.pose_expressions import LinkOrientation, place_link
 class CarriedVector:
     """A vector that turns with a link and slides on it as a variable changes.
 
+    It is the vector of a pair variable: the relative angular velocity of the two links of
+    the pair, per unit rate of the variable. The axis of an R pair is fixed in its links.
+    The vector of a contact slides as the contact moves along a profile.
+
     Attributes
     ----------
     vector
@@ -39,10 +43,11 @@ class CarriedVector:
     slide_length
         Length of `slide`.
     slide_change
-        Bound of the derivative of `slide`, seen from the link, without the part that the
-        second derivatives of the curvatures of `sides` cause.
+        Bound of the derivative of `slide` with respect to the variable, seen from the link.
+        The part that follows from the second derivatives of the curvatures of `sides` is
+        not included.
     sides
-        Profiles whose curvature is a factor of `slide`.
+        Profiles of which `slide` contains the curvature.
     """
 
     vector: Exprs
@@ -115,7 +120,7 @@ def carried_vectors(
     for pair, ends in enumerate(mechanism.ends):
         owned = mechanism.variables_of(pair)
         if pair not in pairs.sides:
-            # Of the two links that hold the axis, the one placed first has the shorter
+            # The axis is fixed in two links. The one that is placed first has the shorter
             # expressions.
             axes_by_end = zip(ends, pairs.axes(pair), strict=True)
             link, axis = min(axes_by_end, key=lambda end: placed[end[0]].depth)
@@ -137,7 +142,8 @@ def carried_vectors(
                 first + second, ends[0], slide=cross(first, second)
             )
         else:
-            # Index 0 or 1 of the link that is placed first.
+            # The end (0 or 1) of the link that is placed first, which has the shorter
+            # expressions.
             carrier = placed[ends[0]].depth > placed[ends[1]].depth
             tangent, _, point = _contact_frame(
                 sides[carrier], placed[ends[carrier]], variables

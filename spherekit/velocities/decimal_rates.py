@@ -40,9 +40,10 @@ loops open. Rates of rows with a larger norm are not known."""
 class DecimalRates:
     """Rates of n rows while one input moves at unit rate, and bounds of their errors.
 
-    Rates are per unit rate of the input (rad/rad), and vectors are in ground axes.
-    Derivatives are with respect to the input. Rates and axes are in quad precision, bounds
-    in float64.
+    They are computed from the decimal sizes of the file, for rows that are too near to a
+    dead centre for sizes rounded to float64. Rates are per unit rate of the input
+    (rad/rad), and vectors are in ground axes. Derivatives are with respect to the input.
+    Rates and axes are in quad precision, bounds in float64.
 
     Attributes
     ----------
@@ -93,27 +94,28 @@ class DecimalRates:
         numbers = set(motion.assembly_mode.tolist())
         if not quad_assembly.is_supported or not numbers <= modes.keys():
             return None
-        n, tree = len(motion), motion.linearisation.tree
+        n = len(motion)
+        tree = motion.linearisation.tree
         # (n, links, 3, 3) rotations from link axes to ground axes, in quad precision.
-        values: Array | None = None
+        rotations: Array | None = None
         is_known = np.zeros(n, dtype=bool)
         for mode, rows in _rows_of_modes(motion, [modes[k] for k in sorted(numbers)]):
             placed = quad_assembly.place(
                 mode.signs, mode.determinants, motion.inputs[rows], motion.values[rows]
             )
-            if values is None:
-                values = np.zeros((n, tree.count, 3, 3)).astype(placed.rotations.dtype)
-            values[rows] = placed.rotations
+            if rotations is None:
+                rotations = np.zeros((n, tree.count, 3, 3)).astype(placed.rotations.dtype)
+            rotations[rows] = placed.rotations
             is_known[rows] = placed.status == Status.OK
-        assert values is not None
+        assert rotations is not None
         # The axis of a pair is the last column of its frame in its first link.
-        axes = np.stack(
-            [
-                rotate_vectors(values[:, first], quad_assembly.frames[pair][0][:, 2])
-                for pair, (first, _) in enumerate(tree.ends)
-            ],
-            axis=1,
-        )
+        axes_of_pairs: list[Array] = []
+        for pair, (first_link, _) in enumerate(tree.ends):
+            first_frame, _ = quad_assembly.frames[pair]
+            axes_of_pairs.append(
+                rotate_vectors(rotations[:, first_link], first_frame[:, 2])
+            )
+        axes = np.stack(axes_of_pairs, axis=1)
         return _solve_rates(motion, driven, is_known, axes)
 
     @property
@@ -154,18 +156,24 @@ class DecimalRates:
             (4, n) error bounds, in the order of `POLE_ERRORS`.
         """
         i, j = pole
-        v, dv = self.w[:, j] - self.w[:, i], self.dw[:, j] - self.dw[:, i]
+        v = self.w[:, j] - self.w[:, i]
+        dv = self.dw[:, j] - self.dw[:, i]
         speed = np.sqrt(dot(v, v))
-        link_speeds = [np.sqrt(dot(w, w)) for w in (self.w[:, i], self.w[:, j])]
-        conditioning = speed / (link_speeds[0] + link_speeds[1])
         if pair is None:
-            unit, rate = v / speed[:, None], speed
+            first_speed = np.sqrt(dot(self.w[:, i], self.w[:, i]))
+            second_speed = np.sqrt(dot(self.w[:, j], self.w[:, j]))
+            conditioning = speed / (first_speed + second_speed)
+            unit = v / speed[:, None]
+            rate = speed
+            # The derivative of the unit vector v / |v|.
             direction_change = (dv - dot(dv, unit)[:, None] * unit) / speed[:, None]
         else:
             unit = self.axes[:, pair]
             rate = dot(v, unit)
-            direction_change = np.cross(self.w[:, self.ends[pair][0]], unit)
-            conditioning = np.ones_like(conditioning)
+            # The axis is fixed in the first link of the pair and turns with it.
+            first_link, _ = self.ends[pair]
+            direction_change = np.cross(self.w[:, first_link], unit)
+            conditioning = np.ones_like(speed)
         numbers: Mapping[str, Any] = {
             "direction": unit.T,
             "direction_dq": direction_change.T,
@@ -203,8 +211,9 @@ class DecimalRates:
         if v may be zero within its error.
         """
         derivative_size = np.sqrt(dot(dv, dv)).astype(float)
-        # v and dv are differences of two links.
-        v_error, dv_error = 2.0 * self.w_error, 2.0 * self.dw_error
+        # v and dv are differences of the vectors of two links.
+        v_error = 2.0 * self.w_error
+        dv_error = 2.0 * self.dw_error
         direction = self.axis_error
         # A pair axis a turns at w x a.
         direction_change = self.w_error + self.axis_error * self._largest_speed
@@ -240,28 +249,35 @@ def _rows_of_modes(
 ) -> Iterator[tuple[AssemblyMode, Indices]]:
     """Yield each assembly mode with the rows (k,) of the motion that belong to it.
 
-    A mode (a way to assemble the links) that follows its smooth curve to other modes where
-    they meet has `pieces`: ranges of the input, each with the mode on the curve there. It
-    is replaced by the modes of its pieces, each with the rows at its inputs.
+    A mode is a way to assemble the links. Some modes follow a smooth curve of
+    configurations across points at which modes meet. Such a mode has `pieces`: ranges of
+    the input, each with the ordinary mode to which the curve belongs in this range. It is
+    replaced by these modes, each with the rows in its range.
     """
     for mode in modes:
         rows = np.flatnonzero(motion.assembly_mode == mode.number)
         if not mode.pieces:
             yield mode, rows
             continue
-        # The piece of each row. Index 1 of a piece is its mode.
+        # The index of the piece of each row.
         piece_numbers = mode.pieces_at(motion.inputs[rows, 0])
         for number in np.unique(piece_numbers):
-            yield mode.pieces[number][1], rows[piece_numbers == number]
+            _, piece_mode = mode.pieces[number]
+            yield piece_mode, rows[piece_numbers == number]
 
 
 def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> DecimalRates:
     """Solve the velocity equations and their derivative, and bound the errors.
 
+    The velocity equations J r = 0 of all loops give the rates r of all pairs while one
+    input has the rate 1. Their derivative with respect to this input, J dr = -dJ r, gives
+    dr.
+
     Parameters
     ----------
     motion
-        The n rows, which supply loops, paths and passive variables.
+        The n rows. Its loops, paths and passive variables (those that no input sets) are
+        used.
     driven
         Number of the input pair that moves at unit rate.
     is_known
@@ -270,10 +286,13 @@ def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> D
     axes
         (n, pairs, 3) unit axes of all pairs in ground axes, in quad precision.
     """
-    tree, free = motion.linearisation.tree, list(motion.passive_variables)
+    tree = motion.linearisation.tree
+    passive_variables = list(motion.passive_variables)
     (driven_variable,) = motion.mechanism.variables_of(driven)
-    signs, paths = tree.signs.astype(axes.dtype), tree.paths.astype(axes.dtype)
-    firsts = tree.firsts
+    # The sense, 1 or -1, in which each loop and the path to each link passes each pair; 0
+    # if it does not.
+    signs = tree.signs.astype(axes.dtype)
+    paths = tree.paths.astype(axes.dtype)
     n, count = axes.shape[:2]
 
     def sum_around_loops(vectors: Array) -> Array:
@@ -287,24 +306,28 @@ def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> D
     # J (n, 3 loops, pairs). Its columns are the axes, with the sense in which a loop passes
     # them.
     equations = (signs[:, None, :] * np.swapaxes(axes, 1, 2)[:, None]).reshape(n, -1, count)
-    passive = equations[:, :, free]
+    passive_equations = equations[:, :, passive_variables]
     rates = np.zeros((n, count)).astype(axes.dtype)
     rates[:, driven_variable] = 1
-    rates[:, free] = _solve_linear_systems(passive, -equations[:, :, driven_variable])
+    rates[:, passive_variables] = _solve_linear_systems(
+        passive_equations, -equations[:, :, driven_variable]
+    )
     # An axis a is fixed in the first link of its pair, so its derivative is w x a.
     w = sum_along_paths(rates[:, :, None] * axes)
-    direction_change = rates[:, :, None] * np.cross(w[:, firsts], axes)
+    direction_change = rates[:, :, None] * np.cross(w[:, tree.firsts], axes)
     changes = np.zeros_like(rates)
-    changes[:, free] = _solve_linear_systems(passive, -sum_around_loops(direction_change))
+    changes[:, passive_variables] = _solve_linear_systems(
+        passive_equations, -sum_around_loops(direction_change)
+    )
     dw = sum_along_paths(changes[:, :, None] * axes + direction_change)
 
     # Bounds by norms. A loop or path has at most `count` pairs, and each axis may have an
     # error. These bounds are much too large, but with 33 digits that does no harm.
-    sensitivity = np.linalg.norm(left_inverse(passive.astype(float)), axis=(1, 2))
+    inverse = left_inverse(passive_equations.astype(float))
+    sensitivity = np.linalg.norm(inverse, axis=(1, 2))
     is_known = is_known & (sensitivity < LARGEST_SENSITIVITY)
-    largest_rate, largest_change = (
-        np.max(np.abs(x.astype(float)), axis=1) for x in (rates, changes)
-    )
+    largest_rate = np.max(np.abs(rates.astype(float)), axis=1)
+    largest_change = np.max(np.abs(changes.astype(float)), axis=1)
     axis_error = 2.0 * count**2 * sensitivity * PLACEMENT_ERROR_RAD + PLACEMENT_ERROR_RAD
     rate_error = 2.0 * count * sensitivity * largest_rate * axis_error
     direction_change_error = count * (rate_error + largest_rate * axis_error)

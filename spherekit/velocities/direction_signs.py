@@ -53,16 +53,20 @@ all or (k,)."""
 
 
 class SignContinuation:
-    """The state of the signs at the end of a block of samples of one motion.
+    """The signs of pole directions at the end of a block of samples of one motion.
+
+    The direction of a pole (axis of the relative rotation of two links) is determined up to
+    its sign. A run computes samples in blocks, and the next block continues the signs.
 
     Attributes
     ----------
     last
-        By the number of the assembly mode and the two links of a pole (three numbers): the
-        `VelocityPath` (8,) at the last sample, and the sign of the direction there.
+        The keys are three numbers: that of the assembly mode, and the two links of a pole.
+        The values are the `VelocityPath` (8,) at the last sample, and the sign of the
+        direction at this sample.
     start_sides
-        (3,) for each assembly mode by its number, the vector to whose side directions point
-        at the first sample.
+        By the number of the assembly mode, the vector (3,) to whose side directions point
+        at the first sample of the mode.
     """
 
     def __init__(self) -> None:
@@ -101,11 +105,12 @@ def apply_continuous_signs(
     Parameters
     ----------
     field
-        Poles at the n rows of the motion, whose directions have any sign.
+        Poles at the n rows of the motion, whose directions have arbitrary signs. They are
+        multiplied by signs in place.
     motion, request
         The configurations, and the request of the poles.
     sign_continuation
-        Signs at the end of the previous block. It is updated.
+        Signs at the end of the previous block of rows. It is updated in place.
     """
     n = len(motion)
     # The axis of a pair has its sign already, and two links of one body have no pole.
@@ -126,8 +131,8 @@ def apply_continuous_signs(
     v_error = np.array([field.velocity_coefficient_error[pole] for pole in poles])
     dv_error = np.array([field.acceleration_coefficient_error[pole] for pole in poles])
 
-    # The relative velocity of links that rest throughout is rounding. Their direction is
-    # continued itself.
+    # The relative velocity of links at rest is a rounding error. In place of v, the
+    # direction itself is then continued from row to row.
     is_at_rest = (norm_columns(v) <= v_error) & (norm_columns(dv) <= dv_error)
     along_v = np.where((coefficients * sense < 0.0) & ~is_at_rest, -1.0, 1.0)
     continued_v = np.where(is_at_rest[:, None], directions, sense * v)
@@ -200,7 +205,8 @@ def signs_by_start_sides(
     has_configuration
         (modes, samples) which rows have a configuration.
     sign_continuation
-        The start sides of modes that have rows in earlier blocks. It is updated.
+        The start sides of modes that have rows in earlier blocks. Those of other modes are
+        added in place.
     """
     sides = np.zeros((len(motion.assembly_modes), 3))
     for mode_index, (mode, is_valid) in enumerate(
@@ -340,7 +346,7 @@ def _continue_along_path(
     Parameters
     ----------
     sign_continuation
-        Signs at the end of the previous block. It is updated.
+        Signs at the end of the previous block. It is updated in place.
     key
         Number of the assembly mode and the two links of the pole.
     start_sign
@@ -348,14 +354,15 @@ def _continue_along_path(
     path
         (8, k) coordinate, sense of the input, v and its derivative, as in `VelocityPath`.
     may_reverse
-        (k - 1,) between which samples v may reverse.
+        (k - 1,) whether v may reverse between a sample and the next one.
     """
+    # -1 between samples between which v reverses.
     reversals = np.ones(len(may_reverse))
     if np.any(may_reverse):
         reversals = np.where(may_reverse, _find_reversals(path), 1.0)
     first_sign = start_sign
     if key in sign_continuation.last:
-        # Rows 2 to 4 of a path are v. It may also reverse between the two blocks.
+        # v, rows 2 to 4 of a path, may also reverse between the two blocks.
         last_path, first_sign = sign_continuation.last[key]
         if last_path[2:5] @ path[2:5, 0] < 0.0:
             across_blocks = np.column_stack([last_path, path[:, 0]])

@@ -39,13 +39,15 @@ of these are found out of reach. Smaller: axes with larger errors are trusted.
 class DyadPlacement:
     """Orientations of all links in closed form.
 
+    A dyad is two links in series between two other links, joined by three pairs.
+
     Attributes
     ----------
     orientations
         The orientation of each link.
     triple_squares
-        For each dyad the square of the triple product of its axes. It is negative if the
-        arcs of the dyad do not reach each other.
+        For each dyad the square of the triple product u_1 . (u_2 x u_3) of the axes of its
+        pairs. It is negative if the arcs of the dyad do not reach each other.
     """
 
     orientations: list[LinkOrientation]
@@ -116,7 +118,8 @@ def place_by_inputs(
     ]
     ground = orientations[0]
     if ground.depth:
-        # The ground belongs to a body that was turned. All links are turned back.
+        # The ground belongs to a body that was turned into its place. All links are turned
+        # back together, so that the ground has its own axes again.
         back = constants(ground.within.T) @ ground.basis.T
         orientations = [
             replace(
@@ -134,20 +137,21 @@ def _close_dyad(
     sign: Expr,
     orientations: list[LinkOrientation],
 ) -> Expr:
-    """Turn the two free bodies of a dyad into their places.
+    """Rotate the two free bodies of a dyad so that the dyad is closed.
 
-    The bodies of a dyad (links that are rigid relative to each other) are numbered: the two
-    outer pairs join the free bodies 1 and 2 to body 0, and the middle pair joins them to
-    each other. The middle axis is where the arcs of both free bodies, from their outer axes
-    in body 0, meet. There are two such directions, and the sign chooses one.
+    A body is a set of links that do not move relative to each other. The bodies of a dyad
+    are numbered: the two outer pairs join the free bodies 1 and 2 to body 0, and the middle
+    pair joins the free bodies to each other. Each free body has an arc from its outer axis
+    to its middle axis. The two arcs start at the outer axes in body 0 and meet in the
+    middle axis. There are two such directions, and the sign chooses one.
 
     Parameters
     ----------
     structure, group, sign
         The mechanism, the dyad and its sign as in `place_by_inputs`.
     orientations
-        Orientations of all links, each relative to the body that it is part of. The links
-        of the two free bodies are changed in place.
+        Orientations of all links, each relative to the body to which it belongs. The
+        orientations of the links of the two free bodies are replaced in place.
 
     Returns
     -------
@@ -163,7 +167,7 @@ def _close_dyad(
         link = mechanism.ends[pair][end]
         return BodyAxis(orientations[link], structure.pairs.axes(pair)[end])
 
-    # The outer axes a and c in the fixed body 0, and the outer and the middle axis in each
+    # Known are the outer axes a and c in body 0, and the outer and the middle axis in each
     # of the free bodies 1 and 2.
     a = body_axis(first_outer, 0).direction
     c = body_axis(second_outer, 0).direction
@@ -172,11 +176,15 @@ def _close_dyad(
     first_arc = _arc_between(*first_body_axes)
     second_arc = _arc_between(*second_body_axes)
 
+    # The middle direction is a combination of a + c, a - c and a x c, whose factors follow
+    # from the two arcs and from the triple product of the three axes.
     axis_sum = a + c
     axis_difference = a - c
     sum_square = dot(axis_sum, axis_sum)
     difference_square = dot(axis_difference, axis_difference)
     square = triple_square(first_arc, second_arc, sum_square, difference_square)
+    # The sign refers to the axes in file order. The parity says whether (a, middle, c) is
+    # an odd permutation of that order.
     parity_sign = sign if group.dyad_parity > 0 else -1.0 * sign
     triple_product = function("sqrt", square) * parity_sign
     sum_factor, difference_factor, normal_factor = middle_axis(
@@ -240,8 +248,8 @@ def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
 def _arc_between(first: BodyAxis, second: BodyAxis) -> HalfAngle:
     """Return the arc between two axes of one body, as sine and cosine of half the arc.
 
-    For unit vectors a and b they are |a - b| / 2 and |a + b| / 2, which keep their digits
-    for small arcs.
+    For unit vectors a and b, sine and cosine are |a - b| / 2 and |a + b| / 2. These
+    formulas keep all digits for small arcs.
     """
     if first.orientation is second.orientation:
         # Within one link the arc is a number.
@@ -252,10 +260,9 @@ def _arc_between(first: BodyAxis, second: BodyAxis) -> HalfAngle:
         b = second.direction
     axis_sum = a + b
     axis_difference = a - b
-    return HalfAngle(
-        0.5 * np.sqrt(dot(axis_difference, axis_difference)),
-        0.5 * np.sqrt(dot(axis_sum, axis_sum)),
-    )
+    half_sine = 0.5 * np.sqrt(dot(axis_difference, axis_difference))
+    half_cosine = 0.5 * np.sqrt(dot(axis_sum, axis_sum))
+    return HalfAngle(half_sine, half_cosine)
 
 
 @dataclass(frozen=True)
@@ -268,10 +275,11 @@ class ClosedForm:
         Symbols of the inputs (rad), then of the signs of the dyads. A dyad, two links in
         series, can be closed in two ways, between which its sign (+1 or -1) chooses.
     variables
-        Expressions (rad) of all variables. Passive ones are in (-pi, pi].
+        Expressions (rad) of all pair variables. Variables of pairs that are not inputs are
+        in (-pi, pi].
     triple_squares
-        For each dyad the square of the triple product of its axes, which is negative if the
-        dyad does not close.
+        For each dyad the square of the triple product of its three axes, which is negative
+        if the dyad does not close.
     """
 
     arguments: list[ExpressionNode]
@@ -284,8 +292,11 @@ def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | N
 
     Parameters
     ----------
-    mechanism, assembly
-        The mechanism, and its driven pairs and groups.
+    mechanism
+        The mechanism.
+    assembly
+        Its driven pairs, and its groups: sets of links that are closed together, one group
+        after another.
     """
     if not assembly.has_closed_form or not assembly.groups:
         return None
@@ -362,9 +373,10 @@ def pair_angle(
     chain = structure.pairs.chains[pair]
     first_link, second_link = structure.mechanism.ends[pair]
     first = orientations[first_link]
-    # The first constant of the chain is the frame of the pair in the first link, by
-    # columns: zero direction, the direction 90 deg ahead, axis. The second constant is the
-    # transposed frame in the second link.
+    # The first constant of the chain is the frame of the pair in the first link. Its
+    # columns are the zero direction, the direction 90 degrees ahead, and the axis. The
+    # second constant is the transposed frame in the second link; its first row is the zero
+    # direction there, which acts as a pointer.
     zero = first.direction(chain.constants[0][:, 0])
     quarter = first.direction(chain.constants[0][:, 1])
     pointer = orientations[second_link].direction(chain.constants[1][0])

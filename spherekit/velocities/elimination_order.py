@@ -80,8 +80,8 @@ def assign_elimination_orders(
     # These configurations therefore choose no order, unless there are no others.
     is_singular = np.isinf(least_sizes)
     has_choice = ~is_singular if not np.all(is_singular) else is_singular
-    # `remaining` are the configurations without an order yet, `left_over` those that no
-    # order is chosen for, or for which there is none.
+    # `remaining` are the indices of the configurations without an order yet. For those in
+    # `left_over` no order is chosen, or there is none.
     remaining = np.flatnonzero(has_choice)
     left_over: list[Indices] = [np.flatnonzero(~has_choice)]
     while len(remaining) and len(assigned) < MOST_ORDERS:
@@ -147,12 +147,14 @@ def choose_elimination_order(
     k, rows, count = jacobians.shape
     # (k, loops, 3, variables): the equations after the steps so far.
     remaining = jacobians.reshape(k, rows // 3, 3, count).copy()
+    # Loops and variables that are not yet used by a pivot.
     loops = list(range(rows // 3))
     columns = list(passive)
     pivots: list[Pivot] = []
-    # A pivot changes the loops that contain its variables only. The candidates of the
-    # others are kept, or the number of decompositions would grow with the square of the
-    # number of loops.
+    # By loop, the independence and the variables of its possible pivots. A pivot changes
+    # only the equations of loops that contain its variables. The candidates of other loops
+    # are not computed again; otherwise the number of decompositions would grow with the
+    # square of the number of loops.
     candidates: dict[int, list[tuple[float, list[int]]]] = {}
     while columns:
         # (loops, variables): whether the equations of a loop contain a variable.
@@ -166,10 +168,11 @@ def choose_elimination_order(
             return None
         loop, chosen = best
         pivots.append(best)
-        # The equations of these loops change, so their candidates are judged again.
-        for other, contains in zip(loops, contains_variable, strict=True):
+        # The equations of loops that contain a variable of the pivot change, so their
+        # candidates are judged again.
+        for changed_loop, contains in zip(loops, contains_variable, strict=True):
             if np.any(contains[chosen]):
-                del candidates[other]
+                del candidates[changed_loop]
         loops.remove(loop)
         columns = [c for c in columns if c not in chosen]
         # Express the variables of the pivot by the others, and insert them into other
@@ -210,7 +213,8 @@ def _judge_candidates(
     if not rank:
         return []
     sets = [list(chosen) for chosen in combinations(loop_variables, rank)]
-    axes = np.moveaxis(rows[:, :, sets], 2, 0)  # (sets, k, 3, rank)
+    # (sets, k, 3, rank) the axes of the variables of each set.
+    axes = np.moveaxis(rows[:, :, sets], 2, 0)
     lengths_product = np.prod(np.linalg.norm(axes, axis=2), axis=2)
     independence = np.prod(np.linalg.svd(axes, compute_uv=False), axis=2)
     # The limit prevents a division by zero.
@@ -258,10 +262,10 @@ def _choose_pivot(
         for independence, chosen in candidates[loop]:
             if not independence >= MIN_INDEPENDENCE_RATIO * best_independence:
                 continue
-            # Variables by which those of the pivot are expressed, and the loops that
-            # contain a variable of the pivot, this one included. Each other loop needs one
-            # product for each of these variables and one more. Entries that are zero so far
-            # are filled.
+            # The variables of the pivot are expressed by the other variables of the loop
+            # and inserted into the other loops that contain a variable of the pivot. Each
+            # of these loops needs one product per other variable and one more for the right
+            # side. Entries that are zero so far are filled.
             other_variables = [c for c in loop_variables if c not in chosen]
             loops_with_pivot = contains_variable[
                 np.any(contains_variable[:, chosen], axis=1)
@@ -271,7 +275,8 @@ def _choose_pivot(
             cost = FILL_COST * filled + products
             judged.append((-cost, independence, (loop, chosen)))
     # Lowest cost first, then the most independent axes.
-    return max(judged, key=itemgetter(0, 1))[2]
+    _, _, best_pivot = max(judged, key=itemgetter(0, 1))
+    return best_pivot
 
 
 def inverse_sizes(matrices: Floats) -> Floats:
@@ -321,10 +326,12 @@ def eliminated_inverse_sizes(jacobians: Floats, order: EliminationOrder) -> Floa
                 # Fewer variables than equations: normal equations, as in `loop_inverse`.
                 transposed = np.swapaxes(axes, 1, 2)
                 inverse = left_inverse(transposed @ axes) @ transposed
+            # The equations of this loop, solved for the variables of the pivot, are
+            # inserted into all other loops.
             solved = inverse @ rows[:, loop]
-            for other in range(loops):
-                if other != loop:
-                    rows[:, other] -= rows[:, other][:, :, chosen] @ solved
+            for other_loop in range(loops):
+                if other_loop != loop:
+                    rows[:, other_loop] -= rows[:, other_loop][:, :, chosen] @ solved
             rows[:, loop, : len(chosen)] = solved
         # The solved rows of each pivot are rows of the inverse.
         sizes = np.zeros(n)

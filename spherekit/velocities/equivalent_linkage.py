@@ -40,17 +40,20 @@ from spherekit.velocities.axis_rotations import (
 class EquivalentLinkage:
     """A mechanism of R pairs that moves like a mechanism with contacts of circles.
 
+    A sliding contact of two circles is replaced by a link that is hinged at both centres.
+    Rolling contacts are replaced by constant ratios.
+
     Attributes
     ----------
     contact_mechanism
         The mechanism with contacts.
     pairs_without_rolling
-        Numbers of its pairs, without the rolling contacts.
+        Numbers of the pairs of the mechanism with contacts, without the rolling contacts.
     sliding
         Indices, in `pairs_without_rolling`, of the sliding contacts.
     constant_rotations
-        For each of these pairs the constant rotations (3, 3) of `pair_rotations`: two of an
-        R pair, three of a contact.
+        For each of `pairs_without_rolling`, the constant rotations (3, 3) of
+        `pair_rotations`: two for an R pair, three for a contact.
     variable_rotations
         For each variable of the linkage, its angle as a linear function of a variable of
         the mechanism with contacts.
@@ -118,6 +121,8 @@ class EquivalentLinkage:
         symbol_by_index
             Symbols that replace some of the `numbers`, by their index there.
         """
+        # All numbers in order, with their symbols. Each rotation takes its three Euler
+        # angles from it.
         numbers = iter(symbol_by_index.get(k, x) for k, x in enumerate(self.numbers))
         chains: list[JointTransform] = []
         for index, constant_rotations in enumerate(self.constant_rotations):
@@ -185,9 +190,10 @@ def find_equivalent_linkage(
     except EngineError:
         # Profiles that are no circles have no rotation about a fixed axis.
         return None
-    # From here on, n is the number of a pair of the mechanism.
+    # Below, n is the number of a pair of the mechanism.
     rolling = [n for n in contacts if mechanism.pairs[n].rolls]
     sliding = [n for n in contacts if n not in rolling]
+    # A convex profile must not be in contact with one that is curved alike or more.
     for n in sliding:
         first_curvature, second_curvature = (
             profile.curve.evaluate(np.zeros(1)).curvature[0]

@@ -76,6 +76,9 @@ class LoopEquation:
 class GroupEquations:
     """The solution of the velocity equations of one group of an assembly.
 
+    A group is a set of bodies that are closed together, such as a dyad. The rates of its
+    pairs follow from the velocities of earlier groups and of the inputs.
+
     Attributes
     ----------
     mechanism, pairs
@@ -247,7 +250,7 @@ class GroupEquations:
         scale
             The determinant D.
         """
-        # Of each loop the vectors a_v, by variable, and the vector c.
+        # For each loop the vectors a_v, by variable, and the vector c.
         loop_vectors: list[dict[int, Exprs]] = []
         known_parts: list[Exprs] = []
         for loop in self.loops:
@@ -262,16 +265,16 @@ class GroupEquations:
             )
         equations = self._collect_equations(vectors, loop_vectors, known_parts)
 
-        # Row by row the coefficients of the unknowns in the scalar equations.
-        matrix: list[list[Expr]] = [
-            [
-                dot(equation.direction, equation.vectors[v])
-                if v in equation.vectors
-                else 0.0
-                for v in self.unknowns
-            ]
-            for equation in equations
-        ]
+        # The coefficients of the unknowns in the scalar equations, one row per equation.
+        matrix: list[list[Expr]] = []
+        for equation in equations:
+            row: list[Expr] = []
+            for v in self.unknowns:
+                is_contained = v in equation.vectors
+                row.append(
+                    dot(equation.direction, equation.vectors[v]) if is_contained else 0.0
+                )
+            matrix.append(row)
         right_side = [
             dot(equation.direction, equation.known_part) for equation in equations
         ]

@@ -22,9 +22,10 @@ def find_group_loops(
 ) -> list[LoopPath]:
     """Return independent loops of a group: one for each leaf, then the others.
 
-    A leaf is a body that two pairs join to two different other bodies. One loop passes
-    through it, so the variables of both pairs occur in this loop only. The other loops are
-    closed by pairs outside a spanning tree of the bodies that are no leaves.
+    A group is a set of bodies that are closed together, such as a dyad. A leaf is a body
+    that two pairs join to two different other bodies. Only one loop passes through it, so
+    the variables of both pairs occur in this loop only. The other loops are closed by pairs
+    outside a spanning tree of the bodies that are no leaves.
 
     Parameters
     ----------
@@ -73,18 +74,20 @@ def find_group_loops(
 def _find_leaves(group: Group) -> dict[int, list[int]]:
     """Return the leaves of a group, each with its two pairs.
 
-    A leaf is a body that two pairs join to two different other bodies. No two leaves are
-    neighbours, and the bodies that are no leaves stay connected. Bodies and pairs are
-    positions in the group.
+    A leaf is a body that two pairs join to two different other bodies. Leaves are chosen
+    such that no two of them are neighbours and the bodies that are no leaves stay
+    connected. Bodies and pairs are given by their indices in the group.
     """
     leaves: dict[int, list[int]] = {}
     body_count = len(group.bodies)
     for body in reversed(range(body_count)):
         body_pairs = [k for k, ends in enumerate(group.ends) if body in ends]
         neighbours = {end for k in body_pairs for end in group.ends[k]} - {body}
-        if not len(body_pairs) == len(neighbours) == 2 or neighbours & leaves.keys():
+        joins_two_bodies = len(body_pairs) == len(neighbours) == 2
+        if not joins_two_bodies or neighbours & leaves.keys():
             continue
-        # Are the other bodies still connected? Then a tree has one pair less than bodies.
+        # The other bodies are still connected if their spanning tree has one pair less than
+        # there are bodies.
         left_out = {*leaves, body}
         inner_pairs = [k for k, ends in enumerate(group.ends) if not left_out & set(ends)]
         inner_bodies = [k for k in range(body_count) if k not in left_out]
@@ -97,17 +100,18 @@ def _find_leaves(group: Group) -> dict[int, list[int]]:
 def _find_path(
     ends: Sequence[tuple[int, int]], pairs: Sequence[int], start: int, end: int
 ) -> LoopPath:
-    """Return a path from one link to another.
+    """Return a path from one link to another: pairs with the senses in which it passes.
 
     Parameters
     ----------
     ends
         The two links of every pair of the mechanism.
     pairs
-        The pairs that the path can use.
+        Numbers of the pairs that the path can use.
     start, end
-        Links between which these pairs lead.
+        Numbers of the first and the last link. The pairs must connect them.
     """
+    # The path from the start to each link, along a spanning tree.
     paths: dict[int, LoopPath] = {start: ()}
     for pair, placed_link, new_link in find_spanning_tree(ends, [start], pairs):
         sense = 1 if ends[pair][0] == placed_link else -1

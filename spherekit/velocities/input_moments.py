@@ -24,18 +24,24 @@ from spherekit.velocities.pose_expressions import LinkOrientation
 
 @dataclass(frozen=True)
 class MovingLink:
-    """The inertia of one link in motion, along the link's basis (`LinkOrientation`).
+    """Angular velocities and momenta of one link, while each input moves alone.
+
+    Vectors have components along the basis of the link (`LinkOrientation`), along which
+    vectors that are fixed in the link are constant.
 
     Attributes
     ----------
     link
-        Number of the link.
+        Number j of the link.
     orientation
-        Its orientation.
+        Orientation of the link.
     velocities
-        (3,) for each input the homogeneous angular velocity y_i = D w_ji of the link.
+        (3,) for each input i the homogeneous angular velocity y_i = D w_ji: the angular
+        velocity w_ji of the link per unit rate of this input, times the determinant D of
+        the velocity equations.
     momenta
-        (3,) for each input the angular momentum I y_i over the unit of inertia.
+        (3,) for each input the angular momentum I y_i with the inertia tensor I of the
+        link, divided by the unit of inertia.
     """
 
     link: int
@@ -45,9 +51,9 @@ class MovingLink:
 
 
 class InputMoments:
-    """Inertia matrix and moments of a mechanism, as expressions.
+    """Inertia matrix and inertia moments at the inputs of a mechanism, as expressions.
 
-    All expressions are divided by the unit of inertia.
+    All expressions are divided by a unit of inertia, so that numbers have sizes near one.
 
     Attributes
     ----------
@@ -70,7 +76,7 @@ class InputMoments:
         tensors
             (3, 3) by number of the link, the inertia tensor in link axes, kg m2.
         unit
-            The unit of inertia, kg m2. By default the largest number in the tensors.
+            The unit of inertia, kg m2. With 0 it is the largest number in the tensors.
         """
         self._coordinate_rates = coordinate_rates
         # Expressions of sizes that are nearly zero become exact zeros, so numbers should
@@ -103,8 +109,9 @@ class InputMoments:
         for i in range(input_count):
             row: list[Expr] = []
             for k in range(input_count):
-                # The same expression on both sides of the diagonal.
-                larger, smaller = max(i, k), min(i, k)
+                # Both entries of a symmetric pair get the same expression.
+                larger = max(i, k)
+                smaller = min(i, k)
                 entry: Expr = 0.0
                 for link in self._links:
                     entry = entry + dot(link.velocities[larger], link.momenta[smaller])
@@ -115,24 +122,26 @@ class InputMoments:
     def velocity_moments(
         self, bias_accelerations: Sequence[Exprs], scaled_speeds: Sequence[Expr]
     ) -> list[Expr]:
-        """Return the moments, times D, at inputs that move without accelerating.
+        """Return the inertia moments, times D, at inputs that move without accelerating.
 
         D is the determinant of the velocity equations, I the inertia tensor of a link, and
-        w_ji the angular velocity of link j per unit rate of input i. The rates u_i
-        of the inputs are divided by the scale, s_i = u_i / D, and y_i = D w_ji. With the
-        angular momentum h = I w and w = sum of s_k y_k, the two parts of moment i are
+        w_ji the angular velocity of link j per unit rate of input i. The rates u_i of the
+        inputs are divided by D: s_i = u_i / D, and y_i = D w_ji. A link has the angular
+        velocity w = sum of s_k y_k, the angular momentum h = I w and the angular
+        acceleration b. Its contribution to moment i has two parts:
 
             y_i . I b = I y_i . b,
             y_i . (w x h) = sum over k of s_k h . (y_i x y_k).
 
-        The terms of the second sum for (i, k) and (k, i) differ in sign only.
+        In the second sum, the products for (i, k) and (k, i) only differ in sign, so each
+        is computed once.
 
         Parameters
         ----------
         bias_accelerations
             (3,) angular acceleration b of each link of the mechanism in ground axes.
         scaled_speeds
-            s of each input.
+            s_i of each input.
         """
         input_indices = range(len(scaled_speeds))
         moments: list[Expr] = [0.0 for _ in input_indices]

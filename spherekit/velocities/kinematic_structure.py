@@ -40,19 +40,21 @@ CLOSED_CONFIGURATION_SAMPLES = 9
 class KinematicStructure:
     """Inputs, groups and pair rotations of a mechanism.
 
-    Inputs are driven pairs whose variables are free. Other driven pairs can follow the
-    inputs through wheels. Pairs, variables and links have their numbers in the mechanism.
+    Groups are sets of links that are closed together, one group after another (dyads or
+    larger ones). Inputs are driven pairs whose variables are free. Other driven pairs can
+    follow the inputs through wheels. Pairs, variables and links have their numbers in the
+    mechanism.
 
     Attributes
     ----------
     mechanism
         The mechanism.
     assembly
-        Its driven pairs, and its groups in solving order.
+        The driven pairs of the mechanism, and its groups in solving order.
     pairs
-        The rotations of its pairs, in which sizes can be symbols.
+        The rotations of the pairs as expressions, in which sizes can be symbols.
     groups
-        The solution of the loop equations of each group.
+        The solution of the velocity equations of each group.
     """
 
     mechanism: Mechanism
@@ -111,7 +113,8 @@ class KinematicStructure:
             symbols for sizes, and pairs that follow the inputs.
         closed
             (variables,) a closed configuration (rad). If equations repeat each other,
-            independent ones are chosen there. By default one is computed if needed.
+            those that are independent at this configuration are chosen. By default a
+            configuration is computed if necessary.
         by_rank
             Whether the mechanism is known to have a degree of freedom for each input by the
             rank of its equations, though not by counting. Otherwise this is examined at
@@ -125,10 +128,11 @@ class KinematicStructure:
         PlanError
             If the mechanism does not have a degree of freedom for each input.
         """
-        names = [input_pairs] if isinstance(input_pairs, str) else [*input_pairs]
+        # Pairs that follow the inputs through wheels are driven too.
+        driven_names = [input_pairs] if isinstance(input_pairs, str) else [*input_pairs]
         pairs = pairs or pair_rotations(mechanism)
-        names += mechanism.names_of(pairs.followers)
-        driven_mechanism = driven_at(mechanism, names)
+        driven_names += mechanism.names_of(pairs.followers)
+        driven_mechanism = driven_at(mechanism, driven_names)
         if by_rank:
             assembly = plan_assembly(driven_mechanism, by_rank)
         else:
@@ -180,11 +184,17 @@ class KinematicStructure:
                         )
 
     def fixed_vectors(self, variable: int) -> dict[int, Entries]:
-        """Return the vector (3,) of a variable in the axes of each link it is fixed in.
+        """Return the vector (3,) of a variable in each link in which it is fixed.
 
-        The vector of an R pair is fixed in both of its links. That of a circle of a sliding
-        contact, its axis times the rate of turning about it, is fixed in the link of this
-        circle. Other vectors are fixed in no link.
+        The vector of a variable is the relative angular velocity of the links of its pair,
+        per unit rate of the variable. That of an R pair is its axis, which is fixed in both
+        links. A sliding contact of circles moves along each circle with one variable. The
+        vector of this variable is a multiple of the axis of the circle, and is fixed in the
+        link of the circle. Other vectors are fixed in no link.
+
+        Returns
+        -------
+        By the number of the link, the vector in the axes of this link.
         """
         pair = self.mechanism.variable_owners[variable]
         ends = self.mechanism.ends[pair]
@@ -197,7 +207,7 @@ class KinematicStructure:
         (rotation,) = chain.rotations
         if len(pair_variables) == 1 or not isinstance(rotation, AxisRotation):
             return {}
-        # The second circle turns in the opposite sense.
+        # The vector along the second circle has the opposite sign.
         sense = (1.0, -1.0)[index]
         return {ends[index]: chain.constants[0][:, 2] * (sense * rotation.scale)}
 

@@ -27,12 +27,15 @@ from spherekit.velocities.pose_expressions import LinkOrientation
 
 @dataclass(frozen=True)
 class LoadState:
-    """The moving mechanism on which loads depend, as expressions.
+    """The state of a moving mechanism on which loads depend, as expressions.
+
+    Homogeneous rates are those per unit rate of one coordinate, times the determinant of
+    the velocity equations.
 
     Attributes
     ----------
     mechanism
-        The mechanism.
+        The mechanism with its pairs and links.
     placed
         Orientations of all links.
     tau
@@ -75,8 +78,8 @@ class LoadState:
 
         Returns
         -------
-        The value, and the value less whole revolutions. They differ for angles only. Sines
-        of the reduced value keep their digits after many revolutions.
+        The full value, and the value reduced by whole revolutions. They differ for angles
+        only. Sines of the reduced value keep their digits after many revolutions.
         """
         kind, _, pair = name.partition("_")
         if kind == "t":
@@ -96,18 +99,19 @@ def generalised_forces(load: Load, load_state: LoadState) -> list[Expr]:
 def component_forces(
     components: Sequence[LoadComponent], load_state: LoadState
 ) -> list[Expr]:
-    """Return the power of load components per unit of the rate of each coordinate.
+    """Return the generalised forces of load components, one for each coordinate.
 
-    These are the generalised forces. The coordinates are the inputs, and their rates are
-    homogeneous: all velocities are multiplied by the determinant of the equations. A
-    component has a magnitude, which acts on the variable of a pair or as moments on links.
+    A generalised force is the power per unit rate of a coordinate. The coordinates are the
+    inputs. Their rates are homogeneous: all velocities, and so the forces, are multiplied
+    by the determinant of the velocity equations. A component has a magnitude, which acts on
+    the variable of a pair or as moments on links.
 
     Parameters
     ----------
     components
         Components of one load or of several.
     load_state
-        The moving mechanism.
+        Positions and velocities of the mechanism as expressions.
     """
     forces: list[Expr] = [0.0] * len(load_state.tau)
     # Moments that act on one link in the same way are added before they are projected.
@@ -139,10 +143,11 @@ def component_forces(
 
 
 def steep_arguments(load: Load, load_state: LoadState) -> list[Expr]:
-    """Return the arguments of steep functions in the expressions of a load.
+    """Return the arguments of smooth but steep functions in the expressions of a load.
 
-    Arguments of functions with kinks or jumps are left out, because their conditions end
-    integration steps already.
+    An example is the argument of a hyperbolic tangent that smooths friction. An integrator
+    compares its steps with the loads at zeros and extrema of these arguments. Arguments of
+    functions with kinks or jumps are left out, because integration steps end there anyway.
     """
     arguments: list[Expr] = []
     for component in load.components(load_state.mechanism):
@@ -162,13 +167,14 @@ def _ground_moment(
     orientation
         Orientation of the link.
     axes
-        The axes of `components`: "ground", or those of the link.
+        Axes along which `components` are given: "ground", otherwise those of the link.
     arm
         (3,) the point of the link, in link axes, at which a force acts (m). None for a
         moment.
     components
         (3,) the force or the moment.
     """
+    # The moment of a force is the cross product of its arm and the force.
     if axes != "ground":
         moment = components if arm is None else cross(vector(list(arm)), components)
         return orientation.basis @ (constants(orientation.within) @ moment)
@@ -176,7 +182,8 @@ def _ground_moment(
         return components
     if not all(isinstance(entry, float) for entry in arm):
         return cross(orientation.direction(vector(list(arm))), components)
-    # The entries of a unit vector are compared with 0 and 1, see `constants`.
+    # `direction` makes entries of a unit vector exact that differ from 0 or 1 by rounding,
+    # so the arm is divided by its length first.
     length = float(np.linalg.norm(arm))
     return cross(orientation.direction(np.array(arm) / length) * length, components)
 

@@ -38,8 +38,9 @@ def masses_and_loads(mechanism: Mechanism) -> MassesAndLoads:
 def replace_numbers(part: Any, replace_number: Callable[[Any], Any]) -> Any:
     """Return masses and loads, or a part of them, with other numbers.
 
-    Texts of expressions are left out. If all numbers are replaced by 0, the results are
-    equal for mechanisms that differ in these numbers only.
+    The nested data are visited recursively. Texts of expressions are removed, because they
+    contain the old numbers. So if all numbers are replaced by 0, the results are equal for
+    mechanisms that differ in these numbers only.
 
     Parameters
     ----------
@@ -55,6 +56,7 @@ def replace_numbers(part: Any, replace_number: Callable[[Any], Any]) -> Any:
         return replace_number(part)
     if isinstance(part, int | float):
         return replace_number(float(part))
+    # Dataclasses: the fields that contain numbers.
     fields_with_numbers: dict[str, Any] = {}
     if isinstance(part, LoadComponent):
         fields_with_numbers = {"magnitude": part.magnitude, "moments": part.moments}

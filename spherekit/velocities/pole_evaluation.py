@@ -98,8 +98,9 @@ def evaluate_unsigned(
     """Return the requested poles, whose directions may reverse from row to row.
 
     A pole is the axis about which two links turn relative to each other. The velocity
-    equations of the mechanism give all poles. The plan, which finds poles one after another
-    from great circles, replaces them where they are undetermined, and on its own routes.
+    equations of the mechanism give all poles. The plan computes poles one after another, as
+    intersections of great circles. Its poles replace those that the equations leave
+    undetermined, and all poles on the routes "first" and "conditioned".
 
     Parameters
     ----------
@@ -152,8 +153,9 @@ def evaluate_unsigned(
 class _PoleColumns:
     """The quantities of one pole at n rows, while they are being completed.
 
-    v is the angular velocity of the second link of the pole relative to the first, per unit
-    rate of the input, and dv its derivative with respect to the input.
+    A pole is the axis about which two links rotate relative to each other. v is the angular
+    velocity of its second link relative to its first, per unit rate of the input, and dv
+    the derivative of v with respect to the input.
 
     Attributes
     ----------
@@ -162,7 +164,8 @@ class _PoleColumns:
     velocity_coefficient, acceleration_coefficient
         (n,) v . u and dv . u.
     direction_error, velocity_error, acceleration_error, direction_dq_error
-        (n,) bounds of the errors of these four.
+        (n,) bounds of the errors of the direction, of the two coefficients, and of the
+        derivative of the direction.
     """
 
     direction: Floats
@@ -281,9 +284,9 @@ def _take_planned_direction(
 
     A pole is the axis about which two links turn relative to each other. The plan finds
     poles one after another, as intersections of great circles. The coefficients, which are
-    components along the direction, and the error bounds change with the direction. Its
-    derivative is kept only where the velocity equations give a direction too, or if it is
-    the axis of a pair; otherwise it becomes NaN.
+    components along the direction, and the error bounds change with the direction. The
+    derivative of the direction stays if it is the axis of a pair, or in rows in which the
+    velocity equations give a direction too. Otherwise it becomes NaN.
 
     Parameters
     ----------
@@ -296,15 +299,15 @@ def _take_planned_direction(
     planned_poles
         Directions by the plan, with any sign.
     rows
-        (n,) where the direction is replaced.
+        (n,) rows in which the direction is replaced.
     is_open
-        (n,) where the velocity equations leave the direction open.
+        (n,) rows in which the velocity equations do not determine the direction.
     """
     plan = row_velocities.request.plan
     body_pole = plan.pole(*pole)
     assert body_pole is not None
     planned_direction = planned_poles.directions[body_pole]
-    # The sign of the direction so far is retained, if there is one.
+    # The new direction points to the side of the present one, if there is one.
     is_opposite = ~is_open & (dot_columns(columns.direction, planned_direction) < 0.0)
     planned_direction = planned_direction * np.where(is_opposite, -1.0, 1.0)
     # The bounds of the plan assume axes that are known up to rounding. Here axes have the
@@ -336,7 +339,7 @@ def _take_planned_direction(
 def make_certified_field(
     input_columns: InputColumns, columns: Floats, motion: Motion, request: Request
 ) -> PoleField:
-    """Return the poles of rows whose float64 results a kernel certifies.
+    """Return the poles of rows whose float64 results a kernel certifies as accurate.
 
     The kernel has computed all quantities as columns. Here they are sorted into the fields
     of a `PoleField`, by pole or link.
@@ -344,7 +347,7 @@ def make_certified_field(
     Parameters
     ----------
     input_columns
-        Tells which columns hold the quantities while one input moves.
+        Its `column_indices` says which columns belong to which quantity.
     columns
         (columns, n) all columns of the kernel, in which pole directions have their sign.
     motion, request
@@ -374,9 +377,10 @@ def make_certified_field(
 def add_locked_pole(field: PoleField, motion: Motion, pole: Pole) -> None:
     """Add the pole of two links that cannot move relative to each other.
 
-    The inputs hold them together, so there is no axis of relative rotation. Their
-    coefficients and the error bounds of these are 0. Directions, their error bounds and the
-    conditioning are NaN, and so is everything in rows that are not OK.
+    The locked inputs join them to one body, so there is no axis of relative rotation.
+    Velocity and acceleration coefficient and their error bounds are 0. Directions, their
+    error bounds and the conditioning are NaN. In rows whose status is not OK, all
+    quantities are NaN.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ class Request:
     derivatives
         Whether the derivatives of the velocity coefficients are requested.
     planes
-        Poles of which two great circles are requested as well.
+        Poles for which two great circles through the pole are requested as well.
     links
         Links whose angular velocities are requested.
     """
@@ -104,7 +104,7 @@ def request(
     derivatives
         Whether the derivatives of the coefficients are wanted.
     planes
-        Pairs of link numbers of whose poles two great circles are wanted.
+        Pairs of link numbers for whose poles two great circles are requested.
     by_rank
         As in `spherekit.planning.pole_planner.plan`.
     links

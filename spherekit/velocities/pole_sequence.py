@@ -63,6 +63,10 @@ class CircleIntersection:
 class PlannedPoles:
     """The poles of a plan at the n rows of a motion, with any signs of secondary poles.
 
+    A pole is the axis about which two bodies rotate relative to each other. The plan
+    computes poles one after another. Primary poles are axes of pairs. Secondary poles are
+    intersections of two great circles through known poles.
+
     Attributes
     ----------
     directions
@@ -72,7 +76,7 @@ class PlannedPoles:
     """
 
     def __init__(self, plan: Plan, motion: Motion, route: Route = "best") -> None:
-        """Follow the steps of the plan.
+        """Compute the directions and errors of all poles, step by step.
 
         Parameters
         ----------
@@ -111,10 +115,15 @@ class PlannedPoles:
         """Return the two great circles from which a pole is computed.
 
         The pole of bodies i and j lies on the great circle through the poles of i and k and
-        of j and k, for any third body k, and in the contact plane of a sliding pair between
-        i and j. The route "first" takes the first two great circles. Otherwise the one with
-        the smallest error is chosen at each row, and then the one that has the most
-        accurate intersection with it.
+        of j and k, for any third body k. It also lies in the contact plane of a sliding
+        pair between i and j. The route "first" takes the first two great circles. Otherwise
+        the circle with the smallest error is chosen at each row, and then the circle that
+        has the most accurate intersection with it.
+
+        Parameters
+        ----------
+        step
+            The pole (two bodies), the third bodies k, and the sliding pairs.
         """
         i, j = step.pole
         n = len(self.motion)
@@ -128,14 +137,16 @@ class PlannedPoles:
         normal_errors += [np.zeros(n)] * len(step.contacts)
 
         count = 2 if self.route == "first" else len(normals)
-        # (circles, 3, n) and (circles, n)
+        # Normals of the circles (circles, 3, n), and errors of their directions
+        # (circles, n). A short normal, of nearly equal poles, has a large error.
         circles = np.stack(normals[:count])
         length = norm_columns(circles)
         errors = (np.stack(normal_errors[:count]) + EPS) / np.maximum(length, EPS)
-        # If there are only two circles, they keep their order. The sense of the pole is
-        # then that of the plan.
+        # (n,) index of the first circle. If there are only two circles, they keep their
+        # order. The sense of the pole is then that of the plan.
         first = np.argmin(errors, axis=0) * (len(errors) > 2)
         first_normal = circles[first, :, rows].T
+        # The sines of the angles between the first circle and all circles.
         sine = norm_columns(cross_columns(first_normal, circles))
         sine /= np.maximum(length * length[first, rows], EPS * EPS)
         intersection_errors = (errors + errors[first, rows]) / np.maximum(sine, EPS)
@@ -150,9 +161,14 @@ class PlannedPoles:
     def _solve_block(self, step: BlockPoles) -> None:
         """Add the poles of an irreducible part, from the null vector of its equations.
 
-        The poles of such a part do not follow from great circles alone. The part has one
-        degree of freedom, so its velocity equations determine the rates of all its pairs up
-        to a factor, and with them the direction of each pole.
+        The poles of such a part of the mechanism do not follow from great circles alone.
+        The part has one degree of freedom, so its velocity equations determine the rates of
+        all its pairs up to a factor, and with them the direction of each pole.
+
+        Parameters
+        ----------
+        step
+            The links and pairs of the part, and its poles.
         """
         # Bodies of the part are counted from 0 in its tree.
         body_index = {link: k for k, link in enumerate(step.links)}
@@ -182,10 +198,11 @@ class PlannedPoles:
     def link_rates(self, bodies: tuple[int, ...]) -> tuple[dict[int, Floats], Floats]:
         """Return the angular velocities of bodies per unit rate of the moving input.
 
-        With the bodies a and b of the input, the angular velocity of body k relative to a
-        is w_k = x u_ak. The factor x follows from u_ab = x u_ak + y u_bk, the vector form
-        of eq. (5) of Di Gregorio (2024). It is 0/0 only if the axes u_ak and u_bk coincide,
-        and not if the rate about one of them vanishes.
+        With the bodies a and b of the input and the direction u_ik of the pole of bodies i
+        and k, the angular velocity of body k relative to a is w_k = x u_ak. The factor x
+        follows from u_ab = x u_ak + y u_bk, the vector form of eq. (5) of Di Gregorio
+        (2024). It is 0/0 only if the axes u_ak and u_bk coincide, and not if the rate about
+        one of them vanishes.
 
         Parameters
         ----------
@@ -197,18 +214,20 @@ class PlannedPoles:
         w
             (3, n) angular velocity of each body relative to the ground, in ground axes.
         error
-            (n,) largest error bound of any of the axes relative to the sine of the angle
-            between u_ak and u_bk, which bounds the relative error of w.
+            (n,) bound of the relative error of w: the largest sum, over the bodies k, of
+            the error bounds of u_ak and u_bk, divided by the sine of the angle between
+            these axes.
         """
         a, b = self.plan.ends[self.plan.input]
         input_axis = self.directions[pole_of(a, b)]
-        # Relative to body a, of which the input moves body b.
+        # By body, angular velocities relative to body a. The input moves body b.
         w = {a: np.zeros_like(input_axis), b: input_axis}
         error = np.zeros(len(self.motion))
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             for body in set(bodies) - {a, b}:
                 pole_a = pole_of(a, body)
                 pole_b = pole_of(b, body)
+                # The cross product of the equation of x and y with u_bk gives x.
                 normal = cross_columns(self.directions[pole_a], self.directions[pole_b])
                 square = dot_columns(normal, normal)
                 along = dot_columns(
@@ -220,15 +239,21 @@ class PlannedPoles:
         error = np.nan_to_num(
             error, nan=MAX_DIRECTION_ERROR_RAD, posinf=MAX_DIRECTION_ERROR_RAD
         )
+        # Relative to the ground, body 0.
         return {body: rates - w[0] for body, rates in w.items()}, error
 
     def great_circles(self, pole: Pole) -> Floats:
         """Return the unit normals (n, 2, 3) of two great circles that meet in a pole.
 
-        `pole` is two links. Their pole is the axis about which they turn relative to each
-        other. If the plan computes the pole in another way, the great circles pass through
-        the computed poles that each of the two has with a third body. The result is NaN if
-        there are fewer than two, or if both links belong to one body.
+        The two circles are those from which the plan computes the pole. If the plan
+        computes it in another way, each circle passes through the poles that the two links
+        have with a third body. The result is NaN if there are fewer than two such bodies,
+        or if both links belong to one body.
+
+        Parameters
+        ----------
+        pole
+            Two links. Their pole is the axis about which they turn relative to each other.
         """
         no_circles = nans((len(self.motion), 2, 3))
         body_pole = self.plan.pole(*pole)
@@ -246,6 +271,7 @@ class PlannedPoles:
                 ]
                 if len(third_bodies) < 2:
                     return no_circles
+                # A step of a plan as if the pole were computed from these bodies.
                 circles = self._choose_great_circles(
                     LinePole(body_pole, 0, tuple(third_bodies))
                 )
@@ -262,7 +288,7 @@ def _unit_vectors(vectors: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class NullMotion:
-    """The motion of a part with one degree of freedom, at n configurations.
+    """The motion of a mechanism with one degree of freedom, at n configurations.
 
     Attributes
     ----------
@@ -279,14 +305,14 @@ class NullMotion:
 
 
 def solve_null_motion(tree: LoopTree, vectors: Floats) -> NullMotion:
-    """Return the motion of a part with one degree of freedom, up to its scale.
+    """Return the motion of a mechanism with one degree of freedom, up to its scale.
 
     The rates of its variables are the null vector of its loop equations.
 
     Parameters
     ----------
     tree
-        The loops of the part.
+        The loops of the mechanism, or of a part of it.
     vectors
         (n, variables, 3) vectors of the variables in ground axes.
     """

@@ -33,9 +33,9 @@ class LinkOrientation:
     within
         (3, 3) numbers, or expressions of sizes: the rotation from link axes to the basis.
     depth
-        Number of links that were placed before on the path to this one. The expressions of
-        a direction are shortest in the link with the smallest depth among those that hold
-        it.
+        Number of links that were placed before on the path to this one. If a direction is
+        fixed in several links, its expressions are shortest in the link with the smallest
+        depth.
     """
 
     basis: Exprs
@@ -87,12 +87,13 @@ def place_link(
         if not isinstance(rotation, AxisRotation):
             basis = basis @ rotation
             continue
-        # The sine and cosine of a positive multiple of the variable are shared with the
-        # reversed chain.
+        # The angle is written with a positive multiple of the variable. So the reversed
+        # chain, with the opposite angle, uses the same sine and cosine.
         sense = 1.0 if rotation.scale > 0.0 else -1.0
         angle = abs(rotation.scale) * variables[rotation.variable] + sense * rotation.offset
         cosine = function("cos", angle)
         sine = sense * function("sin", angle)
+        # The product of the basis with a rotation about z.
         basis = np.stack(
             [
                 basis[:, 0] * cosine + basis[:, 1] * sine,

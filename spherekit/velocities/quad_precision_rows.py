@@ -40,12 +40,12 @@ BATCH_ROWS = 256
 
 @dataclass(frozen=True)
 class QuadPrecisionRows:
-    """Rows that were computed in quad precision, rounded to float64.
+    """Rows (configurations) that were computed in quad precision, rounded to float64.
 
     Attributes
     ----------
     columns
-        (columns, n) all columns of the kernel.
+        (columns, n) all columns of the kernel: velocities, poles and their error bounds.
     bounds
         (bounds, n) output of `RowKernel.row_bounds`.
     opening_changes
@@ -87,12 +87,14 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
     """Return at most `BATCH_ROWS` rows, computed in quad precision.
 
     The parameters are those of `recompute_in_quad`. Newton's method first closes the loops.
-    A row whose steps do not become small, or that moves far, keeps its variables.
+    A row keeps its variables if the steps do not become small, or if it moves far.
     """
     passive = list(kernel.passive_variables)
     start = values.astype(quad())
+    # (variables, n) the present iterate.
     x = start.copy()
     for _ in range(MAX_NEWTON_STEPS):
+        # The series of profiles are evaluated in float64 at `values`, and extrapolated.
         extended = append_profile_columns(x, kernel.profiles, expansion_point=values)
         # The passive variables after a step. Inputs are not changed.
         passive_values = kernel.newton_step.function(extended)
@@ -115,15 +117,16 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
 
 
 def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> Floats:
-    """Return the sizes of the changes of columns as loops open, summed over directions.
+    """Return the absolute changes of columns as loops open, summed over all directions.
 
-    The derivatives are computed with complex steps: f'(x) = Im f(x + ih) / h (Squire and
-    Trapp 1998).
+    A loop can open about three axes, so there are three directions for each loop. The
+    derivatives are computed with complex steps: f'(x) = Im f(x + ih) / h (Squire and Trapp
+    1998).
 
     Parameters
     ----------
     kernel
-        The kernel.
+        The functions of all columns.
     values
         (variables, n) closed configurations (rad).
     inverse
@@ -141,6 +144,7 @@ def _sum_opening_changes(kernel: RowKernel, values: Floats, inverse: Floats) -> 
     # for `BATCH_ROWS` rows.
     directions_per_call = max(1, BATCH_ROWS // max(count, 1))
     for start in range(0, direction_count, directions_per_call):
+        # The configurations are repeated once for each direction of this call.
         movements = inverse[:, start : start + directions_per_call]
         repeated = np.tile(values, movements.shape[1])
         stepped = repeated.astype(complex)

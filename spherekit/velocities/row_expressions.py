@@ -214,18 +214,19 @@ class RowExpressions(VelocityEquations):
     def solve_loops(self, offsets: Mapping[int, Exprs]) -> list[Expr]:
         """Return the rates of all variables for given offsets, while the inputs rest.
 
-        `offsets` are angular velocities (3,) by pair, which open the loops that contain the
-        pair. The rates are the inverse of the loop equations times these openings.
+        `offsets` are vectors e (3,) by pair: the relative angular velocity of the links of
+        a pair is that of its variables minus e. The sum of the offsets around a loop, times
+        the inverse of the loop equations, gives the rates.
         """
-        loop_openings: list[Exprs] = []
+        loop_offsets: list[Exprs] = []
         for signs in self.tree.signs:
             # The sense, 1 or -1, in which the loop passes each pair; 0 for other pairs.
-            opening = vector_sum(
+            offset_sum = vector_sum(
                 offset * signs[self.pair_variables[pair][0]]
                 for pair, offset in offsets.items()
             )
-            loop_openings.append(opening)
-        return [dot(row.flat, np.ravel(loop_openings)) for row in self.inverse]
+            loop_offsets.append(offset_sum)
+        return [dot(row.flat, np.ravel(loop_offsets)) for row in self.inverse]
 
 
 def curvature_uncertainties(rows: RowExpressions) -> list[Expr]:

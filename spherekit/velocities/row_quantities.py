@@ -25,10 +25,11 @@ input (A_q), to the rate of an input (A_dq) and to a torque (B_torque)."""
 
 
 def sample_names(inputs: Sequence[str]) -> Names:
-    """Return the names of the numbers that a sample of a motion consists of.
+    """Return the names of the numbers of which a sample of a motion consists.
 
     They are ``q``, ``dq``, ``ddq`` (angle, rate and acceleration of the input; rad, s) and
-    ``t`` (the time). With several inputs they are ``q_PAIR`` of each input, and so on.
+    ``t`` (the time). With several inputs they are ``q_PAIR`` for each input, then
+    ``dq_PAIR`` for each, then ``ddq_PAIR`` for each, then ``t``.
 
     Parameters
     ----------
@@ -75,14 +76,16 @@ def row_quantities(mechanism: Mechanism) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class RowQuantity:
-    """A quantity of rows, and the method that computes it.
+    """A quantity of rows of designs, and the method that computes it.
+
+    A row is one configuration of one design of a mechanism.
 
     Attributes
     ----------
     unit
-        Its unit, empty for a pure number.
+        Unit of the quantity, empty for a pure number.
     method
-        Name of the method of `DesignExpressions` that returns its expression.
+        Name of the method of `DesignExpressions` that returns the expression.
     arguments
         The arguments of this method.
     component
@@ -113,6 +116,7 @@ class QuantityTable(dict[str, RowQuantity]):
         refused when it is used.
         """
         if name in self:
+            # A method that raises an error, with the arguments of both quantities.
             arguments = (name, arguments, self[name].arguments)
             method = "refuse_ambiguous_name"
             component = None
@@ -131,7 +135,8 @@ def make_quantity_table(
 ) -> QuantityTable:
     """Return all quantities of a mechanism's rows, by name, with the method of each.
 
-    A row is one configuration with the rates and accelerations of its inputs.
+    A row is one configuration with the rates and accelerations of its inputs. The methods
+    are those of `DesignExpressions`; the table has their names and arguments.
 
     Parameters
     ----------
@@ -140,7 +145,7 @@ def make_quantity_table(
     inputs
         Names of its input pairs.
     assembly
-        Its groups: bodies that are closed to one body together, in solving order.
+        Its groups: sets of links that are closed together, one group after another.
     """
     table = QuantityTable()
     # The sample: angles, rates and accelerations of all inputs, then the time.
@@ -183,7 +188,8 @@ def _add_kinematic_quantities(
     table
         The table, which is changed in place.
     mechanism, assembly
-        The mechanism, and its groups: bodies that are closed to one body together.
+        The mechanism, and its groups: sets of links that are closed together, one group
+        after another. A dyad is a group of two links in series.
     moving_inputs
         For each input that can move while the others rest, the ending of the names of
         quantities that depend on it, and its index. The ending is such as ``_by_21``, and
@@ -197,18 +203,18 @@ def _add_kinematic_quantities(
         table.add(f"rate_{pair}{ending}", "", "rate", pair, moving)
     for pair in _middle_pair_names(mechanism, assembly):
         table.add(f"transmission_angle_{pair}", "rad", "transmission_angle", pair)
-    # Rates are per unit rate of the moving input, so they have no unit.
+    # The motion of each link relative to each other link, for each moving input. Rates are
+    # per unit rate of this input, so velocity coefficients have no unit.
+    relative_motions = [*product(permutations(links, 2), moving_inputs)]
     for kind, unit in (("velocity", ""), ("acceleration", "1/rad")):
-        for (link, other), (ending, moving) in product(
-            permutations(links, 2), moving_inputs
-        ):
-            name = f"{kind}_coefficient_{link}_{other}{ending}"
-            table.add(name, unit, "coefficient", link, other, kind, moving)
+        for (link, reference), (ending, moving) in relative_motions:
+            name = f"{kind}_coefficient_{link}_{reference}{ending}"
+            table.add(name, unit, "coefficient", link, reference, kind, moving)
     for pair in revolute_pairs:
         table.add_vector(f"axis_{pair}", "", "axis", pair)
-    for (link, other), (ending, moving) in product(permutations(links, 2), moving_inputs):
-        name = f"pole_{link}_{other}"
-        table.add_vector(name, "", "pole", link, other, moving, ending=ending)
+    for (link, reference), (ending, moving) in relative_motions:
+        name = f"pole_{link}_{reference}"
+        table.add_vector(name, "", "pole", link, reference, moving, ending=ending)
     for link, (row, column) in product(links, product(range(3), repeat=2)):
         name = f"orientation_{link}_{'xyz'[row]}{'xyz'[column]}"
         table.add(name, "", "orientation", link, row, column)
@@ -265,9 +271,9 @@ def _add_dynamic_quantities(
     """
     has_one_input = len(inputs) == 1
     # The inertia matrix, with one entry for each two inputs.
-    for (index, pair), (ending, other) in product(enumerate(inputs), moving_inputs):
+    for (row, pair), (ending, column) in product(enumerate(inputs), moving_inputs):
         name = "B" if has_one_input else f"B_{pair}{ending}"
-        table.add(name, "kg m2", "inertia", index, other)
+        table.add(name, "kg m2", "inertia", row, column)
     if has_one_input:
         table.add("dB_dq", "kg m2/rad", "inertia_rate")
     for ending, moving in moving_inputs:
@@ -276,9 +282,9 @@ def _add_dynamic_quantities(
         pair_ending = "" if has_one_input else f"_{pair}"
         name = f"free_acceleration{pair_ending}"
         table.add(name, "rad/s2", "free_acceleration", index)
-        # Derivatives of the acceleration of this input, while all torques are held, with
-        # respect to the angle (A_q), the rate (A_dq) and the torque (B_torque) of each
-        # input.
+        # Derivatives of the acceleration of this input with respect to the angle (A_q), the
+        # rate (A_dq) and the torque (B_torque) of each input, while other torques are
+        # constant.
         for (kind, unit), (ending, other) in product(
             LINEARISATION_UNITS.items(), moving_inputs
         ):
@@ -295,9 +301,9 @@ def middle_pairs(mechanism: Mechanism) -> Names:
 def _plan_groups(mechanism: Mechanism) -> Assembly:
     """Return the groups of a mechanism from its graph alone.
 
-    Names of quantities do not depend on sizes. Therefore no configurations are searched if
-    counting gives too few degrees of freedom. A file whose own sizes do not close then has
-    the same quantities as its designs.
+    Names of quantities do not depend on sizes. If counting gives too few degrees of
+    freedom, the rank of the equations is trusted without searching configurations. So a
+    file has the same quantities as its designs, even if its own sizes do not close.
     """
     try:
         return plan_assembly(mechanism)

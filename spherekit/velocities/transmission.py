@@ -61,12 +61,15 @@ TRANSMISSION_BATCH_ROWS = 4096
 class Transmission:
     """The transmission measure of one output of a mechanism.
 
+    It measures, from 0 to 1, how certainly locked inputs hold the output if the pairs have
+    play.
+
     Attributes
     ----------
     tree
-        The loops.
+        The loops of the mechanism.
     driven
-        Numbers of the variables that the inputs lock.
+        Indices of the variables that the inputs lock.
     link, relative_to
         Numbers of the output link, and of the link from which it is seen.
     direction
@@ -127,10 +130,11 @@ class Transmission:
         """Return the transmission (n,), from 0 at a singularity of type II to 1.
 
         At a singularity of type II the output can move although the inputs are locked. The
-        transmission is 1 / sqrt(1 + |A J^+|^2 / rho). J x are the misfits of the loops if
-        the passive pairs move at the rates x, and A x is the motion of the output. rho is
-        the sum of the squares of the `_path_currents`. The transmission is NaN where an
-        argument is not finite.
+        transmission is 1 / sqrt(1 + |A J^+|^2 / rho). If the passive pairs move at the
+        rates x, the loops have the misfits J x (relative velocities that pairs do not
+        allow), and the output moves by A x. rho is the sum of the squares of the
+        `_path_currents`. The transmission is NaN in rows in which an argument is not
+        finite.
 
         Parameters
         ----------
@@ -152,8 +156,9 @@ class Transmission:
         path = self._path_currents
         for start in range(0, len(all_rows), TRANSMISSION_BATCH_ROWS):
             rows = all_rows[start : start + TRANSMISSION_BATCH_ROWS]
+            # J, and the vectors of the passive variables.
             columns, loops = passive_equations(self.tree, self.driven, vectors[rows])
-            # Rows of zeros make the equations square if there are fewer than unknowns.
+            # Rows of zeros make J square if there are fewer equations than unknowns.
             missing = max(0, len(passive_pairs) - loops.shape[1])
             loops = np.pad(loops, ((0, 0), (0, missing), (0, 0)))
             # A: the motion of the output per unit rate of each passive variable.
@@ -177,10 +182,11 @@ class Transmission:
 
     @cached_property
     def _path_currents(self) -> Floats:
-        """(pairs,) the currents in all pairs if 1 flows to the output link.
+        """(pairs,) the currents in all pairs of an electric network like the mechanism.
 
-        The current enters at the link from which the output is seen. The sum of the squares
-        of the currents is the resistance rho.
+        Links are nodes, and pairs are unit resistances. The current 1 enters at the link
+        from which the output is seen, and leaves at the output link. The sum of the squares
+        of the currents is the resistance rho between the two links.
         """
         potentials = np.linalg.pinv(self.tree.incidence.T, rcond=1e-9)
         return potentials[:, self.link] - potentials[:, self.relative_to]
@@ -225,8 +231,9 @@ def passive_equations(
 def input_authority(tree: LoopTree, driven: Sequence[int], vectors: Floats) -> Floats:
     """Return how certainly locked inputs hold all links.
 
-    It is judged by the singular values of the loop equations of the passive variables,
-    those that no input locks. A singular value of 0 means that they can move.
+    The measures are singular values of the loop equations of the passive variables, those
+    that no input locks. A singular value of 0 means that these variables can move although
+    the inputs are locked.
 
     Parameters
     ----------
@@ -265,7 +272,10 @@ def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
     units = vectors / np.where(lengths > 0.0, lengths, 1.0)
     for v, owner in enumerate(tree.owners):
         if v and tree.owners[v - 1] == owner:
-            first, second = units[:, v - 1], units[:, v]
+            # The second vector of a pair, a view of `units`, loses its component along the
+            # first one (Gram-Schmidt).
+            first = units[:, v - 1]
+            second = units[:, v]
             second -= first * np.sum(first * second, axis=1, keepdims=True)
             length = np.linalg.norm(second, axis=1, keepdims=True)
             second /= np.where(length > 0.0, length, 1.0)
@@ -276,8 +286,8 @@ def _motion_by_singular_values(output_motion: Floats, loops: Floats) -> Floats:
     """Return the motion of the output per unit misfit if equations are nearly singular.
 
     A misfit is the part of a relative angular velocity that pairs do not allow. A motion of
-    the passive pairs that rounding alone opposes makes the result practically infinite if
-    it moves the output. Otherwise it does not count.
+    the passive pairs whose misfits are only rounding errors makes the result practically
+    infinite if it moves the output. If it does not move the output, it has no effect.
 
     Parameters
     ----------
@@ -290,6 +300,7 @@ def _motion_by_singular_values(output_motion: Floats, loops: Floats) -> Floats:
     -------
     (n, 3, equations) `output_motion` times the pseudo-inverse of `loops`.
     """
+    # loops = left diag(sizes) right. The rows of `right` are motions of the passive pairs.
     left, sizes, right = np.linalg.svd(loops, full_matrices=False)
     moved = output_motion @ np.swapaxes(right, 1, 2)
     is_resting = np.linalg.norm(moved, axis=1) < MIN_OUTPUT_MOTION

@@ -91,9 +91,10 @@ class VelocityEquations(ABC):
         variables: Sequence[Expr],
         about_centres: bool,
     ) -> None:
-        """Write the vectors of all variables.
+        """Write the vectors of all variables as expressions in ground axes.
 
-        The parameters are attributes, or explained in `carried_vectors`.
+        `about_centres` is explained in `carried_vectors`, the other parameters in the
+        class.
         """
         self.mechanism = mechanism
         self.pairs = pairs
@@ -198,7 +199,8 @@ class VelocityEquations(ABC):
             vector_sum(vector_derivatives[v] for v in variables)
             for variables in self.pair_variables
         ]
-        # Offsets are subtracted from relative velocities, hence the sign.
+        # The bias is added to relative accelerations, but offsets are subtracted from them,
+        # hence the sign.
         variable_accelerations = self.solve_loops(
             {pair: part * -1.0 for pair, part in enumerate(bias)}
         )
