@@ -28,10 +28,11 @@ def distances_to_lines(position: Floats, points: Floats, axes: Floats) -> Floats
 def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floats | None:
     """Return the point that most of n lines pass within a distance.
 
-    The point has the least sum of squared distances. While a line misses it by more than
-    allowed, the farthest line is left out and the point is computed again, so a few wrong
-    lines do not move it. If all lines coincide, the point of the line that is nearest to
-    the origin is returned.
+    The point c has the least sum of squared distances from the lines. With the projection
+    P = I - a a^T onto the plane at right angles to each line (point p, unit vector a), it
+    solves sum(P) c = sum(P p). While a line misses the point by more than allowed, the
+    farthest line is left out and the point is computed again, so a few wrong lines do not
+    move it. If all lines coincide, the point of the line nearest to the origin is returned.
 
     Parameters
     ----------
@@ -40,13 +41,13 @@ def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floa
     max_distance
         Distance (m) at which a line passes the point.
 
-    Returns ------- (3,) the point (m), or None if the lines are parallel and do not
-    coincide. The lines that were left out may miss it.
+    Returns
+    -------
+    (3,) the point (m), or None if the lines are parallel and do not coincide. The lines
+    that were left out may miss it.
     """
     used_lines = np.arange(len(points))
     common_point = None
-    # Projections to the planes at right angles to the lines. Their sum times the point is
-    # the sum of the projected points of the lines: the equations of least squares.
     projections = np.eye(3) - axes[:, :, None] * axes[:, None]
     while len(used_lines) > 1:
         matrix = np.sum(projections[used_lines], axis=0)

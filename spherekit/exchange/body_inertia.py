@@ -97,7 +97,11 @@ class LinkInertias:
 
 
 def find_link_inertias(mechanism: Mechanism) -> LinkInertias:
-    """Return the inertia of the links, made up if no moving link has any."""
+    """Return the inertia of all links that have some.
+
+    If no moving link has any, all links are taken as wires of 1 kg/m along their arcs on a
+    sphere of 1 m.
+    """
     inertia_by_link = {
         mass.link: LinkInertia(mass.tensor, mass.mass, mass.centre)
         for mass in mechanism.masses
@@ -116,15 +120,17 @@ def find_link_inertias(mechanism: Mechanism) -> LinkInertias:
 
 
 def _wire_inertia(wires: list[Floats]) -> LinkInertia:
-    """Return the inertia of wires of 1 kg/m.
+    """Return the inertia of wires of 1 kg/m about the origin.
+
+    The tensor is trace(M) 1 - M, with the second moments M = sum of mass times r r^T.
 
     Parameters
     ----------
     wires
         Polygons (n, 3) of points (m).
     """
-    # Each segment is a thin rod. Its second moments are those of its mass at its middle,
-    # and those of the rod about it, length/12 times the square of the segment.
+    # A segment s of the length L with its middle at m is a thin rod of the mass L. It has
+    # the second moments L m m^T + (L / 12) s s^T.
     middles = np.concatenate([0.5 * (wire[1:] + wire[:-1]) for wire in wires])
     segments = np.concatenate([np.diff(wire, axis=0) for wire in wires])
     lengths = np.linalg.norm(segments, axis=1)
@@ -144,7 +150,11 @@ def radial_lines(axes: Floats) -> Floats:
 def make_body_inertia(
     link_inertias: LinkInertias, link: str, rotation: Floats, light_ratio: float
 ) -> BodyInertia:
-    """Return the inertia of a body; that of a link without mass is small.
+    """Return the mass, centre and inertia tensor of a body in ground axes.
+
+    If the mass or centre is not stated, or the centre is at the centre O of the sphere,
+    both are chosen so that the tensor about O is right. A link without mass gets a small
+    inertia.
 
     Parameters
     ----------
@@ -178,6 +188,7 @@ def make_body_inertia(
         centre = rotation @ link_inertia.centre
     if mass is None or not is_stated:
         mass, centre = _choose_mass(tensor_about_O)
+    # The tensor about the centre of mass (parallel axis theorem).
     tensor = tensor_about_O - point_mass_inertia(mass, centre)
     symmetric_tensor = 0.5 * (tensor + tensor.T)
     return BodyInertia(link, mass, centre, symmetric_tensor, is_stated)

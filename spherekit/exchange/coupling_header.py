@@ -155,9 +155,13 @@ TURNING_TEMPLATE = """\
 
 
 def header(table: CouplingTable) -> str:
-    """Return the text of a C header with a table and the function that reads it."""
+    """Return the text of a C header with a table and the function that reads it.
+
+    The arrays of the table become static arrays of C. All names in the header begin with
+    the name of the mechanism.
+    """
     name = identifiers.C.identifier(table.mechanism)
-    # POSIX defines X_OK and others as macros.
+    # POSIX defines macros such as X_OK, which a mechanism called x would define again.
     if identifiers.C.is_taken(f"{name.upper()}_OK"):
         name = f"m_{name}"
     variable_names = unique_names(

@@ -201,7 +201,8 @@ class CouplingTable:
             )
         mode_index = self.modes.index(assembly_mode)
         inputs = np.asarray(q, dtype=float).reshape(-1, len(self.inputs))
-        # Positions on the grid in steps. Whole revolutions of a periodic input are removed.
+        # Positions (n, m) on the grid in steps. Whole revolutions of a periodic input are
+        # removed.
         last_node = self.count - 1
         positions = (inputs - self.start) / self.step
         revolutions = np.where(self.periodic, np.floor(positions / last_node), 0.0)
@@ -217,7 +218,7 @@ class CouplingTable:
         cell_numbers = np.ravel_multi_index(tuple(cells.T), tuple(last_node))
         is_known &= self.sure[mode_index, cell_numbers]
         values = self.interpolate(mode_index, cells, finite_positions - cells)
-        values.angles[:] += revolutions @ self.rise[mode_index]
+        values.angles[:] += revolutions @ self.rise[mode_index]  # growth per revolution
         for array in values:
             array[~is_known] = np.nan
         return values
@@ -225,8 +226,9 @@ class CouplingTable:
     def interpolate(self, mode: int, cells: Integers, positions: Floats) -> CouplingValues:
         """Return the values of a mode in cells, whether they are sure or not.
 
-        The values at each corner of the cell are extended by their derivatives, and
-        averaged with multilinear weights (see the notes of `at`).
+        From each corner of the cell, at the distance d, the stored gradient g and Hessian H
+        give an angle f + (2/3) g d + (1/6) d H d and a coefficient g + (1/2) H d. The
+        results are averaged with multilinear weights (see the notes of `at`).
 
         Parameters
         ----------
@@ -296,6 +298,7 @@ def load_coupling(path: AnyPath) -> CouplingTable:
     """
 
     def construct_table(heading: dict[str, Any], arrays: dict[str, Any]) -> CouplingTable:
+        """Return the table; `heading` has its texts and numbers, `arrays` the others."""
         heading_fields = {name: heading[name] for name in HEADING_FIELDS}
         return CouplingTable(**heading_fields, **arrays)
 
@@ -305,10 +308,14 @@ def load_coupling(path: AnyPath) -> CouplingTable:
 def columns(table: CouplingTable) -> dict[str, Floats]:
     """Return the columns (modes * nodes,) of a table by their names, mode after mode.
 
-    ``theta_41`` is in rad, ``theta_41_by_21`` its coefficient, ``theta_41_by_21_by_51`` in
-    1/rad the derivative of that by the second input; ``w_6_1_x_by_12`` a component of the
-    angular velocity of link 6 relative to link 1. ``cell_error`` (rad) is measured in the
-    cell that starts at the node.
+    The names are built like these:
+
+    - ``theta_41``: a passive variable (rad);
+    - ``theta_41_by_21``: its coefficient, the rate per unit rate of the input 21;
+    - ``theta_41_by_21_by_51``: the derivative of the coefficient by a second input (1/rad);
+    - ``w_6_1_x_by_12``: the x component of the angular velocity of link 6 relative to link
+      1, per unit rate of the input 12;
+    - ``cell_error``: the largest measured error (rad) in the cell that starts at the node.
     """
     mode_count = len(table.modes)
     nodes = table.nodes
@@ -329,7 +336,7 @@ def columns(table: CouplingTable) -> dict[str, Floats]:
         for (i, input_i), (x, component) in product(inputs, enumerate("xyz")):
             name = f"{prefix}_{component}_by_{input_i}"
             arrays[name] = table.turning[:, :, p, i, x]
-    # No cell starts at the last node of an input.
+    # No cell starts at the last node of an input, so NaN is added there.
     cell_errors = table.error.reshape(mode_count, *(table.count - 1))
     padding = [(0, 0), *[(0, 1)] * len(table.count)]
     arrays["cell_error"] = np.pad(cell_errors, padding, constant_values=np.nan)

@@ -123,7 +123,8 @@ def coupling_table(
     node_counts = _choose_node_counts(mechanism, samples)
     progress = ProgressReporter("filling the table")
     while True:
-        progress.tell("x".join(map(str, node_counts)).__str__)
+        grid_text = "x".join(map(str, node_counts))
+        progress.tell(lambda text=grid_text: text)  # called only if a report is due
         table = _compute_table(
             mechanism,
             assembly_mode,
@@ -132,10 +133,11 @@ def coupling_table(
             node_counts,
             tolerance,
         )
-        # Each cell of the next grid is half as long.
+        # Stop if the user chose the grid, enough cells are sure, or the next grid, whose
+        # cells are half as long, has too many points.
         finer_counts = tuple(2 * count - 1 for count in node_counts)
         finer_point_count = np.prod(_refine_counts(finer_counts))
-        cell_count = np.sum(np.isfinite(table.error))
+        cell_count = np.sum(np.isfinite(table.error))  # cells with a mode at all corners
         is_sufficient = np.sum(table.sure) >= SUFFICIENT_SURE_RATIO * cell_count
         if samples is not None or is_sufficient or finer_point_count > MAX_REFINED_POINTS:
             break
@@ -188,7 +190,20 @@ def _refine_counts(node_counts: Sequence[int]) -> tuple[int, ...]:
 
 
 def _find_passive_variables(mechanism: Mechanism, pairs: Sequence[str] | None) -> list[int]:
-    """Return the numbers of the variables of passive pairs, by default of all."""
+    """Return the numbers of the variables of passive pairs.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    pairs
+        Names of pairs that are not driven, None for all of them.
+
+    Raises
+    ------
+    SolveError
+        If a pair is an input, or no pair remains.
+    """
     driven_pairs = mechanism.input_pairs
     passive_pairs = [pair.name for pair in mechanism.pairs if pair.name not in driven_pairs]
     requested_pairs = passive_pairs if pairs is None else [*dict.fromkeys(pairs)]
@@ -264,8 +279,11 @@ def _compute_grid_values(
     coefficients = place_by_mode(np.swapaxes(rates, 1, 2))
     derivatives = place_by_mode(np.moveaxis(second_rates, 3, 1))
     angles = place_by_mode(coordinate_motion.values[:, passive_variables])
-    # At dead centres the angles are finite, and the coefficients are not.
+    # At dead centres the angles are finite, but the coefficients are not. Such a point is
+    # treated as one at which the mode does not exist.
     has_derivatives = all_finite(coefficients, (2, 3)) & all_finite(derivatives, (2, 3, 4))
+    # A pole is a pair of link numbers, the smaller one first. `turning` is the angular
+    # velocity of the second link relative to the first.
     low_links = [low for low, _ in poles]
     high_links = [high for _, high in poles]
     velocities = coordinate_motion.w
@@ -375,6 +393,7 @@ def _measure_errors(
     input_count = len(refined_counts)
     cells = np.indices(tuple(table.count - 1)).reshape(input_count, -1).T
     coefficient_error = np.zeros_like(table.error)
+    # The points in a cell at which errors are measured, as thirds along each input.
     for part in product(range(PARTS_PER_CELL + 1), repeat=input_count):
         position = np.array(part) / PARTS_PER_CELL
         if not np.any(position % 1.0):
@@ -401,7 +420,10 @@ def _measure_errors(
 
 
 def _find_periods(table: CouplingTable, periods: Floats) -> None:
-    """Find the inputs after a revolution of which all configurations return.
+    """Mark the inputs that are periodic: after a revolution all configurations return.
+
+    Only inputs whose range is exactly one revolution are examined. All values at the first
+    node of such an input are compared with those at its last node.
 
     Parameters
     ----------

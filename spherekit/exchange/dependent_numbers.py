@@ -62,6 +62,7 @@ def express_dependent_numbers(
     DesignError
         If a number is no linear function of those that vary, or nothing can vary.
     """
+    # After the symbols of sizes come those of the dependent numbers.
     number_symbols = design_expressions.size_symbols[len(varied_mechanism.size_variables) :]
     if not len(number_symbols):
         return {}
@@ -98,6 +99,8 @@ def express_dependent_numbers(
         [varied_mechanism.trial_slopes(k) for k in range(len(variables))]
     )
     expression_by_symbol: dict[ExpressionNode, Expr] = {}
+    # `number` is the position of a dependent number in both lists, and `slopes` (variables,
+    # trials) are its slopes.
     for symbol, number, slopes in zip(
         number_symbols,
         varied_mechanism.varied_numbers,
@@ -112,7 +115,8 @@ def express_dependent_numbers(
             )
             continue
         _check_linear(varied_mechanism, slopes)
-        # `file number + slopes . (arguments - their values in the file)`.
+        # The expression is number in the file + slopes . (arguments - their values there).
+        # Slopes are converted to the units of the arguments.
         first_slopes = slopes[:, 0]
         slope_row = (
             np.where(np.abs(first_slopes) < ZERO_SLOPE, 0.0, first_slopes)
@@ -140,13 +144,8 @@ def _check_linear(varied_mechanism: VariedMechanism, slopes: Floats) -> None:
     tolerance = CONSTANT_SLOPE_TOLERANCE * np.abs(slopes) + ZERO_SLOPE
     is_nonlinear = ~np.all(differences <= tolerance, axis=1)
     if np.any(is_nonlinear):
-        keys = [
-            variable.key
-            for variable, is_at_fault in zip(
-                varied_mechanism.variables, is_nonlinear, strict=True
-            )
-            if is_at_fault
-        ]
+        variables = varied_mechanism.variables
+        keys = [variables[index].key for index in np.flatnonzero(is_nonlinear)]
         raise DesignError(
             f"{varied_mechanism.document.name}: {listing(keys)}: what the formulas hold "
             "does not change in proportion; vary other numbers"

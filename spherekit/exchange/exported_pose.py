@@ -90,5 +90,6 @@ def find_pose(
             f"{mechanism.name}: assembly mode {assembly_mode} has no configuration at "
             f"{searched}; give {advice}"
         )
+    # Angles beyond one turn are counted along the motion, not wrapped.
     continuous_motion = unwrap_motion(motion, position_analysis.angle_unwrapping)
     return ExportedPose(position_analysis.mechanism, continuous_motion.values[good_rows[0]])

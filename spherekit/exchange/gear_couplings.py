@@ -261,10 +261,9 @@ class CoaxialEquation:
         idler_link
             Number of the link that is the idler wheel.
         """
-        # Factors (a, -1) of a mesh mean: the second wheel turns relative to the carrier by
-        # a times the rotation of the carrier relative to the first wheel. With the rotation
-        # z of the idler, z = idler_rate * (-x) and y = ratio / idler_rate * (-z).
-        # Both signs cancel: y = ratio x.
+        # In a mesh with the factors (a, -1), the second wheel turns relative to the carrier
+        # by a times the rotation of the carrier relative to the first wheel. The idler then
+        # turns by z = idler_rate * (-x), and y = ratio / idler_rate * (-z) = ratio * x.
         ratio = -self.factors[0] / self.factors[1]
         idler_rate = float(np.sqrt(abs(ratio)))
         return (
@@ -311,6 +310,8 @@ def find_gears(
     ModelError
         If the equations of gears between links do not span those of the couplings.
     """
+    # Equations are rows: factors of the rates of all hinges, in a sum that is zero. Two
+    # rows of rank 1 are the same equation. A row that raises the rank is independent.
     equations = _write_equations(hinges, couplings)
     candidates: list[GearEquation] = [
         *_find_bevel_equations(hinges, equations),
@@ -318,7 +319,7 @@ def find_gears(
     ]
     chosen_by_name: dict[str, GearEquation] = {}
     chosen_rows = np.empty((0, len(hinges)))
-    # First the couplings that are gears by themselves, so that these keep their names.
+    # First choose gears for couplings that are gears by themselves: these keep their names.
     for coupling, equation in zip(couplings, equations, strict=True):
         if coupling.name in chosen_by_name:
             continue
@@ -329,6 +330,7 @@ def find_gears(
                 chosen_by_name[coupling.name] = candidate
                 chosen_rows = np.vstack([chosen_rows, candidate.equation])
                 break
+    # Then choose further independent gears, with the names of the other couplings.
     free_names = [
         coupling.name for coupling in couplings if coupling.name not in chosen_by_name
     ]
@@ -339,6 +341,7 @@ def find_gears(
     if len(chosen_rows) < _find_rank(equations):
         raise ModelError(_describe_missing_gears(hinges, equations))
 
+    # Construct the gears. Coaxial links need an idler wheel between them, a new link.
     gears: dict[str, BevelGears] = {}
     idlers: list[IdlerWheel] = []
     for name, candidate in chosen_by_name.items():
@@ -356,7 +359,25 @@ def find_gears(
 def _write_equations(
     hinges: Sequence[ImportedPair], couplings: Sequence[Coupling]
 ) -> Floats:
-    """Return the couplings as rows (couplings, hinges), each with a largest factor of 1."""
+    """Return the couplings as equations between the rates of hinges.
+
+    Parameters
+    ----------
+    hinges
+        All hinges of the model.
+    couplings
+        Equations between the rates of joints. Joints that are no hinges are ignored.
+
+    Returns
+    -------
+    (couplings, hinges) factors of the rates in sums that are zero. The largest factor of
+    each row is 1 or -1.
+
+    Raises
+    ------
+    ModelError
+        If a coupling has no factors of hinges.
+    """
     column_by_joint = {hinge.joint: column for column, hinge in enumerate(hinges)}
     equations = np.zeros((len(couplings), len(hinges)))
     for row, coupling in enumerate(couplings):
@@ -437,6 +458,7 @@ def _find_bevel_equations(
             axes=(axes[0].axis, axes[1].axis),
             factors=(factors[0], factors[1]),
         )
+        # A gear whose pitch circle is a point cannot roll.
         circles = bevel_equation.construct_gears().circles
         if min(circle.radius for circle in circles) > SAME_AXIS_SINE:
             yield bevel_equation
@@ -474,7 +496,8 @@ def _find_coaxial_equations(
         if factors is None:
             continue
         (carrier,) = {*hinges[to_carrier.hinge].links} & {*hinges[from_carrier.hinge].links}
-        # The coordinate axis that is farthest from the axis gives the best cross product.
+        # Any idler axis across the axis will do. The coordinate axis that is farthest from
+        # the axis gives the most accurate cross product.
         farthest_axis = np.eye(3)[int(np.argmin(np.abs(axis)))]
         across = np.cross(axis, farthest_axis)
         yield CoaxialEquation(
@@ -505,7 +528,8 @@ def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None
     _, singular_values, directions = np.linalg.svd(equations)
     rank = int(np.sum(singular_values > RATIO_TOLERANCE))
     # The rows from `rank` on are the motions that the couplings allow. An equation between
-    # the rotations holds in all of them.
+    # the two rotations is satisfied in all of them: its factors are a combination of the
+    # two rows of `allowed_rotations` that is zero, that of the second singular value.
     allowed_rotations = rotations @ directions[rank:].T
     combinations, singular_values, _ = np.linalg.svd(allowed_rotations)
     singular_values = np.append(singular_values, np.zeros(2 - len(singular_values)))
@@ -515,12 +539,12 @@ def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None
         return None
     factors = combinations[:, 1]
     if np.min(np.abs(factors)) <= RATIO_TOLERANCE:
-        return None
+        return None  # one of the rotations is always zero
     return factors
 
 
 def _group_by_axis(hinges: Sequence[ImportedPair], path: LinkPath) -> list[CoaxialHinges]:
-    """Return the axes that follow each other along a path, with the hinges of each."""
+    """Return the hinges along a path, with successive hinges of one axis as one group."""
     groups: list[CoaxialHinges] = []
     for hinge, sense in path.hinges:
         axis = hinges[hinge].axis
@@ -536,7 +560,10 @@ def _group_by_axis(hinges: Sequence[ImportedPair], path: LinkPath) -> list[Coaxi
 
 
 def _link_paths(hinges: Sequence[ImportedPair]) -> Iterator[LinkPath]:
-    """Yield the path between any two links of the tree of hinges."""
+    """Yield the path between any two links of the tree of hinges, each path once.
+
+    A path leads from the link with the smaller number to the other one.
+    """
     ends = [hinge.links for hinge in hinges]
     links = sorted({link for links in ends for link in links})
     for first_link in links:

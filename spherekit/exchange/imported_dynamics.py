@@ -87,10 +87,10 @@ class ImportedDynamics:
         ]
 
     def _add_up_bodies(self, link: int, bodies: list[int], rotor: Floats | None) -> Table:
-        """Return the mass of a link that consists of bodies.
+        """Return the table of the mass of a link, the sum over its bodies.
 
-        Mass and centre are written only if there is gravity, or if they do not come from
-        bodies whose weight is compensated.
+        The inertia tensor is about the centre of the sphere. Mass and centre are omitted if
+        no gravity acts and the weight of all bodies is compensated.
 
         Parameters
         ----------
@@ -108,6 +108,7 @@ class ImportedDynamics:
         # MuJoCo gives the principal moments of a body, and its principal axes.
         rotations = self._mj_data.ximat[bodies].reshape(-1, 3, 3)
         principal_moments = mj_model.body_inertia[bodies]
+        # (bodies, 3, 3): R diag(moments) R^T for each body.
         tensors = rotations * principal_moments[:, None] @ np.swapaxes(rotations, 1, 2)
         shifted_tensors = [
             shift_to_sphere_centre(tensor, mass, arm)
@@ -132,11 +133,12 @@ class ImportedDynamics:
         return table
 
     def _find_rotors(self) -> dict[int, Floats]:
-        """Return the tensors (3, 3) of the armatures of hinges on the ground, by link.
+        """Return inertia tensors (3, 3) for the armatures of hinges on the ground, by link.
 
-        An armature is a moment of inertia about the axis of its hinge. The link turns about
-        that axis alone, so a thin disc, whose other moments are half as large, moves as the
-        rotor does. On a link that moves itself, no rigid body does.
+        An armature is a moment of inertia that MuJoCo adds about the axis of a hinge, such
+        as that of a rotor. A link on the ground turns about this axis alone, so a thin disc
+        with this moment (its other moments are half as large) has the same effect. On a
+        moving link no rigid body has, so the armature is left out with a note.
         """
         rotors: dict[int, Floats] = {}
         for pair in self._linkage.pairs:
@@ -189,9 +191,10 @@ class ImportedDynamics:
                 )
 
     def _list_joint_loads(self, pair: ImportedPair) -> Iterator[tuple[str, Table]]:
-        """Yield the name and table of the spring, friction and damper of a pair's joint.
+        """Yield the name and table of each load at the joint of a pair.
 
-        The damping is a part of the friction if there is dry friction too.
+        Loads are a spring, dry friction and a damper. If there is dry friction, damping is
+        written as the viscous part of the same load.
         """
         mj_model = self._mj_model
         joint = pair.joint
@@ -232,10 +235,11 @@ class ImportedDynamics:
             yield f"damper_{name}", {"kind": "damper", "pair": name, "damping": viscous}
 
     def _list_actuator_loads(self) -> Iterator[tuple[str, Table]]:
-        """Yield the actuators without control as loads: name and table of each.
+        """Yield the name and table of each load that comes from an actuator.
 
-        Actuators with control are inputs if they drive a hinge. Notes are added on other
-        actuators, and on feedback of drives.
+        An actuator without control is a load: a torque at a pair, or a constant force or
+        moment. An actuator with control is an input if it drives a hinge. Notes are added
+        on all other actuators, and on feedback, which inputs do not have.
         """
         mj_model = self._mj_model
         kinds = self._linkage.foreign_model.mujoco.mjtTrn
@@ -265,23 +269,26 @@ class ImportedDynamics:
                 )
 
     def _write_pair_torque(self, actuator: int) -> Table:
-        """Return a torque that is affine in the variable of a pair and its rate.
+        """Return the table of a torque that is affine in the angle of a pair and its rate.
+
+        With the gear g, the actuator has the length g theta and the force b0 + b1 length +
+        b2 rate of the length. The torque is g times the force, which is
+        g b0 + g^2 b1 theta + g^2 b2 dtheta.
 
         Parameters
         ----------
         actuator
-            Number of an actuator at a hinge, without control. The length of the actuator is
-            its gear times the angle. Its force, times the gear, is the torque.
+            Number of an actuator at a hinge, without control.
         """
         joint, _ = self._mj_model.actuator_trnid[actuator]
         gear = self._mj_model.actuator_gear[actuator][0]
         bias = self._mj_model.actuator_biasprm[actuator][:3]
         pair_name = next(pair.name for pair in self._linkage.pairs if pair.joint == joint)
         factors = shorten_vector(gear * bias * [1.0, gear, gear])
-        variables = ("", f"*theta_{pair_name}", f"*dtheta_{pair_name}")
+        multiplied_names = ("", f"*theta_{pair_name}", f"*dtheta_{pair_name}")
         summands = [
-            f"({factor}){variable}"
-            for factor, variable in zip(factors, variables, strict=True)
+            f"({factor}){multiplied_name}"
+            for factor, multiplied_name in zip(factors, multiplied_names, strict=True)
             if factor
         ]
         return {"pair": pair_name, "torque": " + ".join(summands) or "0"}
@@ -289,8 +296,8 @@ class ImportedDynamics:
     def _is_constant_wrench(self, actuator: int) -> bool:
         """Return whether an actuator at a site is a constant force or moment.
 
-        It is constant in the axes of its link if it has no reference site, and in those of
-        the ground if that site is fixed to the world.
+        Without a reference site it acts along axes of its link. With one, it acts along the
+        axes of that site, which are constant only if the site is fixed to the world.
         """
         mj_model = self._mj_model
         has_feedback = np.any(mj_model.actuator_biasprm[actuator][1:3])
@@ -304,8 +311,13 @@ class ImportedDynamics:
     def _write_wrench(self, actuator: int) -> Iterator[Table]:
         """Yield the tables of the constant force and moment of an actuator at a site.
 
-        What is zero is left out. Both are in the axes of the link, or of the ground if the
-        actuator has a reference site.
+        A force or moment of zero is left out. Both are in the axes of the link, or of the
+        ground if the actuator has a reference site.
+
+        Parameters
+        ----------
+        actuator
+            Number of an actuator without control, see `_is_constant_wrench`.
         """
         mj_model = self._mj_model
         site, reference_site = mj_model.actuator_trnid[actuator]
@@ -314,7 +326,7 @@ class ImportedDynamics:
         rotation = self._mj_data.site_xmat[axes_site].reshape(3, 3)
         link = self._linkage.link_by_body[mj_model.site_bodyid[site]]
         magnitude = mj_model.actuator_biasprm[actuator][0]
-        wrench = mj_model.actuator_gear[actuator] * magnitude
+        wrench = mj_model.actuator_gear[actuator] * magnitude  # force, then moment
         arm = self._mj_data.site_xpos[site] - self._linkage.centre
         link_name = self._linkage.link_name(link)
         axes = "link" if is_in_link_axes else "ground"

@@ -24,11 +24,11 @@ LEAST_RATE_RATIO = 1e-9
 
 
 def choose_inputs(linkage: ImportedLinkage) -> Table:
-    """Return the table of inputs, with the range of each.
+    """Choose the inputs of a mechanism, and return their table with the range of each.
 
-    Inputs are the pairs with actuators, and as many others as the mechanism needs. Those at
-    the ground are preferred. Actuators of pairs that follow from other inputs are left out.
-    Notes on both are added to the linkage.
+    Inputs are the pairs with actuators, and as many others as there are further degrees of
+    freedom; pairs at the ground are preferred. An actuator is left out if its pair is moved
+    by the inputs before it. Notes on both cases are added to the linkage.
 
     Parameters
     ----------
@@ -51,7 +51,8 @@ def choose_inputs(linkage: ImportedLinkage) -> Table:
         is_away_from_ground = 0 not in pairs[number].links
         return is_loop, is_away_from_ground, number
 
-    # A pair is independent of the inputs before it if its rate can be prescribed too.
+    # A pair is independent of the inputs before it if its rate can be prescribed too: the
+    # equation "rate = ..." then raises the rank of the velocity equations.
     equations = _velocity_equations(linkage)
     inputs: list[int] = []
     for number in [*driven_pairs, *sorted(other_pairs, key=preference)]:
@@ -90,8 +91,9 @@ def _find_half_width(
 ) -> float:
     """Return how far (rad) inputs without limits may move each way, at most half a turn.
 
-    If all pairs follow the inputs in proportion, as in gears, the limits of the other pairs
-    bound the inputs. They are kept if all unlimited inputs move this far at once.
+    Without loops, all pairs move in proportion to the inputs, as in gears. The limits of
+    the other pairs then bound the inputs. The result is so small that no limit is exceeded
+    even if all unlimited inputs move this far at once. With loops it is half a turn.
 
     Parameters
     ----------
@@ -109,7 +111,7 @@ def _find_half_width(
     equations = np.vstack([_velocity_equations(linkage), np.eye(len(pairs))[inputs]])
     right_sides = np.zeros((len(equations), len(inputs)))
     right_sides[-len(inputs) :] = np.eye(len(inputs))
-    rates = np.linalg.lstsq(equations, right_sides, rcond=None)[0]
+    rates = np.linalg.lstsq(equations, right_sides, rcond=None)[0]  # (pairs, inputs)
     half_width = float(np.pi)
     for pair, pair_rates in zip(pairs, np.abs(rates), strict=True):
         total_rate = sum(pair_rates[inputs.index(k)] for k in unlimited_inputs)
@@ -122,9 +124,11 @@ def _find_half_width(
 
 
 def _velocity_equations(linkage: ImportedLinkage) -> Floats:
-    """Return the factors (m, pairs) of all pair rates in m equations: sums that are 0.
+    """Return the factors (m, pairs) of the pair rates in the m velocity equations.
 
-    There are three equations for each closed loop, and one for each coupling.
+    Each equation is a sum of factors times rates that is zero. There are three for each
+    closed loop (the relative angular velocities around it add up to zero), and one for each
+    coupling.
     """
     pairs = linkage.pairs
     # The loops are those of bodies without gaps in their numbers: positions in `links`.
@@ -177,11 +181,11 @@ def find_outputs(linkage: ImportedLinkage) -> Table:
 
 
 def _find_last_links(linkage: ImportedLinkage) -> list[int]:
-    """Return the numbers of the links at the ends of the chains.
+    """Return the numbers of the links at the ends of chains, which become outputs.
 
-    These are the links with one pair alone that no gear turns. The link with one pair that
-    is farthest from the ground is one in any case. If all chains are closed, the links that
-    are farthest from the ground are the last ones.
+    They are the links with a single pair, except those that a gear turns, such as the wheel
+    of a motor. The farthest of the links with a single pair is always among them. Without
+    such links all chains are closed, and the links farthest from the ground are returned.
     """
     ends = [pair.links for pair in linkage.pairs]
     # Distance from the ground as a number of pairs.
@@ -195,7 +199,7 @@ def _find_last_links(linkage: ImportedLinkage) -> list[int]:
     ]
     candidates = links_with_one_pair or linkage.links
     farthest = max(distance[link] for link in candidates)
-    # A gear at the end of a chain, such as the wheel of a motor, is no output.
+    # Links at both ends of a joint that a coupling (gears) mentions.
     coupled_joints: set[int] = set()
     for coupling in linkage.foreign_model.couplings:
         coupled_joints |= coupling.factors.keys()

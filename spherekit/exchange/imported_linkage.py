@@ -95,6 +95,7 @@ class ImportedLinkage:
     def __init__(
         self, where: str, foreign_model: ForeignModel, max_distance: float | None
     ) -> None:
+        """Merge bodies into links, find the centre of the sphere, and make the pairs."""
         self.where = where
         self.foreign_model = foreign_model
         self._mj_model = foreign_model.mj_model
@@ -129,7 +130,7 @@ class ImportedLinkage:
 
         The ground has the name of its only body, otherwise it is called ground.
         """
-        if link not in self._name_by_link:
+        if link not in self._name_by_link:  # names are chosen at the first call and kept
             text = self.foreign_model.body_names[link]
             if link == 0:
                 # Bodies of the file that are fixed to the world, without their own
@@ -148,10 +149,14 @@ class ImportedLinkage:
         return self._name_by_link[link]
 
     def make_unique_name(self, text: str, used_names: Iterable[str]) -> str:
-        """Return a text as a name of the file that is not in use; note if it differs."""
+        """Return a name for the mechanism file that is made from a text and not in use.
+
+        Characters that names cannot have become underscores, and a number is added if the
+        name is in use. If the name then differs from the text, a note says so.
+        """
         name = re.sub(r"[^A-Za-z0-9_]", "_", text)[:MAX_NAME_LENGTH] or "unnamed"
         used = set(used_names)
-        # Four characters are enough for the numbers _2 to _999.
+        # Names are limited in length. Four characters remain for the numbers _2 to _999.
         stem = name[: MAX_NAME_LENGTH - 4]
         numbers = count(2)
         while name in used:
@@ -163,10 +168,10 @@ class ImportedLinkage:
     # Bodies that are one link
 
     def _merge_bodies(self) -> list[int]:
-        """Return the link of each body.
+        """Return the number of the link of each body.
 
-        Bodies are one link if they are welded, or joined by locked joints or by none. The
-        number of the link is that of one of its bodies.
+        Two bodies are one link if they are welded, or if no joint between them can turn.
+        The number of the link is that of one of its bodies; the ground is 0.
         """
         mj_model = self._mj_model
         turning_bodies = {0, *mj_model.jnt_bodyid[self._turning_joints].tolist()}
@@ -222,24 +227,34 @@ class ImportedLinkage:
             )
             for joint in self._turning_joints
         ]
-        for first, *others in self.loop_points.values():
-            for other in others:
-                length = np.linalg.norm(other.point - first.point)
+        for first, *further_points in self.loop_points.values():
+            for second in further_points:
+                length = np.linalg.norm(second.point - first.point)
                 if length > 0.0:
                     name = f"loop {first.name}"
-                    if other.name != first.name:
-                        name += f" through {other.name}"
-                    direction = (other.point - first.point) / length
+                    if second.name != first.name:
+                        name += f" through {second.name}"
+                    direction = (second.point - first.point) / length
                     lines.append(AxisLine(name, first.point, direction))
         return lines
 
     def _find_centre(self, max_distance: float | None) -> tuple[Floats, float]:
-        """Return the point (3,) in which the axes meet, and the largest distance from it.
+        """Find the point in which all axes meet: the centre of the sphere.
 
         Parameters
         ----------
         max_distance
-            Allowed distance (m) of an axis, None for the default.
+            Distance (m) by which an axis may miss the point, None for the default.
+
+        Returns
+        -------
+        The point (3,), and the largest distance (m) of an axis from it.
+
+        Raises
+        ------
+        FileError
+            If the axes are parallel, or do not meet in a point. The message lists the
+            distances of all axes.
         """
         lines = self._list_axis_lines()
         if not lines:
@@ -291,14 +306,12 @@ class ImportedLinkage:
     # Pairs
 
     def _remove_free_ball_joints(self) -> set[int]:
-        """Return the hinges, by number, of ball joints that constrain nothing.
+        """Return the numbers of the hinges of ball joints that constrain nothing.
 
-        A ball joint was replaced by three hinges of one body.
-
-        Links of a spherical mechanism without a pair between them turn freely about the
-        centre, and so they do with a ball joint. The joint is left out if other pairs
-        connect its links. Three hinges in its place would close the loops in twice as many
-        assembly modes.
+        A ball joint was replaced by three hinges of one body. Two links of a spherical
+        mechanism turn freely about the centre, with a ball joint between them or without.
+        If other pairs connect its links, a ball joint is therefore left out. Its three
+        hinges would double the number of assembly modes.
         """
         mj_model = self._mj_model
         body_by_ball = {
@@ -316,6 +329,7 @@ class ImportedLinkage:
             # A point at the centre constrains nothing.
             if max(radii) > self.centre_distance:
                 connected_links.append(links)
+        # A ball joint is kept if its links would otherwise not be connected at all.
         removed_hinges: set[int] = set()
         for ball, body in body_by_ball.items():
             parent_link = self.link_by_body[mj_model.body_parentid[body]]
@@ -339,9 +353,20 @@ class ImportedLinkage:
         value: float,
         joint: int = -1,
     ) -> str:
-        """Add a pair, and return its name: the text if it is a free name.
+        """Add an R pair to the list of pairs, and return its name.
 
-        The other parameters are those of `ImportedPair`.
+        Parameters
+        ----------
+        text
+            The name of the pair, changed if it is in use or no name of the file.
+        links
+            Numbers of the first and the second link.
+        axis
+            (3,) unit vector in world axes about which the second link turns.
+        value
+            Variable (rad) in the pose of the model.
+        joint
+            Number of its joint in the model, or -1 if it is no joint.
         """
         name = self.make_unique_name(text, (pair.name for pair in self.pairs))
         self.pairs.append(ImportedPair(name, links, axis, value, joint))
@@ -350,13 +375,15 @@ class ImportedLinkage:
     def _add_joint_pairs(self) -> None:
         """Add the hinges of all bodies as pairs.
 
-        Several hinges of one body are a chain, with a new link after each but the last.
+        A body may be joined to its parent by several hinges. They are a chain of pairs,
+        with a new link between each hinge and the next.
         """
         hinges = [
             joint for joint in self._turning_joints if joint not in self._removed_hinges
         ]
         body_by_joint = self._mj_model.jnt_bodyid.tolist()
-        for body, joints_of_body in groupby(hinges, body_by_joint.__getitem__):
+        # Joints are numbered body by body, so `groupby` yields all hinges of each body.
+        for body, joints_of_body in groupby(hinges, lambda joint: body_by_joint[joint]):
             joints = [*joints_of_body]
             first_link = self.link_by_body[self._mj_model.body_parentid[body]]
             body_link = self.link_by_body[body]
@@ -387,7 +414,9 @@ class ImportedLinkage:
     def _add_loop_pairs(self) -> None:
         """Add a pair for each two links that are held together at points.
 
-        Its axis leads from the centre to the farthest of the points.
+        Both links turn about the centre of the sphere, so a common point is a pair, whose
+        axis leads from the centre to the point. The farthest of several points is taken,
+        because its direction is the most accurate.
         """
         for links, points in self.loop_points.items():
             arms = np.array([point.point for point in points]) - self.centre

@@ -52,6 +52,7 @@ class ImportedFile:
     def __init__(
         self, where: str, foreign_model: ForeignModel, max_distance: float | None
     ) -> None:
+        """Find links, pairs, masses and loads, and write all tables and comments."""
         self._where = where
         self._foreign_model = foreign_model
         self._linkage = ImportedLinkage(where, foreign_model, max_distance)
@@ -76,7 +77,8 @@ class ImportedFile:
     def _make_tables(self) -> dict[str, Table]:
         """Return all tables of the file, by their names; some may be empty.
 
-        The order of the statements is that of the notes, which are added on the way.
+        Most steps add notes to the linkage, so the order of the statements is the order of
+        the notes.
         """
         linkage = self._linkage
         # Inputs are chosen before idler wheels are added, which no coupling mentions.
@@ -110,7 +112,11 @@ class ImportedFile:
         }
 
     def _find_gears(self) -> GearTrain:
-        """Return the gears that have the equations of the couplings of hinges."""
+        """Return gears that have the same equations as the couplings of hinges.
+
+        A coupling is a linear equation between the rates of joints. A mechanism file has
+        bevel gears in its place.
+        """
         hinges = [pair for pair in self._linkage.pairs if pair.joint >= 0]
         couplings = self._foreign_model.couplings
         first_new_link = len(self._linkage.link_by_body)
@@ -125,7 +131,13 @@ class ImportedFile:
             ) from None
 
     def _contact_tables(self, gears: Mapping[str, BevelGears]) -> dict[str, Table]:
-        """Return a rolling contact for each two gears, by the name of the pair."""
+        """Return the table of a rolling contact for each two gears, by its name.
+
+        Parameters
+        ----------
+        gears
+            Two pitch circles that roll on each other, by the name of their coupling.
+        """
         linkage = self._linkage
         pair_names = [pair.name for pair in linkage.pairs]
         tables: dict[str, Table] = {}

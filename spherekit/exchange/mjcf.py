@@ -128,6 +128,7 @@ class MujocoModel:
     def __init__(
         self, mechanism: Mechanism, values: Floats, timestep: float = 1e-3
     ) -> None:
+        """Choose the bodies, twins and names of the model; `text` writes it."""
         self._mechanism = mechanism
         self._timestep = timestep
         self._loads = convert_loads(mechanism)
@@ -140,7 +141,8 @@ class MujocoModel:
             if hinge.pair not in loaded_pairs:
                 self._connected_hinges.append(hinge)
             elif hinge.child == mechanism.ground:
-                # The child gets the twin, and the ground has none: the ends are exchanged.
+                # The child of a hinge gets a second body (twin). The ground can have none,
+                # so the ends of the hinge are exchanged.
                 reversed_hinge = hinge._replace(
                     parent=hinge.child, child=hinge.parent, axis=-hinge.axis
                 )
@@ -157,7 +159,10 @@ class MujocoModel:
         self.notes = tuple(self._write_notes())
 
     def _choose_radius(self) -> float:
-        """Return the radius (m) of the sphere on which links are drawn."""
+        """Return the radius (m) of the sphere on which links are drawn.
+
+        It is the distance of the farthest centre of mass that the mechanism states, or 1 m.
+        """
         if self._rigid_bodies.has_made_up_masses:
             return 1.0
         farthest_centre = max(
@@ -172,7 +177,11 @@ class MujocoModel:
         return float(np.round(farthest_centre, 3) or farthest_centre or 1.0)
 
     def _write_notes(self) -> list[str]:
-        """Return what the model has in another form or leaves out, in sentences."""
+        """Return sentences on everything that the model leaves out or has in another form.
+
+        They are about masses that are made up, omitted loads, soft limits, and links whose
+        mass was chosen because the file has no mass or only a tensor of them.
+        """
         mechanism = self._mechanism
         rigid_bodies = self._rigid_bodies
         has_made_up_masses = rigid_bodies.has_made_up_masses
@@ -296,10 +305,15 @@ class MujocoModel:
         return ElementTree.fromstring("".join(text.splitlines()))
 
     def _add_custom_numbers(self, custom: Element) -> None:
-        """Add what MuJoCo has no place for, and what `spherekit import` reads again.
+        """Add numbers that MuJoCo ignores and `spherekit import` reads.
 
-        These are the ranges of inputs (rad), the values (rad) of pairs that close loops,
-        and whether masses were made up.
+        They are the ranges of inputs (rad), the values (rad) of pairs that close loops, and
+        whether masses were made up.
+
+        Parameters
+        ----------
+        custom
+            Element of the model to which they are added.
         """
         for driven in self._mechanism.inputs:
             _add(
@@ -314,10 +328,10 @@ class MujocoModel:
             _add(custom, "text", name="masses", data="made up")
 
     def _add_bodies(self, parent_element: Element, parent: str) -> None:
-        """Add the bodies on the hinges of a body, twins last, and the bodies on these.
+        """Add the bodies that hinges join to a body, and in turn the bodies on those.
 
         A twin is a second body of a link, on a hinge that closes a loop, with a part of the
-        link's inertia. It is welded to the link.
+        link's inertia. It is welded to the link. Twins are added last.
 
         Parameters
         ----------
@@ -354,17 +368,19 @@ class MujocoModel:
                 self._add_bodies(body, hinge.child)
 
     def _rotation_of(self, link: str) -> Floats:
-        """Return the rotation (3, 3) from body axes to ground axes."""
+        """Return the rotation (3, 3) from the axes of a body to ground axes."""
         number = self._mechanism.link_number.get(link)
         if number is None:  # A body between the centres of circles has ground axes.
             return np.eye(3)
         return self._rigid_bodies.rotations[number]
 
     def _add_inertia(self, body: Element, inertia: BodyInertia) -> None:
-        """Add the inertia of a body, of which the link and its twins have equal parts.
+        """Add the inertia of a body: the inertia of its link, shared with its twins.
 
-        A twin is a second body of a link, welded to it, on a hinge that closes a loop. The
-        moments are enlarged by rounding, so that MuJoCo accepts the tensors of thin bodies.
+        A twin is a second body of a link, welded to it, on a hinge that closes a loop. All
+        bodies of a link get equal parts. MuJoCo refuses a tensor whose largest moment
+        exceeds the sum of the two others, so all moments are enlarged by about the rounding
+        error of the file.
 
         Parameters
         ----------
@@ -377,8 +393,8 @@ class MujocoModel:
         share = 1.0 / (1 + twin_count)
         rotation = self._rotation_of(inertia.link)
         tensor = share * (rotation.T @ inertia.tensor @ rotation)
-        # The largest moment may exceed the sum of the others, which is the trace less it,
-        # by rounding of the file.
+        # The largest moment less the sum of the others, which is the trace less the
+        # largest.
         excess = 2.0 * np.linalg.eigvalsh(tensor)[-1] - np.trace(tensor)
         thickness = TENSOR_THICKNESS * np.trace(tensor) + max(excess, 0.0)
         tensor = tensor + thickness * np.eye(3)
@@ -415,6 +431,7 @@ class MujocoModel:
             return
         shape = self._link_shapes[number]
         rgba = " ".join(f"{part / 255:.3g}" for part in (*link_colour(number), 255))
+        # Capsules between every `POINTS_PER_CAPSULE`-th point of the drawn curves.
         for curve in shape.curves or radial_lines(shape.joints):
             corners = curve[[*range(0, len(curve) - 1, POINTS_PER_CAPSULE), -1]]
             for ends in np.hstack([corners[:-1], corners[1:]]):
@@ -423,7 +440,7 @@ class MujocoModel:
         for name, axis in zip(shape.joint_labels, shape.joints, strict=True):
             if mechanism.pair(name).links[0] == link:
                 half_length = 0.5 * PIN_LENGTH_RATIO
-                ends = np.outer([1 - half_length, 1 + half_length], radius * axis)
+                ends = np.outer([1 - half_length, 1 + half_length], radius * axis)  # (2, 3)
                 _add(body, "geom", fromto=_format_drawn(ends), **{"class": "pin"})
         for output in mechanism.outputs:
             if output.link == link and output.direction is not None:
@@ -458,8 +475,8 @@ class MujocoModel:
         tendons, equalities
             Elements of the model to which they are added.
         """
-        # Negative numbers are stiffness and damping: here those of a critically damped
-        # correction, r^2 and 2 r with the rate r.
+        # Negative numbers of `solref` are stiffness and damping. A correction that is
+        # critically damped, with the rate r, has r^2 and 2 r.
         rate = CORRECTION_PER_STEP / self._timestep
         stiffness: Attributes = {
             "solref": (-(rate**2), -2.0 * rate),
@@ -506,7 +523,7 @@ class MujocoModel:
         """
         rigid_bodies = self._rigid_bodies
         has_made_up_masses = rigid_bodies.has_made_up_masses
-        # At least the inertia that any servo moves.
+        # No servo moves more inertia than the sum over all bodies.
         total_inertia = sum(np.trace(body.tensor) for body in rigid_bodies.bodies)
         # The rate of a servo is the root of stiffness over inertia. Two digits are enough.
         servo_stiffness = float(f"{total_inertia * SERVO_RATE_PER_S**2:.2g}")
@@ -526,6 +543,7 @@ class MujocoModel:
         if has_made_up_masses:
             return
         for load, attributes in self._loads.actuator_loads:
+            # Sites are given by the name of the load; they get the names of the model.
             named_attributes = dict(attributes)
             if "site" in attributes:
                 named_attributes["site"] = self._names.load_sites[load.name]

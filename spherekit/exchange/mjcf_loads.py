@@ -93,7 +93,12 @@ class JointSums:
 
 
 def convert_loads(mechanism: Mechanism) -> MujocoLoads:
-    """Return the loads and joint limits of a mechanism as MuJoCo states them."""
+    """Return the loads and joint limits of a mechanism in the form that MuJoCo has.
+
+    Springs, dampers and dry friction at one pair are added up, since a joint of MuJoCo has
+    one of each. Other loads become actuators without control if they are constant or affine
+    in the motion of their pair. All others are left out, with a reason.
+    """
     gravity = np.zeros(3)
     sums_by_pair = {pair: JointSums() for pair in mechanism.angles}
     actuator_loads: list[tuple[ActuatorLoad, Attributes]] = []
@@ -138,7 +143,7 @@ def convert_loads(mechanism: Mechanism) -> MujocoLoads:
             "springref": sums.weighted_rest / (sums.stiffness or 1.0),
             "range": range_by_pair.get(pair),
         }
-        # Attributes that are zero are MuJoCo's defaults.
+        # Attributes that are zero (or None) are MuJoCo's defaults.
         stated_attributes = {key: value for key, value in attributes.items() if value}
         if stated_attributes:
             hinge_attributes[pair] = stated_attributes
@@ -152,10 +157,18 @@ def convert_loads(mechanism: Mechanism) -> MujocoLoads:
 
 
 def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes:
-    """Return a load as the attributes of an actuator.
+    """Return a load as the attributes of an actuator of MuJoCo.
 
-    Sites are given by the name of the load. `MujocoModel` replaces it by the name of the
-    site in the model.
+    The force of the actuator is biasprm[0] + biasprm[1] length + biasprm[2] rate, times the
+    vector `gear` (force and moment at a site). Sites are given by the name of the load,
+    which `MujocoModel` replaces by the name of the site in the model.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    load
+        A torque at a pair, or a force or moment on a link.
 
     Raises
     ------
@@ -179,7 +192,7 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
 
 
 def _find_affine_law(component: LoadComponent, pair: str) -> Floats:
-    """Return the magnitude of a component as an affine function of variable and rate.
+    """Return the factors of a magnitude c0 + c1 theta + c2 dtheta of a load at a pair.
 
     Parameters
     ----------
@@ -206,7 +219,7 @@ def _find_affine_law(component: LoadComponent, pair: str) -> Floats:
     if not law.names <= set(names):
         raise EngineError(f"it depends on other pairs: {law.text}")
     variables = symbols(names)
-    factors = np.array([np.nan])
+    factors = np.array([np.nan])  # remains if the function is not affine
     with suppress(EngineError), np.errstate(all="ignore"):
         # Whole turns, for which the second expression is, play no part here.
         named_expressions = {

@@ -139,6 +139,7 @@ def construct_rigid_bodies(
             f"{mechanism.name}: a configuration has {variable_count} finite variables "
             f"({listing(mechanism.variable_names)}), not {values.tolist()}"
         )
+    # The configuration: orientations of links, and frames of pairs whose z is their axis.
     pairs = mechanism.pairs
     links = mechanism.links
     pose = Closure.of_mechanism(mechanism, make_joints(mechanism)).at(values[None])
@@ -161,7 +162,7 @@ def construct_rigid_bodies(
     light_ends = _find_light_ends(mechanism, branches, massless_links)
 
     def make_hinge(pair: int, parent: int, child: int) -> Hinge:
-        """Return the hinge of an R pair; numbers as in `Branch`."""
+        """Return the hinge of an R pair from a parent link to a child, all by number."""
         sense = 1.0 if mechanism.ends[pair][0] == parent else -1.0
         axis = pair_frames[pair, :, 2] * sense
         name = pairs[pair].name
@@ -220,7 +221,7 @@ def construct_rigid_bodies(
 def _find_light_ends(
     mechanism: Mechanism, branches: Sequence[Branch], massless_links: Collection[str]
 ) -> list[str]:
-    """Return the links without mass that carry no mass in the tree, in its order.
+    """Return the links without mass beyond which the tree has no link with mass.
 
     Parameters
     ----------
@@ -255,6 +256,9 @@ def _find_gear_equation(
     mechanism: Mechanism, joints: Sequence[Joint], contact: int, hinges: Collection[int]
 ) -> dict[str, float]:
     """Return the equation of a rolling contact between the rates of hinges.
+
+    Two circles that roll on each other have a constant ratio if one link (a carrier) holds
+    both, each on a hinge through its centre.
 
     Parameters
     ----------
@@ -300,6 +304,8 @@ def _find_gear_equation(
 def _choose_tree(mechanism: Mechanism, preferred_pairs: Iterable[str]) -> list[Branch]:
     """Return a spanning tree of R pairs from the ground, depth first.
 
+    A spanning tree joins all links without a loop. All other R pairs close loops.
+
     Parameters
     ----------
     mechanism
@@ -326,6 +332,8 @@ def _choose_tree(mechanism: Mechanism, preferred_pairs: Iterable[str]) -> list[B
             f"{mechanism.name}: link {unreached_links} is held by contacts alone; bodies "
             "on hinges need a chain of R pairs from the ground to every link"
         )
+    # Take pairs in the order of preference. A pair closes a loop if the pairs before it
+    # join its links already, which are then in one component of the graph.
     candidates = [mechanism.pair_number[name] for name in preferred_pairs]
     candidates += [pair for pair, _, _ in default_tree]
     tree_pairs: list[int] = []
