@@ -116,7 +116,9 @@ class SmoothModes(NamedTuple):
     inputs: Floats
 
     def pieces(self, mode: int) -> list[tuple[float, float, Floats]]:
-        """Return where the places of a mode change: the values that select it.
+        """Return the stretches of the input in which a mode has constant places.
+
+        Places are the values that select the mode in the formulas.
 
         Parameters
         ----------
@@ -125,9 +127,9 @@ class SmoothModes(NamedTuple):
 
         Returns
         -------
-        For each change the start of the interval (rad), an input (rad) at which the new
-        places are known, and the places. Intervals in which no configuration of the mode is
-        known are left out.
+        For each stretch its first input (rad), an input (rad) of a configuration with these
+        places, and the places. Intervals in which no configuration of the mode is known are
+        left out.
         """
         pieces: list[tuple[float, float, Floats]] = []
         for start, known_input, values in zip(

@@ -102,6 +102,7 @@ def formulas(
     SolveError, PlanError
         If the mechanism cannot be assembled, or its mobility is not the number of inputs.
     """
+    # Collect the numbers that are arguments, and the quantities to compute.
     driven_mechanism = driven_at(mechanism_of(mechanism), input_pair)
     document = document_of(mechanism)
     variables = tuple(design_variable(document, key) for key in vary)
@@ -120,7 +121,8 @@ def formulas(
     check_numbers_are_followed(varied_mechanism)
     design_expressions = varied_mechanism.make_expressions()
     size_symbols = symbols(variable.name for variable in variables)
-    # Symbols of the design expressions that formulas do not have, and what replaces them.
+    # The expressions contain symbols that are no arguments of the formulas. Each is
+    # replaced by an expression of the arguments.
     replacements = express_dependent_numbers(
         varied_mechanism, design_expressions, size_symbols
     )
@@ -128,7 +130,7 @@ def formulas(
     step: list[Expr] = []
     if not design_expressions.has_closed_form:
         step = _write_newton_step(design_expressions)
-        # Driven variables are not variables of the configuration, but inputs.
+        # Symbols of driven variables are replaced by those of the inputs.
         configuration_symbols = design_expressions.configuration_symbols
         for variable, sample_symbol in zip(
             design_expressions.structure.inputs,
@@ -140,11 +142,14 @@ def formulas(
         position_analysis_of(driven_mechanism, "pass").mode_meetings
     )
     if not passes_crossings and not any(map(_is_link_size, variables)):
-        # With other sizes of links, a pair that swings now may turn fully. So may one whose
-        # mode continues through a crossing on the curve of another one.
+        # Whole turns of pairs that only swing follow from their angle. Otherwise they stay
+        # arguments: with other sizes of links, or beyond a crossing, the pair may turn
+        # fully.
         replacements |= _express_revolutions(
             driven_mechanism, design_expressions, [*results.values()], replacements
         )
+
+    # Insert the replacements, and describe arguments and results.
     outputs = substitute([*results.values()], replacements)
     step = substitute(step, replacements)
     unit_by_quantity = row_quantities(driven_mechanism)
@@ -167,6 +172,8 @@ def formulas(
         ),
         tables=_find_profile_tables(design_expressions, [*outputs, *step]),
     )
+
+    # Find the assembly modes, and compare the formulas with the mechanism in each.
     angles: list[Expr] = []
     if design_expressions.has_closed_form:
         angles = [
@@ -328,10 +335,12 @@ def _express_revolutions(
     results: Sequence[Expr],
     replacements: Mapping[ExpressionNode, Expr],
 ) -> dict[ExpressionNode, Expr]:
-    """Return the whole revolutions (rad) of pairs that cannot turn fully as expressions.
+    """Return expressions for the whole revolutions (rad) of pairs that cannot turn fully.
 
-    The angle of such a pair stays within one turn about the middle of its swing, from which
-    its whole revolutions follow. Those of other pairs stay arguments.
+    The formulas give angles in (-pi, pi], and loads such as springs see angles with whole
+    revolutions. If a pair swings over less than a turn, its angle is the one nearest to the
+    middle of its swing, which determines the revolutions. For other pairs they stay
+    arguments of the formulas.
 
     Parameters
     ----------
@@ -363,9 +372,12 @@ def _express_revolutions(
 
 
 def _write_newton_step(design_expressions: DesignExpressions) -> list[Expr]:
-    """Return all variables after a step of Newton's method, and the closure residual.
+    """Return expressions for a step of Newton's method that closes the loops.
 
-    Variables that follow the inputs through wheels do not change in the step.
+    Returns
+    -------
+    All variables after the step, followed by the closure residual before it: how far (rad)
+    the loops are open. Variables that follow the inputs through wheels do not change.
     """
     coordinate_rates = design_expressions.coordinate_rates
     changes = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
@@ -385,7 +397,10 @@ def _write_newton_step(design_expressions: DesignExpressions) -> list[Expr]:
 def _find_motion_arguments(
     design_expressions: DesignExpressions, outputs: Sequence[Expr]
 ) -> MotionArguments:
-    """Return the inputs, and the other numbers of a motion that results contain.
+    """Return the arguments that describe a motion: inputs, and others that results contain.
+
+    These are rates and accelerations of the inputs, the time, whole turns of pairs, and
+    torques that tables give.
 
     Parameters
     ----------

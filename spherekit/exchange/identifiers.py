@@ -96,9 +96,10 @@ CASADI = NameRules(_C | PYTHON.words | _WORDS["casadi"], _C_MACROS, underscores=
 
 
 def unique_names(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
-    """Return names in their order, with numbers at those that occurred before.
+    """Return different names: a name that occurred before gets a number.
 
-    The first of equal names stays as it is. Others get ``_2``, ``_3`` and so on.
+    The first of equal names stays as it is. The others end in ``_2``, ``_3`` and so on. The
+    order is that of the given names.
 
     Parameters
     ----------
@@ -113,7 +114,7 @@ def unique_names(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
     for name in requested_names:
         candidate = name
         number = 1
-        # A name with a number must not be a later name of the list either.
+        # A candidate with a number must also differ from all later names of the list.
         while candidate in used_names or (number > 1 and candidate in requested_names):
             number += 1
             candidate = f"{name}_{number}"

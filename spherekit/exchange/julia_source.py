@@ -125,7 +125,12 @@ def _write_function(source: Source, function: SourceFunction) -> str:
 
 
 def _write_smooth_modes(source: Source) -> Iterator[str]:
-    """Yield the function of the places of a mode on its smooth curve, if there is one."""
+    """Yield the text of the function that finds the places of a mode, if there is one.
+
+    Places are the numbers that select the mode in the formulas. They change where the
+    smooth curve of the mode crosses another curve. If positions are computed by steps from
+    a known configuration (`formulas.step`), the function also returns its input.
+    """
     if source.smooth_modes is None:
         return
     texts = smooth_mode_texts(source, "NaN", "Inf", MOVED_INPUT_TEMPLATE)

@@ -34,10 +34,10 @@ swing, between samples, could be taken for one at the other end.
 def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[str, float]:
     """Return the middle (rad) of the swing of pairs that cannot turn fully, by name.
 
-    The swing is that of all assembly modes together, over a whole turn of the input.
-    Angles are those that loads see. There are no swings with several inputs, whose loads
-    see angles that depend on the path, nor with contacts, whose wheels may return after
-    several turns only.
+    The swing is the range of the angle in all assembly modes together, over a whole turn of
+    the input. Angles are counted over any number of turns, as loads see them. The result is
+    empty with several inputs, because angles then depend on the path, and with contacts,
+    because wheels may return only after several turns.
 
     Parameters
     ----------

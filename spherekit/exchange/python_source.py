@@ -103,7 +103,10 @@ def write_python(source: Source) -> str:
 
 
 def _write_function(source: Source, function: SourceFunction) -> str:
-    """Return a function of its results, and of the closure residual after a step."""
+    """Return the text of a function of arrays that returns its results.
+
+    A step of Newton's method, which has a closure residual, also returns this residual.
+    """
     returned = "the RESULTS (results, ...)"
     residual = ""
     if function.closure_residual:
@@ -121,7 +124,12 @@ def _write_function(source: Source, function: SourceFunction) -> str:
 
 
 def _write_smooth_modes(source: Source) -> Iterator[str]:
-    """Yield the function of the places of a mode on its smooth curve, if there is one."""
+    """Yield the text of the function that finds the places of a mode, if there is one.
+
+    Places are the numbers that select the mode in the formulas. They change where the
+    smooth curve of the mode crosses another curve. If positions are computed by steps from
+    a known configuration (`formulas.step`), the function also returns its input.
+    """
     if source.smooth_modes is None:
         return
     texts = smooth_mode_texts(source, "np.nan", "np.inf", MOVED_INPUT_TEMPLATE)

@@ -22,12 +22,14 @@ def join_items(items: Iterable[str], indent: int = 4) -> str:
 def write_series(
     source: Source, template: str, closed_template: str, open_template: str
 ) -> Iterator[str]:
-    """Yield the functions that evaluate the stored series.
+    """Yield the text of the functions that evaluate the stored series.
+
+    A stored series is a table of Chebyshev coefficients by which a formula is computed.
 
     Parameters
     ----------
     source
-        The source.
+        The formulas with their series.
     template
         Template of such a function in the language, with the fields of
         `Source.series_fields` and `around`.

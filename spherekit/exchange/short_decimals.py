@@ -19,7 +19,9 @@ DEGREES_ROUNDING = 1e-14
 
 
 def shorten(value: float, scale: float, rounding: float = DECIMAL_ROUNDING) -> float:
-    """Return the shortest decimal that differs from a number by rounding only.
+    """Return the shortest decimal number that differs from a number by rounding only.
+
+    For example 29.999999999999996 becomes 30.0.
 
     Parameters
     ----------

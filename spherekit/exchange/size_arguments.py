@@ -120,19 +120,15 @@ def _profile_numbers_after_change(
     possible. The result is None if no changed file gives a mechanism.
     """
     size = abs(variable.value) or 1.0
-    for step in (
-        RELATIVE_STEP * size,
-        -RELATIVE_STEP * size,
-        1.0,
-        -1.0,
-    ):  # some numbers are whole
+    # Steps of 1 are for numbers that must be whole, such as those of teeth.
+    for step in (RELATIVE_STEP * size, -RELATIVE_STEP * size, 1.0, -1.0):
         try:
             changed_design = make_design(
                 varied.document, [variable], [variable.value + step]
             )
             return _profile_numbers(changed_design)
         except SpherekitError:
-            continue
+            continue  # the changed file is refused; another step is tried
     return None
 
 
@@ -193,8 +189,9 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
     places = np.array([mode.values for mode in modes]).T.reshape(-1, len(modes))
     evaluate = formulas.numpy_function(outputs)
     values_before = evaluate(motion, places, formulas.size_values)
+    # The least change of each result that counts as an effect of a size. Results without a
+    # unit and angles have a least scale.
     units = [*formulas.results.values(), *("" for _ in formulas.step)]
-    # The least change of each result that counts as an effect of a size.
     floor = np.where([unit in KINEMATIC_UNITS for unit in units], MIN_KINEMATIC_SCALE, 0.0)
     scale = np.maximum(np.max(np.abs(np.nan_to_num(values_before)), axis=1), floor)
     noise = _estimate_noise(evaluate, (motion, places, formulas.size_values))

@@ -30,7 +30,11 @@ def head_comment(source: Source) -> str:
 
 
 def _head_lines(source: Source) -> Iterator[str]:
-    """Yield the lines of the head, without the marks of a comment."""
+    """Yield the lines of the head of a source, without the marks of a comment.
+
+    They give the title, how positions are computed, the elements of all arguments and
+    results, and the assembly modes with their comparison.
+    """
     formulas = source.formulas
     mechanism = formulas.mechanism
     title = f"{mechanism.name}: {formulas.title}, made by spherekit {__version__}."
@@ -133,7 +137,11 @@ def _method_sentences(source: Source) -> str:
 
 
 def _smooth_mode_sentences(source: Source) -> str:
-    """Return the sentences on modes that follow smooth curves through crossings."""
+    """Return the sentences on modes that follow smooth curves through crossings.
+
+    They say where curves cross, whether all crossings are known, and what the source does
+    there: it changes the signs of dyads, or starts Newton's method on the right side.
+    """
     smooth_modes = source.smooth_modes
     assert smooth_modes is not None
     range_text = f"between {smooth_modes.low:.6g} and {smooth_modes.high:.6g} rad"

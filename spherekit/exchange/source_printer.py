@@ -71,6 +71,7 @@ class Source:
     """
 
     def __init__(self, formulas: Formulas, language: Language) -> None:
+        """Choose names that the language allows; the lines are written on request."""
         self.formulas = formulas
         self.language = language
         self.name = language.name_rules.identifier(formulas.mechanism.name)
@@ -185,10 +186,11 @@ class Source:
 
     @property
     def smooth_mode_fields(self) -> dict[str, Any]:
-        """The fields of the template of the function of places on smooth curves.
+        """The values that are inserted in the template of the function of places.
 
-        These are names, numbers as text, the arrays of `SmoothModes`, and the lengths of
-        the axes of its places: `intervals`, `modes` and `count`.
+        Places are the numbers that select a mode on its smooth curve; they change at
+        crossings. The values are names, numbers as text, the arrays of `SmoothModes`, and
+        the lengths of the axes of its places: `intervals`, `modes` and `count`.
         """
         smooth_modes = self.smooth_modes
         assert smooth_modes is not None
@@ -214,12 +216,13 @@ class Source:
 
     @property
     def series_fields(self) -> Iterator[dict[str, Any]]:
-        """The fields of the template of each stored series.
+        """For each stored series the values that are inserted in its template.
 
-        These are the name of the source and the number `k` of the table, numbers of cells
-        and columns, the order of the polynomials, coefficients (cells, columns, order),
-        edges (cells + 1,) of the cells, and as text the ends of the cells and the length
-        of a closed curve.
+        A series is a polynomial in each of several cells of its variable, for each of
+        several functions (columns). The values are the name of the source and the number
+        `k` of the table, the numbers of cells and columns, the order of the polynomials,
+        their coefficients (cells, columns, order), the edges (cells + 1,) of the cells, and
+        as text the ends of the range and the length of a closed curve.
         """
         for table_number, table in enumerate(self.formulas.tables):
             coefficients = np.swapaxes(table.series.coefficients, 1, 2)

@@ -22,10 +22,10 @@ from spherekit.velocities.axis_rotations import ProfileSide
 def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
     """Return a reduced model of one coordinate as formulas, for export as source code.
 
-    A reduced model stores the inertia, its derivative and the pair variables of one
+    A reduced model stores the inertia, its derivative and the pair variables along one
     configuration curve as series of one coordinate. The results of the formulas are these
-    functions, and the torque of the motion that a user gives: coordinate, rate,
-    acceleration, time, and torques of loads that tables give.
+    functions and the driving torque. Their arguments are the motion that a user gives: the
+    coordinate, its rate and acceleration, the time, and torques of loads that tables give.
 
     Parameters
     ----------
@@ -79,10 +79,11 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
 def profile_table(
     profile: ProfileSide, configuration_symbols: Sequence[ExpressionNode]
 ) -> SeriesTable:
-    """Return the functions of a contact profile, and the derivative of the last one.
+    """Return the functions of a contact profile as a stored series.
 
-    The functions of the arc length are coordinates of the profile and its curvature. They
-    are stored as piecewise Chebyshev series of the pair variable that is the arc length.
+    The functions are coordinates of the profile and its curvature, over the arc length. The
+    derivative of the last function (the curvature) is added as one more. They are piecewise
+    Chebyshev series of the pair variable that is the arc length.
 
     Parameters
     ----------

@@ -106,7 +106,8 @@ def _add_wheel(mujoco: Any, spec: Any, drive: DrivenWheel, path: Path) -> None:
         )
     inner_link = joint.parent
     carrier = inner_link.parent
-    # The wheel is coaxial with the inner joint, so it has the frame of that joint's link.
+    # The wheel turns on the same carrier about the axis of the inner joint, so its body has
+    # the frame of the link on that joint.
     wheel = carrier.add_body(name=drive.wheel, pos=inner_link.pos, quat=inner_link.quat)
     wheel.add_joint(name=drive.wheel, type=joint.type, pos=joint.pos, axis=joint.axis)
     tendon = spec.add_tendon(name=drive.wheel)

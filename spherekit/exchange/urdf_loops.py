@@ -73,6 +73,7 @@ def add_loop_joint(
             f"{where}: has {counted(len(ends), 'link')}, needs 2: link1 and link2, "
             "predecessor and successor, or parent and child with origins"
         )
+    # Put a site (a point with a name) on each of the two links.
     axis_by_name: dict[str, Floats] = {}
     for end_index, (tag, end) in enumerate(ends):
         # Exporters write the position in one of three elements.
@@ -91,6 +92,7 @@ def add_loop_joint(
                 axis = _read_vector(axis_element, "xyz")
             rotation = Rotation.from_euler("xyz", _read_vector(origin, "rpy"))
             axis_by_name[name] = rotation.apply(axis) / np.linalg.norm(axis)
+    # Add the constraint: a weld of the bodies, or the two sites held together.
     if joint_type == "fixed":
         first_name, second_name = (end.get("link", "") for _, end in ends)
         constraint_type = mujoco.mjtEq.mjEQ_WELD

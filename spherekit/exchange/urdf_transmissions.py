@@ -85,7 +85,7 @@ class TransmissionEnd:
 def read_transmissions(
     root: Element, path: object
 ) -> tuple[list[DrivenJoint | DrivenWheel], list[str]]:
-    """Return what the transmissions of a URDF drive, and notes on those that are not known.
+    """Return the joints and wheels that the transmissions of a URDF drive.
 
     Parameters
     ----------
@@ -93,6 +93,14 @@ def read_transmissions(
         The element `<robot>`.
     path
         The file, for messages.
+
+    Returns
+    -------
+    driven
+        A joint for each motor that turns one joint alone, otherwise a wheel by which the
+        motor turns two joints.
+    notes
+        Sentences on transmissions of unknown types.
 
     Raises
     ------
@@ -130,6 +138,7 @@ def read_transmissions(
                 f"transmission {name} of type {kind} is not known: its joints {names} are "
                 "taken as driven one by one"
             )
+        # Each joint has its own actuator. One that is missing turns as far as the joint.
         for number, joint in enumerate(joints):
             actuator = (
                 actuators[number]
@@ -176,6 +185,9 @@ def _drive(
 ) -> DrivenJoint | DrivenWheel:
     """Return the joint that an actuator turns alone, or the wheel that turns two joints.
 
+    The angle of the actuator is a sum of factors times the angles of two joints. If one
+    factor is zero, it turns the other joint alone.
+
     Parameters
     ----------
     transmission
@@ -214,7 +226,20 @@ def _kind(item: Element) -> str:
 
 
 def _ends(item: Element, tag: str, where: str) -> list[TransmissionEnd]:
-    """Return the actuators or joints of a transmission in the order of their roles."""
+    """Return the actuators or joints of a transmission, with their reductions.
+
+    They are sorted by their roles, such as ``actuator1`` and ``actuator2``, if all have
+    one. A reduction that is missing is 1.
+
+    Parameters
+    ----------
+    item
+        The element of the transmission.
+    tag
+        ``"actuator"`` or ``"joint"``.
+    where
+        The transmission, for messages.
+    """
     ends: list[tuple[str, TransmissionEnd]] = []
     for child in item.findall(tag):
         name = child.get("name", "")
@@ -239,7 +264,8 @@ def _ends(item: Element, tag: str, where: str) -> list[TransmissionEnd]:
 def _find_joined_links(root: Element) -> Mapping[str, tuple[str, str]]:
     """Return the parent and the child link of each joint that turns, by its name.
 
-    The first of links that are joined by fixed joints stands for all of them.
+    Links that fixed joints join are one body. The link nearest to the root of the tree
+    stands for all of them.
     """
     links_by_joint: dict[str, tuple[str, str]] = {}
     parent_by_fixed_link: dict[str, str] = {}
@@ -256,7 +282,7 @@ def _find_joined_links(root: Element) -> Mapping[str, tuple[str, str]]:
             links_by_joint[joint.get("name", "")] = (parent_link, child_link)
 
     def first_link(link: str) -> str:
-        """Return the first of the links that are rigidly joined to a link."""
+        """Return the link nearest to the root that is rigidly joined to a link."""
         visited_links = {link}
         # A faulty file may have a cycle of fixed joints.
         while parent_by_fixed_link.get(link, link) not in visited_links:
@@ -305,9 +331,13 @@ def _find_inner_joint(
 def name_wheels(
     root: Element, driven: Sequence[DrivenJoint | DrivenWheel]
 ) -> list[DrivenJoint | DrivenWheel]:
-    """Return what motors drive, with wheels named like no link and no joint of the URDF.
+    """Give each driven wheel a name that no link and no joint of the URDF has.
 
-    A wheel has the name of its motor where that is free.
+    A wheel has the name of its motor if that is free. Otherwise "_wheel" is added.
+
+    Returns
+    -------
+    All that motors drive, with these names of wheels.
     """
     taken = {item.get("name", "") for item in root if item.tag in ("link", "joint")}
     renamed: list[DrivenJoint | DrivenWheel] = []
@@ -323,7 +353,10 @@ def name_wheels(
 
 
 def describe_motors(driven: Sequence[DrivenJoint | DrivenWheel]) -> Iterator[str]:
-    """Yield notes on motors that do not turn as far as the input that stands for them."""
+    """Yield notes on motors whose angle differs from that of the joint or wheel they drive.
+
+    The imported mechanism has the joint or wheel as its input, and not the motor.
+    """
     for drive in driven:
         if isinstance(drive, DrivenWheel):
             ratio = f"{abs(drive.ratio):.6g} times " if abs(drive.ratio) != 1.0 else ""

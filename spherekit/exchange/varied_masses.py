@@ -64,6 +64,9 @@ def _express_mass(
 ) -> Mass:
     """Return the mass of one link, unchanged if nothing in it varies.
 
+    The numbers of the file become expressions, from which the inertia tensor about the
+    centre of the sphere is computed as it is from plain numbers.
+
     Parameters
     ----------
     table
@@ -126,7 +129,11 @@ def _express_mass(
 def arc_inertia(first: Exprs, second: Exprs, mass: Expr, radius: Expr) -> ArcInertia:
     """Return the inertia of a uniform arc between two axes as expressions.
 
-    The formulas are those of `spherekit.mechanism.inertia.uniform_arc`.
+    With the length L of the arc, the unit vectors m along the sum of the axes and a along
+    their difference, and s = sin(L) / (2 L), the mean of the outer products of its points
+    with themselves is M = (1/2 + s) m m^T + (1/2 - s) a a^T. The tensor is
+    mass radius^2 (1 - M), and the centre is m radius sin(L/2) / (L/2). These are the
+    formulas of `spherekit.mechanism.inertia.uniform_arc`.
 
     Parameters
     ----------
@@ -142,8 +149,7 @@ def arc_inertia(first: Exprs, second: Exprs, mass: Expr, radius: Expr) -> ArcIne
     across = second - first
     length = function("atan2", root(dot(normal, normal)), dot(first, second))
     spread = function("sin", length) / (2.0 * length)
-    middle_square = dot(middle, middle)
-    # Mean of the outer product of the unit vectors of the points with themselves.
+    middle_square = dot(middle, middle)  # `middle` and `across` are no unit vectors
     mean_square = np.outer(middle, middle) * ((0.5 + spread) / middle_square)
     mean_square = mean_square + np.outer(across, across) * (
         (0.5 - spread) / dot(across, across)

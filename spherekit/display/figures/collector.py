@@ -92,7 +92,10 @@ class Collector:
         return title_by_mode
 
     def scenes(self) -> tuple[Scene, ...]:
-        """Return the scenes in the order in which they came, each of all its blocks."""
+        """Return the scenes in the order in which they came, with the blocks joined.
+
+        Blocks of one analysis on one page are successive samples of one scene.
+        """
         still_scenes = [scene for head in self._heads for scene in head.scenes]
         block_scenes = [block.scene for block in self._blocks]
         parts_by_page: dict[tuple[str, Page], list[Scene]] = {}
@@ -102,10 +105,10 @@ class Collector:
 
 
 def _join_scenes(parts: Sequence[Scene]) -> Scene:
-    """Return one scene of the scenes of successive blocks.
+    """Join the scenes of successive blocks of samples to one scene.
 
-    Primitives of one class and path belong together; their rows, and those of the axes, are
-    joined.
+    A primitive is recognised by its class and path. Its rows, one for each sample, are
+    joined, and so are the rows of the axes.
     """
     primitive_parts: dict[tuple[type, str], list[Primitive]] = {}
     for scene in parts:
@@ -121,9 +124,10 @@ def _join_scenes(parts: Sequence[Scene]) -> Scene:
 
 
 def _join_primitives(parts: Sequence[Any]) -> Primitive:
-    """Return one primitive of those of successive blocks.
+    """Join one primitive in successive blocks of samples to one primitive.
 
-    Attributes with one row for each sample are joined. The others are those of the first.
+    Attributes with one row for each sample are joined. All others are taken from the first
+    block.
     """
     first: Primitive = parts[0]
     joined_attributes: dict[str, Any] = {}

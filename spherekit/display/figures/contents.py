@@ -86,10 +86,11 @@ class Figures(Mapping[str, Figure]):
         AnalysisError
             If there is none, or several.
         """
+        # A full name is analysis/subject. Also accepted are a subject alone, and the name
+        # of an analysis with one figure.
         subject_by_name = {key: key.partition("/")[2] for key in self}
         names = [key for key, subject in subject_by_name.items() if name in (key, subject)]
         if not names:
-            # The name of an analysis stands for its only figure.
             names = [key for key in self if key.startswith(f"{name}/")]
         if not names:
             all_names = listing(self, len(self)) or "none, as nothing was to be seen"
@@ -102,6 +103,7 @@ class Figures(Mapping[str, Figure]):
                 f"several figures are meant by {name!r}: {listing(names, len(names))}"
             )
         (key,) = names
+        # A figure is drawn once and then kept.
         if key not in self._figure_by_name:
             self._figure_by_name[key] = self._draw_by_name[key]()
         return self._figure_by_name[key]
@@ -154,7 +156,7 @@ def plan_figures(
             *_plan_axodes(source_scenes, sheet),
             *_plan_diagrams(source_scenes, sheet),
         ]
-        for planned_figure in planned_figures:
+        for planned_figure in planned_figures:  # the first figure of a name is kept
             subject = planned_figure.subject
             name = f"{source}/{subject}" if source else subject
             draw_by_name.setdefault(name, planned_figure.draw)
@@ -186,10 +188,11 @@ def _plan_series(
         ]
         if not lines:
             continue
-        axes = lines[0][0].over
+        first_scene, _ = lines[0]
+        axes = first_scene.over
         if len(axes) > 1 and find_grid(axes) is not None:
             for label in dict.fromkeys(series.label for _, series in lines):
-                maps = [line for line in lines if line[1].label == label]
+                maps = [item for item in lines if _label_of(item) == label]
                 subject = group if label == group else f"{group}: {label}"
                 yield from _divide(subject, maps, _page_of, draw_maps, sheet)
             continue
@@ -268,14 +271,19 @@ def _plan_planes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigur
     """Yield portraits of two quantities that have curves, marks or a path."""
     for (_, label), items in _group_items(scenes, Portrait, "label").items():
         has_content = any(
-            item[1].curves or item[1].marks or is_path(item) for item in items
+            portrait.curves or portrait.marks or is_path((scene, portrait))
+            for scene, portrait in items
         )
         if has_content:
             yield PlannedFigure(label, partial(draw_plane, items, sheet))
 
 
 def _plan_spheres(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
-    """Yield the curves and maps on the sphere: a figure for each page, also of modes."""
+    """Yield the curves and maps on the sphere: a figure for each page.
+
+    A page is an assembly mode, or has a title of its own. A primitive is drawn once, even
+    if several scenes of its page show it.
+    """
     primitives_by_page: dict[Page, dict[str, Any]] = {}
     for scene in scenes:
         for primitive in scene.primitives:
@@ -308,7 +316,10 @@ def _plan_surfaces(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFig
 
 
 def _plan_paths(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
-    """Yield the paths of pole axes of modes; over several inputs there are no paths."""
+    """Yield the paths of the pole axes of links that no pair joins, in each mode.
+
+    Over several inputs there are no paths.
+    """
     arrows = [
         (scene, primitive)
         for scene in scenes
@@ -324,7 +335,10 @@ def _plan_paths(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure
 
 
 def _plan_axodes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
-    """Yield for each mode the paths of directions in links, in the first configuration."""
+    """Yield the axodes of each mode: paths of pole axes in the axes of a link.
+
+    They are drawn where the link is in the first configuration.
+    """
     for scene in scenes:
         traces = [item for item in scene.primitives if isinstance(item, Trace)]
         curves = [
@@ -339,7 +353,7 @@ def _plan_axodes(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigur
 def _plan_diagrams(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
     """Yield diagrams of points in a plane over one input, a panel for each mode."""
     for (page, label), items in _group_items(scenes, Diagram, "label").items():
-        diagrams = [item for item in items if len(item[0].over) == 1]
+        diagrams = [(scene, item) for scene, item in items if len(scene.over) == 1]
         if diagrams and not page:
             yield from _divide(label, diagrams, _page_of, draw_diagrams, sheet)
 
@@ -349,8 +363,8 @@ def _group_items(
 ) -> dict[tuple[str, Any], list[ShownItem]]:
     """Return primitives of a kind with their scenes, by page and one attribute.
 
-    A page is that of an assembly mode, by number, or one with a title. Modes share figures,
-    so all of them have the page "".
+    A page is an assembly mode (a number), or has a title. Modes share figures, so the page
+    of all modes is "" in the result.
 
     Parameters
     ----------

@@ -71,6 +71,7 @@ def draw_curves(
     sheet
         Size of the figure, and titles of pages.
     """
+    # With one page and few labels, the only panel has no title.
     labels = list(dict.fromkeys(series.label for _, series in curves))
     has_several_pages = len({scene.page for scene, _ in curves}) > 1
     share_panel = not has_several_pages and len(labels) <= MAX_CURVES_PER_PANEL
@@ -83,9 +84,10 @@ def draw_curves(
         longest_title = max(map(len, titles))
         figure, panels = sheet.make_panels(len(titles), PANEL_RATIO, longest_title)
         for panel, title in zip(panels, titles, strict=True):
-            # curve[1] is the series, curve[0] its scene.
             panel_curves = [
-                curve for curve in curves if share_panel or curve[1].label == title
+                (scene, series)
+                for scene, series in curves
+                if share_panel or series.label == title
             ]
             looks: list[Look] = []
             for scene, series in panel_curves:
@@ -97,7 +99,8 @@ def draw_curves(
                 looks.append(look)
             _draw_panel(panel, panel_curves, scale, looks)
             for (page, input_marks), curve in product(marks, panel_curves):
-                if curve[0].page == page:
+                curve_scene, _ = curve
+                if curve_scene.page == page:
                     _draw_marks(panel, curve, input_marks)
             panel.set_title(plot_text(title) if len(titles) > 1 else "")
         label_shared_axes(panels, axis.words, first_series.heading)
@@ -139,7 +142,8 @@ def _draw_panel(
         points = np.stack([scene.over[0].values, series.values], axis=1)
         line = break_at_jumps(points, (low, high), TURN_BY_UNIT.get(unit))
         panel.plot(*line.T, dash_capstyle="butt", **look)
-        # A value between two samples without one is no line, so it is drawn as a dot.
+        # A value whose neighbours have none would not show as a line. It is drawn as a dot.
+        # The convolution counts the neighbours of each sample that have a value.
         neighbour_count = np.convolve(has_value, [True, False, True])[1:-1]
         lone_points = points[has_value & ~(neighbour_count > 0)]
         panel.plot(*lone_points.T, ".", color=look["color"], markersize=3.0)
@@ -160,7 +164,7 @@ def _draw_panel(
 
 
 def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
-    """Mark inputs on a curve, or over the whole height if it has no value in the frame.
+    """Mark inputs on a curve, or by a vertical line if the curve is not in the frame there.
 
     Parameters
     ----------
@@ -197,10 +201,11 @@ class DashPosition(NamedTuple):
 
 
 def _find_coinciding(values_by_curve: Sequence[Floats], span: float) -> list[DashPosition]:
-    """Return for each curve the curves that coincide with it.
+    """Return for each curve its position among the curves that coincide with it.
 
-    Two curves coincide if they have as many rows and cannot be told apart at those at which
-    both have a value.
+    Two curves coincide if they have equally many rows and differ by less than a line is
+    thick at nearly all rows at which both have a value. The first of coinciding curves is
+    their leader and has the position 0.
 
     Parameters
     ----------
@@ -209,7 +214,7 @@ def _find_coinciding(values_by_curve: Sequence[Floats], span: float) -> list[Das
     span
         Height of the frame, in the unit of the values.
     """
-    # For each curve so far the first one of those that coincide with it, itself if none.
+    # For each curve so far its leader: the first curve that coincides with it, or itself.
     leaders: list[int] = []
     for curve, values in enumerate(values_by_curve):
         leader = curve

@@ -45,7 +45,7 @@ def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figur
                 is_infinite = np.any(steps > INFINITE_STEP_RATIO * frame_size, 1)
                 look = _path_look(diagram, point) | {"label": plot_text(name)}
                 panel.plot(*insert_gaps(path, is_infinite).T, **look)
-        first_diagram = items[0][1]
+        _, first_diagram = items[0]
         label_shared_axes(panels, first_diagram.x_label, first_diagram.y_label)
         figure.draw_without_rendering()  # makes the layout, in which names are placed
         for panel, (_, diagram) in zip(panels, items, strict=True):

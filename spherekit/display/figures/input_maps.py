@@ -58,7 +58,10 @@ def find_grid(axes: Sequence[Axis]) -> list[Floats] | None:
 
 
 def path_axis(axes: Sequence[Axis]) -> Axis:
-    """Return the length along a path of several inputs as an axis; of one, its axis."""
+    """Return one axis for samples on a path of inputs: the length along the path.
+
+    With one input it is the axis of this input.
+    """
     if len(axes) == 1:
         return axes[0]
     points = np.stack([axis.values for axis in axes], axis=1)
@@ -85,7 +88,7 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
     axes = first_scene.over
     grid = find_grid(axes)
     assert grid is not None
-    # Indices of the values of further inputs at which maps are drawn.
+    # Maps are drawn at a few values of each further input: a slice is one index for each.
     indices_by_input = [
         np.round(np.linspace(0, len(values) - 1, min(MAX_SLICES, len(values)))).astype(int)
         for values in grid[2:]
@@ -153,9 +156,9 @@ def _draw_zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -
     span
         Range of the colours, in the unit of the quantity.
     """
+    # Where a value jumps along x or y, both neighbours of the jump are removed (NaN).
     continuous_table = table.copy()
     for axis in (0, 1):
-        # Both neighbours of a jump are removed.
         step_before = np.abs(np.diff(table, axis=axis, prepend=np.nan))
         step_after = np.abs(np.diff(table, axis=axis, append=np.nan))
         continuous_table[step_before > SIGN_JUMP_RATIO * span] = np.nan

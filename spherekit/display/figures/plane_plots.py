@@ -51,7 +51,8 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
     sheet
         Size of the figure, and titles of modes.
     """
-    first_portrait = items[0][1]
+    _, first_portrait = items[0]
+    # The bytes of the points serve as keys, so that equal curves and marks occur once.
     curve_by_points: dict[bytes, PlaneCurve] = {}
     mark_by_place: dict[tuple[str, bytes], Mark] = {}
     for _, portrait in items:
@@ -67,7 +68,7 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
         figure, (panel,) = sheet.make_panels(1, PLANE_RATIO)
         for curve in curve_by_points.values():
             look = style.tone_look(curve.tone) | {"linewidth": 0.9, "zorder": 1.5}
-            if len(curve.points) == 1:
+            if len(curve.points) == 1:  # a single point is drawn as a marker
                 look = marker_look(curve.tone)
             panel.plot(*curve.points.T, label=plot_text(curve.label), **look)
         for scene, portrait in paths:

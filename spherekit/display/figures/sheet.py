@@ -105,14 +105,14 @@ class Sheet:
         return Drawing(figsize=figure_size, layout="constrained")
 
     def add_legend(self, figure: Drawing) -> Drawing:
-        """Add a legend below the panels, of all names that occur in them.
+        """Add a legend below the panels, with each name that occurs in them once.
 
-        The height of the figure grows by that of the legend. The figure is returned.
+        The figure grows by the height of the legend, and is returned.
         """
         handle_by_label: dict[str, Any] = {}
         for panel in figure.axes:
             handles, labels = panel.get_legend_handles_labels()
-            # The handle of the first panel with a name remains.
+            # A handle is the line or marker of a name. That of the first panel is kept.
             handle_by_label = dict(zip(labels, handles, strict=True)) | handle_by_label
         if handle_by_label:
             longest_label = max(map(len, handle_by_label))
@@ -157,8 +157,9 @@ class Sheet:
         panels
             Its panels, row by row.
         """
-        # Many panels with short titles have one more column. So have four panels on one
-        # column of a journal, which are then two by two, and three on two columns.
+        # Many panels with short titles have one more column of panels than the figure has
+        # columns of a journal. So have four panels on one column of a journal, which are
+        # then two by two, and three panels on two columns.
         allows_more = panel_count > 4 or panel_count + self.columns == 5
         has_short_titles = longest_title <= LONG_TITLE_LETTERS
         column_count = min(panel_count, self.columns + (allows_more and has_short_titles))
@@ -199,7 +200,7 @@ def marker_look(tone: int) -> Look:
 def name_points(
     panel: Axes, names: Sequence[str], points: Floats, colours: Sequence[str]
 ) -> None:
-    """Write names beside points, where they cover nothing.
+    """Write names beside points, at places where they cover neither points nor names.
 
     Parameters
     ----------

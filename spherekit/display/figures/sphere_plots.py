@@ -70,10 +70,11 @@ POLAR_PANEL: Look = {"projection": "polar", "axisbelow": "line"}
 def draw_sphere(
     maps: Sequence[SphereMap], curves: Sequence[SphereCurves], sheet: Sheet
 ) -> Figure:
-    """Return a figure of maps and curves, equal-area and stereographic side by side.
+    """Return a figure of quantities and curves on the sphere, in two projections.
 
-    The maps are about the ground axis nearest to the directions that are shown, and reach
-    as far as these. If that is too far, two hemispheres are drawn.
+    The equal-area and the stereographic projection are drawn side by side. Their centre is
+    the ground axis nearest to the directions that are shown, and their rim includes these.
+    If the rim would be too far from the centre, both hemispheres are drawn instead.
 
     Parameters
     ----------
@@ -95,7 +96,7 @@ def draw_sphere(
     if rim > MAX_RIM_RAD:
         rim = HEMISPHERE_RAD
         frames = [frame, opposite_frame(frame)]
-    views = [
+    views = [  # one panel each
         SphereView(view_frame, projection, rim)
         for view_frame in frames
         for projection in (EQUAL_AREA, STEREOGRAPHIC)
@@ -182,15 +183,18 @@ def _draw_graticule(panel: Any, view: SphereView, title: str) -> None:
     panel.tick_params(axis="x", pad=0.0)
     panel.grid(**GRATICULE_LOOK)
     panel.set(ylim=(0.0, view.radius(view.rim)))
-    # The layout measures how far the title reaches above the position of the panel. A round
-    # panel fills that position up to its top only if it is put there; in the middle of one
-    # that is higher than wide, too little space would be reserved.
+    # A round panel is put at the top ("N") of the rectangle that it gets. In the middle of
+    # a high rectangle, the layout would reserve too little space for the title.
     panel.set_anchor("N")
     panel.set_title(title, y=1.0, pad=TITLE_ABOVE_RIM_PT)
 
 
 def _choose_colour_scale(values: Floats, unit: str) -> Normalize:
-    """Return the scale of the colours of values: in steps for few whole numbers."""
+    """Return the scale of the colours of values.
+
+    Small whole numbers, such as numbers of modes, have a colour each. Other values have
+    continuous colours.
+    """
     low, high = choose_map_range(values, unit)
     are_whole = unit == "" and np.all(values == np.round(values))
     if are_whole and high < MAX_COUNTED_COLOURS:
@@ -253,10 +257,11 @@ def _draw_sphere_map(
     look
         Colours of the values.
     """
-    points = view.project(sphere_map.vertices)
+    points = view.project(sphere_map.vertices)  # (n, 2) azimuth and radius
     if not len(sphere_map.triangles):
         panel.scatter(*points.T, c=sphere_map.values, s=7.0, linewidths=0.0, **look)
         return
+    # Only triangles whose vertices are all on the map, or near its rim, are drawn.
     is_placed = all_finite(points, 1)
     triangles = sphere_map.triangles[is_placed[sphere_map.triangles].all(axis=1)]
     if len(triangles):

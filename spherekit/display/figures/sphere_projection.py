@@ -136,10 +136,11 @@ def opposite_frame(frame: Floats) -> Floats:
 
 
 def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]) -> Floats:
-    """Return the directions (n, 3) that have to be within the rim.
+    """Return the directions (n, 3) that have to be within the rim of a map.
 
-    These are the directions of maps and marks. Only if there are none, they are those of
-    the curves, which may otherwise leave the map at its rim.
+    They are the directions of quantities on areas (`maps`) and of marks. The points of
+    curves count only if there are neither areas nor marks. Otherwise curves may leave the
+    map at its rim.
     """
     parts = [np.zeros((0, 3))]
     for sphere_map in maps:
@@ -157,12 +158,12 @@ def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]
 
 
 def turn_to_side(directions: Floats, out: Floats) -> Floats:
-    """Return for each sample that direction of an axis which is on one side of a plane.
+    """Return the direction of an axis that is on the visible side of a map, per sample.
 
-    An axis has two opposite directions. At right angles to `out`, on the rim of the map,
-    both are on the side. There the direction is the one nearer to that of the sample
-    before, or after if none is before, so that a path that reaches the rim or runs along it
-    has no jump.
+    An axis has two opposite directions. The one with a component along `out` is visible. On
+    the rim, at right angles to `out`, both are. The direction nearer to that of the
+    previous sample is then taken (or of the next sample, before the first one that is not
+    on the rim). A path that reaches the rim or runs along it therefore has no jump.
 
     Parameters
     ----------
@@ -178,7 +179,8 @@ def turn_to_side(directions: Floats, out: Floats) -> Floats:
     heights = directions @ out
     turned = np.where(heights < 0.0, -1.0, 1.0)[:, None] * directions
     is_on_rim = np.abs(heights) < RIM_SINE
-    # Forwards from decided samples, then backwards to those before the first of them.
+    # Samples with their neighbours: forwards from the first sample that is not on the rim,
+    # then backwards from it.
     decided_samples = np.flatnonzero(~is_on_rim & np.isfinite(heights))
     first_decided = decided_samples[0] if len(decided_samples) else 0
     order = [(k, k - 1) for k in range(first_decided + 1, len(turned))]

@@ -119,6 +119,7 @@ class PageMaker:
         input_pair: str | Sequence[str] | None,
         crossings: Crossings = "end",
     ) -> None:
+        """Read the mechanism and choose the numbers that have sliders."""
         self._any_mechanism = mechanism
         self._input_pair = input_pair
         self._crossings = crossings
@@ -135,9 +136,9 @@ class PageMaker:
     def make_page(self) -> PageText:
         """Return the page, and its numbers of curves and of assembly modes.
 
-        A kernel is a set of functions in JavaScript. One computes all quantities at every
-        sample, another one the picture at the cursor. Sliders that change nothing are left
-        out with a note, unless their keys were given.
+        A kernel is a set of functions in JavaScript. One kernel computes all quantities at
+        every sample, another one the picture at the cursor. A slider that changes nothing
+        is left out with a note. If the user asked for it by its key, it is an error.
         """
         row_formulas = self._make_row_formulas()
         shown_patterns = self._requested_quantities
@@ -215,7 +216,12 @@ class PageMaker:
         return page_formulas
 
     def _check_smooth_curves(self, page_formulas: Formulas) -> None:
-        """Refuse crossings of modes that a page follows by Newton's steps.
+        """Refuse a mechanism whose modes cross and are followed by Newton's steps.
+
+        Parameters
+        ----------
+        page_formulas
+            Formulas of the page, with the known crossings of their modes.
 
         Raises
         ------
@@ -236,9 +242,9 @@ class PageMaker:
     def _make_row_formulas(self) -> Formulas:
         """Return the formulas that are evaluated at every sample of every mode.
 
-        Added to the quantities are angular velocities, from which the signs of poles
-        follow, and in closed form for each dyad a number that tells whether the loop
-        closes.
+        Two kinds of quantities are added to those that are needed or shown: angular
+        velocities, by which the page finds the signs of poles, and, if positions have a
+        closed form, a number for each dyad that is negative if its loop does not close.
         """
         needed_names = self._page_quantities.needed_names(self._wound_pairs)
         row_formulas = self._make_formulas_with_torques(needed_names)
@@ -254,8 +260,13 @@ class PageMaker:
     def _make_formulas_with_torques(self, needed_names: Sequence[str]) -> Formulas:
         """Return the formulas of needed and requested quantities.
 
-        Driving torques are among the default ones. They are left out with a note if they
-        cannot be written.
+        By default driving torques are included. If they cannot be written, they are left
+        out with a note.
+
+        Parameters
+        ----------
+        needed_names
+            Quantities that the page needs, shown or not.
         """
         if self._requested_quantities is not None:
             return self._make_formulas([*self._requested_quantities, *needed_names])
@@ -265,7 +276,7 @@ class PageMaker:
             return self._make_formulas([*names, *needed_names])
         except SpherekitError as problem:
             if not self._mechanism.masses:
-                raise
+                raise  # there were no torques, so the error has another reason
             self.notes.append(f"no driving torque: {problem}")
             names = self._page_quantities.default_names(with_torques=False)
             return self._make_formulas([*names, *needed_names])
@@ -321,10 +332,12 @@ class PageMaker:
         return [pair for pair in wound_pairs(self._mechanism) if pair not in self._inputs]
 
     def _turn_facts(self, pair: str) -> Facts:
-        """Return from where the whole turns of a passive pair are counted.
+        """Return the input at which the whole turns of a passive pair are zero.
 
-        `anchor` is the input (rad) at which they are 0. All configurations return after a
-        `period` (rad) of the input, None if they never do.
+        Returns
+        -------
+        The name of the pair, this input (rad) as `anchor`, and the `period` (rad) of the
+        input after which all configurations return, None if they never do.
         """
         solver = PositionSolver(self._mechanism, assembly_by_count_or_rank(self._mechanism))
         (anchor,) = solver.anchor
@@ -336,10 +349,11 @@ class PageMaker:
         }
 
     def _crossing_facts(self) -> Facts:
-        """Return the input (rad) at which smooth curves have the numbers of the modes.
+        """Return the input (rad) at which each smooth curve gets the number of its mode.
 
-        The input is that of the reference pose, the "anchor". It is None if there is no
-        such pose or if the input is not in the range.
+        A smooth curve passes through crossings, so it may belong to several modes. It has
+        the number of the mode in which it is at the input of the reference pose (`anchor`).
+        The anchor is None if there is no such pose, or its input is not in the range.
         """
         solver = PositionSolver(self._mechanism, assembly_by_count_or_rank(self._mechanism))
         (anchor,) = solver.anchor

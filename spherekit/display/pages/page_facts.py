@@ -46,7 +46,10 @@ def input_facts(mechanism: Mechanism, driven: Input) -> Facts:
 
 
 def link_facts(mechanism: Mechanism, link: str) -> Facts:
-    """Return the pairs of a link, and its profiles as points in its axes."""
+    """Return the pairs of a link, and its contact profiles as points in link axes.
+
+    A circular profile also has its centre and radius, by which the page draws the circle.
+    """
     profiles: list[Facts] = []
     joints = make_joints(mechanism)
     for pair, joint in zip(mechanism.pairs, joints, strict=True):
@@ -87,6 +90,9 @@ def pair_facts(mechanism: Mechanism) -> list[Facts]:
 def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
     """Return the label and scale of a quantity that has a curve.
 
+    The label is made from the name: ``velocity_coefficient_4_1``, for example, becomes
+    "velocity coefficient 4/1".
+
     Parameters
     ----------
     mechanism
@@ -123,12 +129,14 @@ def natural_scale(mechanism: Mechanism, unit: str) -> float:
 
 
 def plan_facts(pole_plan: Plan, suffix: str) -> Facts:
-    """Return the pole table of a plan, and its steps. Poles are pairs of names of links.
+    """Return the pole table of a plan, and its steps, as a page shows them.
+
+    Poles are given by the names of their two links.
 
     Parameters
     ----------
     pole_plan
-        The plan while one input moves.
+        The plan by which poles are constructed while one input moves.
     suffix
         The end of the names of quantities while it moves.
     """
@@ -162,7 +170,9 @@ def _pole_links(pole_plan: Plan, pole: Pole) -> list[str]:
 def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
     """Yield the text of a step, its poles, and the great circles on which they are.
 
-    The poles of an irreducible part come first, then the steps of its passes.
+    A great circle is given by the poles of both links relative to a third link. For an
+    irreducible part, the poles that velocity equations give come first, and then the steps
+    of the passes that construct the others.
     """
     description, *_ = describe(pole_plan, step).split("\n")
     lines: Sequence[list[list[str]]] = []

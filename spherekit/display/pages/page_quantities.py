@@ -67,6 +67,7 @@ class PageQuantities:
     """
 
     def __init__(self, mechanism: Mechanism, inputs: Sequence[str]) -> None:
+        """List all quantities of the mechanism."""
         self._mechanism = mechanism
         self._inputs = inputs
         self.unit_by_name = row_quantities(mechanism)
@@ -133,16 +134,16 @@ class PageQuantities:
         return ""
 
     def signed_poles(self, names: Iterable[str]) -> dict[SignedPole, list[str]]:
-        """Return the names of the quantities whose signs the page finds, by their poles.
+        """Return the quantities whose sign depends on the sense of a pole, by the pole.
 
         A pole is the axis of the relative rotation of two links while one input moves. If
-        no pair joins the links, it has two senses. The page gives the axis, and velocity
-        and acceleration coefficients, the signs that `sk.evaluate` gives them.
+        no pair joins the links, the axis may point either way. The page chooses its sense,
+        and the signs of the coefficients along it, as `sk.evaluate` does.
 
         Parameters
         ----------
         names
-            Quantities that the page computes.
+            Quantities that the page computes. Others are left out.
         """
         mechanism = self._mechanism
         computed_names = [*names]
@@ -165,10 +166,10 @@ class PageQuantities:
         return names_by_pole
 
     def sign_velocities(self, names: Iterable[str]) -> list[str]:
-        """Return the names of the angular velocities from which the page finds signs.
+        """Return the names of the angular velocities by which the page finds signs.
 
-        The sense of the axis between two links that no pair joins follows from the angular
-        velocities of both.
+        The sense of the pole axis of two links that no pair joins is found from the angular
+        velocities of both links. The ground has none.
 
         Parameters
         ----------

@@ -87,16 +87,15 @@ def slider_range(
     )
     # A power of ten that divides the range of the slider into 100 steps or more.
     step = float(10.0 ** np.floor(np.log10(half_range / 50.0)))
-    least, most = (
-        value - TYPED_TO_SLIDER_RATIO * half_range,
-        value + TYPED_TO_SLIDER_RATIO * half_range,
-    )
+    # Numbers may be typed over a wider range than the slider has.
+    least = value - TYPED_TO_SLIDER_RATIO * half_range
+    most = value + TYPED_TO_SLIDER_RATIO * half_range
     limits = _find_format_limits(mechanism, variable)
     if limits is not None:
         least = max(least, limits[0] * degrees_to_file_unit)
         most = min(most, limits[1] * degrees_to_file_unit)
-    # Other tables may allow less than the format does: a mass along an arc needs one that
-    # is neither 0 nor 180 degrees.
+    # Other parts of the file may narrow the limits: if a mass is given along an arc, for
+    # example, the arc must be neither 0 nor 180 degrees.
     least = _find_last_accepted(document, variable, [max(value - half_range, least), least])
     most = _find_last_accepted(document, variable, [min(value + half_range, most), most])
     # At the limit of an arc or a latitude two axes lie on one line. The slider ends one
@@ -110,6 +109,9 @@ def _find_format_limits(
     mechanism: Mechanism, variable: DesignVariable
 ) -> tuple[float, float] | None:
     """Return the limits (deg) that the file format sets for an angle.
+
+    Latitudes are from -90 to 90 degrees, and arcs of links from 0 to 180 degrees unless
+    the link has signed arcs. Other angles have no limits.
 
     Returns
     -------
@@ -132,11 +134,11 @@ def _find_format_limits(
 def _find_last_accepted(
     document: Document, variable: DesignVariable, values: list[float]
 ) -> float:
-    """Search the number farthest from that of the file with which the file can be read.
+    """Find the farthest number, in one direction, with which the file can still be read.
 
-    The values are tried in their order until the file cannot be read with one. The limit
-    between that value and the last accepted one is then searched by bisection. Numbers
-    between those tried are assumed to be accepted.
+    The values are tried in their order until the file cannot be read with one of them. The
+    limit between this value and the last accepted one is then found by bisection. Numbers
+    between accepted values are not tried.
 
     Parameters
     ----------

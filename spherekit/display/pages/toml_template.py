@@ -62,8 +62,20 @@ def split_at_numbers(document: Document, paths: Sequence[KeyPath]) -> list[str |
 def _mark_number(document: Document, text: str, path: KeyPath, mark: str) -> str | None:
     """Return a text with a mark in place of the number at a path.
 
-    Numbers from the line of the key on are replaced one by one, until the file has the mark
-    at the path.
+    The position of the number in the text is found by trial: numbers from the line of the
+    key on are replaced one by one. The right one is found if the text then reads as a file
+    with the mark, a number too, at the path.
+
+    Parameters
+    ----------
+    document
+        The file.
+    text
+        Its text, in which other numbers may have marks already.
+    path
+        Path of the number in the file.
+    mark
+        Text of a number that no file has.
 
     Returns
     -------
