@@ -83,7 +83,7 @@ def test_input_grids(name, samples):
     ways = evaluate_both_ways(sk.load(name), samples=samples, grid=True)
     found = find_differences(ways)
     assert found.none, found
-    assert found.share == np.mean(ways.careful.status == Status.OK)
+    assert found.share == np.mean(ways.reference_motion.status == Status.OK)
 
 
 @pytest.mark.many
@@ -107,7 +107,7 @@ def test_directions_reverse_within_blocks(name, monkeypatch):
         assert found.none, found
         # Two of the six modes of `three_rrr` close at 20 of the 300 samples only, so rows
         # that are OK are counted: 0.689 of all, and 0.687 are by the kernel.
-        assert found.share > 0.7 * np.mean(ways.careful.status == Status.OK)
+        assert found.share > 0.7 * np.mean(ways.reference_motion.status == Status.OK)
     signs = [item(None, slice(None), None) for item in turned]
     assert sum(np.count_nonzero(np.diff(item)) for item in signs) > 10
 
@@ -129,7 +129,7 @@ def test_special_geometry():
 def test_close_samples_are_predicted(name):
     """Configurations are read between nodes, closed, and the same as others."""
     ways = evaluate_both_ways(sk.load(name), samples=3000)
-    motion, found = ways.quick, find_differences(ways)
+    motion, found = ways.kernel_motion, find_differences(ways)
     assert found.none, found
     assert found.share > 0.95 * np.mean(motion.status == Status.OK)
     assert np.nanmax(motion.residual) < 6e-15

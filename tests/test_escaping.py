@@ -17,7 +17,13 @@ from functools import cache
 from xml.etree import ElementTree
 
 import pytest
-from helpers.hostile_texts import FREE, TEXTS, fields, free_fields, hostile_file
+from helpers.hostile_texts import (
+    FREE,
+    TEXTS,
+    find_free_fields,
+    find_text_fields,
+    hostile_file,
+)
 from helpers.page_waits import wait_until
 
 import spherekit as sk
@@ -220,10 +226,12 @@ def test_every_field_that_takes_any_text_is_hostile_here():
     """A new field of the format is found by its schema, and put into the files above."""
     for text in ("*/ plain", "\u2028"):
         document = hostile_file(text)
-        assert document.count(escaping.toml_string(text)) >= len(free_fields())
-    every = {path for kind in ("mechanism",) for path, sort in fields(kind).items()}
+        assert document.count(escaping.toml_string(text)) >= len(find_free_fields())
+    every = {
+        path for kind in ("mechanism",) for path, sort in find_text_fields(kind).items()
+    }
     assert {("source", "citation"), ("user",), ("loads", "*", "torque")} <= every
-    assert all(sort != FREE for path, sort in fields().items() if "*" in path)
+    assert all(sort != FREE for path, sort in find_text_fields().items() if "*" in path)
 
 
 @pytest.mark.many

@@ -13,7 +13,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.exported_languages import GCC, GPP, JULIA, NODE, compiled, script
+from helpers.exported_languages import (
+    GCC,
+    GPP,
+    JULIA,
+    NODE,
+    compile_shared_library,
+    python_function,
+)
 from mechanism_examples.flat_mechanisms import KINDS, four_bar_text, random_crossing_arcs
 from test_mode_meetings import flat_loop, loaded, two_vertices
 
@@ -52,7 +59,7 @@ def c_results(path, made, row, q, language):
             f"void {name}(const double *q, const double *mode, const double *size, "
             f"double *result)\n{{\n    {calls}(q, mode, size, result);\n}}\n}}\n"
         )
-    library = compiled(path, language)
+    library = compile_shared_library(path, language)
     smooth, function = library[f"{name}_smooth_mode"], library[name]
     numbers = ctypes.c_double * 64
     columns = []
@@ -78,7 +85,7 @@ def js_results(path, made, row, q):
 
 def python_results(path, made, number, q):
     name = made.mechanism.name
-    smooth, function = (script(path, x) for x in (f"{name}_smooth_mode", name))
+    smooth, function = (python_function(path, x) for x in (f"{name}_smooth_mode", name))
     return function(q[None], smooth(number, q), ())
 
 
@@ -87,9 +94,9 @@ def casadi_results(path, made, number, q):
     name = made.mechanism.name
     symbol = casadi.SX.sym("q")
     smooth = casadi.Function(
-        "smooth", [symbol], [script(path, f"{name}_smooth_mode")(number, symbol)]
+        "smooth", [symbol], [python_function(path, f"{name}_smooth_mode")(number, symbol)]
     )
-    function = script(path, name)()
+    function = python_function(path, name)()
     columns = [np.array(function(x, smooth(x), []))[:, 0] for x in q.tolist()]
     return np.array(columns).T
 
@@ -316,8 +323,8 @@ def test_starts_of_a_triad_stand_on_both_sides_of_a_crossing(tmp_path):
     assert len(smooth.crossings) == 1
     path = tmp_path / "x.py"
     path.write_text(source(made, "python"))
-    start = script(path, "flat_loop_smooth_variables")
-    step = script(path, "flat_loop_step")
+    start = python_function(path, "flat_loop_smooth_variables")
+    step = python_function(path, "flat_loop_step")
     changed = compared = 0
     for row, mode in enumerate(made.modes):
         changed += len(smooth.pieces(row)) > 1
@@ -341,7 +348,7 @@ def test_starts_of_a_triad_stand_on_both_sides_of_a_crossing(tmp_path):
     if GCC:
         path = tmp_path / "x.c"
         path.write_text(source(made, "c"))
-        compiled(path, "c")
+        compile_shared_library(path, "c")
 
 
 def test_turns_are_counted_where_a_smooth_curve_turns_fully():

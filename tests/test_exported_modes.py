@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.exported_languages import GCC, NODE, c_function, js_function, script
+from helpers.exported_languages import GCC, NODE, c_function, js_function, python_function
 from mechanism_examples.special_mechanisms import four_bar
 
 import spherekit as sk
@@ -62,7 +62,7 @@ def in_every_language(made, folder):
     name = made.mechanism.name
     path = folder / name
     path.with_suffix(".py").write_text(source(made, "python"))
-    yield "python", script(path.with_suffix(".py"), name)
+    yield "python", python_function(path.with_suffix(".py"), name)
     if GCC:
         path.with_suffix(".c").write_text(source(made, "c"))
         yield "c", c_function(path.with_suffix(".c"), name, len(made.results), "c")
@@ -91,7 +91,7 @@ def check_modes(mechanism, folder, least=0.5):
     steps = None
     if made.step:
         name = made.mechanism.name
-        steps = script((folder / name).with_suffix(".py"), f"{name}_step")
+        steps = python_function((folder / name).with_suffix(".py"), f"{name}_step")
     no_sizes, largest, compared = np.zeros((0, INPUTS)), 0.0, 0
     for mode in made.modes:
         q = inputs_of(made, mode, mode.number)

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from helpers.exported_languages import languages
+from helpers.exported_languages import functions_by_language
 
 import spherekit as sk
 from spherekit.exchange.formula_maker import formulas
@@ -142,7 +142,7 @@ def test_what_is_never_there_is_written_in_every_language(tmp_path):
     """The constant NaN compiles, and is NaN."""
     made = formulas("five_bar", ["pole_5_1_*_by_21", "theta_32"])
     columns = np.full((2, 3), 1.2), np.ones((1, 3)), np.zeros((0, 3))
-    for language, function in languages(tmp_path, "five_bar", made):
+    for language, function in functions_by_language(tmp_path, "five_bar", made):
         found = function(*columns)
         assert np.all(np.isnan(found[:3])) and np.all(np.isfinite(found[3])), language
 

@@ -10,7 +10,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from helpers.exported_languages import GCC, STRICT, c_function, languages
+from helpers.exported_languages import GCC, STRICT, c_function, functions_by_language
 from helpers.refusals import TABLES, check_call
 from helpers.source_files import ROOT
 
@@ -121,7 +121,7 @@ def test_sources_return_what_the_terms_do(name, tmp_path):
     known = np.isfinite(wanted) & np.isfinite(shaken)
     assert np.mean(known) > 0.5
     size = np.maximum(1.0, np.abs(wanted))
-    for language, function in languages(tmp_path, name, made):
+    for language, function in functions_by_language(tmp_path, name, made):
         found = function(*columns)
         off = np.abs(found - wanted)
         assert np.array_equal(np.isfinite(found[known]), np.isfinite(wanted[known]))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from helpers.analysis_runs import evaluate_poles_of_motion
-from helpers.fuzz_checks import sweep
+from helpers.fuzz_checks import check_random_mechanisms
 from mechanism_examples.random_mechanisms import FAMILIES, random_mechanism
 
 from spherekit.planning.assembly_plan import plan_assembly
@@ -12,7 +12,7 @@ from spherekit.status import Status
 
 @pytest.mark.slow
 def test_no_wrong_value_without_a_status():
-    tally = sweep(range(26))
+    tally = check_random_mechanisms(range(26))
     assert tally.wrong == [] and tally.mechanisms["evaluated"] >= 15
     assert tally.rows["OK"] >= 45 and tally.rows["AT_SINGULARITY"] >= 1
     assert tally.poles["OK"] >= 1000
@@ -21,7 +21,9 @@ def test_no_wrong_value_without_a_status():
 @pytest.mark.long
 @pytest.mark.parametrize("part", range(10))
 def test_no_wrong_value_in_thousands(part):
-    assert sweep(range(100000 + 400 * part, 100400 + 400 * part)).wrong == []
+    assert (
+        check_random_mechanisms(range(100000 + 400 * part, 100400 + 400 * part)).wrong == []
+    )
 
 
 FOUND_ONCE = {
@@ -41,7 +43,7 @@ FOUND_ONCE = {
 @pytest.mark.many
 @pytest.mark.parametrize("seed", FOUND_ONCE)
 def test_what_a_sweep_found_once(seed):
-    assert sweep([seed]).wrong == []
+    assert check_random_mechanisms([seed]).wrong == []
 
 
 def test_families_and_seeds_repeat():

@@ -1,9 +1,14 @@
-"""Exported sources, compiled or run: each as a function of columns, as the terms are."""
+"""Compiles or runs exported sources, so that tests can call them with columns of numbers.
+
+Every source is wrapped as `function(*columns)` with columns (k, n): n rows of k numbers
+per argument. It returns the results (count, n).
+"""
 
 import ctypes
 import json
 import shutil
 import subprocess
+from importlib.util import find_spec
 
 import numpy as np
 
@@ -13,46 +18,65 @@ GCC, GPP, NODE, JULIA = map(shutil.which, ("gcc", "g++", "node", "julia"))
 STRICT = "-O2 -Wall -Wextra -Wconversion -pedantic -Werror -ffp-contract=off -shared -fPIC"
 
 
-def compiled(path, language):
-    """Return the library of a source that is compiled without a warning."""
+def compile_shared_library(path, language):
+    """Compile a C or C++ source as strictly as possible and return the loaded library."""
     library = path.with_suffix(f".{language}.so")
-    words = [GCC, "-std=c99"] if language == "c" else [GPP, "-std=c++11"]
-    words += [*STRICT.split(), "-o", str(library), str(path), "-lm"]
-    subprocess.run(words, check=True)
+    command = [GCC, "-std=c99"] if language == "c" else [GPP, "-std=c++11"]
+    command += [*STRICT.split(), "-o", str(library), str(path), "-lm"]
+    subprocess.run(command, check=True)
     return ctypes.CDLL(str(library))
 
 
 def c_function(path, name, count, language):
-    """Return a function of columns."""
+    """Compile an exported C or C++ function and return it as a function of columns.
+
+    Parameters
+    ----------
+    path
+        Source file.
+    name
+        Name of the exported function.
+    count
+        Number of results per row.
+    language
+        `"c"` or `"cpp"`.
+    """
     if language == "cpp":
-        header, path = path, path.with_suffix(".cpp")
+        # The exported file is a header: a source with C linkage calls its function.
+        header = path
+        path = header.with_suffix(".cpp")
         call = f"{name}_formulas::{name}(motion, mode, size, result)"
         arguments = "const double *motion, const double *mode, const double *size"
         path.write_text(
             f'#include "{header.name}"\nextern "C" void {name}({arguments}, '
             f"double *result)\n{{\n    {call};\n}}\n"
         )
-    function = getattr(compiled(path, language), name)
+    function = getattr(compile_shared_library(path, language), name)
 
-    def at(*columns):
-        n = columns[0].shape[1]
-        results = np.empty((n, count))
-        given = [np.ascontiguousarray(np.vstack([x, np.zeros(n)]).T) for x in columns]
-        pointers = ctypes.POINTER(ctypes.c_double)
-        for k in range(n):
-            function(*(x[k].ctypes.data_as(pointers) for x in (*given, results)))
+    def evaluate_columns(*columns):
+        row_count = columns[0].shape[1]
+        results = np.empty((row_count, count))
+        # Each row must lie in memory in one piece. A zero is added at its end, because an
+        # argument without numbers would have no address.
+        zeros = np.zeros(row_count)
+        arguments = [np.ascontiguousarray(np.vstack([x, zeros]).T) for x in columns]
+        pointer_type = ctypes.POINTER(ctypes.c_double)
+        for row in range(row_count):
+            function(*(x[row].ctypes.data_as(pointer_type) for x in (*arguments, results)))
         return results.T
 
-    return at
+    return evaluate_columns
 
 
 def rows_as_lists(columns):
-    """Return what each row of columns (k, n) is given, as lists."""
+    """Return the arguments of each row of columns (k, n) as lists of numbers."""
     return [[x[:, k].tolist() for x in columns] for k in range(columns[0].shape[1])]
 
 
 def js_function(path, name):
-    def at(*columns):
+    """Return an exported JavaScript function, run by Node, as a function of columns."""
+
+    def evaluate_columns(*columns):
         program = path.with_name("run.mjs")
         program.write_text(
             f"import {{{name} as f}} from './{path.name}';\n"
@@ -62,62 +86,88 @@ def js_function(path, name):
         )
         data = path.with_name("rows.json")
         data.write_text(json.dumps(rows_as_lists(columns)))
-        done = subprocess.run(
+        process = subprocess.run(
             [NODE, str(program), str(data)], check=True, capture_output=True, text=True
         )
-        return np.array(json.loads(done.stdout), dtype=float).T
+        return np.array(json.loads(process.stdout), dtype=float).T
 
-    return at
+    return evaluate_columns
 
 
-def script(path, name):
-    space = {}
-    exec(compile(path.read_text("utf-8"), str(path), "exec"), space)
-    return space[name]
+def python_function(path, name):
+    """Execute a Python source and return the function of this name."""
+    namespace = {}
+    exec(compile(path.read_text("utf-8"), str(path), "exec"), namespace)
+    return namespace[name]
 
 
 def casadi_function(path, name):
-    made = script(path, name)()
-    return lambda *columns: np.array(made.map(columns[0].shape[1])(*columns))
+    """Return an exported CasADi function as a function of columns."""
+    function = python_function(path, name)()
+    return lambda *columns: np.array(function.map(columns[0].shape[1])(*columns))
 
 
 def julia_function(path, name):
-    def at(*columns):
-        calls = "\n".join(
-            f"println({name}({', '.join('Float64' + str(x) for x in row)}))"
-            for row in rows_as_lists(columns)
-        )
+    """Return an exported Julia function as a function of columns."""
+
+    def evaluate_columns(*columns):
+        calls = []
+        for row in rows_as_lists(columns):
+            arguments = ", ".join(f"Float64{values}" for values in row)
+            calls.append(f"println({name}({arguments}))")
         program = path.with_name("run.jl")
-        program.write_text(f'include("{path.name}")\n{calls}\n')
-        done = subprocess.run(
+        program.write_text("\n".join([f'include("{path.name}")', *calls, ""]))
+        process = subprocess.run(
             [JULIA, str(program)], check=True, capture_output=True, text=True
         )
-        lines = done.stdout.replace("NaN", "nan").splitlines()
+        # Julia prints a vector as [1.0, NaN].
+        lines = process.stdout.replace("NaN", "nan").splitlines()
         return np.array([[float(x) for x in line[1:-1].split(",")] for line in lines]).T
 
-    return at
+    return evaluate_columns
 
 
-def languages(tmp_path, name, made):
-    """Yield each language with the function that its source is."""
-    files = {"c": "x.c", "cpp": "x.hpp", "js": "x.mjs", "python": "x.py", "julia": "x.jl"}
-    files["casadi"] = "casadi_x.py"
-    available = {"c": GCC, "cpp": GPP, "js": NODE, "julia": JULIA, "python": "always"}
-    try:
-        import casadi  # noqa: F401
+def functions_by_language(folder, name, formulas):
+    """Yield each installed language and the function that its exported source defines.
 
-        available["casadi"] = "there"
-    except ImportError:
-        pass
-    for language, file in files.items():
-        if not available.get(language):
+    Parameters
+    ----------
+    folder
+        Folder for the source files.
+    name
+        Name of the exported function.
+    formulas
+        Formulas that are exported.
+    """
+    file_names = {
+        "c": "x.c",
+        "cpp": "x.hpp",
+        "js": "x.mjs",
+        "python": "x.py",
+        "julia": "x.jl",
+        "casadi": "casadi_x.py",
+    }
+    is_installed = {
+        "c": GCC is not None,
+        "cpp": GPP is not None,
+        "js": NODE is not None,
+        "python": True,
+        "julia": JULIA is not None,
+        "casadi": find_spec("casadi") is not None,
+    }
+    for language, file_name in file_names.items():
+        if not is_installed[language]:
             continue
-        path = tmp_path / file
-        path.write_text(source(made, language))
+        path = folder / file_name
+        path.write_text(source(formulas, language))
         if language in ("c", "cpp"):
-            yield language, c_function(path, name, len(made.results), language)
+            function = c_function(path, name, len(formulas.results), language)
         elif language == "python":
-            yield language, script(path, name)
+            function = python_function(path, name)
+        elif language == "js":
+            function = js_function(path, name)
+        elif language == "julia":
+            function = julia_function(path, name)
         else:
-            makers = {"js": js_function, "julia": julia_function, "casadi": casadi_function}
-            yield language, makers[language](path, name)
+            function = casadi_function(path, name)
+        yield language, function

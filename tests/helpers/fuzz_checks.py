@@ -1,4 +1,9 @@
-"""Random mechanisms against the velocity equations: no wrong value without a status."""
+"""Evaluates random mechanisms and compares their rows with the velocity equations.
+
+The promise is: no row or pole with status OK holds a wrong value, and every row that fails
+holds NaN. The velocity equations (`oracles.velocity_equations`) are solved by a singular
+value decomposition for the angular velocities of all links, without poles.
+"""
 
 import warnings
 from collections import Counter
@@ -20,26 +25,38 @@ from spherekit.velocities.pole_request import request
 
 SAMPLES = 3
 TOLERANCE = 1e-9
-"""Deviation (rad, or relative to the largest rate) that is right without a bound."""
+"""Deviation (rad, or relative to the largest rate) that is allowed in any case."""
 BOUND = 10.0
-"""How many times its own reported bound a direction may deviate."""
+"""A direction may deviate by this multiple of its own error bound."""
 CONDITIONED = 100.0
-"""How many times roundoff times conditioning a value may deviate."""
+"""A value may deviate by this multiple of the rounding unit times the conditioning."""
 SPREAD = 10.0
-"""How many times as much as it changes when links turn by their misses."""
+"""A value may deviate by this multiple of its change in a perturbed configuration."""
 DETERMINED = 1e-13
-"""Singular values below this part of the largest leave a motion undetermined."""
+"""Below this ratio of smallest to largest singular value the motion is not determined."""
 LIMBER = 1e-3
-"""Flatter equations may make a value uncertain by more than the above."""
+"""Below this ratio of singular values a perturbed configuration is evaluated too."""
 CLOSED = 1e-10
-"""Largest miss of a pair (rad) that is closed."""
+"""Largest gap (rad) of a pair in a closed loop."""
 MOST_LINKS_BY_RANK = 7
 """Mechanisms of more links that the count of freedoms refuses are not tried by rank."""
 
 
 @dataclass
 class Tally:
-    """What became of the rows of many mechanisms."""
+    """Counts of the statuses of many random mechanisms, and their faults.
+
+    Attributes
+    ----------
+    mechanisms
+        Mechanisms by outcome: evaluated, refused (why), or fault.
+    rows, poles
+        Rows and poles by their status.
+    wrong
+        Faults in words, with the seed.
+    worst
+        Largest deviation by kind of quantity, in well-conditioned rows.
+    """
 
     mechanisms: Counter[str] = field(default_factory=Counter)
     rows: Counter[str] = field(default_factory=Counter)
@@ -47,38 +64,49 @@ class Tally:
     wrong: list[str] = field(default_factory=list)
     worst: dict[str, float] = field(default_factory=dict)
 
-    def note(self, what, deviation):
-        """Keep the largest deviation of a kind."""
-        self.worst[what] = max(self.worst.get(what, 0.0), deviation)
+    def note(self, kind, deviation):
+        """Store a deviation if it is the largest of its kind."""
+        self.worst[kind] = max(self.worst.get(kind, 0.0), deviation)
 
 
-def sweep(seeds):
-    """Return what became of the mechanisms of these seeds."""
+def check_random_mechanisms(seeds):
+    """Evaluate the random mechanisms of these seeds and return the `Tally` of them."""
     tally = Tally()
     for seed in seeds:
         try:
-            _judge_seed(seed, tally)
-        except Exception as error:  # whatever is not a refusal is to be found here
+            _check_seed(seed, tally)
+        except Exception as error:  # an error that is no refusal is a fault
             tally.mechanisms["fault"] += 1
             tally.wrong.append(f"seed {seed}: {type(error).__name__}: {error}")
     return tally
 
 
-def _judge_seed(seed, tally):
-    _, made = random_mechanism(seed)
+def _check_seed(seed, tally):
+    """Evaluate the mechanism of a seed for each of its inputs, and add its faults.
+
+    A warning of NumPy is an error. A mechanism may be refused with a `SpherekitError`.
+    """
+    _, mechanism = random_mechanism(seed)
+    fields = {}
     try:
-        if len(made.links) > MOST_LINKS_BY_RANK:
-            plan_assembly(made)
+        if len(mechanism.links) > MOST_LINKS_BY_RANK:
+            plan_assembly(mechanism)  # refuses where the count of freedoms does
         with warnings.catch_warnings():
             warnings.simplefilter("error", RuntimeWarning)
-            tracer = PositionAnalysis(made, search=False, samples=SAMPLES, assembly_mode=0)
-            motion = tracer.motion()
-            poles = all_poles(len(made.links))
-            fields = {}
+            position_analysis = PositionAnalysis(
+                mechanism, search=False, samples=SAMPLES, assembly_mode=0
+            )
+            motion = position_analysis.motion()
+            poles = all_poles(len(mechanism.links))
             for pair in motion.assembly.inputs:
-                given = tracer.mechanism, made.pairs[pair].name, poles, poles
-                wanted = request(*given, by_rank=tracer.by_rank)
-                fields[pair] = evaluate(motion, wanted)
+                pole_request = request(
+                    position_analysis.mechanism,
+                    mechanism.pairs[pair].name,
+                    poles,
+                    poles,
+                    by_rank=position_analysis.by_rank,
+                )
+                fields[pair] = evaluate(motion, pole_request)
     except CountError:
         tally.mechanisms["refused: count"] += 1
         return
@@ -89,133 +117,183 @@ def _judge_seed(seed, tally):
         tally.mechanisms[f"refused: {type(error).__name__}"] += 1
         return
     tally.mechanisms["evaluated"] += 1
-    for pair, found in fields.items():
-        faults = judge(motion, found, pair, tally)
-        tally.wrong += [f"seed {seed}: input {made.pairs[pair].name}: {x}" for x in faults]
+    for pair, pole_field in fields.items():
+        for fault in find_faults(motion, pole_field, pair, tally):
+            tally.wrong.append(f"seed {seed}: input {mechanism.pairs[pair].name}: {fault}")
 
 
-def judge(motion, found, moved, tally):
-    """Return what is wrong with a field, in words, and count its rows and poles."""
-    made = motion.mechanism
-    faults = _not_nan(motion, found)
-    held = ~motion.failed
-    for name in (Status(code).name for code in found.status):
-        tally.rows[name] += 1
-    if not np.any(held):
+def find_faults(motion, field, moving_input, tally):
+    """Return the faults of a pole field in words, and count its rows and poles.
+
+    Parameters
+    ----------
+    motion, field
+        Motion of a mechanism, and its poles while one input moves.
+    moving_input
+        Number of the input pair that moves; all other inputs are locked.
+    tally
+        `Tally` that counts statuses and deviations.
+    """
+    mechanism = motion.mechanism
+    faults = _find_numbers_in_failed_rows(motion, field)
+    for code in field.status:
+        tally.rows[Status(code).name] += 1
+    is_evaluated = ~motion.failed
+    if not np.any(is_evaluated):
         return faults
-    rows = np.flatnonzero(held)
-    w, dw, values, over, free, missed = link_rates(
-        made, motion.rotations[held], motion.assembly.inputs, moved
+    rows = np.flatnonzero(is_evaluated)
+    w, dw, singular_values, residuals, free_matrix, gaps = link_rates(
+        mechanism, motion.rotations[is_evaluated], motion.assembly.inputs, moving_input
     )
-    for k in np.flatnonzero(~(missed < CLOSED)).tolist():
-        faults.append(f"row {rows[k]}: a pair misses by {missed[k]:.1e}")
-    faults += _inputs_differ(motion, rows)
+    for k in np.flatnonzero(~(gaps < CLOSED)).tolist():
+        faults.append(f"row {rows[k]}: a pair misses by {gaps[k]:.1e}")
+    faults += _find_wrong_inputs(motion, rows)
     for k, row in enumerate(rows.tolist()):
-        if found.status[row] == Status.OK:
-            least = (0.0, 0.0)
-            here = _judge_row(found, row, w[k], dw[k], values[k], over[k], least, tally)
-            if here and values[k, -1] < LIMBER * values[k, 0]:
-                least = _spread(motion, row, moved)
-                here = _judge_row(found, row, w[k], dw[k], values[k], over[k], least, tally)
-            faults += here
-        else:
-            faults += _judge_directions(found, row, free[k], tally)
+        if field.status[row] != Status.OK:
+            faults += _find_wrong_directions(field, row, free_matrix[k], tally)
+            continue
+        arguments = (field, row, w[k], dw[k], singular_values[k], residuals[k])
+        row_faults = _find_faults_of_row(*arguments, spread=(0.0, 0.0), tally=tally)
+        if row_faults and singular_values[k, -1] < LIMBER * singular_values[k, 0]:
+            # Badly conditioned rows may deviate as much as the configuration allows.
+            spread = _spread(motion, row, moving_input)
+            row_faults = _find_faults_of_row(*arguments, spread=spread, tally=tally)
+        faults += row_faults
     return faults
 
 
-def _spread(motion, row, moved):
-    """Return how much w and dw change while links turn as little as variables are off.
+def _spread(motion, row, moving_input):
+    """Return how much w and dw change if the links of a row turn by the position error.
 
-    The configuration is known no better than that, whatever is computed from it: rows in
-    more digits close the loops first.
+    The configuration is known only up to this error, whatever is computed from it. Rows in
+    quad precision close the loops further before they evaluate poles.
+
+    Returns
+    -------
+    (float, float)
+        Largest change of an angular velocity and of its derivative, among seven random
+        perturbations of all links.
     """
     random = np.random.default_rng(0)
-    size = max(EPS, float(motion.residual[row]), float(motion.configuration_error[row]))
-    exact = motion.rotations[row][None]
-    noise = size * random.normal(size=(8, *exact.shape[1:2], 3))
-    noise[0] = noise[:, 0] = 0.0
-    turned = exact + np.cross(noise[:, :, None], np.swapaxes(exact, 2, 3)).swapaxes(2, 3)
-    w, dw, *_ = link_rates(motion.mechanism, turned, motion.assembly.inputs, moved)
+    error_rad = max(
+        EPS, float(motion.residual[row]), float(motion.configuration_error[row])
+    )
+    rotations = motion.rotations[row][None]
+    small_turns = error_rad * random.normal(size=(8, *rotations.shape[1:2], 3))
+    small_turns[0] = 0.0  # the first configuration is the unperturbed one
+    small_turns[:, 0] = 0.0  # the ground stays
+    columns = np.swapaxes(rotations, 2, 3)
+    changes = np.cross(small_turns[:, :, None], columns).swapaxes(2, 3)
+    w, dw, *_ = link_rates(
+        motion.mechanism, rotations + changes, motion.assembly.inputs, moving_input
+    )
     return float(np.max(np.abs(w - w[0]))), float(np.max(np.abs(dw - dw[0])))
 
 
-def _not_nan(motion, found):
-    """Return which failed rows hold a number."""
+def _find_numbers_in_failed_rows(motion, field):
+    """Return faults: numbers in failed rows, and NaN in configurations that are OK.
+
+    Configurations and directions are NaN where the position analysis failed, rates and
+    their derivatives where the status is not OK.
+    """
+    has_failed = motion.failed
+    has_no_rates = field.status != Status.OK
+    quantities = [
+        ("values", motion.values, has_failed),
+        ("rotations", motion.rotations, has_failed),
+    ]
+    for pole, values in field.direction.items():
+        quantities.append((f"direction {pole}", values, has_failed))
+    for pole, values in field.velocity_coefficient.items():
+        quantities.append((f"rate {pole}", values, has_no_rates))
+    for pole, values in field.acceleration_coefficient.items():
+        quantities.append((f"acceleration_coefficient {pole}", values, has_no_rates))
+    for link, values in field.w.items():
+        quantities.append((f"w {link}", values, has_no_rates))
+    for link, values in field.dw.items():
+        quantities.append((f"dw {link}", values, has_no_rates))
     faults = []
-    failed, unknown = motion.failed, found.status != Status.OK
-    for name, values, empty in (
-        ("values", motion.values, failed),
-        ("rotations", motion.rotations, failed),
-        *((f"direction {p}", v, failed) for p, v in found.direction.items()),
-        *((f"rate {p}", v, unknown) for p, v in found.velocity_coefficient.items()),
-        *(
-            (f"acceleration_coefficient {p}", v, unknown)
-            for p, v in found.acceleration_coefficient.items()
-        ),
-        *((f"w {k}", v, unknown) for k, v in found.w.items()),
-        *((f"dw {k}", v, unknown) for k, v in found.dw.items()),
-    ):
-        if np.any(np.isfinite(values[empty])):
+    for name, values, must_be_nan in quantities:
+        if np.any(np.isfinite(values[must_be_nan])):
             faults.append(f"{name}: a failed row holds a number")
-        if name.startswith(("w ", "dw ", "values")) and not np.all(
-            np.isfinite(values[~empty])
-        ):
+        # Poles may be NaN in rows that are OK: links at rest have none.
+        is_never_nan = name.startswith(("w ", "dw ", "values"))
+        if is_never_nan and not np.all(np.isfinite(values[~must_be_nan])):
             faults.append(f"{name}: a row that is OK holds NaN")
     return faults
 
 
-def _inputs_differ(motion, rows):
-    """Return which rows are not at the input that they say."""
+def _find_wrong_inputs(motion, rows):
+    """Return faults: rows whose links are not turned by the input angle of the row."""
     faults = []
     for column, pair in enumerate(motion.assembly.inputs):
         joint = revolute(motion.joints[pair])
-        a, b = motion.mechanism.ends[pair]
-        first = motion.rotations[rows, a] @ joint.first
-        second = motion.rotations[rows, b] @ joint.second
-        along, across = (np.sum(second[:, :, 0] * first[:, :, k], axis=1) for k in (0, 1))
-        miss = np.arctan2(across, along) - motion.inputs[rows, column]
-        miss = np.abs(np.remainder(miss + np.pi, 2 * np.pi) - np.pi)
-        faults += [
-            f"row {rows[k]}: input off by {miss[k]:.1e}"
-            for k in np.flatnonzero(~(miss < CLOSED))
-        ]
+        first_link, second_link = motion.mechanism.ends[pair]
+        first_frames = motion.rotations[rows, first_link] @ joint.first
+        second_frames = motion.rotations[rows, second_link] @ joint.second
+        second_x = second_frames[:, :, 0]
+        cosine = np.sum(second_x * first_frames[:, :, 0], axis=1)
+        sine = np.sum(second_x * first_frames[:, :, 1], axis=1)
+        gap = np.arctan2(sine, cosine) - motion.inputs[rows, column]
+        gap = np.abs(np.remainder(gap + np.pi, 2 * np.pi) - np.pi)
+        for k in np.flatnonzero(~(gap < CLOSED)):
+            faults.append(f"row {rows[k]}: input off by {gap[k]:.1e}")
     return faults
 
 
-def _judge_row(found, row, w, dw, values, over, spread, tally):
-    flat = values[-1] / values[0]
-    if flat < DETERMINED:
-        return [f"row {row}: OK, but the motion is not determined ({flat:.1e})"]
-    scale = max(1.0, float(np.max(np.linalg.norm(w, axis=1))))
-    if not over < scale * max(TOLERANCE, CONDITIONED * EPS / flat):
-        return [f"row {row}: OK, but the pairs cannot move so ({over:.1e})"]
-    faults = []
-    steep = max(scale**2, float(np.max(np.linalg.norm(dw, axis=1))))
-    least = max(TOLERANCE, CONDITIONED * EPS / flat)
-    allowed = max(least, SPREAD * spread[0] / scale)
-    allowed_rate = max(least, SPREAD * spread[1] / steep)
+def _find_faults_of_row(field, row, w, dw, singular_values, residual, *, spread, tally):
+    """Return the faults of a row with status OK: rates, poles and their derivatives.
 
-    def compare(what, deviation, limit):
+    Parameters
+    ----------
+    field, row
+        Pole field, and number of the row.
+    w, dw
+        (links, 3) angular velocities and derivatives by the velocity equations.
+    singular_values
+        Singular values of the velocity equations, largest first.
+    residual
+        Residual of their least-squares solution.
+    spread
+        Uncertainty of w and of dw by the configuration (see `_spread`).
+    tally
+        `Tally` that counts statuses and deviations.
+    """
+    flatness = singular_values[-1] / singular_values[0]
+    if flatness < DETERMINED:
+        return [f"row {row}: OK, but the motion is not determined ({flatness:.1e})"]
+    w_scale = max(1.0, float(np.max(np.linalg.norm(w, axis=1))))
+    dw_scale = max(w_scale**2, float(np.max(np.linalg.norm(dw, axis=1))))
+    least_limit = max(TOLERANCE, CONDITIONED * EPS / flatness)
+    if not residual < w_scale * least_limit:
+        return [f"row {row}: OK, but the pairs cannot move so ({residual:.1e})"]
+    w_limit = max(least_limit, SPREAD * spread[0] / w_scale)
+    dw_limit = max(least_limit, SPREAD * spread[1] / dw_scale)
+    faults = []
+
+    def compare(name, deviation, limit):
         if not deviation <= limit:
             faults.append(
-                f"row {row}: {what} off by {deviation:.1e}, allowed {limit:.1e}, flat "
-                f"{flat:.1e}, equations {bool(found.is_quad_precision[row])}"
+                f"row {row}: {name} off by {deviation:.1e}, allowed {limit:.1e}, flat "
+                f"{flatness:.1e}, quad precision {bool(field.is_quad_precision[row])}"
             )
-        elif flat > 1e-6:
-            tally.note(what.split(" ")[0], deviation)
+        elif flatness > 1e-6:
+            tally.note(name.split(" ")[0], deviation)
 
-    for link in found.w:
-        compare(f"w {link}", _length(found.w[link][row] - w[link]) / scale, allowed)
-        compare(f"dw {link}", _length(found.dw[link][row] - dw[link]) / steep, allowed_rate)
-    for pole in found.direction:
-        i, j = pole
-        vector, change = w[j] - w[i], dw[j] - dw[i]
-        size = _length(vector)
-        status = Status(found.pole_status[pole][row])
-        direction, rate = found.direction[pole][row], found.velocity_coefficient[pole][row]
+    for link in field.w:
+        compare(f"w {link}", _length(field.w[link][row] - w[link]) / w_scale, w_limit)
+        compare(f"dw {link}", _length(field.dw[link][row] - dw[link]) / dw_scale, dw_limit)
+    for pole in field.direction:
+        first, second = pole
+        relative_w = w[second] - w[first]
+        relative_dw = dw[second] - dw[first]
+        relative_rate = _length(relative_w)
+        status = Status(field.pole_status[pole][row])
+        direction = field.direction[pole][row]
+        direction_error = field.direction_error[pole][row]
         tally.poles[status.name] += 1
         if status == Status.NO_POLE:
-            compare(f"standing {pole}", size / scale, max(1e-6, allowed))
+            compare(f"standing {pole}", relative_rate / w_scale, max(1e-6, w_limit))
         elif status == Status.ILL_CONDITIONED:
             if np.any(np.isfinite(direction)):
                 faults.append(f"row {row}: {pole} is ill-conditioned, but given")
@@ -223,42 +301,57 @@ def _judge_row(found, row, w, dw, values, over, spread, tally):
             if not np.all(np.isfinite(direction)):
                 faults.append(f"row {row}: {pole} is OK, but not a number")
                 continue
-            compare(f"rate {pole}", _length(rate * direction - vector) / scale, allowed)
-            across = _length(np.cross(direction, vector)) / scale
-            bound = found.direction_error[pole][row] * BOUND * size / scale
-            compare(f"direction {pole}", across, max(allowed, bound))
-            along = found.acceleration_coefficient[pole][row] - change @ direction
+            rate_vector = field.velocity_coefficient[pole][row] * direction
+            compare(f"rate {pole}", _length(rate_vector - relative_w) / w_scale, w_limit)
+            deviation = _length(np.cross(direction, relative_w)) / w_scale
+            limit = max(w_limit, BOUND * direction_error * relative_rate / w_scale)
+            compare(f"direction {pole}", deviation, limit)
+            deviation = field.acceleration_coefficient[pole][row] - relative_dw @ direction
             # A direction may deviate by its bound, and the derivative with it.
-            limit = allowed_rate + BOUND * found.direction_error[pole][row]
-            compare(f"acceleration_coefficient {pole}", abs(along) / steep, limit)
-            length = _length(direction)
-            compare(f"length {pole}", abs(length - 1.0), 1e-12)
+            limit = dw_limit + BOUND * direction_error
+            compare(f"acceleration_coefficient {pole}", abs(deviation) / dw_scale, limit)
+            compare(f"length {pole}", abs(_length(direction) - 1.0), 1e-12)
         else:
             faults.append(f"row {row}: {pole} is {status.name}, its row is OK")
     return faults
 
 
-def _judge_directions(found, row, free, tally):
-    """Judge the directions at a dead centre, where only the motion's scale is unknown."""
-    _, values, right = np.linalg.svd(free)
-    full = len(values) == free.shape[1]
-    gap = values[-2] / values[0] if full else 0.0
-    # Loops that close in one place only have no exact motion, but this close to one.
-    unsolved = values[-1] / values[-2] if full else 0.0
+def _find_wrong_directions(field, row, free_matrix, tally):
+    """Return faults of pole directions at a dead centre of the moving input.
+
+    There the rate of the input is zero, so only directions are evaluated. The reference is
+    the motion with the moving input free: the last right singular vector of the velocity
+    equations without the equations of this input, of unknown scale.
+
+    Parameters
+    ----------
+    field, row
+        Pole field, and number of a row with another status than OK.
+    free_matrix
+        (rows, 3 links - 3) velocity equations without those of the moving input.
+    tally
+        `Tally` that counts the poles.
+    """
+    _, singular_values, right_vectors = np.linalg.svd(free_matrix)
+    has_all_values = len(singular_values) == free_matrix.shape[1]
+    # The last value is zero if there is a motion, the last but one if there are two.
+    gap = singular_values[-2] / singular_values[0] if has_all_values else 0.0
+    # Loops that close in one place only have no exact motion, but one up to this ratio.
+    unsolved = singular_values[-1] / singular_values[-2] if has_all_values else 0.0
+    w = np.concatenate([np.zeros(3), right_vectors[-1]]).reshape(-1, 3)
     faults = []
-    w = np.concatenate([np.zeros(3), right[-1]]).reshape(-1, 3)
-    for pole, directions in found.direction.items():
+    for pole, directions in field.direction.items():
         direction = directions[row]
         if not np.all(np.isfinite(direction)):
             continue
-        vector = w[pole[1]] - w[pole[0]]
+        relative_w = w[pole[1]] - w[pole[0]]
         tally.poles["direction alone"] += 1
         limit = max(TOLERANCE, CONDITIONED * EPS / max(gap, EPS), SPREAD * unsolved)
-        limit = max(limit, BOUND * found.direction_error[pole][row] * _length(vector))
-        across = _length(np.cross(direction, vector))
-        if not across <= limit:
+        limit = max(limit, BOUND * field.direction_error[pole][row] * _length(relative_w))
+        deviation = _length(np.cross(direction, relative_w))
+        if not deviation <= limit:
             faults.append(
-                f"row {row}: direction alone {pole} off by {across:.1e}, allowed "
+                f"row {row}: direction alone {pole} off by {deviation:.1e}, allowed "
                 f"{limit:.1e}, gap {gap:.1e}"
             )
     return faults

@@ -39,66 +39,81 @@ TEXTS = {
 NAMED, PARSED, FREE, PLACED = "name", "expression", "free", "placed"
 
 
-def fields(kind="mechanism"):
-    """Return every place for text in the schema of a kind of file, with its sort.
+def find_text_fields(kind="mechanism"):
+    """Return every field for text in the JSON schema of a kind of file, with its sort.
 
-    A place is a key path with ``*`` for names. `NAMED` are names, which the format spells,
-    `PARSED` expressions, `PLACED` one of some words, and `FREE` all others.
+    Parameters
+    ----------
+    kind
+        `"mechanism"` or another kind of file that has a schema.
+
+    Returns
+    -------
+    dict
+        Sort by key path, where ``*`` stands for any name. The sort is `NAMED` for names
+        with a restricted spelling, `PARSED` for expressions, `PLACED` for one of several
+        given words, and `FREE` for any text.
     """
-    whole, places = schema(kind), {}
+    whole_schema = schema(kind)
+    sorts = {}
 
-    def visit(node, path, seen):
+    def visit(node, path, visited_definitions):
         if "$ref" in node:
             name = node["$ref"].removeprefix("#/$defs/")
             if name in ("name", "expression"):
-                places[path] = NAMED if name == "name" else PARSED
-            elif name not in seen:
-                visit(whole["$defs"][name], path, (*seen, name))
+                sorts[path] = NAMED if name == "name" else PARSED
+            elif name not in visited_definitions:
+                definition = whole_schema["$defs"][name]
+                visit(definition, path, (*visited_definitions, name))
             return
         if "string" in str(node.get("type", "")):
-            one_of = "enum" in node or "const" in node
-            places[path] = PLACED if one_of else FREE
-        for other in ("anyOf", "oneOf", "allOf"):
-            for part in node.get(other, ()):
-                visit(part, path, seen)
+            is_restricted = "enum" in node or "const" in node
+            sorts[path] = PLACED if is_restricted else FREE
+        for combination in ("anyOf", "oneOf", "allOf"):
+            for part in node.get(combination, ()):
+                visit(part, path, visited_definitions)
         for key in ("if", "then", "else"):
             if key in node:
-                visit(node[key], path, seen)
+                visit(node[key], path, visited_definitions)
         if "propertyNames" in node:
-            visit(node["propertyNames"], (*path, "<name>"), seen)
+            visit(node["propertyNames"], (*path, "<name>"), visited_definitions)
         for key, part in node.get("properties", {}).items():
-            visit(part, (*path, key), seen)
+            visit(part, (*path, key), visited_definitions)
         for key in ("additionalProperties", "items"):
             if isinstance(node.get(key), dict):
-                visit(node[key], (*path, "*"), seen)
+                visit(node[key], (*path, "*"), visited_definitions)
         is_open = node.get("type") == "object" and "additionalProperties" not in node
         if is_open and not node.get("properties"):
-            places[path] = FREE
+            sorts[path] = FREE
 
-    visit(whole, (), ())
-    return places
+    visit(whole_schema, (), ())
+    return sorts
 
 
-def free_fields():
+def find_free_fields():
     """Return the key paths of a mechanism file that hold any text."""
-    return [path for path, sort in fields().items() if sort == FREE]
+    return [path for path, sort in find_text_fields().items() if sort == FREE]
 
 
 def hostile_file(text, name="four_bar"):
-    """Return a shipped mechanism's file with a text in every field that takes any text."""
+    """Return the file of a shipped mechanism with a text in every field for any text.
+
+    The text also stands in a comment, in the value and as a key of the table `user`.
+    """
     data = tomllib.loads((ROOT / f"mechanisms/{name}.toml").read_text("utf-8"))
-    for *tables_of, key in free_fields():
-        assert "*" not in tables_of, f"{tables_of}: no rule says where this text is put"
-        place = data
-        for part in tables_of:
-            place = place.setdefault(part, {})
-        place[key] = {"text": text, text: [text]} if key == "user" else text
-    letters = " ".join(text.split())  # comments of TOML have no control characters
-    comment = "".join(x for x in letters if ord(x) >= 32 and ord(x) != 127)
-    written = [f"# {comment}"]
+    for *table_names, key in find_free_fields():
+        assert "*" not in table_names, f"{table_names}: unknown where this text is put"
+        table = data
+        for table_name in table_names:
+            table = table.setdefault(table_name, {})
+        table[key] = {"text": text, text: [text]} if key == "user" else text
+    # Comments of TOML have no control characters and no line ends.
+    line = " ".join(text.split())
+    comment = "".join(x for x in line if ord(x) >= 32 and ord(x) != 127)
+    lines = [f"# {comment}"]
     for key, value in data.items():
         if isinstance(value, dict):
-            written += table_lines((key,), value)
+            lines += table_lines((key,), value)
         else:
-            written.append(assignment_text(key, value))
-    return "\n".join([*written, ""])
+            lines.append(assignment_text(key, value))
+    return "\n".join([*lines, ""])

@@ -1,4 +1,4 @@
-"""What hypothesis makes: files, expressions and command lines, sound or not."""
+"""Strategies of hypothesis for files, expressions and command lines, valid or not."""
 
 import os
 import tomllib
@@ -56,28 +56,33 @@ values = (
 
 @st.composite
 def damaged(draw, name):
-    """Return a shipped file's text with one to three things wrong, or perhaps not."""
+    """Draw the text of a shipped file after one to three random changes of lines.
+
+    A change may be harmless. `name` is a key of `FILES`. Line ends are those of Unix,
+    Windows or the old Macintosh.
+    """
     lines = FILES[name].split("\n")
     for _ in range(draw(st.integers(1, 3))):
-        at = draw(st.integers(0, len(lines) - 1))
-        key, equals, _ = lines[at].partition("=")
-        way = draw(st.sampled_from(split("value key drop double swap add cut")))
-        if way == "value" and equals:
-            lines[at] = f"{key}= {draw(values)}"
-        elif way == "key" and equals:
-            lines[at] = f"{draw(words)} {lines[at][len(key) :]}"
-        elif way == "drop":
-            lines[at] = ""
-        elif way == "double":
-            lines.insert(at, lines[at])
-        elif way == "swap":
-            other = draw(st.integers(0, len(lines) - 1))
-            lines[at], lines[other] = lines[other], lines[at]
-        elif way == "add":
-            lines.insert(at, f"{draw(words)} = {draw(values)}")
+        k = draw(st.integers(0, len(lines) - 1))
+        key, equals, _ = lines[k].partition("=")
+        change = draw(st.sampled_from(split("value key drop double swap add cut")))
+        if change == "value" and equals:
+            lines[k] = f"{key}= {draw(values)}"
+        elif change == "key" and equals:
+            lines[k] = f"{draw(words)} {lines[k][len(key) :]}"
+        elif change == "drop":
+            lines[k] = ""
+        elif change == "double":
+            lines.insert(k, lines[k])
+        elif change == "swap":
+            m = draw(st.integers(0, len(lines) - 1))
+            lines[k], lines[m] = lines[m], lines[k]
+        elif change == "add":
+            lines.insert(k, f"{draw(words)} = {draw(values)}")
         else:
-            where = draw(st.integers(0, len(lines[at])))
-            lines[at] = lines[at][:where] + draw(st.text(max_size=2)) + lines[at][where:]
+            position = draw(st.integers(0, len(lines[k])))
+            inserted = draw(st.text(max_size=2))
+            lines[k] = lines[k][:position] + inserted + lines[k][position:]
     return draw(st.sampled_from(("\n", "\n", "\n", "\r\n", "\r"))).join(lines)
 
 
@@ -136,28 +141,40 @@ flags = st.one_of(
 
 @st.composite
 def commands(draw):
-    """Return the words of a command line; DAMAGED and OUT stand for paths."""
-    names = "run run run run validate plan explain export view analyses analyses"
-    name = draw(st.sampled_from(split(names, "nonsense", "mechanisms")))
-    given = [name]
-    if name in ("mechanisms", "nonsense"):
-        given += draw(st.lists(words, max_size=2))
-    elif name == "analyses":
-        given += draw(st.lists(analyses | words, max_size=2))
-    elif name == "view":
-        given += [
-            draw(st.sampled_from(["DAMAGED", "nonsense", "/dev/zero", "", "/", "\0"]))
-        ]
-    elif name == "export":
-        given += [draw(sources), "--to", draw(st.sampled_from(("mjcf", "mjcf", "x")))]
-        given += ["-o", draw(st.sampled_from(("OUT", "/dev/null/x", "\0", "/proc/x")))]
-        at = st.tuples(st.just("--at"), floats)
-        given += [w for flag in draw(st.lists(flags | at, max_size=1)) for w in flag]
+    """Draw the words of a command line, valid or not, of any subcommand.
+
+    DAMAGED stands for the path of a damaged file, OUT for an output folder; the test
+    replaces both. Runs have 3 samples unless an option says otherwise.
+    """
+    subcommands = split(
+        "run run run run validate plan explain export view analyses analyses",
+        "nonsense",
+        "mechanisms",
+    )
+    subcommand = draw(st.sampled_from(subcommands))
+    command = [subcommand]
+    if subcommand in ("mechanisms", "nonsense"):
+        command += draw(st.lists(words, max_size=2))
+        return command
+    if subcommand == "analyses":
+        command += draw(st.lists(analyses | words, max_size=2))
+        return command
+    if subcommand == "view":
+        recordings = ["DAMAGED", "nonsense", "/dev/zero", "", "/", "\0"]
+        command.append(draw(st.sampled_from(recordings)))
+        return command
+    command.append(draw(sources))
+    if subcommand == "export":
+        command += ["--to", draw(st.sampled_from(("mjcf", "mjcf", "x")))]
+        command += ["-o", draw(st.sampled_from(("OUT", "/dev/null/x", "\0", "/proc/x")))]
+        options = draw(st.lists(flags | st.tuples(st.just("--at"), floats), max_size=1))
     else:
-        given += [draw(sources)]
-        few = ["--samples", "3"] if name == "run" else []
-        given += few + [w for flag in draw(st.lists(flags, max_size=3)) for w in flag]
-    return given
+        if subcommand == "run":
+            command += ["--samples", "3"]
+        options = draw(st.lists(flags, max_size=3))
+    for option in options:
+        command += option
+    return command
 
 
 def is_toml(text):

@@ -1,4 +1,7 @@
-"""Rows that a kernel gives at once, and the same rows found one by one with care."""
+"""Compares the rows of a row kernel with rows that are computed without one.
+
+A row kernel is a compiled function that evaluates all columns of many rows at once.
+"""
 
 from dataclasses import dataclass
 from unittest.mock import patch
@@ -21,19 +24,35 @@ TURN = 2.0 * np.pi
 
 @dataclass(frozen=True)
 class KernelAndReference:
-    """A motion and its poles for each input, by a kernel and with care."""
+    """Motion and poles of the same samples, computed twice.
 
-    quick: Motion
-    by_kernel: tuple[PoleField, ...]
-    careful: Motion
-    with_care: tuple[PoleField, ...]
+    Attributes
+    ----------
+    kernel_motion, kernel_fields
+        Motion by a row kernel, and its poles for each moving input.
+    reference_motion, reference_fields
+        The same by the position analysis and the pole evaluation without a kernel.
+    """
+
+    kernel_motion: Motion
+    kernel_fields: tuple[PoleField, ...]
+    reference_motion: Motion
+    reference_fields: tuple[PoleField, ...]
 
 
 @dataclass
 class Differences:
-    """What differs: statuses, and the names of what is beyond the bounds of both.
+    """Differences between kernel and reference.
 
-    `share` of the rows is by the kernel.
+    Attributes
+    ----------
+    share
+        Part of the rows that the kernel certified (0 to 1); others were computed as in
+        the reference.
+    statuses
+        Number of different statuses of rows and poles.
+    beyond
+        Names of the quantities whose difference exceeds the sum of both error bounds.
     """
 
     share: float
@@ -42,76 +61,146 @@ class Differences:
 
     @property
     def none(self):
-        """Whether nothing differs."""
-        return not self.statuses and not self.beyond
+        """Whether kernel and reference agree."""
+        return self.statuses == 0 and not self.beyond
 
 
-def evaluate_both_ways(made, **options):
-    """Return all poles both ways, None where there is no kernel; see `Study`."""
+def evaluate_both_ways(mechanism, **options):
+    """Evaluate all poles of a mechanism by a row kernel and without one.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism that is moved.
+    options
+        Further fields of `Study`, such as `samples`.
+
+    Returns
+    -------
+    KernelAndReference or None
+        None if there is no kernel for this mechanism.
+    """
+    # Kernels are compiled only for many rows; here they are for any number.
     with patch.object(batch_runner, "MIN_KERNEL_ROWS", 0):
-        course = make_sampling(Study(made.name, made, search=False, **options))
-        tracer = course.position_analysis
-        every = all_poles(len(made.links))
-        wanted = [
-            request(tracer.mechanism, pair, every, every, by_rank=tracer.by_rank)
-            for pair in tracer.inputs
+        sampling = make_sampling(Study(mechanism.name, mechanism, search=False, **options))
+        position_analysis = sampling.position_analysis
+        poles = all_poles(len(mechanism.links))
+        pole_requests = [
+            request(
+                position_analysis.mechanism,
+                pair,
+                poles,
+                poles,
+                by_rank=position_analysis.by_rank,
+            )
+            for pair in position_analysis.inputs
         ]
-        quick = batch_runner.BatchRunner.prepare(course, wanted, is_recorded=False)
-        if quick is None:
+        runner = batch_runner.BatchRunner.prepare(
+            sampling, pole_requests, is_recorded=False
+        )
+        if runner is None:
             return None
-        (motion,) = quick.blocks(len(course))
-        fields = quick.fields(motion, [SignContinuation() for _ in wanted])
-        found = tuple(field.as_arrays for field in fields)
-    (careful,) = course.blocks(len(course))
+        (kernel_motion,) = runner.blocks(len(sampling))
+        sign_continuations = [SignContinuation() for _ in pole_requests]
+        fields = runner.fields(kernel_motion, sign_continuations)
+        kernel_fields = tuple(field.as_arrays for field in fields)
+    (reference_motion,) = sampling.blocks(len(sampling))
+    reference_fields = tuple(
+        evaluate(reference_motion, pole_request) for pole_request in pole_requests
+    )
     return KernelAndReference(
-        motion, found, careful, tuple(evaluate(careful, x) for x in wanted)
+        kernel_motion, kernel_fields, reference_motion, reference_fields
     )
 
 
-def find_differences(ways, same_signs=True):
-    """Return what differs; senses of directions are not compared without `same_signs`."""
-    quick, careful = ways.quick, ways.careful
-    share = float(np.mean([np.mean(field.is_certified) for field in ways.by_kernel]))
-    found = Differences(share, int(np.sum(quick.status != careful.status)), [])
-    good = (quick.status == Status.OK) & (careful.status == Status.OK)
-    apart = quick.values - careful.values
-    apart -= TURN * np.round(apart / TURN)
-    off = quick.configuration_error + careful.configuration_error
-    _judge(found, "configurations", np.max(np.abs(apart), axis=1)[good], off[good])
-    turned = np.max(np.abs(quick.rotations - careful.rotations), axis=(1, 2, 3))
-    _judge(found, "orientations", turned[good], np.full(len(off), 1e-9)[good])
-    for one, other in zip(ways.by_kernel, ways.with_care, strict=True):
-        found.statuses += int(np.sum(one.status != other.status))
-        for pole in other.direction:
-            _compare_pole(found, one, other, pole, good, same_signs)
-    return found
+def find_differences(evaluations, same_signs=True):
+    """Return the differences between kernel and reference beyond their error bounds.
 
+    Parameters
+    ----------
+    evaluations
+        `KernelAndReference`.
+    same_signs
+        Whether pole directions must also have the same sign.
+    """
+    kernel_motion = evaluations.kernel_motion
+    reference_motion = evaluations.reference_motion
+    certified = [np.mean(field.is_certified) for field in evaluations.kernel_fields]
+    differences = Differences(
+        share=float(np.mean(certified)),
+        statuses=int(np.sum(kernel_motion.status != reference_motion.status)),
+        beyond=[],
+    )
+    is_ok = (kernel_motion.status == Status.OK) & (reference_motion.status == Status.OK)
 
-def _compare_pole(found, quick, careful, pole, good, same_signs):
-    found.statuses += int(np.sum(quick.pole_status[pole] != careful.pole_status[pole]))
-    bound = careful.velocity_coefficient_error[pole]
-    # Of what stands still the sign is rounding.
-    stands = np.abs(careful.velocity_coefficient[pole]) <= bound
-    stands |= not same_signs
-    sense = np.sum(careful.direction[pole] * quick.direction[pole], axis=1)
-    sense = np.where(stands & (sense < 0.0), -1.0, 1.0)
-    for name, errors in (
-        ("direction", "direction_error"),
-        ("velocity_coefficient", "velocity_coefficient_error"),
-        ("acceleration_coefficient", "acceleration_coefficient_error"),
+    angle_gaps = kernel_motion.values - reference_motion.values
+    angle_gaps -= TURN * np.round(angle_gaps / TURN)
+    angle_bound = kernel_motion.configuration_error + reference_motion.configuration_error
+    largest_gap = np.max(np.abs(angle_gaps), axis=1)
+    _compare_with_bound(
+        differences, "configurations", largest_gap[is_ok], angle_bound[is_ok]
+    )
+
+    rotation_gaps = np.abs(kernel_motion.rotations - reference_motion.rotations)
+    largest_gap = np.max(rotation_gaps, axis=(1, 2, 3))[is_ok]
+    rotation_bound = np.full(len(largest_gap), 1e-9)
+    _compare_with_bound(differences, "orientations", largest_gap, rotation_bound)
+
+    for kernel_field, reference_field in zip(
+        evaluations.kernel_fields, evaluations.reference_fields, strict=True
     ):
-        one, other = (getattr(field, name)[pole] for field in (quick, careful))
-        known = np.isfinite(other.reshape(len(other), -1)[:, 0])
-        size = np.linalg.norm(np.atleast_2d(one.T * sense - other.T), axis=0)
-        allowed = getattr(quick, errors)[pole] + getattr(careful, errors)[pole]
-        if not np.array_equal(known, np.isfinite(size)):
-            found.beyond.append(f"{name} {pole}: known one way only")
-        judged = known & good
-        _judge(found, f"{name} {pole}", size[judged], allowed[judged])
+        differences.statuses += int(np.sum(kernel_field.status != reference_field.status))
+        for pole in reference_field.direction:
+            _compare_pole(
+                differences, kernel_field, reference_field, pole, is_ok, same_signs
+            )
+    return differences
 
 
-def _judge(found, what, size, allowed):
+def _compare_pole(differences, kernel_field, reference_field, pole, is_ok, same_signs):
+    """Add the differences of one pole: its statuses, direction and coefficients.
+
+    Parameters
+    ----------
+    differences
+        `Differences` that are extended.
+    kernel_field, reference_field
+        Poles of both evaluations for the same moving input.
+    pole
+        Numbers of the two links.
+    is_ok
+        (rows,) whether both evaluations of the configuration have status OK.
+    same_signs
+        Whether directions must also have the same sign.
+    """
+    statuses = kernel_field.pole_status[pole] != reference_field.pole_status[pole]
+    differences.statuses += int(np.sum(statuses))
+
+    # Where the links are at rest relative to each other, rounding decides on the sign.
+    rate = reference_field.velocity_coefficient[pole]
+    rate_bound = reference_field.velocity_coefficient_error[pole]
+    sign_may_differ = (np.abs(rate) <= rate_bound) | (not same_signs)
+    cosine = np.sum(reference_field.direction[pole] * kernel_field.direction[pole], axis=1)
+    sign = np.where(sign_may_differ & (cosine < 0.0), -1.0, 1.0)
+    for name in ("direction", "velocity_coefficient", "acceleration_coefficient"):
+        kernel_values = getattr(kernel_field, name)[pole]
+        reference_values = getattr(reference_field, name)[pole]
+        gaps = kernel_values.T * sign - reference_values.T
+        gap_sizes = np.linalg.norm(np.atleast_2d(gaps), axis=0)
+        is_finite = np.isfinite(reference_values.reshape(len(sign), -1)[:, 0])
+        if not np.array_equal(is_finite, np.isfinite(gap_sizes)):
+            differences.beyond.append(f"{name} {pole}: finite in one evaluation only")
+        bound = (
+            getattr(kernel_field, f"{name}_error")[pole]
+            + getattr(reference_field, f"{name}_error")[pole]
+        )
+        rows = is_finite & is_ok
+        _compare_with_bound(differences, f"{name} {pole}", gap_sizes[rows], bound[rows])
+
+
+def _compare_with_bound(differences, name, gap_sizes, bound):
+    """Add the name of a quantity if one of its gaps (rows,) exceeds its bound (rows,)."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        part = np.where(size > 0.0, size / allowed, 0.0)
-    if not np.all(part <= 1.0):
-        found.beyond.append(f"{what}: {np.max(part):.3g} of what is allowed")
+        ratios = np.where(gap_sizes > 0.0, gap_sizes / bound, 0.0)
+    if not np.all(ratios <= 1.0):
+        differences.beyond.append(f"{name}: {np.max(ratios):.3g} of the bound")
