@@ -66,20 +66,22 @@ two.
 
 @dataclass(frozen=True)
 class TurnSolutions:
-    """The turns at which a pointing mechanism closes, ordered by direction and turn.
+    """k solutions of a pointing mechanism at given directions of its output.
 
-    The turn is the angle of the output link about the direction at which it points. The
-    mechanism closes where the residual f of its closing link is 0.
+    The turn is the angle of the output link about the direction at which it points. One
+    link, the closing link, fits only at certain turns: where its residual f, the cosine
+    between the axes of its pairs less that of its arc, is 0. Solutions are ordered by
+    direction and turn.
 
     Attributes
     ----------
     row
-        (k,) number of the direction to which the root belongs.
+        (k,) number of the direction to which the solution belongs.
     turn
         (k,) turn (rad) in (-pi, pi].
     sense
-        (k,) sign of the derivative of f by the turn, 1.0 or -1.0. It tells the solutions at
-        one direction apart.
+        (k,) sign of the derivative of f by the turn, 1.0 or -1.0. It distinguishes
+        neighbouring solutions at one direction.
     """
 
     row: Indices
@@ -147,9 +149,10 @@ class DyadsWithClosingLink:
     frame: Floats
 
     def place_dyads(self, directions: Floats, turn: Floats, signs: Signs) -> WorkingMode:
-        """Return the dyads while the output has given directions and turns.
+        """Return the dyads at given directions of the output and turns about them.
 
-        The closing link need not close; `residual` measures by how much it does not.
+        A turn is the angle of the output link about the direction at which it points. The
+        closing link is left out: it fits only at certain turns, see `residual`.
 
         Parameters
         ----------
@@ -161,12 +164,15 @@ class DyadsWithClosingLink:
             The sign of each dyad, 1 or -1, which chooses one of the two positions of its
             middle axis. The sign of the closing link is left out.
         """
+        # The frame of the output link, rotated by the turn about the direction: three axes
+        # (3, n) in the base.
         x_axis, y_axis = _axes_around(directions)
         c = np.cos(turn)
         s = np.sin(turn)
         axes = [x_axis * c + y_axis * s, y_axis * c - x_axis * s, directions]
-        # Axis a of the frame has the components frame[a, j] in the output link (j) and
-        # axes[a][i, n] in the base (i). The orientation is the sum of their products.
+        # Axis a of this frame has the constant components frame[a, j] in the output link
+        # (j), and axes[a][i, n] in the base (i). The orientation is the sum of their
+        # products.
         rotation = np.einsum("aj,ain->jin", self.frame, axes)
         return WorkingMode(self.chain, signs, posed_axes={}, posed_rotation=rotation)
 
@@ -270,10 +276,11 @@ class DyadsWithClosingLink:
         return dot_columns(rate.numerator, directions) / rate.denominator
 
     def solve_turn(self, directions: Floats, turn: Floats, signs: Signs) -> Floats:
-        """Return turns that close the closing link, by Newton's method.
+        """Return turns at which the closing link fits, by Newton's method.
 
-        The unknown is the angle of the output link about its direction, the equation is
-        that the residual f of the closing link is 0.
+        The turn is the angle of the output link about its direction. The equation f = 0 has
+        the residual of the closing link: the cosine between the axes of its pairs less that
+        of its arc.
 
         Parameters
         ----------

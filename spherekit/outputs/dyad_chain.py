@@ -191,13 +191,15 @@ class DyadChain:
     def _make_dyad(self, group: Group) -> DyadPlacement:
         """Return a dyad with its pairs, links and arcs, from a group of the assembly.
 
-        `group.bodies` holds the support and the two links of the dyad as sets of links, and
-        `group.dyad_positions` the positions of the near, middle and far pair among the
-        pairs of the group. The near pair is the first outer pair.
+        A dyad is two links that three pairs join to each other and to two supports, links
+        placed before. The chain is: near support, near pair, near link, middle pair, far
+        link, far pair, far support.
         """
+        # Positions of these pairs among the pairs of the group.
         near_pair, middle_pair, far_pair = (
             group.pairs[position] for position in group.dyad_positions
         )
+        # Body 0 has all links placed before, the others are the links of the dyad.
         near_link = group.bodies[1][0]
         far_link = group.bodies[2][0]
         return DyadPlacement(
@@ -378,7 +380,7 @@ def reciprocal_vectors(vectors: Floats, direction: Floats | None) -> tuple[Float
     b = vectors[..., 1, :]
     c = vectors[..., 2, :] if direction is None else direction
     reciprocals = [cross(b, c), cross(c, a)]
-    # If c is the direction, it is none of `vectors`, and its reciprocal is not asked for.
+    # The reciprocal of the direction is not returned.
     if direction is None:
         reciprocals.append(cross(a, b))
     return np.stack(reciprocals, axis=-2), np.vecdot(a, reciprocals[0])

@@ -84,7 +84,9 @@ class DyadKinematics(ClosedKinematics):
     def spans(self) -> tuple[LegSpan, ...]:
         """The reach of every dyad: the least and the largest angle of its outer axes.
 
-        The pairs are numbered as in the mechanism without virtual links.
+        The outer axes are those of the near and far pair, which join the two links of the
+        dyad to other links. Virtual links hold the output; an outer pair of a virtual link
+        is replaced by the real pair with the same axis.
         """
         return tuple(
             LegSpan(
@@ -92,6 +94,7 @@ class DyadKinematics(ClosedKinematics):
                 second_pair=self._find_real_pair(dyad.far_pair),
                 shortest=dyad.shortest,
                 longest=dyad.longest,
+                # The two links of a dyad can lie over each other.
                 can_fold=True,
             )
             for dyad in self.dyads
@@ -169,17 +172,24 @@ class GearedKinematics(ClosedKinematics):
         train: GearTrain,
         carriers: Mapping[int, CarrierAngle],
     ) -> None:
-        """Keep the parts, and invert the matrix of the ratios of the carriers."""
+        """Keep the parts, and invert the matrix of the ratios of the carriers.
+
+        Carriers are pairs whose angles are linear functions of the inputs through the
+        wheels.
+        """
         super().__init__(mechanism, output, carried.points)
         self.carried = carried
         self.train = train
-        # The angles of the carriers are ratios . inputs + offset.
+        # Carrier angles = ratios @ inputs + offsets, so inputs = ratios^-1 @ (angles -
+        # offsets).
         self.carriers = tuple(carriers)
         self.offsets = np.array([carrier.offset for carrier in carriers.values()])
         ratios = np.array([carrier.ratios for carrier in carriers.values()])
         self.input_ratios = np.linalg.inv(ratios)
         self.modes = carried.modes
         self.legs = carried.legs
+        # From the number of a pair in the whole mechanism to that in the mechanism without
+        # wheels.
         self.carried_pair = {
             mechanism.pair_number[pair.name]: number
             for number, pair in enumerate(carried.mechanism.pairs)
@@ -351,9 +361,11 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
 
 
 def _find_carrying_pairs(mechanism: Mechanism, output: Output, pairs: set[int]) -> set[int]:
-    """Return the pairs that remain when links with a single pair are removed repeatedly.
+    """Return the pairs that carry the output: those that do not only support wheels.
 
-    Without the contacts of the wheels, a wheel hangs on a single pair and carries nothing.
+    Without the contacts between wheels, a wheel has a single pair and carries nothing.
+    Links with a single pair are therefore removed with this pair, again and again, until
+    none remains.
 
     Parameters
     ----------
@@ -380,11 +392,12 @@ def _find_carrying_pairs(mechanism: Mechanism, output: Output, pairs: set[int]) 
 def _choose_carriers(
     train: GearTrain, driven: list[int], carrying_pairs: set[int]
 ) -> dict[int, CarrierAngle] | None:
-    """Return as many pairs as there are inputs whose angles determine the inputs.
+    """Return carriers: as many pairs as there are inputs, whose angles determine these.
 
-    Candidates are the driven pairs themselves and those that follow from them by the
-    wheels. In the order of their numbers, each is chosen whose ratios are linearly
-    independent of those chosen before.
+    Candidates are the driven pairs themselves, and the pairs whose angles follow from the
+    inputs q through the wheels as ratios . q + offset. They are examined in the order of
+    their numbers. A pair is chosen if its ratios are linearly independent of those of the
+    pairs chosen before.
 
     Parameters
     ----------
@@ -400,7 +413,8 @@ def _choose_carriers(
     The angles of the chosen pairs (carriers) as linear functions of the inputs, by the
     number of the pair. None if there are too few.
     """
-    # The angle of driven pair k is input k itself: ratios are a row of the unit matrix.
+    # 1. The candidates. The angle of driven pair k is input k itself, so its ratios are a
+    # row of the identity matrix.
     angles = {
         pair: CarrierAngle(np.eye(len(driven))[k], 0.0) for k, pair in enumerate(driven)
     }
@@ -408,6 +422,8 @@ def _choose_carriers(
         train.followers, train.ratios, train.offsets, strict=True
     ):
         angles[pair] = CarrierAngle(ratios, float(offset))
+
+    # 2. The choice.
     carriers: list[int] = []
     for pair in sorted(carrying_pairs & set(angles)):
         ratios = np.array([angles[carrier].ratios for carrier in (*carriers, pair)])

@@ -367,7 +367,8 @@ def axis_and_angle(first: Floats, second: Floats) -> tuple[Floats, float]:
     xyzw = quaternion((second @ first.T)[None])[0]
     sine = float(np.linalg.norm(xyzw[:3]))
     angle = 2.0 * math.atan2(sine, abs(xyzw[3]))
-    # The error of the axis is the rounding error divided by the angle.
+    # The error (rad) of the axis is the rounding error divided by the angle. The limit is
+    # the largest error with which a direction is usable.
     if angle * USABLE_DIRECTION <= ORIENTATION_ROUNDING_RAD:
         raise SolveError(
             "the orientations coincide: every axis will do, none is given; there is "
@@ -513,8 +514,12 @@ def follow_to(
 
     Parameters
     ----------
-    mechanism, values, output
-        As for `follow_rotation`.
+    mechanism
+        A mechanism driven at as many R pairs as it has degrees of freedom, three at most.
+    values
+        (variables,) pair variables (rad) of the closed configuration at the start.
+    output
+        Name of the output; may be left out if there is one.
     orientation
         (3, 3) rotation matrix at the end, from the axes of the output link to those of the
         link that the output is relative to.
@@ -527,7 +532,8 @@ def follow_to(
     mechanism = mechanism_of(mechanism)
     output_link = OutputLink.from_output(mechanism, chosen_output(mechanism, output))
     start_values = _check_values(output_link, values, mechanism.name)
-    placed = output_link.closure.at(start_values[None]).rotations
+    # (1, links, 3, 3) orientations of all links at the start.
+    start_rotations = output_link.closure.at(start_values[None]).rotations
     target = np.asarray(orientation, dtype=float)
     is_right_handed = target.shape == (3, 3) and np.linalg.det(target) > 0.0
     if (
@@ -535,7 +541,7 @@ def follow_to(
         or not max_abs(target @ target.T - np.eye(3)) < UNIT_ORIENTATION_TOLERANCE
     ):
         raise SolveError("the orientation has to be a rotation matrix (3, 3)")
-    axis, angle = axis_and_angle(placed[0, output_link.number], target)
+    axis, angle = axis_and_angle(start_rotations[0, output_link.number], target)
     return follow_rotation(mechanism, values, axis, angle, output)
 
 

@@ -36,7 +36,8 @@ from spherekit.status import Status
 class PoseSolutions:
     """Every configuration found at some poses or inputs, a row for each.
 
-    A dyad is a group of two links that can be placed in two ways, told apart by its sign.
+    A dyad is a group of two links that can be placed in two ways, which its sign 1 or -1
+    distinguishes.
 
     Attributes
     ----------
@@ -55,7 +56,8 @@ class PoseSolutions:
         k tuples, one for each configuration: the sign (1 or -1) of each dyad in solving
         order, 0 for groups that are no dyads.
     complete
-        (rows,) whether no configuration can be missing at a pose or at inputs.
+        (n,) for each of the n poses or sets of inputs, whether all configurations were
+        found for sure.
     """
 
     row: Indices
@@ -189,7 +191,9 @@ class Forward:
 
 @dataclass(frozen=True)
 class DyadConfigurations:
-    """Configurations of a mechanism of dyads at n inputs in m modes.
+    """Configurations of a mechanism of dyads at n inputs in m assembly modes.
+
+    A dyad is two links that can be placed in two ways; a mode is a choice for each dyad.
 
     Attributes
     ----------

@@ -199,9 +199,12 @@ class InverseKinematics:
     def __init__(self, mechanism: AnyMechanism, name: str | None = None) -> None:
         """Hold the output by virtual links and plan how the links are placed.
 
-        If not all groups of links are dyads, a closing link is searched, without which they
-        are: its arc then determines the turn of a pointing output about its direction.
+        Links are placed in groups. If all groups are dyads (two links each), poses are
+        solved in closed form. If not, a closing link is searched: a link without which all
+        groups are dyads. Its arc then determines the turn of a pointing output about its
+        direction.
         """
+        # 1. The mechanism with virtual links, and its groups in solving order.
         self.own = mechanism = mechanism_of(mechanism)
         self.wrist: VirtualOutputChain = with_wrist(mechanism, name)
         self.mechanism = self.wrist.mechanism
@@ -221,6 +224,8 @@ class InverseKinematics:
             for pair in self.wrist.driven
             for variable in mechanism.variables_of(pair)
         ]
+
+        # 2. Dyads, or dyads with a closing link, if the mechanism has only R pairs.
         self.dyads: DyadChain | None = None
         self._closing_link: DyadsWithClosingLink | None = None
         self._assembly = self.solver.assembly
@@ -228,6 +233,8 @@ class InverseKinematics:
         has_only_r_pairs = len(joints) == len(self.solver.joints)
         base = self.wrist.base
         if has_only_r_pairs and DyadChain.can_place(self._assembly, base):
+            # The link that is placed by the pose: the last virtual link, or the output link
+            # itself.
             posed_link = self.wrist.carrier if self.wrist.points else self.wrist.link
             self.dyads = DyadChain(self.mechanism, joints, self._assembly, base, posed_link)
         else:
@@ -476,7 +483,9 @@ class InverseKinematics:
             raise self.no_closed_form("ask for `solutions` row by row")
         pose_array = self._check_poses(poses)
         modes = self._check_modes([signs])
-        return next(self._place_modes(pose_array, np.empty((len(pose_array), 0)), modes))
+        # Without a closing link there are no turns to search.
+        no_starts = np.empty((len(pose_array), 0))
+        return next(self._place_modes(pose_array, no_starts, modes))
 
     @checked(SolveError)
     def solutions(self, poses: ArrayLike) -> PoseSolutions:

@@ -29,12 +29,12 @@ can be missed. Smaller: more time.
 
 @dataclass(frozen=True)
 class ElbowFeet:
-    """The two possible elbows of each leg, by the point half-way between them.
+    """The two possible elbows of each leg at n mid-planes.
 
-    The elbow is the middle axis of a leg of two links. All elbows lie in the mid-plane, the
-    plane with the unit normal n in which base and end effector mirror each other. The
-    elbows of a leg are ``foot + sqrt(height_square) * direction`` and
-    ``foot - sqrt(height_square) * direction``, for the signs 1 and -1 of the leg.
+    The elbow is the axis between the two links of a leg, as a unit vector. All elbows are
+    in the mid-plane, the plane with the unit normal n in which base and end effector mirror
+    each other. For the sign s = 1 or -1 of a leg the elbow is
+    ``foot + s * sqrt(height_square) * direction``.
 
     Attributes
     ----------
@@ -106,12 +106,15 @@ class MidPlane:
         elbows
             (n, legs, 3) unit vectors, NaN where a leg does not reach the mid-plane.
         heights
-            (n, legs) values of n . (base axis x elbow); 0 at the limit of the reach.
+            (n, legs) values of n . (base axis x elbow) with the normal n; 0 at the limit of
+            the reach, NaN out of reach.
         """
         feet = self.elbow_feet(normals)
         with np.errstate(all="ignore"):
+            # The square root of a negative square is NaN.
             heights = np.multiply(np.sqrt(feet.height_square), modes)
-            return feet.foot + heights[..., None] * feet.direction, heights
+            elbows = feet.foot + heights[..., None] * feet.direction
+        return elbows, heights
 
     def elbow_feet(self, normals: Floats) -> ElbowFeet:
         """Return the points half-way between both possible elbows of each leg.
@@ -167,8 +170,8 @@ class MidPlane:
     def normals(self, inputs: Floats) -> Floats:
         """Return the normals of the mid-planes at given values of both inputs.
 
-        The mid-plane is spanned by the elbows of the driven legs, which follow from the
-        inputs.
+        The inputs determine the elbows of both driven legs (the axes between the two links
+        of each leg), and these two vectors span the mid-plane.
 
         Parameters
         ----------
@@ -207,11 +210,11 @@ class MidPlane:
     def solutions(self, normals: Floats) -> dict[tuple[int, int], Floats]:
         """Return the inputs of mid-planes in each of the four modes of the driven legs.
 
-        A mode is the signs of the two driven legs, each for one of the two elbows that the
-        leg can have. For the mechanism of Chen et al. 2021 these are the four
-        configurations of Fig. 5: a driven link points away from the middle of the base in
-        mode -1 of the first leg and 1 of the second, Fig. 5(a), and towards it in the other
-        ones.
+        A leg of two links has two possible elbows, which its sign distinguishes. A mode is
+        the signs of both driven legs. For the mechanism of Chen et al. 2021 the modes are
+        the four configurations of Fig. 5. A driven link points away from the middle of the
+        base with the sign -1 of the first leg and 1 of the second, Fig. 5(a), and towards
+        it with the other signs.
 
         Parameters
         ----------

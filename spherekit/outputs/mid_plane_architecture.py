@@ -86,17 +86,20 @@ AXIS_KINDS: tuple[AxisKind, ...] = ("base", "tip", "elbow", "normal")
 
 @dataclass(frozen=True)
 class PairAxis:
-    """What the axis of a pair is, for every mid-plane.
+    """A rule that gives the axis of a pair at any mid-plane.
+
+    Base and end effector mirror each other in the mid-plane. Every pair axis is an axis of
+    a leg or the normal of the mid-plane.
 
     Attributes
     ----------
     kind
-        The kind of the axis.
+        The axis of a leg at the base, at the end effector ("tip") or between its two links
+        ("elbow"), or the normal of the mid-plane.
     leg
         Number of the leg, -1 for the normal of the mid-plane.
     sense
-        1.0 if the axis points along the base axis, tip, elbow or normal, -1.0 if it is
-        opposite.
+        1.0 if the pair axis points in the same direction, -1.0 if it is opposite.
     """
 
     kind: AxisKind
@@ -166,8 +169,9 @@ class MidPlaneArchitecture:
     def normals_to(self, directions: Floats) -> tuple[Floats, Floats]:
         """Return the mid-planes in which the output points at directions.
 
-        The mid-plane mirrors the base to the end effector, and the direction `home` to the
-        direction of the output. Its normal is along their difference.
+        The mid-plane mirrors the base to the end effector. The mirror image of the constant
+        direction `home` is the direction of the output. The normal of the mid-plane is
+        therefore along the difference of both directions.
 
         Parameters
         ----------
@@ -183,8 +187,9 @@ class MidPlaneArchitecture:
             through it is possible.
         """
         difference = directions - self.home
-        # Lengths of home and direction that differ by rounding would turn the normal by the
-        # rounding error divided by the distance. The difference is therefore corrected.
+        # If the lengths of home and direction differ by rounding, the normal is wrong by
+        # the rounding error divided by the distance, which can be large. The squared
+        # lengths differ by `length_error`, and the difference is corrected by half of it.
         length_error = np.sum(difference * (directions + self.home), axis=1, keepdims=True)
         difference = difference - 0.5 * length_error * directions
         distance = np.linalg.norm(difference, axis=1)
@@ -210,8 +215,9 @@ class MidPlaneArchitecture:
     def angle_rates(self, directions: Floats, turns: Floats) -> Floats:
         """Return the derivatives of the angles phi and gamma of the mid-plane.
 
-        They follow from the normal (x, y, z) of the mid-plane: phi = -2 arcsin(x) and
-        gamma = 2 arcsin(y), with z >= 0.
+        With the unit normal (x, y, z) of the mid-plane, z >= 0, the angles are
+        phi = -2 arcsin(x) and gamma = 2 arcsin(y). Their derivatives are
+        -2 x' / sqrt(1 - x^2) and 2 y' / sqrt(1 - y^2).
 
         Parameters
         ----------
@@ -226,15 +232,17 @@ class MidPlaneArchitecture:
         (n, k, 2) derivatives of phi and of gamma by these variables.
         """
         normals, distance = self.normals_to(directions @ self.frame)
+        # (n, k, 3) derivatives w x p of the directions p, in mirror axes.
         direction_rates = cross(np.swapaxes(turns, 1, 2), directions[:, None]) @ self.frame
-        # The normal is the difference between direction and home, divided by its length.
+        # The normal is the difference between direction and home, divided by its length
+        # (the distance).
         length_rates = np.matvec(direction_rates, normals)[..., None]
         x, y, z = normals.T
         with np.errstate(all="ignore"):
             normal_rates = direction_rates - length_rates * normals[:, None]
             normal_rates = normal_rates / distance[:, None, None]
-            # The square roots of 1 - x^2 and 1 - y^2 are computed without cancellation.
-            # A normal with z < 0 is replaced by its negative.
+            # sqrt(1 - x^2) is the length of (y, z), without cancellation. A normal with
+            # z < 0 is replaced by its negative.
             scale = np.stack([-1.0 / np.hypot(y, z), 1.0 / np.hypot(x, z)], axis=1)
             scale *= 2.0 * np.where(z < 0.0, -1.0, 1.0)[:, None]
             return scale[:, None] * normal_rates[..., :2]
@@ -252,8 +260,11 @@ class MidPlaneArchitecture:
         normals
             (n, 3) unit normals in mirror axes.
         deviation
-            (n,) angle (rad) between the orientation and that of the mid-plane.
+            (n,) angle (rad) between the orientation and the mirror image of the base in
+            this mid-plane.
         """
+        # An orientation is frame @ mirror(n) @ image, where mirror(n) is the reflection in
+        # the plane with the normal n.
         return mirror_of(transpose(self.frame) @ orientations @ transpose(self.image))
 
     def place(
@@ -283,7 +294,8 @@ class MidPlaneArchitecture:
         rotations[:, self.effector] = self.orientations(normals)
         placed_links = set(range(link_count) if links is None else links)
         for link in placed_links - {0, self.effector}:
-            # A link is placed by two of its axes, of kinds as different as possible.
+            # A link is placed by two of its axes. They must not be parallel, so two axes of
+            # different kinds (at the base, tip, elbow, normal) are chosen.
             pairs = sorted(
                 (pair for pair, ends in enumerate(self.mechanism.ends) if link in ends),
                 key=lambda pair: AXIS_KINDS.index(self.along[pair].kind),
@@ -353,7 +365,7 @@ class MidPlaneArchitecture:
         return self._transmission.measure(self.axes(normals, elbows), directions)
 
     def values(self, placed: Floats) -> tuple[Floats, Floats]:
-        """Return the pair variables of links with given orientations.
+        """Return the pair variables, computed from the orientations of all links.
 
         Parameters
         ----------

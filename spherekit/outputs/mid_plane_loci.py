@@ -266,7 +266,8 @@ class _MidPlaneCurveSearch:
     def _measure_reach(self, leg: int, normals: Floats) -> Floats:
         """Return the squared height of a leg's elbow, which is 0 at the limit of its reach.
 
-        The height is n . (base axis x elbow), with the normal n of the mid-plane.
+        The elbow is the axis between the two links of the leg. Its height is
+        n . (base axis x elbow), with the normal n of the mid-plane.
 
         Parameters
         ----------
@@ -308,9 +309,9 @@ class _MidPlaneCurveSearch:
     def _compute_determinants(self, signs: Integers, normals: Floats) -> Floats:
         """Return the determinants of the velocity equations with locked inputs.
 
-        The matrix is the Jacobian of the loop closure without the columns of the driven
-        variables, which is square. Where its determinant is 0, the output can move with the
-        inputs at rest (type II), or the loops lose their rank.
+        The matrix of these equations is the Jacobian of the loop closure without the
+        columns of the driven variables, which is square. If its determinant is 0, the
+        output can move while the inputs rest (type II), or the loops lose their rank.
 
         Parameters
         ----------

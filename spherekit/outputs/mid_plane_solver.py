@@ -54,9 +54,11 @@ class MidPlaneKinematics(ClosedKinematics):
 
     @property
     def spans(self) -> tuple[LegSpan, ...]:
-        """The reach of every leg, between its axes at the base and at the output link.
+        """The range of the angle between the two outer axes of every leg.
 
-        Both axes have the same distance from the mid-plane, which is at most the reach.
+        The outer axes are those at the base and at the output link. They mirror each other
+        in the mid-plane, so the angle between them is at most twice the largest distance
+        from the mid-plane (the reach of the leg).
         """
         plane = self.form.plane
         longest = (2.0 * plane.reach).tolist()

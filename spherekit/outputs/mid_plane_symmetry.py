@@ -79,19 +79,23 @@ def mid_plane_form(
     ModelError
         If it has no such form, with the reason.
     """
+    # 1. The link that the output is relative to becomes the base.
     mechanism = mechanism_of(mechanism)
     declared_output = chosen_output(mechanism, output)
     grounded = replace(mechanism, ground=declared_output.relative_to)
     for pair in grounded.pairs:
         if not pair.kind.has_axis:
             raise _error(grounded, f"pair {pair.name} is a contact pair; only R pairs fit")
+
+    # 2. Find legs and carriers in the graph of links.
     joints = make_joints(grounded)
     effector = grounded.link_number[declared_output.link]
     legs = _find_legs(grounded, joints, effector)
     structure = _find_elbow_carriers(grounded, joints, effector, legs)
     carriers = structure.elbow_carriers
 
-    # Legs whose elbows are hinged to a carrier.
+    # 3. Carriers must hold the elbows of all legs, and all links must be parts of this
+    # structure. The leg -1 stands for the normal of the mid-plane.
     held_legs = {
         pair_axis.leg
         for pair, pair_axis in structure.pair_axes.items()
@@ -109,6 +113,8 @@ def mid_plane_form(
     if other_links:
         names = listing(grounded.links[link] for link in sorted(other_links))
         raise _error(grounded, f"links {names} belong to no leg and hold no elbow")
+
+    # 4. Prove by numbers that all pairs close.
     form = _make_architecture(grounded, joints, declared_output, legs, structure.pair_axes)
     gap, freedoms = form.proof()
     if not (gap < PROOF_RESIDUAL_RAD and freedoms == 2):
@@ -130,12 +136,19 @@ def _find_legs(
 ) -> dict[Leg, LegLinks]:
     """Return the legs of two links from the base to the end effector, with their links.
 
+    A leg is a chain: base, base pair, near link, elbow pair, far link, tip pair, end
+    effector.
+
     Parameters
     ----------
     mechanism, joints
         The mechanism with its base as the ground, and the joints of its pairs.
     effector
         Number of the end effector.
+
+    Returns
+    -------
+    By the numbers of the three pairs of a leg: the numbers of its near and far link.
 
     Raises
     ------
@@ -152,6 +165,7 @@ def _find_legs(
             if link in ends
         ]
 
+    # 1. All chains of three pairs from the base (link 0) to the end effector.
     legs: dict[Leg, LegLinks] = {}
     for base_pair, near_link in list_neighbours(0):
         for elbow, far_link in list_neighbours(near_link):
@@ -161,6 +175,8 @@ def _find_legs(
                     legs[base_pair, elbow, tip] = (near_link, far_link)
     if not legs:
         raise _error(mechanism, "no leg of two links joins the base to the output")
+
+    # 2. Both links of a leg must have the same arc.
     for (base_pair, elbow, tip), (near_link, far_link) in legs.items():
         near_arc = arc(
             axis_in(mechanism, joints, base_pair, near_link),

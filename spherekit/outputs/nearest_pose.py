@@ -87,7 +87,10 @@ MIN_GAIN = 1e-9
 class NormalCoordinates:
     """Normal coordinates v (d,) around a point of the unit sphere in d + 1 dimensions.
 
-    The formula is ``pose = cos(|v|) centre + sin(|v|) (v / |v|) basis``.
+    The points of the sphere are poses: directions (d = 2), or orientations as unit
+    quaternions (d = 3). The coordinates v of a pose have the length of the arc from the
+    centre to the pose, and the direction in which this arc starts:
+    ``pose = cos(|v|) centre + sin(|v|) (v / |v|) basis``.
 
     Attributes
     ----------
@@ -193,7 +196,10 @@ class NearestPoseSearch:
         return chart.poses(nearest), chart.angle_per_arc * _length(nearest)
 
     def _choose_starts_in_ball(self, chart: NormalCoordinates, radius: float) -> Floats:
-        """Choose starts among the samples of a ball around the target pose.
+        """Choose starts for the search among samples of a ball around the target pose.
+
+        The radius is the distance of the nearest reachable pose so far, so only poses in
+        the ball can be nearer.
 
         Parameters
         ----------
@@ -443,8 +449,10 @@ def _choose_spread_starts(reachable: Floats) -> Floats:
     target. Each further one is the pose that is farthest from all those chosen before, so
     that separate regions of the workspace get starts too.
     """
+    # Sorted by the distance from the target, which has the coordinates 0.
     reachable = reachable[np.argsort(np.linalg.norm(reachable, axis=1))]
     chosen = list(reachable[: SEARCH_START_COUNT // 2])
+    # (n,) distance of each pose from the nearest chosen one.
     distance_to_chosen = np.full(len(reachable), np.inf)
     for start in chosen:
         distance_to_chosen = np.minimum(
@@ -459,7 +467,10 @@ def _choose_spread_starts(reachable: Floats) -> Floats:
 
 
 def _merit(v: Floats, values: Floats, penalty: Floats) -> Floats:
-    """Return the exact penalty function, |v|^2 / 2 plus a penalty for violated margins.
+    """Return the merit function that the search for the nearest pose minimises.
+
+    It is |v|^2 / 2, half the squared distance from the target, plus `penalty` times the sum
+    of violations of the margins (exact penalty function).
 
     Parameters
     ----------
@@ -482,10 +493,11 @@ def _merit(v: Floats, values: Floats, penalty: Floats) -> Floats:
 def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Floats, float]:
     """Compute one step of sequential quadratic programming (SQP) from a point.
 
-    The step solves: minimise ``|v + step|^2 / 2`` subject to
+    The problem is to minimise ``|v|^2 / 2`` while no margin is negative. The step solves
+    the linearised problem: minimise ``|v + step|^2 / 2`` subject to
     ``values + gradients @ step >= 0``. If no step satisfies all linearised margins, the
-    step instead reduces the violated margins in the sense of least squares. Steps are
-    shortened to a length of at most 0.5 rad.
+    step instead reduces the violations in the sense of least squares. Steps are shortened
+    to a length of at most 0.5 rad.
 
     Parameters
     ----------
@@ -507,6 +519,8 @@ def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Flo
     has_slope = (np.linalg.norm(gradients, axis=1) > 0.0) & np.isfinite(values)
     gradients = gradients[has_slope]
     values = values[has_slope]
+    # The shortest vector `point` = v + step with gradients @ point >= gradients @ v -
+    # values.
     point, multipliers = _solve_least_distance(gradients, gradients @ v - values)
     step = point - v
     # `point` is NaN if no point satisfies all linearised margins.
@@ -522,7 +536,9 @@ def _compute_sqp_step(v: Floats, values: Floats, gradients: Floats) -> tuple[Flo
 def _solve_least_distance(normals: Floats, offsets: Floats) -> tuple[Floats, Floats]:
     """Find the shortest vector x with ``normals @ x >= offsets``.
 
-    This problem of least distance is solved as a problem of non-negative least squares.
+    This problem of least distance is solved as a problem of non-negative least squares:
+    minimise the length of r = E u - f over u >= 0, where E has the rows of normals^T and
+    below them the row of offsets, and f = (0, ..., 0, 1). Then x = -r[:d] / r[d].
 
     Parameters
     ----------

@@ -179,12 +179,15 @@ class OutputKinematics:
         return tuple(map(label_of, self.modes))
 
     def chosen_modes(self, text: str) -> tuple[Signs, ...]:
-        """Return the modes that a text names: all for ``""``, else a label or a number.
+        """Return the signs of the working modes that a text names.
+
+        The text is the label of a mode, such as ``+-+``, or its number. An empty text means
+        all modes.
 
         Raises
         ------
         AnalysisError
-            If it names none.
+            If there is no such mode.
         """
         if not text:
             return self.modes

@@ -142,17 +142,17 @@ class PoseCandidates(ArrayRows):
         return len(self.values)
 
     def number_of(self, mode: str) -> int:
-        """Return the number of the candidate that a text names.
+        """Return the number of the configuration (candidate) that a text names.
 
         Parameters
         ----------
         mode
-            The signs of the configuration, such as ``+-+``, or its number.
+            The signs of the configuration, such as ``+-+``, or its number as text.
 
         Raises
         ------
         SolveError
-            If there is none.
+            If there is no such configuration.
         """
         if mode in self.labels:
             return self.labels.tolist().index(mode)

@@ -25,11 +25,12 @@ from spherekit.wording import listing, nearest
 
 
 class ModeAtPoses(Protocol):
-    """A mechanism at n poses of its output, in one working mode.
+    """Interface of a mechanism at n poses of its output, in one working mode.
 
-    Quantities are NaN where they are not determined. The angles that limit the reach are
-    always determined. At a singularity of type I an input moves while the output rests. At
-    one of type II the output can move although the inputs are locked.
+    A working mode is a choice of one of two positions for each leg. At a singularity of
+    type I an input moves while the output rests; at one of type II the output can move
+    although the inputs are locked. Quantities are NaN at poses at which they are not
+    determined. The angles that limit the reach are always determined.
     """
 
     def cosine(self, one: int, other: int) -> Floats:
@@ -61,8 +62,8 @@ class ModeAtPoses(Protocol):
     def rates(self) -> Floats:
         """(n, inputs, 3) rates of the inputs per unit angular velocity of the output.
 
-        In axes of the link that the output is seen from; for a pointing output of the part
-        at right angles to its direction.
+        The components are along the axes of the link that the output is seen from. If the
+        output is a direction, only the angular velocity at right angles to it counts.
         """
 
 
@@ -166,7 +167,7 @@ class Constraints:
 
 
 class LimitedOutput(Protocol):
-    """What the limits of an output are computed from."""
+    """Interface of an output of a mechanism, from which its limits are computed."""
 
     mechanism: Mechanism
     """The whole mechanism."""
@@ -184,24 +185,24 @@ class LimitedOutput(Protocol):
 
 
 def bounds_of(kinematics: LimitedOutput, wanted: Constraints) -> tuple[AngleLimit, ...]:
-    """Return all limits of an output.
+    """Return all limits of an output: those of the mechanism and further constraints.
 
     Parameters
     ----------
     kinematics
-        The output, with the reach of its legs.
+        The output, with the reach of its legs and the joint limits of its mechanism.
     wanted
         Further constraints.
 
     Returns
     -------
-    Limits of angles between axes, then of pairs, then of measures of singularities. Without
-    any, one limit that every pose keeps.
+    Limits of angles between axes, then of pair angles, then of measures of singularities.
+    If there are none, a single limit that every pose keeps.
 
     Raises
     ------
     AnalysisError
-        For unknown pairs, values without meaning, and limits that contradict each other.
+        If a pair is unknown, a value has no meaning, or limits contradict each other.
     """
     bounds = (
         *_limit_axis_angles(kinematics, wanted),

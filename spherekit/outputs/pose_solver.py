@@ -45,13 +45,16 @@ def output_kinematics(
     ModelError, PlanError
         If the output is unknown, or cannot take every pose.
     """
+    # A pose has two coordinates (direction) or three (orientation).
     if len(mechanism.inputs) not in COORDINATES:
         return OutputKinematics(mechanism, chosen_output(mechanism, output), points=False)
     inverse = InverseKinematics(mechanism, output)
+    # `has_closed_form` is true if all groups of links are dyads.
     if inverse.has_closed_form or not graph:
         try:
             return _find_closed_form(inverse)
         except SolveError:
+            # There is no closed form at all.
             pass
     return GraphKinematics(inverse)
 
@@ -72,7 +75,10 @@ def closed_kinematics(mechanism: Mechanism, output: str | None = None) -> Closed
 def _find_closed_form(inverse: InverseKinematics) -> ClosedKinematics:
     """Return the closed form of an output: dyads, wheels on dyads, or a mid-plane.
 
-    A `SolveError` says if there is none.
+    Raises
+    ------
+    SolveError
+        If there is none.
     """
     if inverse.has_closed_form:
         return DyadKinematics(inverse)

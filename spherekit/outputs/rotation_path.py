@@ -199,7 +199,11 @@ class PathNodes(ArrayRows):
         return self.values + distance * self.first + bend
 
     def interpolate(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Return the variables at angles between the nodes.
+        """Return the variables at angles between the nodes of the path.
+
+        A cell is the part of the path between two neighbouring nodes. In each cell the
+        variables are polynomials of degree 5 that agree with the values and with the first
+        and second derivatives at both nodes (quintic Hermite interpolation).
 
         Parameters
         ----------
@@ -209,10 +213,11 @@ class PathNodes(ArrayRows):
         Returns
         -------
         values
-            (n, variables) values of the quintic Hermite polynomial of each cell (rad).
+            (n, variables) the variables (rad).
         cell_size
-            (n,) rad, how far the nodes around each angle are apart, in theta or in a
-            variable. The error of the values is judged by it.
+            (n,) rad, the difference of theta or the largest difference of a variable
+            between both nodes of the cell, whichever is larger. It is a scale for the error
+            of the values.
         """
         if len(self.theta) == 1:
             return np.repeat(self.values, len(theta), axis=0), np.zeros(len(theta))
@@ -276,6 +281,9 @@ class RotationPath:
     def find_nearest(self, theta: Floats, guess: Floats) -> tuple[TargetDeviation, Floats]:
         """Return the configurations nearest to the targets, by Newton's method.
 
+        The nearest configuration is the one with the smallest angle between the output link
+        and its target orientation.
+
         Parameters
         ----------
         theta
@@ -308,7 +316,7 @@ class RotationPath:
         return self.output_link.compare(values, targets), step_sizes
 
     def make_nodes(self, theta: Floats, deviation: TargetDeviation) -> PathNodes:
-        """Return nodes of the path from the configurations nearest to their targets.
+        """Return nodes of the path: configurations with derivatives and quality measures.
 
         Parameters
         ----------
@@ -318,6 +326,8 @@ class RotationPath:
             The nearest configurations at these angles.
         """
         rates = deviation.rates(self.axis)
+        # Condition number of the loop equations with the three equations of the target, in
+        # the Frobenius norm.
         norm = np.linalg.norm(deviation.system, axis=(1, 2))
         inverse_norm = np.linalg.norm(deviation.system_inverse, axis=(1, 2))
         is_nearest = deviation.error(self.exact) < NEAREST_TOLERANCE_RAD

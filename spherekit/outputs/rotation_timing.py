@@ -231,6 +231,9 @@ class TimeScaling:
     def at(self, t: ArrayLike) -> Trajectory:
         """Return the rows at times t (n,) from 0 to the duration (s).
 
+        The motion is first evaluated as if it took 1 s. Speeds are then divided by the
+        duration, accelerations by its square.
+
         Raises
         ------
         SolveError
@@ -381,8 +384,17 @@ def schedule_limits(
     ----------
     inputs
         Names of the driven pairs.
-    speed, acceleration, shape, cycle
-        As for `time_optimal`, with the same errors.
+    speed, acceleration
+        Limits (rad/s, rad/s2) of the inputs: one for all, or one for each; None for none.
+    shape
+        Name of a law shape, or a law from 0 at t = 0 to 1 at t = 1.
+    cycle
+        Cycle time (s) of the controller, or None.
+
+    Raises
+    ------
+    SolveError
+        If a limit or the cycle time is not positive, or if the shape is no such law.
 
     Returns
     -------
@@ -439,8 +451,9 @@ def _check_shape(shape: str | Law) -> Law:
 def _find_largest(functions: PiecewiseChebyshev, column: int) -> float:
     """Return the position at which one of several functions has its largest size.
 
-    Candidates are the zeros of its derivative and the edges of the cells, where the
-    derivative can jump.
+    The functions are polynomials in cells (Chebyshev interpolants). Candidates for the
+    position are the zeros of the derivative, and the edges of the cells, where the
+    derivative can jump. `column` is the number of the function.
     """
     derivative = functions.derivative
     second_derivative = derivative.derivative

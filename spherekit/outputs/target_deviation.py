@@ -58,12 +58,13 @@ become very long.
 
 @dataclass(frozen=True)
 class OutputLink:
-    """The output link of a mechanism whose ground is the link that it is relative to.
+    """An output link, in a mechanism whose ground is the link that it is relative to.
 
     Attributes
     ----------
     closure
-        Loop closure of the mechanism. Body 0 is the link that the output is relative to.
+        Equations of the closed loops of the mechanism. Body 0 is the link that the output
+        is relative to.
     number
         Number of the output link.
     degrees_of_freedom
@@ -91,6 +92,9 @@ class OutputLink:
     def compare(self, values: Floats, target_orientations: Floats) -> "TargetDeviation":
         """Return how far the output link is from target orientations.
 
+        The result has the rotations that would turn the output link to the targets, and the
+        derivatives that Newton's method needs.
+
         Parameters
         ----------
         values
@@ -117,7 +121,8 @@ class OutputLink:
 class JacobianSplit:
     """The closure Jacobian J of n configurations, split by its singular values.
 
-    The rank r is not read from the singular values. It is the number of variables less the
+    J has the derivatives of the closure equations by the variables. Its rank r is not
+    determined from the singular values: it is taken as the number of variables less the
     degrees of freedom, which is the rank at regular configurations.
 
     Attributes
@@ -393,6 +398,7 @@ class TargetDeviation:
             as an equation, which also determines the links where the loops alone do not.
         """
         if can_follow:
+            # Close the loops, and turn the output link by the remaining rotation.
             right = np.concatenate(
                 [-self.linearisation.residual, self.remaining_rotation], axis=1
             )

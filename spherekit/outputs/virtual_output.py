@@ -221,8 +221,9 @@ def _add_to_sizes(
 ) -> SizeGeometry:
     """Return the sizes of all links with the three virtual pairs added.
 
-    A pair has a frame in each of its two links. The frames of the other pairs stay the same
-    relative to the axes of their links, from which the new sizes are computed.
+    A pair has a frame in each of its two links: the third column is its axis, from the
+    first one its angle is counted. Frames of the virtual pairs are added to those of the
+    other pairs. New sizes of the links are computed from all frames.
 
     Parameters
     ----------
@@ -236,7 +237,7 @@ def _add_to_sizes(
         Direction of the output in the axes of its link. Z for an orientation.
     """
     first_frames, second_frames = pair_frames(mechanism)
-    # The columns z, x, y: a rotation about the third column is one about y.
+    # The columns are z, x, y of the virtual links, so this pair rotates about y.
     tilt_frame = np.eye(3)[:, [2, 0, 1]]
     # In the output link the last pair has its axis along the direction.
     pointing_angles = np.append(azimuth_tilt(np.array([direction])), [[0.0]], axis=1)
@@ -244,6 +245,7 @@ def _add_to_sizes(
     names = [pair.name for pair in virtual_pairs]
     first_frames |= zip(names, (np.eye(3), tilt_frame, np.eye(3)), strict=True)
     second_frames |= zip(names, (np.eye(3), tilt_frame, pointing_frame), strict=True)
+    # Only links with a virtual pair get new sizes.
     changed_links = {link for pair in virtual_pairs for link in pair.links}
     unchanged_sizes = {
         link: sizes for link, sizes in geometry.links.items() if link not in changed_links

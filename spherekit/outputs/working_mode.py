@@ -42,6 +42,7 @@ class RateFraction:
     denominator: Floats
 
     def __sub__(self, other: "RateFraction") -> "RateFraction":
+        """Return the difference over the common denominator."""
         numerator = self.numerator * other.denominator - other.numerator * self.denominator
         return RateFraction(numerator, self.denominator * other.denominator)
 
@@ -72,6 +73,9 @@ class ClosingLinkState:
 class DyadReach:
     """How far the dyads of a mode are from the limits of their reach, at n poses.
 
+    A dyad is two links between two supports. It reaches if the angle between its outer axes
+    is between the angles at which it is folded and stretched.
+
     Attributes
     ----------
     margin
@@ -91,8 +95,9 @@ class DyadReach:
 class DyadTriangle:
     """The parts from which the middle axis of a dyad is composed, at n poses.
 
-    With the unit outer axes a and c of the dyad, its middle axis is
-    ``common_part + sign * signed_part``.
+    A dyad is two links with three pair axes: the outer axes a and c and the middle axis b.
+    The angles of b from a and c are given, which leaves two positions of b, one on each
+    side of the plane of a and c: ``b = common_part + sign * signed_part``.
 
     Attributes
     ----------
@@ -421,6 +426,8 @@ class WorkingMode:
     def _vector_off_axis(self, pair: int, link: int) -> tuple[Floats, Floats]:
         """Return a vector of a link that is not parallel to the axis of a pair.
 
+        By the directions of such vectors in both links the pair angle is measured.
+
         Returns
         -------
         vector
@@ -432,7 +439,8 @@ class WorkingMode:
         frame = chain.frame_in(pair, link)
         if link in (chain.base, chain.posed_link):
             return self.vector(link, frame[:, 0]), np.array([1.0, 0.0, 0.0])
-        # Axes of other pairs of the link are known already.
+        # In a link of a dyad it is the axis of another pair, which is known already: of the
+        # middle pair, or of the outer pair if the middle one is parallel.
         other_pair = chain.dyads[chain.dyad_of_link[link]].middle_pair
         if pair == other_pair or chain.is_coaxial(pair, other_pair, link):
             other_pair, _ = chain.support_of(link)

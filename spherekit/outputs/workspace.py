@@ -66,9 +66,10 @@ class DirectionWorkspace:
     Attributes
     ----------
     signs
-        The signs of the mode.
+        The sign, 1 or -1, of each leg in the working mode.
     region
-        The directions. Its margins are numbered like the limits.
+        The set of directions with its border. Margins of the region are numbered like the
+        limits of the output.
     same_as
         Signs of an earlier mode that reaches the same directions, otherwise None.
     """
@@ -85,9 +86,9 @@ class OrientationWorkspace:
     Attributes
     ----------
     signs
-        The signs of the mode.
+        The sign, 1 or -1, of each leg in the working mode.
     orientations
-        The orientations.
+        The set of orientations with its volume.
     same_as
         Signs of an earlier mode that reaches the same orientations, otherwise None.
     """
@@ -100,7 +101,10 @@ class OrientationWorkspace:
 def make_margins(
     kinematics: ClosedKinematics, bounds: Sequence[AngleLimit], signs: Signs
 ) -> Margins:
-    """Return a function that computes by how much poses keep the limits, in one mode.
+    """Return a function that computes the margins of poses in one working mode.
+
+    There is a margin for each limit: the cosine of the limited angle is compared with that
+    of the limit. A margin is negative beyond the limit.
 
     Parameters
     ----------
@@ -140,11 +144,11 @@ def judge(
     signs
         The signs, 1 or -1, of the legs in the working mode.
     places
-        (n, 3) directions or (n, 4) quaternions xyzw.
+        The n poses: (n, 3) directions or (n, 4) unit quaternions xyzw.
 
     Returns
     -------
-    The results. The measures are NaN at poses that the mode does not reach.
+    The results for each pose. The measures are NaN at poses that the mode does not reach.
     """
     with np.errstate(all="ignore"):
         mode = kinematics.at(_convert_poses(kinematics, places), signs)
@@ -211,14 +215,16 @@ Workspace = TypeVar("Workspace")
 
 @dataclass(frozen=True)
 class _SampledWorkspace(Generic[Workspace]):
-    """A workspace with margins by which it is told from those of other modes.
+    """A workspace of one mode, with margins at sampled poses.
+
+    Another mode with the same margins at these poses has the same workspace.
 
     Attributes
     ----------
     poses
         (n, 3) directions or (n, 4) quaternions.
     margins
-        (n, bounds) margins there.
+        (n, bounds) margins to the limits at these poses.
     workspace
         The workspace.
     """
