@@ -245,6 +245,8 @@ class ArcEquations:
     def evaluate(self, variables: Sequence[Ball] | Array, order: int = 1) -> list[Array]:
         """Return the equations and their derivatives at balls of all variables.
 
+        A ball is a number with a bound of its error.
+
         Parameters
         ----------
         variables
@@ -262,12 +264,13 @@ class ArcEquations:
             np.full(shape[: power + 1], exact_ball(0.0)) for power in range(order + 1)
         ]
         jets, _ = self._evaluate_jets(variables, order)
-        # A key of a jet has the numbers of the variables of a derivative.
+        # A jet has an equation and its derivatives. Its keys are tuples with the numbers of
+        # the variables of each derivative: (), (j,) or (j, l).
         for equation, jet in enumerate(jets):
             for key, entry in jet.items():
                 array = arrays[len(key)]
                 array[(equation, *key)] = entry
-                # Second derivatives are symmetric; a jet has one of both.
+                # Second derivatives are symmetric; a jet has only (j, l) with j <= l.
                 array[(equation, *key[::-1])] = entry
         return arrays
 
@@ -286,9 +289,12 @@ class ArcEquations:
         Returns
         -------
         By link the jet of its rotation matrix (3, 3) from link axes to those of the root,
-        the link that is placed first.
+        the link that is placed first. A jet has the matrix under the key (), and its
+        derivatives by the variables j and l under (j,) and (j, l).
         """
-        # So far each orientation is relative to the link's reference, an earlier link.
+        # At first each orientation is relative to the link's reference, a link that is
+        # placed earlier. In the order of placing, the product with the orientation of the
+        # reference leads to the root.
         _, orientations = self._evaluate_jets(variables, order)
         orientations[self.construction.root] = {(): exact_balls(np.eye(3))}
         for step in self.construction.steps:

@@ -79,6 +79,9 @@ def evaluate_rotation(terms: Array, angles: Array) -> Array:
 def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
     """Return the curve of a profile in balls of the present precision.
 
+    The curve is a function that returns at arc lengths (n,) the frames (n, 3, 3), with the
+    tangent, normal and point of the curve as columns.
+
     Parameters
     ----------
     profile
@@ -92,6 +95,7 @@ def make_ball_curve(profile: Profile, backwards: bool = False) -> Curve:
         return curve
 
     def reversed_curve(s: Array) -> Array:
+        """Return the frames (n, 3, 3) at arc lengths (n,) from the other end."""
         # Tangent and normal change their signs, the point does not.
         return curve(length - s) * [-1, -1, 1]
 
@@ -248,7 +252,10 @@ def _convergence_distance(coefficients: list[Ball], bits: int) -> float:
 
 
 def _make_wave(axes: Array, cosines: Array, sines: Array) -> Path:
-    """Return the path of a profile whose colatitude is a Fourier sum of its azimuth.
+    """Return the path of a profile that is given by a Fourier sum.
+
+    The colatitude r (angle from the centre) is a function of the azimuth a:
+    r(a) = sum over k of cosines[k] cos(k a) + sines[k] sin(k a).
 
     Parameters
     ----------
@@ -261,13 +268,15 @@ def _make_wave(axes: Array, cosines: Array, sines: Array) -> Path:
 
     def path(azimuth: Array) -> tuple[Array, Array]:
         """Return points (n, 3) at azimuths (n,) rad, and their derivatives by azimuth."""
-        # Colatitude: sum of a cos(k azimuth) + b sin(k azimuth). Slope: its derivative.
+        # The colatitude and its derivative (slope) by the azimuth.
         colatitude = 0 * azimuth
         slope = 0 * azimuth
         for wave, (a, b) in enumerate(zip_longest(cosines, sines, fillvalue=0)):
             sine, cosine = sine_cosine(wave * azimuth)
             colatitude = colatitude + (a * cosine + b * sine)
             slope = slope + wave * (b * cosine - a * sine)
+        # The point is cos(r) z + sin(r) outward, with the unit vector `outward` at the
+        # azimuth. Its derivative by the azimuth is `along`.
         sine, cosine = (part[:, None] for part in sine_cosine(colatitude))
         azimuth_sine, azimuth_cosine = (part[:, None] for part in sine_cosine(azimuth))
         outward = azimuth_cosine * x + azimuth_sine * y

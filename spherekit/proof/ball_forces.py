@@ -36,9 +36,10 @@ def equivalent_inertia(
 ) -> tuple[Array, Array]:
     """Return the equivalent inertia B of a coordinate and its derivative.
 
-    B is the sum of w_j . I_j w_j over the links j with mass, with the angular velocity w_j
-    and the inertia tensor I_j about the centre of the sphere. The derivative is twice the
-    sum of dw_j . I_j w_j, since the terms from the rotation of I_j cancel.
+    With the angular velocity w_j at unit rate of the coordinate and the inertia tensor I_j
+    about the centre of the sphere, B is the sum of w_j . I_j w_j over all links j with
+    mass. Its derivative is twice the sum of w_j' . I_j w_j; the terms from the rotation of
+    I_j cancel.
 
     Parameters
     ----------
@@ -73,9 +74,9 @@ def equivalent_inertia(
 def interpolate_table(table: TorqueTable, t: Array, time_inside: float) -> Array:
     """Return the torque of a table, continued along one of its straight lines.
 
-    A table is piecewise linear in time. All times are evaluated on the line that is valid
-    at `time_inside`, so that the result has no kink. A periodic table repeats from its last
-    time on.
+    A table is piecewise linear in time, with a kink at each listed time. Here all times are
+    evaluated on the straight line that is valid at `time_inside`, so that the result has no
+    kink. A periodic table repeats from its last time on.
 
     Parameters
     ----------
@@ -93,6 +94,7 @@ def interpolate_table(table: TorqueTable, t: Array, time_inside: float) -> Array
     times = exact_balls(table.times)
     torques = exact_balls(table.torques)
     period = times[-1] - times[0]
+    # The line belongs to the first period, shifted by whole periods.
     if table.periodic:
         periods_passed = np.floor((time_inside - table.times[0]) / float(period))
     else:

@@ -60,10 +60,14 @@ def rotate_frame(frame: Frame, angle: Ball) -> Frame:
 def revolute_rotation_terms(first: Frame, second: Frame) -> Array:
     """Return the rotation of an R pair as a linear function of 1, cosine and sine.
 
+    At the angle x, zero direction and side of the second frame are rotated by x about the
+    common axis, relative to those of the first frame.
+
     Parameters
     ----------
     first, second
-        Frames of the pair in its first and second link.
+        (3, 3) frames of the pair in its first and second link. The rows are zero direction,
+        side and axis in link axes.
 
     Returns
     -------
@@ -72,7 +76,8 @@ def revolute_rotation_terms(first: Frame, second: Frame) -> Array:
     """
     zero_direction, side, axis = first
     zero = 0 * zero_direction
-    # Columns are the images of the second frame's zero direction, side and axis.
+    # Factors of 1, cos(x) and sin(x) in the images of the second frame's zero direction,
+    # side and axis: z cos(x) + s sin(x), s cos(x) - z sin(x), axis.
     images = [
         [zero, zero, axis],
         [zero_direction, side, zero],
@@ -117,8 +122,9 @@ def frames_from_sizes(
     Returns
     -------
     By name of the pair its frames in its first and second link. The first one is rotated by
-    the zero.
+    the zero of the pair.
     """
+    # 1. Axes of all pairs of a link in link axes, by link and pair.
     float_axes = {link: axes_from_sizes(given) for link, given in geometry.links.items()}
     axes = {}
     for link, (arcs, angles) in sizes.items():
@@ -128,6 +134,8 @@ def frames_from_sizes(
             name: axis + exact_ball(0.0)
             for name, axis in axes_from_sizes(link_sizes).items()
         }
+
+    # 2. Frames of all R pairs.
     frames = {}
     for pair in mechanism.pairs:
         if pair.kind.has_axis:
@@ -145,8 +153,9 @@ def frames_from_pose(
 ) -> Frames:
     """Return the frames of R pairs from the axes in the reference pose.
 
-    In the reference pose the axes of all links coincide with ground axes. A frame (3, 3)
-    has the rows zero direction, side and axis of the pair, in link axes.
+    In the reference pose the coordinate axes of all links coincide with those of the
+    ground, so each pair axis has the same components in both links. A frame (3, 3) has the
+    rows zero direction, side and axis of the pair, in link axes.
 
     Parameters
     ----------
@@ -192,10 +201,11 @@ def _exact_by_name(numbers: Mapping[str, float]) -> dict[str, Ball]:
 def _reference_frame(
     axes: Mapping[str, Vector], float_axes: Mapping[str, Floats], name: str
 ) -> Frame:
-    """Return the frame of a pair in a link; its zero direction points to another axis.
+    """Return the frame of a pair in a link.
 
-    The other axis is the first one of the link that does not coincide with the axis of the
-    pair. Without such an axis the zero direction is any direction across the axis.
+    The zero direction, from which the pair angle is counted, points towards another axis of
+    the link: the first one that does not coincide with the axis of the pair. If there is no
+    such axis, it is any direction at right angles to the axis.
 
     Parameters
     ----------

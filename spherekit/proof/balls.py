@@ -111,7 +111,7 @@ def centre_float(ball: Ball) -> float:
 
 
 def power_series(*coefficients: Array) -> Array:
-    """Return an array of power series in one variable from arrays of their coefficients.
+    """Return an array of power series in one variable.
 
     Parameters
     ----------
@@ -123,6 +123,7 @@ def power_series(*coefficients: Array) -> Array:
     (...) power series with as many terms as there are arrays.
     """
     series_type = flint_library().arb_series
+    # The last axis counts the powers.
     coefficient_rows = np.stack(coefficients, axis=-1)
     series = np.empty(coefficient_rows.shape[:-1], dtype=object)
     for index in np.ndindex(series.shape):

@@ -57,8 +57,9 @@ def _make_heading(statement: str, decimal_mechanism: DecimalMechanism) -> dict[s
 def modes_certificate(modes: CertifiedModes) -> dict[str, Any]:
     """Return the certificate of the assembly modes at given inputs.
 
-    A certificate is a table for a JSON file, from which a checker can repeat the proof. The
-    centres of roots are exact: mantissa and exponent of 2 of real and imaginary parts.
+    A certificate is a table for a JSON file, from which a checker can repeat the proof. A
+    mode is a real root of the loop equations; all proven complex roots are listed. Their
+    centres are exact: mantissa and exponent of 2 of real and imaginary parts.
     """
     decimal_mechanism = modes.decimal_mechanism
     construction = modes.construction
@@ -129,10 +130,12 @@ def _construction_table(
 def curves_certificate(curves: CertifiedCurves) -> dict[str, Any]:
     """Return the certificate of the configuration curves over a range of the only input.
 
+    A certificate is a table for a JSON file, from which a checker can repeat the proof.
     Each curve is a chain of pieces. A piece is a box with exactly one arc of the curve, and
     contains the centre of the next piece. Centres and frames are the exact float64 numbers.
-    The boxes that prove that there is no other curve are left out: a checker has to divide
-    the space of the variables again.
+    Places where curves cross or nearly do are listed as crossings. The boxes that prove
+    that there is no other curve are left out: a checker has to divide the space of the
+    variables again.
     """
     decimal_mechanism = curves.decimal_mechanism
     construction = curves.construction
@@ -228,9 +231,11 @@ def _round_balls(balls: Sequence[Ball]) -> RoundedBalls:
 def _wheel_tables(
     decimal_mechanism: DecimalMechanism, construction: Construction
 ) -> list[dict[str, Any]]:
-    """Return how each wheel rotates with the shared variable, and its angle at zero.
+    """Return the rotation of each wheel as a function of the shared variable.
 
-    The shared variable makes one turn while the input and all wheels return.
+    The angles of the input and of all wheels are whole multiples of one variable, plus a
+    constant. The variable makes one turn while the input and all wheels return to their
+    initial angles.
 
     Parameters
     ----------
@@ -241,8 +246,9 @@ def _wheel_tables(
 
     Returns
     -------
-    For each wheel its pair, its turns per turn of the variable, its angle (rad) where the
-    variable is 0, and the error bound (rad) of this angle.
+    For each wheel its pair ("pair"), its turns per turn of the variable ("turns"), its
+    angle (rad) if the variable is 0 ("at_zero_rad"), and the error bound of this angle
+    ("off").
     """
     structure = decimal_mechanism.structure
     # By the pairs of each placed link: the pair angle over the variable.
@@ -265,11 +271,12 @@ def _wheel_tables(
 
 
 def map_certificate(input_map: InputMap) -> dict[str, Any]:
-    """Return the certificate of boxes of several inputs: what was proven of each.
+    """Return the certificate of boxes of several inputs, each with its proven kind.
 
-    A box is regular if no configuration in it is singular with locked inputs (type II). It
-    then has one number of assembly modes everywhere. The shares are parts of the area of
-    the input ranges.
+    A certificate is a table for a JSON file, from which a checker can repeat the proof. A
+    box is regular if no configuration in it is singular with locked inputs (type II). The
+    number of assembly modes is then the same everywhere in the box. The shares are parts of
+    the area of the input ranges.
     """
     decimal_mechanism = input_map.decimal_mechanism
     construction = input_map.construction
@@ -307,6 +314,9 @@ def wheels_certificate(
     decimal_mechanism: DecimalMechanism, ratios: Sequence[Sequence[Ball]]
 ) -> dict[str, Any]:
     """Return the certificate of a mechanism in which wheels determine all angles.
+
+    Followers are the pairs whose angles follow from the inputs through wheels. A
+    certificate is a table for a JSON file.
 
     Parameters
     ----------

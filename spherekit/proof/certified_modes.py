@@ -266,7 +266,7 @@ def read_known_angles(
 def join_boxes(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
     """Join boxes that touch each other, and return the smallest box around each group.
 
-    Joining goes on until no two of the resulting boxes touch.
+    The boxes around groups can touch, too. They are joined again until no two touch.
 
     Parameters
     ----------
@@ -282,8 +282,9 @@ def join_boxes(centres: Floats, radii: Floats) -> list[tuple[Floats, Floats]]:
     lows = centres - radii
     highs = centres + radii
     labels = np.zeros(len(centres), dtype=int)
-    # labels[i] is the group of box i. Too many boxes are joined to one group without
-    # comparison; otherwise a count of 0 means that nothing was compared yet.
+    # `labels` has the group of each box. At first all boxes have the label 0. Too many
+    # boxes are one group without any comparison. Otherwise the number of groups is set to
+    # 0, so that the first pass compares the boxes themselves.
     group_count = int(len(centres) > MAX_CLUSTERED_BOXES)
     while group_count < len(lows):
         if group_count:
@@ -339,9 +340,10 @@ class _RootSearch:
         """Try to prove the roots that homotopies find.
 
         A homotopy follows approximate roots from a system with known roots to the equations
-        of the mechanism. Homotopies with other random numbers are tried until all roots are
-        proven, until as many finite ones as there can be are approximated, or until the
-        real roots are proven to be complete system by system.
+        of the mechanism. Several homotopies with different random numbers are tried. The
+        search ends in one of three cases: all roots are proven; as many finite roots as
+        there can be are approximated; or the real roots are proven to be complete, one
+        system of equations after another.
 
         Parameters
         ----------
@@ -413,9 +415,10 @@ class _RootSearch:
         )
 
     def _covers(self, centres: Floats, radii: Floats) -> Bools:
-        """Return which boxes (n,) are surely inside a neighbourhood with one proven root.
+        """Return which boxes (n,) are surely inside the neighbourhood of a proven root.
 
-        The neighbourhood of a root is a cube in the space of the unknown angles.
+        The neighbourhood is a cube in the space of the unknown angles, in which no other
+        root is possible.
 
         Parameters
         ----------
@@ -453,8 +456,10 @@ def _root_sort_key(root: CertifiedRoot) -> tuple[float, ...]:
 def enclose_pair_angles(equations: ArcEquations, variables: Sequence[Ball]) -> list[Ball]:
     """Return balls (rad) of the angles of all pairs.
 
-    The angles of pairs that are variables are given. Those of the two pairs by which a link
-    is put on two axes follow from the orientations of the links.
+    Links are placed in a certain order. A link that one pair joins to links placed before
+    is rotated by the angle of this pair, which is a variable. A link that two pairs join to
+    links placed before is put on both axes. The angles of these two pairs are no variables;
+    they follow from the orientations of the links.
 
     Parameters
     ----------

@@ -109,9 +109,10 @@ def find_chain(
 ) -> Chain | None:
     """Return the chain of the whole curve through an arc.
 
-    The curve is followed until it closes, leaves the range of the input or ends at a
-    crossing: a place where curves cross or narrowly miss each other. Crossings that the
-    curve leads to are added to `crossings`.
+    A chain is a configuration curve as a row of certified arcs. The curve is followed until
+    it closes, leaves the range of the input or ends at a crossing: a place where curves
+    cross or narrowly miss each other. Crossings to which the curve leads are added to
+    `crossings`.
 
     Parameters
     ----------

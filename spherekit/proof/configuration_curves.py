@@ -286,17 +286,22 @@ class CertifiedCurves:
 
     @cached_property
     def constant_input_values(self) -> list[float]:
-        """Inputs (rad) in the range at which there are whole curves of modes."""
+        """Inputs (rad) in the range at which whole curves of configurations are possible.
+
+        The input is constant along such a curve. Each input is listed once.
+        """
         inputs: list[float] = []
         for q in self._sorted_inputs(
             chain.pieces[0].centre
             for chain, is_constant in zip(self.chains, self.has_constant_input, strict=True)
             if is_constant
         ):
+            # Inputs that differ by whole cycles are the same; a cycle is one turn of the
+            # input's variable, which is the input over `cycle_turns`.
             is_new = all(
-                abs(wrap((q - other) / self.cycle_turns))
+                abs(wrap((q - listed_input) / self.cycle_turns))
                 > SAME_INPUT_RAD / self.cycle_turns
-                for other in inputs
+                for listed_input in inputs
             )
             if is_new:
                 inputs.append(q)
@@ -346,9 +351,11 @@ class CertifiedCurves:
             self.has_constant_input,
             strict=True,
         ):
+            # Values (v,) of all variables at the listed places, in order along the curve.
             positions = []
             for number, (piece, _) in enumerate(chain.links):
-                # Between the centre of this arc and the next, in the order along the arc.
+                # Stationary points between the centre of this arc and the next, sorted by
+                # the coordinate along the arc.
                 stationary_positions = [
                     point.position
                     for point in (*points.proven, *points.undecided)
@@ -359,6 +366,8 @@ class CertifiedCurves:
                 )
                 positions += [piece.centre, *stationary_positions]
             positions.append(chain.pieces[0 if chain.closed else -1].centre)
+            # If the curve begins or ends on the arm of a saddle, the saddle is added. An
+            # arm has the number of its saddle as the first entry.
             first_arm, last_arm = arms
             if first_arm is not None:
                 positions.insert(0, self.saddles[first_arm[0]].centre)
@@ -473,6 +482,9 @@ def certify_curves(
     construction: Construction | None = None,
 ) -> CertifiedCurves:
     """Return all configuration curves over a range of the only input, as far as proven.
+
+    A cycle is the number of turns of the input after which all wheels are back; without
+    wheels it is one turn. The range is at most one cycle.
 
     Parameters
     ----------

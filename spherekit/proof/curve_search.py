@@ -53,9 +53,9 @@ class ArmUse:
     Attributes
     ----------
     arm
-        The arm.
+        The number of the saddle, and the quadrant of the arm.
     chain_ends
-        Number of ends of chains on it; there should be one.
+        Number of ends of chains on the arm; there should be one.
     input_sign
         Sign of the rate of the input along the arm, away from the saddle; 0 if not proven.
     """
@@ -95,9 +95,10 @@ class CurveSearch:
         self._set_chains([])
 
     def _set_chains(self, chains: list[Chain]) -> None:
-        """Replace the chains, and index all their arcs by position.
+        """Replace the chains, and prepare tests with the boxes of all their arcs.
 
-        The index is for tests whether boxes or configurations are inside the arcs' boxes.
+        A chain is a curve as a row of arcs (pieces), each alone in an oriented box. The
+        boxes are stored in arrays, and their centres in a search tree.
         """
         self.chains = chains
         pieces = [piece for chain in chains for piece in chain.pieces]
@@ -109,6 +110,7 @@ class CurveSearch:
         if pieces:
             from scipy.spatial import cKDTree
 
+            # Angles that differ by a turn are the same.
             periods = np.full(count, TURN)
             self._tree = cKDTree(_within_one_turn(self._centres), boxsize=periods)
 
@@ -176,11 +178,11 @@ class CurveSearch:
         return (len(self.chains), len(self.crossings.saddles)) != counts_before
 
     def resolve_undecided(self, undecided: BoxSet) -> BoxSet:
-        """Look for saddles in undecided boxes, and return the boxes outside all saddles.
+        """Search saddles in undecided boxes, and return the boxes outside all saddles.
 
-        A saddle is a place where curves cross or narrowly miss each other. Chains that pass
-        a new one are cut there. Chains for its arms that leave the range at once are added
-        at the end.
+        A saddle is a place where curves cross or narrowly miss each other. Chains (known
+        curves) that pass a new saddle are cut there. At the end chains are added for arms
+        (branches at a saddle) that leave the range of the input near the saddle.
         """
         centres = undecided.centres
         radii = undecided.radii

@@ -51,8 +51,9 @@ class CircleContact:
         Numbers in the ratio of the sines of the radii. They are numbers of teeth if the
         file gives these.
     sense
-        1 if one circle lies inside the other, -1 if they lie beside each other. The arc
-        length runs around the second centre in this sense.
+        1 if one circle is inside the other (internal contact), -1 if they are beside each
+        other (external contact). The arc length runs around the second centre in this
+        sense.
     """
 
     frames: Sequence[Frame]
@@ -135,11 +136,14 @@ class DecimalGeometry:
         The file gives either all axes in one pose, or arcs and angles of the links.
         """
         geometry = self.mechanism.geometry
+        # 1. Axes in one pose, in which the pairs have the angles "value".
         if isinstance(geometry, PoseGeometry):
             axes = {
                 name: self._axis_direction(self.pair_table(name)) for name in geometry.axes
             }
             return frames_from_pose(geometry, axes, self.pair_angles("value"))
+
+        # 2. By link the list of its arcs and the list of its angles.
         sizes = {
             link: [
                 [self.angle_ball(number) for number in table.get(key, [])]
@@ -293,7 +297,8 @@ class DecimalGeometry:
         pair_axis
             Returns the axis of a pair (first argument) in a link (second argument).
         """
-        # A roller is under the key "follower", other circles are under "profiles".
+        # The circle of a roller is under the key "follower", that of any other link under
+        # the name of the link in "profiles".
         circle = table.get("follower", {})
         if circle.get("link") != link:
             circle = table["profiles"][link]

@@ -94,8 +94,9 @@ class DecimalMechanism(DecimalGeometry):
     def pair_frames(self) -> list[tuple[Frame, Frame]]:
         """Return the frames of every pair of the structure in its two links.
 
-        A frame (3, 3) has the rows zero direction, side and axis of the pair. The pairs of
-        couplers, links that stand for sliding contacts of circles, come last.
+        A frame (3, 3) has the rows zero direction, side and axis of the pair. A coupler is
+        a link that replaces a sliding contact of two circles: R pairs join it to both links
+        at the centres of the circles. The pairs of couplers come last.
         """
         revolute_frames = self.revolute_frames()
         frames = [
@@ -105,9 +106,9 @@ class DecimalMechanism(DecimalGeometry):
         ]
         for contact in self.structure.couplers:
             circle_contact = self.circle_contact(contact)
-            # The axes of the coupler are the z axis and a direction in its y-z plane. Its
+            # The pair axes of the coupler are its z axis and an axis in its y-z plane. Its
             # zero directions point to the contact, so that the angle of each pair is the
-            # azimuth of the contact about the centre.
+            # azimuth of the contact about the centre of a circle.
             sine, cosine = circle_contact.centre_arc.sin_cos()
             first_axis = exact_balls([0.0, 0.0, 1.0])
             second_axis = np.array([exact_ball(0.0), sine, cosine])
@@ -155,10 +156,11 @@ class DecimalMechanism(DecimalGeometry):
     def exact_follower_ratios(self) -> list[Fraction] | None:
         """Return the rates of the followers at unit rate of the only input as fractions.
 
-        Followers are the pairs whose angles wheels determine by the input. The result is
-        None unless all wheels have numbers of teeth. The rates are then quotients of
-        determinants of teeth. A ball of 80 bits contains only one fraction with a
-        denominator up to `MAX_GEAR_RATIO_DENOMINATOR`.
+        Followers are the pairs whose angles follow from the input through wheels. If all
+        wheels have numbers of teeth, the rates are fractions of whole numbers, of which
+        balls are computed. A ball of 80 bits contains only one fraction with a denominator
+        up to `MAX_GEAR_RATIO_DENOMINATOR`. The result is None if a wheel has no number of
+        teeth, or if a ball does not contain the fraction nearest to its centre.
         """
         # Factors of teeth are exact, those of sines of radii are not.
         if not all(factor.is_exact() for factor in self._mesh_relations().flat):
@@ -174,10 +176,11 @@ class DecimalMechanism(DecimalGeometry):
         return ratios
 
     def motion_columns(self) -> list[tuple[str, float]]:
-        """Return how the table `motion` stores the angle of each pair of the structure.
+        """Return the columns of the table `motion` that have the angles of all pairs.
 
-        A coupler is a link that stands for a sliding contact of circles, with a pair at
-        each centre. The table has the arc lengths of the contact instead.
+        The structure has a coupler, a link with a pair at each centre, for every sliding
+        contact of circles. The table of the mechanism itself has the arc lengths of the
+        contact instead of the angles of these pairs.
 
         Returns
         -------
@@ -366,6 +369,8 @@ def read_decimals(
         raise PlanError(f"a tolerance of {tolerance} rad makes no sense; give 1e-9, say")
     if document is None:
         document = parse(dumps(mechanism), mechanism.name)
+        # The written file describes the same mechanism. A mechanism with data of the user
+        # may compare as different.
         assert read(document) == mechanism or mechanism.user
     decimal_mechanism = DecimalMechanism(mechanism, document, tolerance, structure)
     return decimal_mechanism.with_meshes() if structure.wheels else decimal_mechanism

@@ -43,7 +43,11 @@ class EnclosedPole:
 def enclose_poles(
     equations: ArcEquations, variables: Sequence[Ball]
 ) -> Iterator[EnclosedPole]:
-    """Yield the poles of all pairs of links, for each input.
+    """Yield the poles of each two links, for each moving input.
+
+    The pole of two links is the axis of their relative rotation while one input moves at
+    unit rate and the others are locked. The relative angular velocity is its coefficient
+    times its direction.
 
     Parameters
     ----------

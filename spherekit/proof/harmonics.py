@@ -182,7 +182,7 @@ def _sum_waves(coefficients: Complexes, waves: Complexes) -> Complexes:
 
 
 def _evaluate_waves(circle_points: Floats, max_degree: int, order: int) -> Complexes:
-    """Return e^(i k x) for k = -max_degree ... max_degree and its derivatives by x.
+    """Return the waves e^(i k x), k = -max_degree ... max_degree, and their derivatives.
 
     Parameters
     ----------
@@ -195,7 +195,8 @@ def _evaluate_waves(circle_points: Floats, max_degree: int, order: int) -> Compl
 
     Returns
     -------
-    (v, order + 1, 2 max_degree + 1, n).
+    (v, order + 1, 2 max_degree + 1, n). Axes: variable, order of the derivative by x, wave
+    k, point.
     """
     z = (circle_points[..., 0] + 1j * circle_points[..., 1]).T
     positive_powers = [z]
@@ -214,8 +215,9 @@ def _interpolate(
 ) -> tuple[Complexes, float]:
     """Return the Fourier coefficients of one equation and the error of its values.
 
-    The values at evenly spaced angles, the nodes, are transformed by a discrete Fourier
-    transform of each variable.
+    An equation of degree m in an angle has 2 m + 1 waves. Its values at as many evenly
+    spaced angles, the nodes, give the coefficients by a discrete Fourier transform in each
+    variable.
 
     Parameters
     ----------
@@ -234,10 +236,12 @@ def _interpolate(
     error
         Bound of the error of float64 values of the equation at any angles.
     """
+    # 1. Values of the equation at all combinations of nodes, one axis for each variable.
     values = np.empty(node_counts, dtype=object)
     for index in np.ndindex(*node_counts):
         values[index] = evaluate_node(tuple(zip(index, node_counts, strict=True)))[equation]
-    # The centres are transformed. The radii of the balls add to the error below.
+
+    # 2. The transform of their centres. The radii of the balls add to the error below.
     sums = exact_centres(values)
     largest_radius = max(map(upper_magnitude, (values - sums).flat))
     for axis, count in enumerate(node_counts):
@@ -247,6 +251,9 @@ def _interpolate(
         rows = transform / exact_ball(count).sqrt()
         wave_rows = np.roll(rows, count // 2, axis=0)
         sums = np.moveaxis(np.tensordot(wave_rows, sums, (1, axis)), 0, axis)
+
+    # 3. The error of float64 values: conversion of the coefficients, rounding of the sums,
+    # and radii of the balls.
     coefficients = sums.astype(complex)
     conversion_error = sum(map(upper_magnitude, (sums - coefficients).flat))
     # Roundings of one value: the powers of z and the sums of each variable.

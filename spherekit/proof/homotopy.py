@@ -229,7 +229,8 @@ def _evaluate_homotopy(
 ) -> HomotopyValues:
     """Return the equations of a homotopy and their derivatives at points.
 
-    The equations are H(z, t) = (1 - t) start + t goal.
+    The equations H(z, t) = (1 - t) start(z) + t goal(z) lead from the start system at t = 0
+    to the system that is to be solved at t = 1.
 
     Parameters
     ----------
@@ -240,9 +241,11 @@ def _evaluate_homotopy(
     t
         (n,) the parameter of each point.
     """
-    # Last axis: at t = 0 and at t = 1.
+    # (n, k, 2) and (n, k, k, 2): values, and derivatives by z, of both systems. The last
+    # axis is the system, at t = 0 and at t = 1.
     end_values = points.derivatives(ends, 0)
     end_slopes = points.derivatives(ends, 1)
+    # n: point, k: equation, l: unknown, e: system.
     weights = np.stack([1.0 - t, t], axis=1)
     return HomotopyValues(
         values=apply_matrices(end_values, weights),

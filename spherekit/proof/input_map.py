@@ -249,15 +249,16 @@ def _classify_boxes(
     def examine(boxes: Integers, _: int) -> Integers:
         """Classify boxes (2, n, inputs), and return the halves of the others.
 
-        A box is classified if it is proven regular. Parts of cells only add their number of
-        modes to their cell.
+        A box is classified if it is proven regular. A part of a cell only adds its number
+        of modes to its cell, which is classified when all boxes have been examined.
         """
+        # By box and input: number of halvings of the range (level), and number of the part.
         levels, parts = boxes
         radii = ranges.radii(boxes)
         is_regular, modes = count_modes(
             systems, ranges.centres(boxes), ranges.circle_points(boxes), radii
         )
-        # Levels are numbers of halvings: a part of a cell was halved more often.
+        # A part of a cell was halved more often than the cell.
         is_in_cell = np.all(levels >= cell_levels, axis=1) & np.any(
             levels > cell_levels, axis=1
         )
@@ -271,14 +272,16 @@ def _classify_boxes(
         )
         needs_halving = ~is_regular & ~is_finest
         for row in np.flatnonzero(is_in_cell):
-            # Number of the cell in the range of each input, to which this part belongs.
+            # Numbers, in the range of each input, of the cell to which this part belongs:
+            # each further halving has doubled the number.
             cell_parts = parts[row] >> (levels[row] - cell_levels)
             counts = counts_of_cell[tuple(cell_parts.tolist())]
             if is_regular[row] or is_finest[row]:
                 counts.add(int(modes[row]) if is_regular[row] else -1)
             # A cell with two numbers of modes is classified already.
             needs_halving[row] &= len(counts - {-1}) < 2
-        # Halve the longest side of those that may still be halved; to cells first.
+        # Halve the longest side of each remaining box. Sides that are still longer than
+        # those of a cell come first.
         is_coarse = np.any(levels < cell_levels, axis=1, keepdims=True)
         can_halve = np.where(is_coarse, levels < cell_levels, levels < finest_levels)
         halvable_radii = radii * can_halve

@@ -182,10 +182,11 @@ def _rotation_vectors(rotation: PairFunction, values: Array) -> Array:
 
 
 def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKinematics]:
-    """Return the kinematics of all pairs of a mechanism: how each rotates its second link.
+    """Return for all pairs of a mechanism functions of rotation and axis, in balls.
 
-    The float64 geometry decides only near which point two profiles touch. Every number is
-    computed again in balls.
+    The rotation is that of the second link relative to the first. The float64 geometry of
+    the mechanism only decides near which point two profiles touch; every number is computed
+    again in balls.
 
     Parameters
     ----------
@@ -207,8 +208,9 @@ def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKine
         )
         first, second = joint.contact_profiles
         starts = exact_balls([first.start, second.start])
-        # In rolling the starts decide how the links are turned against each other. If the
-        # axes are given in a pose, they follow from the contact in this pose.
+        # The starts are the arc lengths at which the variables are 0. In a rolling contact
+        # they decide how the links are rotated against each other. If the file gives a
+        # reference pose, they follow from the contact in this pose.
         if joint.rolling_variables and isinstance(mechanism.geometry, PoseGeometry):
             starts = _find_contact(curves, starts)
         variables = (first.variable, second.variable)
@@ -252,14 +254,15 @@ class LoopClosure:
 
 @dataclass(frozen=True)
 class _PlacedPair:
-    """A pair in its mechanism.
+    """A pair with its place in the mechanism.
 
     Attributes
     ----------
     kinematics
-        The rotation of its second link relative to the first, and its axis.
+        Functions that return the rotation of the second link relative to the first, and the
+        axis of the pair.
     variables
-        The columns of its variables among those of all pairs.
+        Numbers of the pair's variables among those of the mechanism.
     first_link
         Number of its first link.
     """
@@ -335,15 +338,19 @@ class Linkage:
             (n, 3 loops) vectors (rad) of the rotations by which loops stay open, three
             columns for each loop; 0 if all loops close.
         """
+        # By pair: rotations (n, 3, 3) of the second link relative to the first.
         rotations = [
             pair.kinematics.rotation(values[:, pair.variables]) for pair in self._pairs
         ]
+        # By link: its orientation (n, 3, 3). The ground is link 0.
         placed = {0: np.broadcast_to(exact_balls(np.eye(3)), (len(values), 3, 3))}
         for pair, parent, child in self._tree:
             rotation = rotations[pair]
             if self.mechanism.ends[pair][0] == child:
+                # From the second link to the first the rotation is the transpose.
                 rotation = rotation.swapaxes(1, 2)
             placed[child] = placed[parent] @ rotation
+        # The empty array gives the right shape if there are no loops.
         residuals = [exact_balls(np.zeros((len(values), 0)))]
         for pair in self._loop_pairs:
             first, second = self.mechanism.ends[pair]
@@ -408,7 +415,8 @@ class Linkage:
     def link_velocities(self, vectors: Array, rates: Array) -> Array:
         """Return the angular velocities of all links relative to the ground.
 
-        They are sums over the variables on the path from the ground to the link.
+        The angular velocity of a link is the sum of rate times vector over the variables on
+        the path from the ground to the link, with the sense in which the path passes them.
 
         Parameters
         ----------
@@ -427,8 +435,9 @@ class Linkage:
         """Return the derivatives of the loop residuals by the variables.
 
         The residual of a loop is the small rotation by which it stays open. Its derivative
-        by a variable is the angular velocity of the pair, with the sign in which the loop
-        passes the pair, and 0 if it does not.
+        by a variable is the angular velocity of the pair at unit rate, with the sign 1 or
+        -1 of the sense in which the loop passes the pair. It is 0 if the loop does not pass
+        the pair.
 
         Parameters
         ----------
@@ -439,6 +448,7 @@ class Linkage:
         -------
         (n, 3 loops, variables).
         """
+        # Axes: row, loop, component, variable.
         signed_vectors = self._loop_senses[:, None] * vectors.swapaxes(1, 2)[:, None]
         loop_count = len(self._loop_senses)
         return signed_vectors.reshape(len(vectors), 3 * loop_count, vectors.shape[1])

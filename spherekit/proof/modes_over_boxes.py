@@ -60,7 +60,8 @@ def approximate_modes(
 ) -> Complexes:
     """Return approximations of the complex modes at one choice of the inputs.
 
-    A homotopy follows the solutions of random equations to those of the mechanism.
+    Complex modes are all solutions of the loop equations; real ones are assembly modes. A
+    homotopy follows known solutions of random equations to those of the mechanism.
 
     Parameters
     ----------
@@ -75,9 +76,11 @@ def approximate_modes(
     -------
     (n, unknowns) complex angles (rad). Some modes may be missing, and some may come twice.
     """
+    # All equations are solved at once, for all unknowns.
     all_numbers = range(equations.unknown_count)
     system = EquationSystem(equations, all_numbers, all_numbers)
     polynomials = system.form_polynomials(circle_points[None])
+    # The points are e^(i angle). Points 0 and infinity have no finite angle.
     angles = -1j * np.log(track_homotopy(polynomials, seed).points)
     return angles[np.all(np.isfinite(angles), axis=1)]
 
@@ -418,8 +421,8 @@ def count_modes(
 def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> RootAngles:
     """Return the angles of roots and their motion over the boxes.
 
-    For the coordinate z = e^(+-i angle) of a root, the derivative of the angle is that of
-    z over +-i z.
+    A coordinate of a root is z = e^(i s angle) with s = 1, or s = -1 if it is the inverse.
+    The derivative of the angle is therefore z' / (i s z).
 
     Parameters
     ----------
@@ -434,7 +437,8 @@ def _bound_root_angles(roots: ChartRoots, tubes: RootTubes, half: Floats) -> Roo
     # In the chart of the inverse the angle is negative.
     sense = np.where(roots.inverse, -1, 1)
     rates = tubes.rates / (1j * sense * roots.z)[:, :, None]
-    # The logarithm of 1 + w differs from w by at most w^2 / 2 / (1 - w).
+    # The angle is the logarithm of z. With the relative change w of z over the box, the
+    # logarithm of 1 + w differs from w by at most w^2 / 2 / (1 - w).
     w = tubes.reach / magnitude
     error = 0.5 * w**2 / (1.0 - w) + tubes.tube_radius[:, None] / magnitude
     # The approximation may be off the unit circle; the last two terms and the factor cover

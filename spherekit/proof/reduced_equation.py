@@ -259,9 +259,10 @@ class ReducedEquation:
     def evaluate_at(
         self, position: Array, level: Ball, correction: Array
     ) -> tuple[Ball, Array]:
-        """Return g and its two slopes at the u and v of a position.
+        """Return g and its two slopes at the coordinates u and v of a position.
 
-        The exact point (z, g) with F(z) = g l at these u and v is near the position.
+        F(z) = g l defines all variables z and the number g as functions of u and v. The
+        exact point (z, g) at the u and v of the position is near the position.
 
         Parameters
         ----------
@@ -285,10 +286,10 @@ class ReducedEquation:
 def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquation:
     """Return the reduced equation about the critical point of g near a position.
 
-    Configurations near a loss of rank of F' are the zeros of a function g of two
-    coordinates, see `ReducedEquation`. The critical point is where both slopes of g are 0.
-    The coordinates u and v are along the principal curvatures of g: g is convex in u and
-    concave in v.
+    Near a position where the derivatives F' of the equations lose a rank, configurations
+    are the zeros of a function g(u, v) of two coordinates (`ReducedEquation`). At the
+    critical point both slopes of g are 0. The coordinates u and v are along the principal
+    curvatures of g, so that g is convex in u and concave in v.
 
     Parameters
     ----------
@@ -302,6 +303,7 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
     ZeroDivisionError
         If there is no critical point nearby, or if g has no saddle there.
     """
+    # 1. The critical point, and the derivatives of g there.
     critical_point = _reduce_about(equations, position).find_critical_point(
         exact_balls(position)
     )
@@ -309,7 +311,9 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
     reduced_equation = _reduce_about(equations, centre)
     _, residual = reduced_equation.split_residual(exact_balls(centre))
     derivatives = reduced_equation.differentiate(exact_balls(centre), residual)
-    # Principal curvatures of g, the smaller one first, and their directions.
+
+    # 2. Principal curvatures of g, the smaller one first, and their directions. They must
+    # have opposite signs and comparable sizes.
     hessian = centre_floats(derivatives.hessian)
     (low, high), vectors = np.linalg.eigh(hessian)
     has_saddle = low < 0.0 < high and min(-low, high) > MIN_CURVATURE_RATIO * max(
@@ -318,8 +322,9 @@ def reduce_at_saddle(equations: ArcEquations, position: Floats) -> ReducedEquati
     is_near = np.max(np.abs(centre - position)) < MAX_CENTRE_DISTANCE_RAD
     if not (has_saddle and is_near):
         raise ZeroDivisionError
+
+    # 3. Coordinates u along the positive curvature and v along the negative one.
     frame = reduced_equation.frame.copy()
-    # u along the positive curvature, v along the negative one.
     principal = vectors[:, ::-1]
     frame[:, :2] @= principal
     # In units of 1 / sqrt(curvature) the curves of a crossing are diagonals.

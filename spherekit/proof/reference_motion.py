@@ -348,6 +348,8 @@ class ExactSimulation:
     def at(self, t: Floats) -> Array:
         """Return the variables and their first two derivatives by time.
 
+        The motion consists of steps in time; each time is evaluated in its step.
+
         Parameters
         ----------
         t
@@ -386,12 +388,16 @@ class ExactSimulation:
         -------
         Three arrays (n, variables): rad, rad/s, rad/s2.
         """
+        # 1. The coordinate and p, and all variables that close the loops. The position in
+        # the step is from -1 to 1.
         c, p = step.evaluate(2 * (t - step.start) / step.length - 1)
         closure = self._close_loops(t, c, step.coordinate)
         # Variables as power series in the coordinate: value, first derivative, and half of
         # the second one.
         values, first, second = self._linkage.expand_motion(closure, step.coordinate, 2)
         orientations, _ = self._linkage.place_links(power_series(values, first, second))
+
+        # 2. Inertia, speed dc/dt and force.
         w, dw = angular_velocities(orientations, 2)
         rotations = series_coefficient(orientations, 0)
         B, dB = equivalent_inertia(self.mechanism, rotations, w, dw)
@@ -399,7 +405,9 @@ class ExactSimulation:
         time_inside = float(step.start + step.length / 2)
         moving = MovingMechanism(values, first, w, rotations)
         force, _ = self._generalised_force(moving, speed, t, step.sides, time_inside)
-        # Eksergian's equation: B c'' + dB c'^2 / 2 = Q.
+
+        # 3. Acceleration by Eksergian's equation B c'' + (dB/dc) c'^2 / 2 = Q, and the
+        # other variables by the chain rule.
         acceleration = (force - dB * speed * speed / 2) / B
         # `second` is half of the second derivative by the coordinate.
         second_rates = first * acceleration[:, None] + 2 * second * (speed * speed)[:, None]
@@ -478,7 +486,9 @@ class ExactSimulation:
             if name == "abs":
                 return take_side(arguments[0]) * arguments[0]
             if name in NON_SMOOTH_FUNCTIONS:
-                # Minimum and maximum: (a + b -+ side * (a - b)) / 2, one after another.
+                # The maximum of a and b is (a + b + side * (a - b)) / 2, with the sign
+                # `side` of a - b. The minimum has the other sign. Further arguments are
+                # compared one after another.
                 sense = 1 if name == "max" else -1
                 extreme = arguments[0]
                 for argument in arguments[1:]:
@@ -486,6 +496,7 @@ class ExactSimulation:
                     signed_difference = sense * take_side(difference) * difference
                     extreme = (extreme + argument + signed_difference) / 2
                 return extreme
+            # Other functions are methods of balls, or operations on arrays.
             if not hasattr(exact_ball(0.0), name):
                 return ARRAY_OPERATIONS[name](*arguments)
             ball_function = np.frompyfunc(
@@ -517,6 +528,9 @@ class ExactSimulation:
 
     def _close_loops(self, t: Array, c: Array, coordinate: int) -> LoopClosure:
         """Return the closed configurations at given values of the coordinate.
+
+        The coordinate is the variable by which the motion is described. Newton's method
+        computes the others, beginning with the float64 solution.
 
         Parameters
         ----------
@@ -799,16 +813,17 @@ class ExactSimulation:
             )
             if not np.any(is_negative):
                 continue
+            # The interval before the first negative sample.
             first = np.argmax(is_negative)
             low, high = exact_balls(self._samples[first : first + 2])
-            # Each digit takes 3.4 halvings.
+            # A decimal digit takes 3.4 halvings; 8 more are for safety.
             for _ in range(int(3.4 * self.arithmetic.digits) + 8):
                 middle = (low + high).mid() / 2
                 if _evaluate_series(condition, np.array([middle]))[0].mid() < 0:
                     high = middle
                 else:
                     low = middle
-            yield _SignChange(high, switch, first == 0)
+            yield _SignChange(x=high, switch=switch, is_at_start=first == 0)
 
 
 def _largest(balls: Any) -> float:

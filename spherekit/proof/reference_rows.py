@@ -297,9 +297,10 @@ def _closure_status(motion: Motion, closure: LoopClosure) -> SmallIntegers:
 
 
 def exact_motion(motion: Motion, rows: Bools, reference: ExactRows) -> Motion:
-    """Return some rows of a motion with the configurations of reference values.
+    """Return some rows of a motion, with configurations replaced by reference values.
 
-    The closure residual is that of the declared geometry.
+    Reference values were computed with many digits and are rounded here. The closure
+    residual is that of the geometry as the file declares it.
 
     Parameters
     ----------
@@ -495,10 +496,12 @@ def _component_along(vectors: Array, directions: Array) -> Array:
 
 
 def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) -> Floats:
-    """Return the derivative (n, 3) of the direction of a pole by the input.
+    """Return the derivative (n, 3) of the direction u of a pole by the input.
 
-    The axis of an R pair is fixed in its links, and rotates with them. Otherwise, with the
-    relative angular velocity v = k u, the derivative u' is the part of v' across u, over k.
+    The pole of two links is the axis of their relative rotation. If it is the axis of an R
+    pair, it is fixed in a link with the angular velocity w, so u' = w x u. Otherwise the
+    relative angular velocity is v = k u, and u' is the part of v' at right angles to u,
+    divided by k.
 
     Parameters
     ----------

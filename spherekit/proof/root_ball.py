@@ -62,6 +62,9 @@ Larger: more trials in vain. Smaller: real solutions that coincide nearly may be
 class CertifiedRoot:
     """A solution of the equations that is proven to exist and to be the only one nearby.
 
+    The unknowns are angles, which may be complex. A ball is a number with a bound of its
+    error.
+
     Attributes
     ----------
     centre
@@ -133,6 +136,7 @@ def find_root(
                 break
             if not step_size < MAX_ROOT_STEP_RAD:
                 return None
+        # If all imaginary parts are nearly 0, a real solution is tried first.
         largest_imaginary = max(upper_magnitude(angle.imag) for angle in x)
         if largest_imaginary < REAL_TRIAL_IMAGINARY_RAD:
             real_parts = np.array([angle.real for angle in x])

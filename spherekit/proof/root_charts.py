@@ -130,6 +130,10 @@ class ChartRoots:
     def pairwise_gaps(self, count: int) -> Floats:
         """Return how far the roots of each row are from each other.
 
+        A row is one choice of the given variables. A coordinate of a root is written as a
+        fraction a / b, with b = 0 for infinity. The difference of a / b and c / d is
+        |a d - b c|.
+
         Parameters
         ----------
         count
@@ -137,8 +141,8 @@ class ChartRoots:
 
         Returns
         -------
-        (m, count, count) the largest difference over the unknowns. For two points a/b and
-        c/d in homogeneous coordinates the difference is |a d - b c|.
+        (m, count, count) the largest difference over the unknowns, for each two roots of
+        each of m rows.
         """
         shape = -1, count, self.z.shape[1]
         numerators = np.where(self.inverse, 1.0, self.z).reshape(shape)
@@ -191,7 +195,9 @@ class ChartRoots:
     def _powers(self, column: int, size: int, order: int) -> Complexes:
         """Return derivatives (n, size) of the powers of z that belong to coefficients.
 
-        In the chart of the inverse the powers are in reverse order.
+        A coefficient belongs to a power of the coordinate z. If 1/z is stored instead of z
+        (the chart of the inverse), the polynomial is multiplied by the highest power, and
+        the powers are in reverse order.
 
         Parameters
         ----------
@@ -204,6 +210,7 @@ class ChartRoots:
         """
         ascending = np.arange(size)
         exponents = np.where(self.inverse[:, column, None], ascending[::-1], ascending)
+        # The derivative of z^k of this order is k (k - 1) ... z^(k - order).
         factor = np.prod([exponents - step for step in range(order)], axis=0)
         return factor * self.z[:, column, None] ** np.maximum(exponents - order, 0)
 
@@ -375,7 +382,10 @@ def _bound_changes(
 
 @dataclass(frozen=True)
 class InputBoxes:
-    """Boxes of the inputs, and how the given variables of a system move over them.
+    """m boxes of the inputs, and the motion of a system's given variables over them.
+
+    Given variables are the inputs and the unknowns of systems that were solved before. They
+    change nearly linearly with the inputs.
 
     Attributes
     ----------

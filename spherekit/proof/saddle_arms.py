@@ -43,16 +43,17 @@ class SaddleForm:
 
 @dataclass(frozen=True)
 class ArmErrors:
-    """How far the arms deviate from the zeros of the quadratic form Q of g'' at a saddle.
+    """Bounds of the deviation of arms from the zeros of a quadratic form Q.
 
-    Arms are the four branches of the curves g(u, v) = 0 that leave the saddle.
+    Arms are the four branches of the curves g(u, v) = 0 that leave a saddle. Near the
+    saddle g is approximately Q / 2, with the quadratic form Q of its second derivatives.
 
     Attributes
     ----------
     form
-        Largest |Q(u, v)| on an arm, over the square of the larger of |u| and |v|.
+        Largest |Q(u, v)| on an arm, divided by the square of the larger of |u| and |v|.
     slope
-        Error of the slopes of g, over the larger of |u| and |v|.
+        Error of the slopes of g, divided by the larger of |u| and |v|.
     centre
         Largest distance of the centre of the coordinates from the saddle.
     """
@@ -204,9 +205,10 @@ def find_monotonic_variables(
 ) -> Bools:
     """Return which variables have no stationary point between two joined arms.
 
-    At a saddle with a level other than 0, two of the four branches of curves are joined by
-    an arc that passes the saddle at a distance. The other two are joined by its mirror
-    image.
+    Near a saddle the configurations are the curves g(u, v) = 0. If the value of g at the
+    saddle, the level, is not 0, the curves do not cross. Two of the four arms (branches)
+    are then joined by an arc that passes the saddle at a distance, and the other two by its
+    mirror image.
 
     Parameters
     ----------
@@ -235,11 +237,18 @@ def find_monotonic_variables(
     slope_bounds = _bound_arm_slopes(form.hessian, 4.004 * slope_at_saddle / least_distance)
     slope_error = 1.001 * slope_at_saddle / least_distance
     # A positive level joins arms of equal v: the arc crosses the v axis, and its directions
-    # are steeper than the smaller bounds. A negative level joins arms of equal u.
+    # are steeper than the smaller bounds (number 0) of the slopes. A negative level joins
+    # arms of equal u, with directions less steep than the larger bounds (number 1).
+    # `component` is the slope of g (0 by u, 1 by v) that must not change its sign, `sense`
+    # the orientation of the first end of the arc relative to the last one.
     if level > 0:
-        sense, component, bound = -1, 1, 0
+        sense = -1
+        component = 1
+        bound = 0
     else:
-        sense, component, bound = 1, 0, 1
+        sense = 1
+        component = 0
+        bound = 1
     first, last = (
         _evaluate_direction(form, slope_bounds[sign][bound], slope_error)
         for sign in (1, -1)

@@ -140,9 +140,9 @@ class Saddle(OrientedBox):
     def find_quadrant(self, position: Floats, error: float) -> Quadrant | None:
         """Return the quadrant of the arm that a configuration is on, None if not proven.
 
-        An arm is one of the four branches of curves that leave the saddle. Its quadrant has
-        the signs of the box coordinates u and v. They tell the arms apart beyond a small
-        height |v|.
+        An arm is one of the four branches of curves that leave the saddle. Its quadrant is
+        the signs of the first two box coordinates u and v. Nearer to the centre than a
+        small height |v|, these signs do not distinguish the arms.
 
         Parameters
         ----------
@@ -169,8 +169,9 @@ def find_saddle(
     """Return the saddle near a position, None if none is proven.
 
     A saddle is a place where configuration curves cross, or narrowly miss each other. Boxes
-    of different size about it are tried, the largest first. A box in which signs of rates
-    along the curves are open is accepted only below a certain size.
+    of different size about it are tried, the largest first. The signs of the rates of all
+    variables along the curves should be proven in the box. A box in which some of them are
+    not proven is accepted only below a certain size.
 
     Parameters
     ----------

@@ -75,9 +75,10 @@ Larger: sharper bends are not passed. Smaller: an arc of the opposite sense migh
 
 @dataclass(frozen=True)
 class RateBounds:
-    """Bounds of the rates of all variables along an arc, and of their derivatives.
+    """Bounds of the rates of all v variables along an arc, and of their derivatives.
 
-    Rates are derivatives by the coordinate s along the tangent at the centre of the arc.
+    An arc is a part of a configuration curve. Rates are derivatives by the coordinate s
+    along the tangent at the centre of the arc.
 
     Attributes
     ----------
@@ -326,7 +327,11 @@ def find_stationary_points(
 def _examine_stretch(
     equations: ArcEquations, variable: int, stretch: _Stretch, allows_short: bool
 ) -> _StretchSigns | CertifiedArc | None:
-    """Return what is proven of the rate of a variable in a stretch, a part of a curve.
+    """Return the proven signs of the rate of a variable in a stretch, or where to cut it.
+
+    A stretch is a part of a configuration curve. The rate is the derivative of the variable
+    along it. If the rate has one sign, the variable is not stationary in the stretch. If
+    only the derivative of the rate has one sign, the signs of the rate at both ends decide.
 
     Parameters
     ----------
@@ -357,7 +362,7 @@ def _examine_stretch(
         # A short arc at the end gives the sign of the rate there.
         end_piece = find_piece(equations, stretch.end, piece.tangent, longest=1e-3)
         if end_piece is not None and end_piece.tangent @ piece.tangent > MIN_FORWARD_COSINE:
-            sign_at_end = _rate_signs(end_piece, 0.0, variable)[0]
+            sign_at_end, _ = _rate_signs(end_piece, half_length=0.0, variable=variable)
         # A sign that is open at the end stays open, however short the stretches become.
     elif allows_short and any(start_signs):
         shortest = SHORTEST_STRETCH_RAD
@@ -391,16 +396,19 @@ def _bound_undecided(stretch: _Stretch, variable: int) -> StationaryPoint:
 def _find_middle_piece(
     equations: ArcEquations, piece: CertifiedArc, end: Floats, ratio: float
 ) -> CertifiedArc | None:
-    """Return an arc between the centre of an arc and a configuration in its box.
+    """Return a certified arc whose centre is between two configurations of a curve.
+
+    They are the centre of another certified arc, and the end, a configuration in the box of
+    this arc.
 
     Parameters
     ----------
     equations
         The equations of the mechanism.
     piece
-        The arc.
+        The arc from whose centre the way begins.
     end
-        (v,) the configuration (rad).
+        (v,) the configuration (rad) at the end of the way.
     ratio
         Position of the new centre, as a part of the way from the centre to the end.
 

@@ -38,11 +38,11 @@ class Structure:
     inputs
         The driven pairs.
     couplers
-        Numbers of the sliding contacts among the pairs of the mechanism.
+        For each coupler the number of its sliding contact among the pairs of the mechanism.
     wheels
         Numbers of the rolling contacts among the pairs of the mechanism.
     followers
-        The pairs whose angles wheels determine by the inputs.
+        The pairs whose angles follow from the inputs through wheels.
     """
 
     name: str

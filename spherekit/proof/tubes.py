@@ -76,7 +76,7 @@ bound.
 
 @dataclass(frozen=True)
 class OrientedBox:
-    """A box in the space of all variables, not aligned with their axes.
+    """A box in the space of all v variables whose sides have any orthogonal directions.
 
     Attributes
     ----------
@@ -184,9 +184,11 @@ class CertifiedArc(OrientedBox):
 
 @dataclass(frozen=True)
 class TangentFrame:
-    """Tangent and normals of a configuration curve, and the inverse of F' across it.
+    """Tangent and normals of a configuration curve, with an inverse of derivatives.
 
-    F' are the derivatives (k, v) of the k = v - 1 equations by the v variables.
+    F' are the derivatives (k, v) of the k = v - 1 equations by the v variables. Along the
+    tangent t they are 0. Along the normals N, which are orthogonal to t, they are the
+    square matrix F' N.
 
     Attributes
     ----------
@@ -211,15 +213,17 @@ def find_frame(slopes: Floats, direction: Floats | None) -> TangentFrame | None:
         (v,) the tangent is oriented along this direction; without it, in either sense.
     """
     left, singular_values, right = np.linalg.svd(slopes)
-    # The last right singular vector is the tangent, as F' t = 0. A smaller relative
-    # singular value is rounding: no tangent is defined.
+    # If the smallest singular value is only rounding, F' has lost a rank, and no tangent is
+    # defined. Otherwise the last right singular vector is the tangent, since F' t = 0.
     if not singular_values[-1] > 1e-13 * singular_values[0]:
         return None
     tangent = right[-1]
     if direction is not None and tangent @ direction < 0:
         tangent = -tangent
     frame = np.column_stack([tangent, right[:-1].T])
-    return TangentFrame(frame, left.T / singular_values[:, None])
+    # F' N is left @ diag(singular_values), so this is its inverse.
+    inverse = left.T / singular_values[:, None]
+    return TangentFrame(frame, inverse)
 
 
 def find_piece(
