@@ -204,15 +204,20 @@ class Dynamics(AbstractAnalysis):
         )
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return plots of torques, of the entries of the inertia matrix and of power."""
+        """Return plots of torques, of the entries of the inertia matrix and of power.
+
+        Every plot has the rows of the batch; there is a page for each assembly mode.
+        """
         solution = self._inverse_solution(batch)
         inputs = batch.moving_inputs
         plots = []
+        # Arguments of `plot_series`: folder, label of the curve, title, values, unit.
         for number, name in enumerate(inputs):
             torque = solution.torques[:, number]
             plots.append(
                 plot_series("torque", f"at {name}", "driving torques", torque, "N m")
             )
+        # The matrix is symmetric: only its upper triangle is drawn.
         for row, first in enumerate(inputs):
             for column, second in enumerate(inputs[row:], row):
                 label = f"M {first} {second}"
@@ -229,7 +234,11 @@ class Dynamics(AbstractAnalysis):
 
 
 def _make_findings(summary: Mapping[str, Any]) -> Findings:
-    """Return the findings with the sentences and warnings that the summary leads to."""
+    """Return the findings: the summary with its sentences and warnings.
+
+    The summary has the largest torque at each input ("inputs"), the number of rows at
+    singularities, and whether the file has masses and loads.
+    """
     remarks = describe_largest_torques(summary["inputs"], TORQUE_KEY, "driving torque")
     for missing, remaining in (("masses", "loads"), ("loads", "inertia")):
         if not summary[missing]:

@@ -136,7 +136,10 @@ class Eksergian(AbstractAnalysis):
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return rates of the links with mass, and the variables on which loads depend.
+        """Return the quantities that this analysis needs of a motion.
+
+        They are rates of the links with mass, the pair variables on which loads depend, and
+        the rate of the pair at which the torque acts.
 
         Raises
         ------
@@ -169,12 +172,18 @@ class Eksergian(AbstractAnalysis):
         )
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
-        """Return the tables of torque, of the links' inertia and of the loads."""
+        """Return the tables of torque, of the links' inertia and of the loads.
+
+        For each of the n rows of the batch the first table has one row, the second table
+        one row for each link with mass, and the third table one row for each load.
+        """
         solution = self._inverse_solution(batch)
         mechanism = batch.mechanism
         row_identity = row_columns(batch, with_time=True)
         mass_links = [mass.link for mass in mechanism.masses]
         load_names = [load.name for load in mechanism.loads]
+        # (n, links with mass) parts of the inertia, and (n, loads) parts of the force at
+        # the only input (number 0).
         inertia_parts = solution.B_parts
         force_parts = solution.Q_parts[:, 0]
         return {
@@ -219,7 +228,12 @@ class Eksergian(AbstractAnalysis):
         return batch.once("torque", lambda: _solve_torque(batch))
 
     def findings(self, batch: Batch) -> Findings:
-        """Return the largest torque and the worst conditioning, and where they occur."""
+        """Return the largest torque and the worst conditioning, and where they occur.
+
+        The conditioning is the condition number of the closure equations with a locked
+        input. A torque that is only a rounding error counts as 0.
+        """
+        # Without a configuration there is nothing to report.
         if not np.any(np.isfinite(batch.residual)):
             return Findings()
         sure_torque = self._inverse_solution(batch).sure_torques[:, 0]
@@ -262,14 +276,14 @@ class Eksergian(AbstractAnalysis):
             Portrait(
                 "plots/phase_portrait",
                 "phase portrait",
-                batch.q[rows],
-                batch.dq[rows],
-                "q",
-                "dq",
-                batch.q_range,
-                batch.dq_range,
-                "rad",
-                "rad/s",
+                x=batch.q[rows],
+                y=batch.dq[rows],
+                x_label="q",
+                y_label="dq",
+                x_range=batch.q_range,
+                y_range=batch.dq_range,
+                x_unit="rad",
+                y_unit="rad/s",
             )
             for rows in batch.assembly_mode_rows().values()
         ]
@@ -294,12 +308,13 @@ class Eksergian(AbstractAnalysis):
 
 
 def _inertia_plots(batch: Batch, solution: InverseSolution) -> list[Series]:
-    """Return plots of the equivalent inertia and its derivative, and of their parts.
+    """Return plots of the equivalent inertia B and its derivative dB/dq, with their parts.
 
-    `solution` has the inertia of the whole mechanism and the part of each link with mass,
-    for the rows of the batch.
+    `solution` has the inertia of the whole mechanism (n,) and the part of each link with
+    mass (n, links with mass), for the n rows of the batch.
     """
     mechanism = batch.mechanism
+    # The last argument of `plot_series` is the link whose colour the curve has.
     title = "equivalent inertia"
     plots = [plot_series("inertia", "B", title, solution.B, "kg m2", 0)]
     for mass, part in zip(mechanism.masses, solution.B_parts.T, strict=True):

@@ -186,7 +186,12 @@ class Poles(AbstractAnalysis):
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the poles with their rates, derivatives and great circles."""
+        """Return the quantities that this analysis needs of a motion.
+
+        They are pole axes with rates and derivatives; great circles (planes) of one pole,
+        or of all poles if their construction is drawn; and the rotations of links in whose
+        axes something is drawn.
+        """
         axode_poles = self._axode_poles(mechanism)
         poles = frozenset(self.poles(mechanism)) | frozenset(axode_poles)
         pole_with_circles = self.pole_with_circles(mechanism)
@@ -292,6 +297,8 @@ class Poles(AbstractAnalysis):
         poles = self.poles(mechanism)
         pole_with_circles = self.pole_with_circles(mechanism)
         has_many_poles = len(poles) > MAX_POLES_SHOWN_FIRST
+
+        # 1. Arrows, plots and axodes.
         for pole in poles:
             yield from self._draw_arrow(batch, rows, input_number, pole)
             yield from self._plot_coefficients(batch, rows, input_number, pole)
@@ -300,6 +307,8 @@ class Poles(AbstractAnalysis):
                 yield from draw_axodes(batch, pole, rows)
         if pole_with_circles is None:
             return
+
+        # 2. The chart, with the two great circles (n, 2, 3) of one pole.
         normals = batch.planes(*pole_with_circles, input_number)[rows]
         # Poles of pairs are drawn last, on top of the others. In both sets poles relative
         # to the ground (link 0) come first.
@@ -316,6 +325,8 @@ class Poles(AbstractAnalysis):
             normals,
             moving_input=pair if has_several_inputs else "",
         )
+
+        # 3. The great circles on the sphere.
         if has_many_poles and input_number > 0:
             return
         for number in (0, 1):
@@ -344,13 +355,16 @@ class Poles(AbstractAnalysis):
             The numbers of the two links.
         """
         mechanism = batch.mechanism
+        # Whether the axis is that of the pair that joins both links.
         is_of_pair = pole in mechanism.pole_pairs
         if input_number > 0 and is_of_pair:
             return
         first_link, second_link = pole
-        low, high = mechanism.links[first_link], mechanism.links[second_link]
+        low = mechanism.links[first_link]
+        high = mechanism.links[second_link]
         pair = batch.moving_inputs[input_number]
         has_several_inputs = len(batch.moving_inputs) > 1
+        # Which arrows are visible at first.
         has_many_poles = len(self.poles(mechanism)) > MAX_POLES_SHOWN_FIRST
         is_of_interest = first_link == 0 or pole == self.pole_with_circles(mechanism)
         is_visible = (
@@ -363,7 +377,7 @@ class Poles(AbstractAnalysis):
         folder = f"{pair}/" if has_several_inputs else ""
         directions = batch.direction(*pole, input_number)[rows]
         path = f"pole/{folder}{high}_{low}"
-        yield Arrow(path, label, directions, is_of_pair, is_visible)
+        yield Arrow(path, label, directions, primary=is_of_pair, shown=is_visible)
 
     def _plot_coefficients(
         self, batch: Batch, rows: slice, input_number: int, pole: Pole
@@ -388,7 +402,8 @@ class Poles(AbstractAnalysis):
         pair = batch.moving_inputs[input_number]
         has_several_inputs = len(batch.moving_inputs) > 1
         first_link, second_link = pole
-        low, high = mechanism.links[first_link], mechanism.links[second_link]
+        low = mechanism.links[first_link]
+        high = mechanism.links[second_link]
         input_pole = pole_of(*mechanism.ends[mechanism.pair_number[pair]])
         body = batch.plans[input_number].body
         if pole == input_pole or body[first_link] == body[second_link]:

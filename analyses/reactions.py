@@ -158,7 +158,8 @@ class ReactionAnalysis(AbstractAnalysis):
         pair_names = [pair.name for pair in batch.mechanism.pairs]
         moments = result.moments.reshape(-1, 3)
         forces = result.forces.reshape(-1, 3)
-        # The x and y components in the first link of an R pair, which differ by its angle.
+        # Moments and forces are in axes of the second link of a pair. In the first link of
+        # an R pair the x and y components differ by the pair angle.
         moments_in_first = result.in_first(result.moments).reshape(-1, 2)
         forces_in_first = result.in_first(result.forces).reshape(-1, 2)
         columns: dict[str, Any] = {
@@ -248,6 +249,7 @@ class ReactionAnalysis(AbstractAnalysis):
         """Return plots of the moments across all axes, of contacts and of bearings."""
         result = self._reactions(batch)
         plots = []
+        # Arguments of `plot_series`: folder, label of the curve, title, values, unit.
         for number, pair in enumerate(batch.mechanism.pairs):
             title = "moment across the axis"
             moment = result.across[:, number]
@@ -435,7 +437,12 @@ def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
 
 
 def _make_findings(summary: Mapping[str, Any]) -> Findings:
-    """Return the findings with the sentences and warnings that the summary leads to."""
+    """Return the findings: the summary with its sentences and warnings.
+
+    A reaction is open if redundant constraints leave it undetermined. Open forces are a
+    warning if the file asks for forces, otherwise a remark.
+    """
+    # 1. Contacts that lift off, and open reactions.
     pairs = summary["pairs"]
     warnings = [
         f"contact {name} would have to pull in "
@@ -454,6 +461,8 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
             "redundant constraints leave open how reactions are shared among the pairs "
             f"{listing(open_pairs)}; what is open is left empty{hint}"
         )
+
+    # 2. The largest moment, and the largest loads of bearings.
     remarks += _describe_maximum(
         pairs, "largest_transverse_moment_Nm", "N m", "moment across an axis or a contact"
     )
@@ -465,6 +474,8 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
         # The largest load is known only if the loads of all bearings are.
         if all(record[key] is not None for record in bearings.values()):
             remarks += _describe_maximum(bearings, key, "N", quantity, are_bearings=True)
+
+    # 3. Forces through the centre of the sphere.
     sentences_on_forces = _describe_open_forces(summary)
     if summary["asks_for_forces"]:
         warnings += sentences_on_forces
@@ -516,9 +527,10 @@ def _describe_maximum(
 
 
 def _describe_open_forces(summary: Mapping[str, Any]) -> list[str]:
-    """Return why forces through the centre are not determined, nothing if they are.
+    """Return a sentence why forces through the centre of the sphere are not determined.
 
-    `summary` is that of the analysis, as `ReactionAnalysis.findings` returns it.
+    The list is empty if they are determined. `summary` is the record of all results of the
+    analysis. A pair floats if it takes no axial force.
     """
     sliding_links = summary["links_that_slide"]
     if sliding_links:

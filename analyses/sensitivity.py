@@ -219,7 +219,10 @@ class SensitivityAnalysis(AbstractAnalysis):
         return SizeDeviations(deviations, self.distribution, self.draws)
 
     def _deviation_of_key(self) -> dict[str, float]:
-        """Return the deviations of single numbers by their keys.
+        """Return the deviations of single numbers of the file by their keys.
+
+        They are read from the parameter `deviations`, such as ``links.3.arc:0.02``, joined
+        by plus signs.
 
         Raises
         ------
@@ -238,7 +241,11 @@ class SensitivityAnalysis(AbstractAnalysis):
         return deviation_of_key
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
-        """Return derivatives and tolerances of the rows of a batch."""
+        """Return derivatives and tolerances of the rows of a batch.
+
+        The first table has a row for each row of the batch, quantity and size; the second
+        table has one for each row of the batch and quantity.
+        """
         result = self._result(batch)
         tolerances = result.tolerances
         quantities = result.sensitivity.quantities
@@ -246,7 +253,8 @@ class SensitivityAnalysis(AbstractAnalysis):
         status = batch.status.copy()
         has_no_derivative = ~np.all(np.isfinite(result.gradients), axis=(0, 1))
         status[(status == Status.OK) & has_no_derivative] = Status.ILL_CONDITIONED
-        # Rows of the table: row, quantity, size; the last one changes fastest.
+        # Arrays are (quantities, n) or (sizes, quantities, n). In the first table the size
+        # changes fastest, then the quantity, then the row of the batch.
         quantity_of_rows = [name for name in quantities for _ in keys]
         return {
             "sensitivity": {
@@ -320,7 +328,10 @@ class SensitivityAnalysis(AbstractAnalysis):
         return SensitivityResult(sensitivity, values, gradients, shares, tolerances)
 
     def findings(self, batch: Batch) -> Findings:
-        """Return the largest spread of each quantity, and the size that causes most."""
+        """Return the largest spread of each quantity, and the size that causes most of it.
+
+        The spread is the standard deviation that deviations of sizes cause.
+        """
         result = self._result(batch)
         sensitivity = result.sensitivity
         tolerances = result.tolerances
@@ -329,6 +340,7 @@ class SensitivityAnalysis(AbstractAnalysis):
             spread = tolerances.spread[number]
             if not np.any(np.isfinite(spread)):
                 continue
+            # The row with the largest spread.
             row = np.nanargmax(spread)
             summary[name] = {
                 "spread": float(spread[row]),
@@ -339,6 +351,7 @@ class SensitivityAnalysis(AbstractAnalysis):
                 summary[name]["drawn"] = float(tolerances.drawn_spread[number, row])
                 summary[name]["lost"] = float(tolerances.lost[number, row])
         findings = self._make_findings(summary, self._describe_sizes(sensitivity.keys))
+        # Links whose sizes are left out, unless the user has chosen the sizes.
         if not sensitivity.left_out or self.by:
             return findings
         left_out = listing(f"links.{link}" for link in sensitivity.left_out)
@@ -379,8 +392,9 @@ class SensitivityAnalysis(AbstractAnalysis):
         summary
             The record of the largest spread of each quantity.
         sizes
-            Which sizes deviate, in words.
+            A sentence about the sizes that deviate.
         """
+        # Quantities that do not depend on the sizes.
         independent = [
             name for name in summary if summary[name]["spread"] <= self._zero_spread
         ]
@@ -413,7 +427,8 @@ class SensitivityAnalysis(AbstractAnalysis):
                 unit = "rad"
             spread_plots.append(plot_series("spread", name, title, spread, unit))
 
-        # Which derivatives are drawn depends on the assembly mode.
+        # (sizes, quantities, n) part of the variance that each size causes. Only the
+        # derivatives by the sizes with the largest parts are drawn, in each assembly mode.
         squares = result.shares * spreads**2
         scenes = []
         for mode, rows in batch.assembly_mode_rows().items():
@@ -442,7 +457,7 @@ def _find_largest_sizes(squares: Floats) -> list[int]:
 
 
 def _sizes_that_matter_most(keys: Sequence[str], shares: Floats) -> NDArray[np.str_]:
-    """Return the keys of the sizes with the largest share of the variance.
+    """Return the keys of the sizes that cause the largest part of the variance.
 
     Parameters
     ----------

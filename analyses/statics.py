@@ -231,6 +231,7 @@ class Statics(AbstractAnalysis):
         """Return plots of holding torques, mechanical advantage and stiffness."""
         solution = self._holding_solution(batch)
         plots = []
+        # Arguments of `plot_series`: folder, label of the curve, title, values, unit.
         for number, name in enumerate(batch.moving_inputs):
             torque = solution.torques[:, number]
             plots.append(

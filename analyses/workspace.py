@@ -141,7 +141,9 @@ class WorkspaceAnalysis(AbstractAnalysis):
         return (size,)
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return no needs, because poses do not depend on the samples.
+        """Return no needs, because poses do not depend on the samples of a motion.
+
+        All parameters are checked here, before anything is computed.
 
         Raises
         ------
@@ -150,10 +152,10 @@ class WorkspaceAnalysis(AbstractAnalysis):
         """
         if not 0.0 <= self.tolerance < 1.0:
             raise AnalysisError(
-                f"workspace: tolerance: {self.tolerance:g} is not a relative error; "
-                f"give one "
-                "above 0 and below 1, or 0 for the default"
+                f"workspace: tolerance: {self.tolerance:g} is not a relative error; give "
+                "one above 0 and below 1, or 0 for the default"
             )
+        # The call checks all other parameters; workspaces are computed only when needed.
         self._make_workspaces(mechanism)
         return Needs()
 

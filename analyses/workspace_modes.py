@@ -274,7 +274,10 @@ class WorkspaceModes:
         return record, warning
 
     def _summarize_directions(self, region: Region) -> tuple[Columns, str]:
-        """Return the record of a set of directions, and a warning or an empty text."""
+        """Return the record of a set of directions, and a warning or an empty text.
+
+        There is a warning if the set is empty, or if its area is less accurate than wanted.
+        """
         record: Columns = {
             "area_sr": region.area,
             "error_sr": region.error,
@@ -304,7 +307,11 @@ class WorkspaceModes:
     def _summarize_orientations(
         self, workspace: OrientationWorkspace
     ) -> tuple[Columns, str]:
-        """Return the record of a set of orientations, and a warning or an empty text."""
+        """Return the record of a set of orientations, and a warning or an empty text.
+
+        There is a warning if no orientation was found inside, or if the volume is less
+        accurate than wanted.
+        """
         orientations = workspace.orientations
         record: Columns = {
             "volume": orientations.volume,
@@ -312,6 +319,7 @@ class WorkspaceModes:
             "fraction": orientations.fraction,
             "evaluations": orientations.evaluations,
         }
+        # The depth is the margin of the best sample.
         if orientations.depth < 0.0:
             best = self.judge(workspace, orientations.place[None])
             record["nearest_limit"] = self.limit_names[int(best.limiting[0])]
@@ -358,6 +366,8 @@ class WorkspaceModes:
 
     def _examine_pose(self, workspace: Workspace, pose: Floats) -> tuple[Columns, str]:
         """Return the record of a pose in one mode, and its margin in words.
+
+        For a pose outside of the workspace the nearest reachable pose is included.
 
         Parameters
         ----------
@@ -563,6 +573,7 @@ def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> Floats:
     assert poses is not None
     if not kinematics.points:
         poses = quaternion(poses)
+    # The first one of equal poses, in the given order.
     _, first_rows = np.unique(poses, axis=0, return_index=True)
     return poses[np.sort(first_rows)]
 

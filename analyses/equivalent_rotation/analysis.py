@@ -133,7 +133,10 @@ class EquivalentRotation(AbstractAnalysis):
     cycle: float = 0.0
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the need for the position analysis, whose solver assembles the start.
+        """Return the quantities that this analysis needs of a motion: only the solver.
+
+        The position analysis (tracer) has the solver that assembles the start. All
+        parameters are checked here, before anything is computed.
 
         Raises
         ------
@@ -171,7 +174,11 @@ class EquivalentRotation(AbstractAnalysis):
         return Needs(tracer=True)
 
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
-        """Return the tables of the rotation and of its schedule."""
+        """Return the tables of the rotation and of its schedule.
+
+        The table of the rotation has one row for each sampled angle, that of the schedule
+        one row for each time; it is empty if there is no schedule.
+        """
         result = self._result(batch)
         mechanism = batch.mechanism
         samples = result.samples
@@ -290,7 +297,8 @@ class EquivalentRotation(AbstractAnalysis):
         return Findings(summary, warnings, tuple(remarks))
 
     def _schedule_record(self, schedule: TimeScaling) -> dict[str, Any]:
-        """Return the record of a schedule in the summary."""
+        """Return the record of a schedule (the rotation in time) in the summary."""
+        # The speed or acceleration whose limit sets the duration.
         binding = schedule.binding
         return {
             "shape": self.shape,

@@ -115,6 +115,7 @@ class RotationResult:
             The findings in Markdown, which are added to both pages.
         """
         samples = self.samples
+        # (k, 1) angles at which the inputs do not hold the output (type II).
         crossings = np.array(self.rotation.crossings)[:, None]
         title = "error of orientation about the fixed axis"
         parts: list[Primitive] = [

@@ -63,13 +63,16 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
     nearest: int = 20
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return no needs, because poses do not depend on the samples.
+        """Return no needs, because poses do not depend on the samples of a motion.
+
+        All parameters are checked here, before anything is computed.
 
         Raises
         ------
         AnalysisError, FileError
             If a parameter is not valid for the mechanism, or the file cannot be read.
         """
+        # Each of these calls raises an error if its parameters are not valid.
         solver = self.solver(mechanism)
         self._read_poses(solver)
         self.modes(solver)

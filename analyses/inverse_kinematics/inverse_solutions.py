@@ -139,10 +139,11 @@ class InverseSolutions:
         return {INVERSE.name: [self._inverse_columns()], PAIRS.name: [pair_columns]}
 
     def _inverse_columns(self) -> Columns:
-        """Return the table of configurations."""
+        """Return the table of configurations: one row for each row of the solutions."""
         mechanism = self.mechanism
         solver = self.solver
         solutions = self.solutions
+        # (rows, 3) if the output is a direction.
         directions = self.poses[solutions.pose] if solver.points else None
         columns: Columns = {
             "pose": solutions.pose,
@@ -239,9 +240,10 @@ class InverseSolutions:
         return Findings(summary, tuple(warnings), (remark, *self._describe_rows()))
 
     def _describe_rows(self) -> list[str]:
-        """Return a sentence for each configuration and nearest pose, if these are few.
+        """Return a sentence for each row of the solutions, if there are only a few poses.
 
-        Modes with the same sentence are listed together.
+        The sentence has the inputs of the configuration, or the nearest reachable pose if
+        the row is out of reach. Modes with the same sentence are listed together.
         """
         solutions = self.solutions
         if len(np.unique(solutions.pose)) > MAX_DESCRIBED_POSES:
@@ -251,6 +253,7 @@ class InverseSolutions:
             if solutions.solved[row]:
                 result = self._describe_inputs(row)
             elif np.isfinite(self.nearest_distances[row]):
+                # The limit that the pose violates, -1 if it is not known.
                 limit_number = solutions.limiting[row]
                 by_limit = ""
                 if limit_number >= 0 and solutions.limits[limit_number]:
@@ -260,6 +263,7 @@ class InverseSolutions:
                 )
                 result = f"out of reach{by_limit}; {nearest}"
             else:
+                # Out of reach, and the nearest pose was not computed.
                 continue
             sentence = f"pose {solutions.pose[row]}: {result}"
             modes_of_sentence.setdefault(sentence, []).append(mode)

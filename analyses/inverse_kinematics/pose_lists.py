@@ -53,7 +53,7 @@ class PoseList:
     inputs
         (n, inputs) inputs (rad); None if poses are given.
     grid_shape
-        Numbers of values of the grid of a window; None for other lists.
+        Number of values along each axis if the poses are a grid; None for other lists.
     """
 
     poses: Floats | None
@@ -63,20 +63,20 @@ class PoseList:
 
 @dataclass(frozen=True)
 class NumberTable:
-    """Numbers of poses as they are given, before their conversion.
+    """Numbers that describe n poses, as they are given, before their conversion.
 
     Attributes
     ----------
     terms
-        Name of the number in each of k columns.
+        Name of the number in each of k columns, such as azimuth and tilt.
     rows
-        (n, k) numbers.
+        (n, k) numbers, one row for each pose.
     units
         Unit of columns by name, if the file states one.
     locations
-        Where each row stands in a file, for complaints; empty for other sources.
+        Position of each row in the file, for error messages; empty for other sources.
     grid_shape
-        Numbers of values of the grid of a window; None for other sources.
+        Number of values along each axis if the poses are a grid; None for other sources.
     """
 
     terms: tuple[str, ...]
@@ -180,9 +180,14 @@ def _read_list(solver: OutputKinematics, where: str, poses: Sequence[str]) -> Nu
     solver
         The inverse kinematics of the output, which decides how a pose can be given.
     where
-        The list, for complaints.
+        Name of the parameter with the list, for error messages.
     poses
         The texts. A name that occurs again begins the next pose.
+
+    Raises
+    ------
+    AnalysisError
+        If the names are not those of a pose, or differ from pose to pose.
     """
     given_numbers = read_terms(poses, where)
     first_pose = given_numbers[0]

@@ -213,7 +213,11 @@ def _find_working_modes(
 
 
 def all_pose_columns(solver: OutputKinematics, poses: Floats) -> Columns:
-    """Return the columns of poses in all forms.
+    """Return the columns of poses in all descriptions.
+
+    A direction has x, y, z, azimuth and tilt. A rotation has a quaternion, azimuth, tilt
+    and torsion. If base and output mirror each other in a mid-plane, directions also have
+    the angles phi and gamma of this plane.
 
     Parameters
     ----------
@@ -239,6 +243,8 @@ def mid_plane_rate_columns(
 ) -> Columns:
     """Return the columns of the derivatives of phi and gamma by the inputs.
 
+    These are the angles of the mid-plane in which base and output mirror each other.
+
     Parameters
     ----------
     mechanism, architecture
@@ -246,7 +252,7 @@ def mid_plane_rate_columns(
     directions
         (n, 3) directions of the output.
     direction_rates
-        Their derivatives by the inputs, as `OutputKinematics.turns` returns them.
+        (n, 3, inputs) angular velocity of the output per unit rate of each input.
     """
     rates = architecture.angle_rates(directions, direction_rates)
     phi_rates, gamma_rates = np.moveaxis(rates, -1, 0)

@@ -99,10 +99,12 @@ class SingularityAnalysis(AbstractAnalysis):
     def outputs(self, mechanism: Mechanism) -> tuple[tuple[int, int], ...]:
         """Return the relative motions of interest as numbers (o, s) of links.
 
-        Link o moves relative to link s. The motions are those of the parameter `output`, or
-        those that the mechanism declares. With one input, if it declares no output other
-        than the input itself, they are the motions relative to the ground of the links that
-        are joined to the ground, or of all other links if there are none.
+        Link o moves relative to link s. The motions are the first of these that exist:
+
+        1. Those of the parameter `output`.
+        2. Those that the mechanism declares, with one input other than the input itself.
+        3. With one input: motions relative to the ground of links joined to the ground.
+        4. With one input: motions relative to the ground of all other links.
         """
         if self.output:
             return tuple(ordered_pole(mechanism, text) for text in self.output)
@@ -118,6 +120,7 @@ class SingularityAnalysis(AbstractAnalysis):
         outputs = tuple(links for links in declared if set(links) != input_links)
         if outputs:
             return outputs
+        # The ground is link 0, so the larger number is that of the other link.
         ground_neighbours = [
             max(links)
             for links in mechanism.ends
@@ -141,7 +144,10 @@ class SingularityAnalysis(AbstractAnalysis):
         )
 
     def needs(self, mechanism: Mechanism) -> Needs:
-        """Return the need for the position analysis, whose curves have the singularities.
+        """Return the quantities that this analysis needs of a motion.
+
+        They are the position analysis (tracer), on whose configuration curves singularities
+        are searched, and the links of the outputs. All parameters are checked here.
 
         Raises
         ------

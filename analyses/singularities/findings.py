@@ -37,8 +37,8 @@ def describe_inputs_of_kinds(
 ) -> list[str]:
     """Return a sentence for each kind of singularity of an output within the range.
 
-    A sentence lists the inputs at which the kind occurs, by the assembly modes in which it
-    does. A singularity without an input is one of a whole configuration curve.
+    A sentence lists the inputs at which the kind occurs, grouped by assembly modes. A
+    singularity without an input occurs on a whole configuration curve.
 
     Parameters
     ----------
@@ -111,9 +111,10 @@ def _format_degrees(value: float) -> str:
 
 
 def describe_output_ranges(sampled: SampledSingularities, names: list[str]) -> list[str]:
-    """Return how far each output turns on the configuration curves.
+    """Return sentences about the rotation of each output on the configuration curves.
 
-    Curves with the same sentence are listed together.
+    A configuration curve has all configurations that one continuous motion passes. Curves
+    with the same sentence are listed together.
 
     Parameters
     ----------
@@ -211,7 +212,7 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
 def describe_least_transmission(
     sampled: SampledSingularities, names: list[str], input_pair: str
 ) -> list[str]:
-    """Return the least transmission angle of each output that has one.
+    """Return a sentence about the least transmission angle of each output that has one.
 
     Parameters
     ----------

@@ -357,9 +357,10 @@ class OneInput:
     def _describe_counts(
         self, counts_inside: Mapping[str, int], counts_outside: Mapping[str, int]
     ) -> str:
-        """Return the numbers of singularities and the curves that were searched, in words.
+        """Return a sentence with the numbers of singularities and of searched curves.
 
-        The parameters are the numbers by kind inside and outside of the range of the input.
+        The parameters are the numbers by kind (type I, II, ...) inside and outside of the
+        range of the input.
         """
         sampled = self.sampled
         counts = _format_counts(counts_inside) or "no singularities"
@@ -370,6 +371,7 @@ class OneInput:
         if counts_outside:
             counts += f", {_format_counts(counts_outside)} outside"
         curves = counted(len(sampled.curves), "configuration curve")
+        # Perhaps only a part of the mechanism was searched, on which the outputs depend.
         links_of_part = sampled.tracer.mechanism.links
         if len(links_of_part) < len(self.batch.mechanism.links):
             curves += f" of the links {listing(links_of_part)}"
@@ -392,11 +394,13 @@ class OneInput:
     def _mark_singular_inputs(self, rows: slice) -> list[Primitive]:
         """Return marks at the inputs of the singularities of an assembly mode.
 
-        `rows` are the rows of the batch with that mode. There are no marks over time.
+        `rows` are the rows of the batch with this mode. There are no marks if the rows are
+        times.
         """
         if self.batch.timed:
             return []
         points = self.points
+        # The column of assembly modes has texts such as "0+2".
         mode = str(int(self.batch.assembly_mode[rows.start]))
         is_in_mode = np.array(
             [mode in modes.split("+") for modes in points["assembly_mode"]], bool

@@ -76,7 +76,7 @@ def plot_plane(
     marks: Sequence[Mark],
     further_points: Iterable[Floats] = (),
 ) -> Portrait:
-    """Return curves in a plane of two angles (rad), with a moving point.
+    """Return a drawing of curves in a plane of two angles (rad), with a moving point.
 
     Parameters
     ----------
@@ -91,6 +91,7 @@ def plot_plane(
     further_points
         Arrays (k, 2) of points that the frame has to include in addition to the curves.
     """
+    # The frame includes all points; without any it is the origin.
     point_arrays = [*(curve.points for curve in curves), *further_points]
     points = np.concatenate(point_arrays or [np.zeros((1, 2))])
     low = np.nanmin(points, axis=0)

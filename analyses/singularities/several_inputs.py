@@ -237,8 +237,8 @@ class SeveralInputs:
     ) -> list[Columns]:
         """Return the rows of a singular curve, and of its points of type III.
 
-        At points of type III both types I and II occur. Each lies on a curve of either
-        type, but is listed once.
+        At points of type III both types I and II occur. Each is on a curve of type I and on
+        one of type II, but is listed once.
 
         Parameters
         ----------
@@ -353,11 +353,17 @@ class SeveralInputs:
 
     @property
     def aspects(self) -> Columns:
-        """The configurations over an input grid, with the number of their aspect."""
+        """The table of aspects: configurations over an input grid.
+
+        An aspect is a connected set of configurations without singularities. Each row of
+        the table is a configuration with the number of its aspect, and with the signs of
+        the determinants of type I and II, which are the same in the whole aspect.
+        """
         found_aspects = self._search_result.aspects
         mechanism = self.batch.mechanism
         if found_aspects is None:
             return ASPECTS.stacked(mechanism)
+        # (n,) number of the aspect of each configuration.
         label = found_aspects.label
         columns = {
             "aspect": label,
@@ -441,16 +447,18 @@ class SeveralInputs:
     def _warn_of_near_rows(
         self, kind: str, output: str, sines: Floats, singular_modes: Sequence[int]
     ) -> list[str]:
-        """Return a warning if rows come near a type of singularity, otherwise nothing.
+        """Return a warning if rows come near a type of singularity.
+
+        The list is empty if no row does.
 
         Parameters
         ----------
         kind, output
             Type I or II, and the output in words.
         sines
-            (n,) sine of the angle of each row to the type.
+            (n,) sine of the angle of each row to a singularity of this type.
         singular_modes
-            Assembly modes that are of this type in every row, which are left out.
+            Assembly modes that are singular of this type in every row; they are left out.
         """
         batch = self.batch
         is_left_out = np.isin(batch.assembly_mode, singular_modes)
@@ -680,8 +688,8 @@ class SeveralInputs:
     ) -> list[Primitive]:
         """Return the singular curves of an output as curves on the sphere.
 
-        They are the paths of the direction of the output, with marks at points of type III.
-        `loci` are the singular curves of each kind.
+        A curve on the sphere is the path of the direction of the output along a singular
+        curve. Points of type III are marked. `loci` are the singular curves of each kind.
         """
         parts: list[Primitive] = []
         for locus in loci:
