@@ -25,18 +25,20 @@ MAX_LISTED_ARGUMENTS = 30
 def checked(
     error: type[SpherekitError],
 ) -> Callable[[Callable[Parameters, Result]], Callable[Parameters, Result]]:
-    """Return a decorator for functions that refuse arguments of other types.
+    """Return a decorator by which a function checks the types of its arguments.
 
-    A decorated function raises `error` if an argument is unknown or missing, or has another
-    type than its annotation states. The annotations are read at the first call, when all
+    A decorated function raises `error` if an argument is unknown or missing, or has a type
+    that differs from its annotation. The annotations are read at the first call, when all
     names in them are defined.
     """
 
     def decorate(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+        """Return a function that checks its arguments and then calls this one."""
         signature = inspect.signature(function)
 
         @functools.cache
         def annotations() -> dict[str, Any]:
+            """Return the types of all parameters by name; they are read once."""
             return {
                 name: resolved_annotation(function, parameter.annotation)
                 for name, parameter in signature.parameters.items()
@@ -50,6 +52,7 @@ def checked(
                 message = _bind_message(signature, kwargs, bind_error)
                 raise error(f"{_public_name(function)}: {message}") from None
             for name, value in arguments.items():
+                # The annotation of *args is the type of each of its items.
                 is_star = (
                     signature.parameters[name].kind is inspect.Parameter.VAR_POSITIONAL
                 )
@@ -104,7 +107,8 @@ def resolved_annotation(function: Callable[..., Any], annotation: Any) -> Any:
     """
     if annotation is inspect.Parameter.empty:
         return Any
-    # get_type_hints resolves names, but only for objects with annotations.
+    # get_type_hints resolves names, but only for objects with annotations. A class with
+    # this annotation alone serves as such an object.
     holder = type("_Holder", (), {"__annotations__": {"annotation": annotation}})
     names = inspect.unwrap(function).__globals__
     with contextlib.suppress(NameError):

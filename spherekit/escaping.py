@@ -51,6 +51,7 @@ def visible(text: str, allowed: str = "\n\t") -> str:
     """
 
     def write(match: re.Match[str]) -> str:
+        """Return a hidden character as its code, unless it is allowed."""
         character = match[0]
         return character if character in allowed else f"[U+{ord(character):04X}]"
 
@@ -139,6 +140,7 @@ def toml_string(text: str) -> str:
     """
 
     def write(match: re.Match[str]) -> str:
+        """Return a hidden character as an escape sequence of TOML."""
         code = ord(match[0])
         if 0xD800 <= code <= 0xDFFF:
             return match[0]

@@ -18,7 +18,7 @@ from typing import TextIO
 def warnings_as_sentences(
     report: Callable[[str], None], shows_source: bool
 ) -> Iterator[None]:
-    """Report each warning that is raised within the block once, as one sentence.
+    """Report each warning that is raised within a `with` block once, as one sentence.
 
     Parameters
     ----------

@@ -37,6 +37,7 @@ class ProgressReporter:
     """
 
     def __init__(self, what: str) -> None:
+        """Count the time to the first report from now on."""
         self.what = what
         self._last_report = time.monotonic()
 

@@ -75,16 +75,19 @@ def need_space(size: int, what: str) -> None:
 
 
 def _control_group_limits() -> Iterator[int]:
-    """Yield the memory limits (bytes) of the control groups of this process.
+    """Yield the memory limits (bytes) that Linux sets for this process by control groups.
 
-    They include those of the groups around them, in both versions of control groups.
+    Control groups are nested, and each may have a limit; containers use them. They exist in
+    two versions, which have their limits in different files. On other systems nothing is
+    yielded.
     """
     try:
         lines = GROUP_MEMBERSHIP.read_text("utf-8").splitlines()
     except OSError:
         return
     for line in lines:
-        # The controllers of a group of version 1 are listed. Version 2 lists none.
+        # A line is number:controllers:path. Version 1 lists the controllers of the group
+        # (such as memory), version 2 lists none.
         _, controllers, path = line.split(":", 2)
         if controllers and "memory" not in controllers.split(","):
             continue

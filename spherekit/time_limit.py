@@ -25,6 +25,7 @@ class TimeLimit:
     """
 
     def __init__(self, seconds: float = float("inf"), what: str = "search") -> None:
+        """Start to measure the processor time."""
         self.seconds = seconds
         self.what = what
         self.note = ""

@@ -78,7 +78,19 @@ def type_fault(name: str, value: Any, annotation: Any) -> str:
 
 
 def has_type(value: Any, annotation: Any) -> bool:
-    """Return whether a value has a type, as far as this module can decide."""
+    """Return whether a value has a type, as far as this module can decide.
+
+    Kinds of types are tried in turn: any value, arrays, simple types such as `int`,
+    choices (`Literal`), unions, containers with their items, classes and protocols. A value
+    of a type that is none of these counts as right.
+
+    Parameters
+    ----------
+    value
+        The value.
+    annotation
+        A class or a type of `typing`.
+    """
     if annotation is Any:
         return True
     if _is_object_array(value) and annotation == Array:
@@ -126,11 +138,21 @@ def _is_array_like(value: Any, of_texts: bool) -> bool:
 def _is_container(value: Any, origin: Any, item_types: tuple[Any, ...]) -> bool:
     """Return whether a value is a container whose items have the stated types.
 
-    The items of an iterator are not looked at, since that would use them up.
+    Items of an iterator are not checked, since reading them would use them up.
+
+    Parameters
+    ----------
+    value
+        The value. A text is no container here.
+    origin
+        The type of the container, such as `tuple` or `Mapping`.
+    item_types
+        The types of its items: for a tuple of fixed length one for each item, for a mapping
+        those of keys and values.
     """
     if isinstance(value, str | bytes) or not isinstance(value, CONTAINER_TYPES[origin]):
         return False
-    if origin is tuple and item_types[1:] != (...,):
+    if origin is tuple and item_types[1:] != (...,):  # of fixed length
         return len(value) == len(item_types) and all(map(has_type, value, item_types))
     if isinstance(value, Mapping):
         return all(all(map(has_type, item, item_types)) for item in value.items())

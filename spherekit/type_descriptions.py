@@ -52,7 +52,15 @@ PYTHON_WORDING = TypeWording(
 
 
 def describe_type(annotation: Any, wording: TypeWording = PYTHON_WORDING) -> str:
-    """Return words for the values of a type, such as ``"a number or None"``."""
+    """Return words for the values of a type, such as ``"a number or None"``.
+
+    Parameters
+    ----------
+    annotation
+        A class or a type of `typing`.
+    wording
+        The words for simple types, and how they are joined.
+    """
     if annotation in (Any, object):
         return "anything"
     origin = get_origin(annotation)
@@ -95,7 +103,9 @@ def read_value(
     read_simple_value: Callable[[Any, Any], Any],
     split_items: Callable[[Any], Sequence[Any]],
 ) -> Any:
-    """Return a value of a type that a text or an entry of a file states.
+    """Return the value of a type from a text or an entry of a file.
+
+    The members of a union are tried in their order; the first that can be read is taken.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ def synthesize(
 def specification_of(
     path: AnyPath, designs: int = DEFAULT_DESIGNS, seed: int = 0
 ) -> Specification:
-    """Return the specification that a synthesis file states.
+    """Return the specification of a synthesis: its designs, objectives and conditions.
 
     Parameters
     ----------
@@ -121,6 +121,9 @@ def _precision_point_deviations(
 ) -> tuple[dict[str, str], int]:
     """Return figures of merit for the deviations from the precision points of a file.
 
+    A precision point is a wanted value of a quantity at given inputs, such as an angle or
+    a direction of an output.
+
     Parameters
     ----------
     document
@@ -149,10 +152,11 @@ def _precision_point_deviations(
         point_count += len(inputs)
         for input_values, value in zip(inputs, values, strict=True):
             numbers = [repr(float(number)) for number in np.atleast_1d(input_values)]
-            at = ", ".join(numbers)
+            inputs_text = ", ".join(numbers)
             for deviation in _deviations(document, path, table["quantity"], value, unit):
+                # A figure of merit such as "missed_1=at(theta_41 - (0.5), 0.3)".
                 name = f"missed_{len(figures) + 1}"
-                figures[name] = f"{name}=at({deviation}, {at})"
+                figures[name] = f"{name}=at({deviation}, {inputs_text})"
     return figures, point_count
 
 
@@ -195,8 +199,8 @@ def _deviations(
     else:
         from_angles = from_tilt_torsion if is_orientation else pointing
         target = from_angles(numbers[None] * unit)[0]
-    # For a small angle, the difference of two unit vectors has its length. The Frobenius
-    # norm of the difference of two rotation matrices is sqrt(2) times that length.
+    # The length of the difference of two unit vectors at a small angle is that angle (rad).
+    # For two rotation matrices the Frobenius norm is sqrt(2) times the angle.
     factor = 1.0 / (unit * np.sqrt(target.ndim))
     components = ["".join(axes) for axes in product("xyz", repeat=target.ndim)]
     return [

@@ -245,7 +245,22 @@ def _export_source(
     assembly_mode: int | str | None,
     options: Facts,
 ) -> Exported:
-    """Write the formulas of a mechanism as source code, see `export`."""
+    """Write the formulas of a mechanism as source code.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism, or the name or path of its file.
+    target
+        The file of source code.
+    kind
+        Language of the source code.
+    input_pair, assembly_mode
+        As in `export`.
+    options
+        Further arguments of `export` that the user has given: quantities, numbers that
+        vary, and crossings.
+    """
     if options.get("crossings") == "pass":
         check_sizes_keep_crossings(mechanism, options.get("vary", ()))
     formula_set = formulas(
@@ -277,7 +292,11 @@ def _describe_crossings(smooth: SmoothModes) -> str:
 
 
 def _export_coupling_table(table: CouplingTable, target: Path) -> Exported:
-    """Write a coupling table in the format of the file's ending."""
+    """Write a coupling table as an archive, CSV or C header, by the ending of the file.
+
+    A cell of the table is sure if interpolation in it is as accurate as required. A note
+    says how many are not.
+    """
     if target.suffix == ".npz":
         write_npz(table, target)
     elif target.suffix == ".csv":
@@ -307,6 +326,9 @@ def _export_functions(
     mechanism: Mechanism, target: Path, assembly_mode: int, options: Facts
 ) -> Exported:
     """Write a reduced model, as an archive or as source code.
+
+    A reduced model stores the inertia, poles and pair variables as functions of the inputs,
+    for use without the mechanism.
 
     Parameters
     ----------
@@ -356,7 +378,19 @@ def _export_mujoco_model(
     assembly_mode: int,
     at: float | Sequence[float] | None,
 ) -> Exported:
-    """Write a MuJoCo model in the pose at given inputs (rad), see `export`."""
+    """Write a MuJoCo model in one configuration of a mechanism.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    target
+        The file, ``*.xml``.
+    assembly_mode
+        Number of the assembly mode.
+    at
+        Inputs (rad) of the configuration, None for the first ones at which the mode exists.
+    """
     posed_mechanism, values = find_pose(mechanism, assembly_mode, at)
     inputs = listing(
         f"{name} = {values[posed_mechanism.angles[name]]:.6g} rad "

@@ -289,7 +289,7 @@ class Kinematics:
         """
         batch = self._batch
         poles = [self._pole(pole) for pole in self.poles]
-        # Link numbers of the pole, and number of the moving input.
+        # A request is the two link numbers of a pole and the number of the moving input.
         requested = [
             (*pole, moving) for moving in range(len(self.input_pairs)) for pole in poles
         ]
@@ -333,9 +333,16 @@ class Kinematics:
     def _of_first_link(self, text: str, values: Floats) -> Floats:
         """Return coefficients of the first link that a text names, relative to the second.
 
-        Di Gregorio (2024), eq. (1): both orders have one direction, and the signed
-        magnitude of the angular velocity changes its sign. Batches have those of the later
-        link relative to the earlier one.
+        If the links of a pole are exchanged, its direction stays and the coefficient
+        changes its sign (Di Gregorio 2024, eq. 1). Batches have the coefficient of the link
+        with the larger number relative to the other.
+
+        Parameters
+        ----------
+        text
+            The pole, such as ``"4/1"`` or ``"1/4"``.
+        values
+            (n,) coefficients from a batch.
         """
         first, second = ordered_pole(self.mechanism, text)
         # -0.0 would be printed with a sign.
@@ -421,11 +428,19 @@ def _prepare_evaluation(
     assembly_mode: int | str | None,
     crossings: Crossings,
 ) -> Callable[[Floats], Kinematics]:
-    """Return a function that evaluates a mechanism at inputs; parameters as `evaluate`.
+    """Return a function that evaluates a mechanism at inputs.
 
-    Modes are searched and expressions are made once. Further calls with the same arguments
-    return the same function.
+    The assembly modes are searched and the expressions are made once. Further calls with
+    the same arguments return the same function from a cache.
+
+    Parameters
+    ----------
+    mechanism_key
+        The mechanism, as a key that a cache can compare.
+    poles, input_pair, assembly_mode, crossings
+        As in `evaluate`.
     """
+    # Everything that is evaluated: the requested poles, and all pairs and links.
     mechanism = driven_at(mechanism_key.mechanism, input_pair)
     if poles is None:
         poles_to_evaluate = all_poles(len(mechanism.links))
@@ -460,6 +475,8 @@ def _prepare_evaluation(
         evaluate_row = _single_row_evaluator(mechanism, range_analysis, mode_index, needs)
 
     def evaluate_inputs(q: Floats) -> Kinematics:
+        """Return the kinematics at inputs q (rad), shaped as in `evaluate`."""
+        # One mode at one value of the only input: the fast function, if it can be used.
         is_single = q.size == 1 and q.ndim < 2
         if range_analysis is not None and evaluate_row is not None and is_single:
             read_batch = evaluate_row(q.item())
@@ -499,12 +516,12 @@ def _prepare_evaluation(
 def _single_row_evaluator(
     mechanism: Mechanism, position_analysis: PositionAnalysis, mode_index: int, needs: Needs
 ) -> Callable[[float], Callable[[], Batch] | None] | None:
-    """Return a fast function for one mode at one input, or None if there is none.
+    """Return a fast function that evaluates one mode at one input, or None.
 
-    The function evaluates expressions with plain floats, without arrays. It returns a
-    function that makes the batch when it is read, or None if float64 may leave too few
-    digits; then the caller evaluates the row in the ordinary way. Mechanisms with contacts
-    have no such function.
+    The function evaluates expressions with plain floats, without arrays. Its result is a
+    function that makes the batch (the values with their error bounds) when they are read.
+    Its result is None if float64 may give too few digits; the caller then evaluates the row
+    in the ordinary way. Mechanisms with contacts have no such function.
 
     Parameters
     ----------
@@ -549,6 +566,7 @@ def _single_row_evaluator(
             residual=np.array([evaluated_row.residual]),
         )
         (input_columns_of_row,) = kernel.input_columns
+        # The sense of pole axes is chosen by the side of the sum of the mechanism's axes.
         signed = input_columns_of_row.signed_part(columns)
         sides = signs_by_sides(np.array([evaluated_row.axis_sum]))
         signed *= sides(signed[:3], 0, 0)
@@ -559,6 +577,8 @@ def _single_row_evaluator(
         """Return the maker of the batch at an input q (rad), None in case of doubt."""
         if not low <= q <= high and isfinite(q):
             q = shift_into_range(position_analysis, np.array([q])).item()
+        # In closed form the mode is selected by the signs of its dyads. Otherwise Newton's
+        # method starts from a configuration that the mode's guide predicts.
         if kernel.has_closed_form:
             signs = mode.signs_along(np.array([[q]]))[:, 0]
             arguments = [q, *signs.astype(float).tolist()]

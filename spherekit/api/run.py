@@ -96,8 +96,15 @@ def with_signature_of(
 ) -> Callable[Parameters, Result]:
     """Return a wrapper with the name, the signature and the docstring of a function.
 
-    The wrapper keeps its own module. Pickles find functions by module and name, and pools
-    of processes get functions as pickles.
+    The wrapper keeps its own module name: Python finds pickled functions by module and
+    name, and worker processes get functions as pickles.
+
+    Parameters
+    ----------
+    function
+        The function that users see in the documentation.
+    wrapper
+        A function of the same arguments that calls it.
     """
     copied_attributes = [name for name in WRAPPER_ASSIGNMENTS if name != "__module__"]
     return wraps(function, assigned=copied_attributes)(wrapper)

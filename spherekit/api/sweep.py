@@ -199,7 +199,8 @@ def sweep_of(
             f"{study.mechanism.name}: tables are those of analyses: say of which"
         )
 
-    # Figures of merit of tables need runs; the others are computed from samples directly.
+    # Figures of merit that are read from the tables of an analysis need a run of each
+    # design. All others are computed from samples directly, which is faster.
     table_merits = [merit for merit in merits.values() if merit.table]
     needs_samples = len(table_merits) < len(merits) or not (merits or tables)
     analysis_of_name = {analysis.name: analysis for analysis in analyses}
@@ -235,7 +236,7 @@ def _labels_of_mode(study: Study) -> Names:
     """
     if study.assembly_mode is None:
         return ()
-    # Modes have the numbers that they have along the ranges of the inputs.
+    # Modes are numbered along the ranges of the inputs, so laws and starts are left out.
     at_rest = replace(study, start=None, laws={}, duration=None)
     (mode,) = make_sampling(at_rest).position_analysis.assembly_modes
     number = str(mode.number)
@@ -280,15 +281,16 @@ def perform(
 
 
 def _document(mechanism: Mechanism, subject: Subject) -> Document:
-    """Return the document of a mechanism's file, or of the file that it would make.
+    """Return the document (the parsed TOML file) of a mechanism.
 
     Parameters
     ----------
     mechanism
         The mechanism.
     subject
-        Where it comes from. If it differs from the mechanism of that file, because pairs
-        are locked or a study changes it, a document is made from the mechanism.
+        The file or object from which it was made. If the mechanism differs from that of the
+        file, because pairs are locked or a study changes it, a new document is made from
+        the mechanism.
     """
     if isinstance(subject, str | os.PathLike) and not is_study(find(subject)):
         if replace(load(subject), inputs=()) == replace(mechanism, inputs=()):

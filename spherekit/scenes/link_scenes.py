@@ -70,7 +70,10 @@ def link_shapes(mechanism: Mechanism) -> list[Body]:
 
 
 def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
-    """Return what does not move: the ground, and the plans of the poles as a text.
+    """Return a scene with the ground, and the plans of the poles as a text.
+
+    A plan says how the pole axes are constructed while one input moves and the others are
+    locked.
 
     Parameters
     ----------
@@ -91,8 +94,8 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
             f"relative to {markdown_text(base)}{locked_words}."
         )
         lines += ["", as_markdown(plan), ""]
-        # A step finds one pole or several. Its round is the pass of the Aronhold-Kennedy
-        # theorem, 0 for the axes of pairs, which need no explanation.
+        # The steps that construct poles. Axes of pairs are known from the start (pass 0)
+        # and need no explanation.
         step_lines = [
             describe(plan, step)
             for step in plan.steps
@@ -150,6 +153,7 @@ def motion_scenes(motion: Motion, shapes: list[Body], timed: bool = False) -> li
     }
     scenes = []
     for position, assembly_mode in enumerate(motion.assembly_modes):
+        # The rows of a motion are all samples of the first mode, then those of the next.
         rows = slice(position * motion.samples, (position + 1) * motion.samples)
         bodies = [
             replace(shapes[link], quaternions=quaternions[rows])
@@ -196,10 +200,11 @@ def link_bodies(mechanism: Mechanism, rotations: Floats) -> list[Body]:
 
 
 def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floats]:
-    """Return the curves that draw the profiles of a link, and arcs that support them.
+    """Return the curves that draw the contact profiles of a link, and arcs to them.
 
-    An arc leads from the first joint of the link, if it has one, to the centre of the
-    profile. If the profile has no centre beside it, the arc leads to its nearest point.
+    An arc joins each profile with the first joint of the link, if it has a joint. The arc
+    ends at the centre of a circular profile, and at the nearest point of any other profile.
+    A great circle counts as one without centre, since its poles are 90 degrees away.
 
     Parameters
     ----------
@@ -224,12 +229,9 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
         # The third column of the curve's frame is the point.
         points = curve.evaluate(arc_lengths).frame[:, :, 2]
         curves.append(points)
-        # The supporting arc ends at the point of the profile nearest to the first joint, or
-        # at the centre of the profile.
         if len(joints):
             profile = pair.profiles[side]
-            arc_end = points[np.argmax(points @ joints[0])]
-            # The pole of a great circle is 90 degrees away from it.
+            arc_end = points[np.argmax(points @ joints[0])]  # nearest to the first joint
             if profile.centre is not None and profile.kind != "great_circle":
                 arc_end = np.array(profile.centre)
             if arc(joints[0], arc_end) > SAME_POINT_RAD:
@@ -249,17 +251,18 @@ def link_curves(joints: Floats) -> list[Floats]:
     -------
     Polylines (k, 3) of unit vectors in link axes.
     """
-    # Of joints on one axis only the first counts.
+    # Keep one joint of those on the same axis.
     distinct: list[int] = []
     for number, joint in enumerate(joints):
-        if all(arc(joints[other], joint) > SAME_POINT_RAD for other in distinct):
+        if all(arc(joints[earlier], joint) > SAME_POINT_RAD for earlier in distinct):
             distinct.append(number)
     joints = joints[distinct]
     if len(joints) < 2:
         return []
     if len(joints) == 2:
         return [great_arc(joints[0], joints[1])]
-    # The corners are ordered by their azimuth about the middle of the link.
+    # With three or more joints the link is a spherical polygon. Its corners are ordered by
+    # their azimuth about its middle.
     vector_sum = joints.sum(axis=0)
     length = np.linalg.norm(vector_sum)
     middle = vector_sum / length if length > MIN_MEAN_LENGTH else joints[0]

@@ -61,7 +61,7 @@ def quantity_scale(values: Floats, unit: str) -> float:
     values
         Values of the quantity.
     unit
-        Its unit, which tells these cases apart.
+        Its unit: torques, inertias and the like have kg, N, W, J or m in it.
     """
     largest = float(max_abs(values[np.isfinite(values)]))
     is_dimensional = any(part in unit for part in DIMENSIONAL_UNITS)
@@ -75,6 +75,10 @@ def choose_plot_range(
     shown_by: Literal["curves", "colours"] = "curves",
 ) -> Range:
     """Return the least and the greatest value that a plot shows.
+
+    A constant quantity gets a range in which rounding is not visible. If a few values are
+    very far from the others, as beside a singularity, they are cut off. Curves get a
+    margin.
 
     Parameters
     ----------
@@ -97,7 +101,8 @@ def choose_plot_range(
         middle = 0.5 * (low + high)
         half = CONSTANT_HALF_RANGE * max(abs(middle), scale) or 1.0
         return middle - half, middle + half
-    # If few outliers are far from the inner values, only a range about these is shown.
+    # Inner values are those between two quantiles. If all values extend much farther, only
+    # a range about the inner ones is shown.
     inner_low, inner_high = np.quantile(finite, INNER_QUANTILES)
     inner_extent = inner_high - inner_low
     if 0.0 < OUTLIER_RATIOS[shown_by] * inner_extent < high - low:
@@ -140,10 +145,10 @@ def insert_gaps(line: Floats, gaps: Bools) -> Floats:
 
 
 def break_at_jumps(line: Floats, frame: Range, turn: float | None) -> Floats:
-    """Return points of a curve with gaps (NaN) where a straight stroke would be wrong.
+    """Return points of a curve with gaps (NaN) where it should not be drawn continuously.
 
-    There the curve passes through infinity from one side of the frame to the other, or an
-    angle jumps by half a turn or more.
+    A gap is inserted between two points if one is above and the other below the frame (the
+    curve passes through infinity), or if an angle jumps by half a turn or more.
 
     Parameters
     ----------
@@ -173,8 +178,8 @@ def clip_to_frame(line: Floats, frame: Range) -> Floats:
     frame
         Least and greatest y of the plot.
     """
-    for level in frame:
-        # Insert the points in which straight strokes cross the side of the frame.
+    for level in frame:  # the lower and the upper side of the frame
+        # Insert the points at which the lines between points cross this side.
         height = line[:, 1] - level
         starts = np.flatnonzero(height[:-1] * height[1:] < 0.0)
         ratio = height[starts] / (height[starts] - height[starts + 1])
@@ -199,10 +204,11 @@ DOT_HALF_WIDTH = 0.4
 
 
 def place_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats:
-    """Return positions of labels near their points, without one hiding another.
+    """Return positions of labels near their points, where they hide nothing.
 
-    Each label takes the nearest free position of a few around its point. If none is free,
-    it takes the nearest one.
+    A few positions around its point are tried for each label, the nearest first. The first
+    one that overlaps neither a point nor an earlier label is taken. If there is none, it is
+    the nearest.
 
     Parameters
     ----------
@@ -235,10 +241,11 @@ def place_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats:
         # (n, candidates, 2) positions of the label, and which of them overlap anything.
         candidates = places[:, None, number] + offsets
         hides_another = np.zeros(candidates.shape[:2], dtype=bool)
-        for middle, other_half_size in occupied:
+        for middle, occupied_half_size in occupied:
+            # Rectangles overlap if their middles are nearer than their half sizes together.
             separation = np.abs(candidates - middle[:, None])
-            hides_another |= np.all(separation < half_size + other_half_size, axis=2)
-        # The first candidate that is free, or the first of all.
+            hides_another |= np.all(separation < half_size + occupied_half_size, axis=2)
+        # The first candidate that is free (False), or the first of all if none is.
         best = np.argmin(hides_another, axis=1)
         middles[:, number] = candidates[np.arange(len(best)), best]
         occupied.append((middles[:, number], half_size))

@@ -586,14 +586,12 @@ class Scene:
     def thinned(self, chosen: Bools) -> "Scene":
         """Return the scene at some of its samples.
 
+        A scene with axes of its own is returned unchanged, since its rows are no samples.
+
         Parameters
         ----------
         chosen
             (n,) which samples remain.
-
-        Returns
-        -------
-        The scene itself if its rows are not samples of the run.
         """
         if self.over:
             return self
@@ -638,6 +636,7 @@ def _convert_fields(item: Any, axis_factors: Floats) -> Any:
     """
     if isinstance(item, InputMarks):
         return replace(item, inputs=axis_factors * item.inputs)
+    # Each field with a unit is converted together with the fields that have this unit.
     changes: Facts = {}
     factors = []
     for unit_field, value_fields in FIELDS_BY_UNIT.get(type(item), {}).items():
@@ -648,7 +647,7 @@ def _convert_fields(item: Any, axis_factors: Floats) -> Any:
             if values is not None:
                 changes[name] = factor * np.asarray(values)
     if isinstance(item, Portrait):
-        xy_factors = np.array(factors)
+        xy_factors = np.array(factors)  # of x and of y
         changes["curves"] = [
             replace(curve, points=xy_factors * curve.points) for curve in item.curves
         ]

@@ -137,7 +137,9 @@ class _SharedSize:
 def check_scene(
     analysis: str, scene: Any, modes: Sequence[int], samples: int, inputs: int
 ) -> Scene:
-    """Return a scene with its arrays as NumPy arrays, or refuse it in a sentence.
+    """Check a scene that an analysis returned, and return it with NumPy arrays.
+
+    A scene is a set of objects (primitives) that a viewer shows on one page.
 
     Parameters
     ----------
@@ -176,14 +178,16 @@ def check_scene(
         raise PluginError(
             f"{where}: a page is the number of an assembly mode, a title, or None"
         )
-    # The axes over which the rows of arrays run; without any, the samples of the block.
+    # The rows of arrays belong to the values of the axes of the scene. Without axes they
+    # belong to the samples of the block.
     axes = _check_axes(where, scene.over)
     if axes:
         count = len(axes[0].values)
         words = f"the {count} values of {axes[0].label}"
         rows = _SceneRows(count, (len(axes),), words)
     else:
-        # Over time there is one axis; marks may still be given by all inputs.
+        # Marks are given by all inputs, or by one number, since there is one axis over
+        # time.
         rows = _SceneRows(samples, (inputs, 1), f"the {samples} samples of the block")
     if not isinstance(scene.primitives, Sequence) or isinstance(scene.primitives, str):
         type_name = type(scene.primitives).__name__
@@ -195,7 +199,7 @@ def check_scene(
 
 
 def _check_axes(where: str, axes: Any) -> tuple[Axis, ...]:
-    """Return the axes of a scene with their values as arrays of one length.
+    """Check the axes of a scene, and return them with their values as arrays.
 
     Parameters
     ----------
@@ -203,6 +207,11 @@ def _check_axes(where: str, axes: Any) -> tuple[Axis, ...]:
         Words for the scene, with which messages begin.
     axes
         The field `over` of the scene.
+
+    Raises
+    ------
+    PluginError
+        If they are no axes, or have different numbers of values.
     """
     if not isinstance(axes, Sequence) or not all(isinstance(axis, Axis) for axis in axes):
         raise PluginError(f"{where}: over has to be a tuple of Axis(...)")
@@ -221,10 +230,11 @@ def _check_axes(where: str, axes: Any) -> tuple[Axis, ...]:
 
 
 def _check_primitive(where: str, primitive: Any, rows: _SceneRows) -> Primitive:
-    """Return a primitive with its arrays as NumPy arrays, or refuse it.
+    """Check a primitive, and return it with its arrays as NumPy arrays.
 
-    A primitive is an object that is drawn, such as a curve or an arrow. `ARRAY_SHAPES` and
-    the other tables of this module say which fields of its class are checked, and how.
+    A primitive is an object that is drawn, such as a curve or an arrow. The tables
+    `ARRAY_SHAPES`, `POLYLINE_FIELDS` and `MARK_DIMENSIONS` say which fields of its class
+    are checked, and how.
 
     Parameters
     ----------
@@ -243,7 +253,8 @@ def _check_primitive(where: str, primitive: Any, rows: _SceneRows) -> Primitive:
         raise PluginError(
             f"{where}: primitives has a {kind.__name__}; allowed are {allowed}"
         )
-    # `changes` has the checked fields, by name. "n" is the number of rows of the scene.
+    # `changes` collects the checked fields by their names, for `replace` below. The letter
+    # "n" in shapes is the number of rows of the scene.
     where = f"{where}: {kind.__name__} {getattr(primitive, 'path', '')!r}"
     changes = _check_fields(where, primitive, {"n": _SharedSize(rows.count, rows.words)})
     if kind in POLYLINE_FIELDS:
@@ -292,8 +303,8 @@ def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts
     item
         The primitive, or a mark or curve of one.
     sizes
-        By letter of `ARRAY_SHAPES`: lengths that are known. Those of other letters are
-        added with the first array that has them.
+        Known lengths, by their letters in `ARRAY_SHAPES`. The length of another letter is
+        added by the first array that has it.
 
     Returns
     -------
@@ -326,10 +337,10 @@ def _check_fields(where: str, item: Any, sizes: dict[str, _SharedSize]) -> Facts
 def _check_numbers(
     where: str, value: Any, shape: tuple[Size, ...], sizes: dict[str, _SharedSize]
 ) -> Array:
-    """Return a field as an array of numbers of a given shape, or refuse it.
+    """Check that a field is an array of numbers of a given shape, and return the array.
 
     A letter in the shape stands for a length that several fields share, such as the number
-    of samples. The first field that has it decides.
+    of samples. The first field with this letter determines the length.
 
     Parameters
     ----------
@@ -340,7 +351,7 @@ def _check_numbers(
     shape
         The length of each axis, or the letter of a shared length.
     sizes
-        By letter: shared lengths that are known. New ones are added.
+        Known shared lengths, by letter. The lengths of new letters are added.
     """
     try:
         array = np.asarray(value)

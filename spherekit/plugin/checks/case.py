@@ -65,7 +65,10 @@ class ConformanceCase:
 
     @cached_property
     def errors(self) -> dict[str, SpherekitError]:
-        """The errors that the methods of the analysis raise for all samples, by method."""
+        """The error that each method of the analysis raises, by the name of the method.
+
+        The methods are called with all samples in one block.
+        """
         errors: dict[str, SpherekitError] = {}
         for method in ("compute", "findings", "scene"):
             try:
@@ -87,16 +90,16 @@ class ConformanceCase:
         change_motion: MotionChange = unchanged,
         change_view: MotionChange = unchanged,
     ) -> list[Batch]:
-        """Return the batches of a run.
+        """Return the batches of a run: blocks of samples as an analysis receives them.
 
         Parameters
         ----------
         block_size
             Number of samples of a block.
         change_motion
-            Changes the motion before poles and angles are evaluated.
+            Changes the motion before poles and angles are evaluated from it.
         change_view
-            Changes what the analysis sees of the motion afterwards.
+            Changes the motion that the analysis reads, after they were evaluated.
         """
         run_plan = self.run_plan
         blocks = map(change_motion, run_plan.source.blocks(block_size))
@@ -128,7 +131,11 @@ class ConformanceCase:
         return tables, findings
 
     def hide_undeclared(self, motion: Motion) -> Motion:
-        """Return a motion with NaN for orientations and variables that are not declared."""
+        """Return a motion with NaN for every quantity that the analysis has not declared.
+
+        An analysis declares the links whose orientations and the pairs whose variables it
+        reads. If it reads others, its results become NaN.
+        """
         needs = self.run_plan.needs[0]
         mechanism = motion.mechanism
         links = [mechanism.link_number[name] for name in needs.rotations]
@@ -141,7 +148,8 @@ class ConformanceCase:
         values = np.full_like(motion.values, np.nan)
         values[:, variables] = motion.values[:, variables]
         hidden = replace(motion, placed=rotations, values=values)
-        # Cached properties: these two are computed from all variables.
+        # Cached properties of a motion are stored in its dictionary. The last two are
+        # computed from all variables, so they are taken from the motion without NaN.
         vars(hidden).update(
             rotations=rotations,
             linearisation=motion.linearisation,
@@ -151,9 +159,10 @@ class ConformanceCase:
 
 
 def fail_row(row: int) -> MotionChange:
-    """Return a change by which a row of a motion has no configuration."""
+    """Return a function that removes the configuration of one row from a motion."""
 
     def change(motion: Motion) -> Motion:
+        """Return a copy of a motion whose row has NaN and a status."""
         values = motion.values.copy()
         rotations = motion.rotations.copy()
         residual = motion.residual.copy()

@@ -50,7 +50,11 @@ READ_ONLY = "read-only"
 
 
 def check_reads(case: ConformanceCase) -> str:
-    """Check that nothing is read that was not declared, not even by private attributes."""
+    """Check that an analysis reads only quantities that it has declared as its needs.
+
+    Public attributes raise an error by themselves. To find reads by private attributes, all
+    quantities that are not declared are replaced by NaN; the tables must stay the same.
+    """
     for method, error in case.errors.items():
         if isinstance(error, UndeclaredNeed):
             raise PluginError(f"{method}: {error}") from error
@@ -77,13 +81,17 @@ def check_inputs(case: ConformanceCase) -> str:
 
 
 def check_tables(case: ConformanceCase) -> str:
-    """Check that tables have the columns, types and rows that were declared."""
+    """Check that tables have the columns, types and rows that were declared.
+
+    A table with rows of samples needs equally many rows, at least one, for each sample of
+    each assembly mode.
+    """
     (batch,) = case.batches(len(case.sampling))
     computed = case.run_plan.compute_tables(case.analysis, batch)
     tables = case.run_plan.tables_of(case.analysis)
     for table in tables:
         if not (table.in_assembly_modes and case.analysis.reads_samples):
-            continue
+            continue  # its rows are no samples
         data = arrays(computed[table.name])
         counts = Counter(zip(data[SAMPLE.name], data[ASSEMBLY_MODE.name], strict=True))
         required_rows = set(zip(batch.sample, batch.assembly_mode, strict=True))
@@ -110,7 +118,7 @@ def check_findings(case: ConformanceCase) -> str:
 
 
 def check_blocks(case: ConformanceCase) -> str:
-    """Check that other blocks give the same rows and findings."""
+    """Check that an analysis gives the same results if samples come in smaller blocks."""
     if not case.analysis.reads_samples:
         raise NotApplicableError("it reads no samples")
     if not case.analysis.rowwise:
@@ -132,6 +140,7 @@ def _comparable(findings: Findings) -> Any:
     """Return findings as they are read from JSON, with numbers rounded to 8 digits."""
 
     def read_rounded(text: str) -> float:
+        """Return a number of a JSON text, rounded."""
         return float(f"{round(float(text), 9):.8g}")
 
     text = json.dumps(asdict(findings))
@@ -150,7 +159,8 @@ def check_failed_rows(case: ConformanceCase) -> str:
         table for table in case.run_plan.tables_of(case.analysis) if table.in_assembly_modes
     ]
     for table in sample_tables:
-        # Take over what the failed row may change: numbers that are NaN now, and texts.
+        # In rows of the failed sample, numbers may become NaN and texts may change: these
+        # are copied to the expected table before the comparison.
         expected = dict(case.whole_results[0][table.name])
         computed = tables[table.name]
         is_failed = expected[SAMPLE.name] == batch.sample[row]
@@ -182,10 +192,14 @@ def check_rotation(case: ConformanceCase) -> str:
 
 
 def check_names(case: ConformanceCase) -> str:
-    """Check that links with other names, in another order, give the same rows."""
+    """Check that links with other names, in another order, give the same rows.
+
+    The moving links are renamed in their order, and then in the reverse order. The old
+    names are put back into the tables before they are compared.
+    """
     mechanism = case.mechanism
     expected_tables, _ = case.whole_results
-    for order in (mechanism.links[1:], mechanism.links[:0:-1]):
+    for order in (mechanism.links[1:], mechanism.links[:0:-1]):  # all but the ground
         names = {
             link: f"body_{number}" for number, link in enumerate((mechanism.ground, *order))
         }

@@ -53,6 +53,7 @@ class ConformanceSuite:
     def __init__(
         self, analysis: CheckedAnalysis, mechanisms: Sequence[str | Mechanism], samples: int
     ) -> None:
+        """Remember what to check; `report` makes the checks."""
         self._checked = analysis
         self._mechanisms = mechanisms
         self._samples = samples
@@ -61,7 +62,10 @@ class ConformanceSuite:
         self._refusals: list[str] = []  # mechanisms that the analysis refuses, and why
 
     def report(self) -> Report:
-        """Make all checks and return the report."""
+        """Make all checks and return the report.
+
+        After a required check has failed, the checks after it are not made.
+        """
         checks: dict[str, Callable[[], str]] = {
             "installed": self._check_installation,
             "metadata": self._check_metadata,
@@ -135,9 +139,15 @@ class ConformanceSuite:
         return f"{self._class.name} {self._class.version}: {self._class.summary}"
 
     def _check_needs(self) -> str:
-        """Check that `needs` returns the same when it is asked again, and changes nothing.
+        """Check that the method `needs` is repeatable and changes no parameters.
 
-        A mechanism that the analysis refuses by an error of spherekit is left out.
+        The analysis is asked twice for its needs on each mechanism. Mechanisms that it
+        accepts are kept as cases for the further checks. A mechanism that it refuses by an
+        error of spherekit is left out.
+
+        Returns
+        -------
+        The needs that the analysis declares for the first mechanism, in words.
         """
         assert self._analysis is not None
         repr_before = repr(self._analysis)
@@ -168,7 +178,12 @@ class ConformanceSuite:
         return listing(declared_names) or "nothing of the samples"
 
     def _check_runs(self) -> str:
-        """Compute every mechanism; keep those that the analysis does not refuse."""
+        """Check that the analysis computes at least one mechanism.
+
+        Mechanisms that it refuses by an error of spherekit are removed from the cases. A
+        mistake in the plugin is raised, unless a later check reports it: undeclared reads,
+        and writing to arrays.
+        """
         cases = self._cases
         self._cases = []
         for case in cases:
@@ -177,7 +192,6 @@ class ConformanceSuite:
             if isinstance(error, PluginError) and READ_ONLY not in str(error):
                 raise error
             if error is None or is_mistake:
-                # Undeclared needs and written arrays have checks of their own.
                 self._cases.append(case)
             else:
                 self._refusals.append(f"{case.mechanism.name} ({error})")
@@ -192,7 +206,10 @@ class ConformanceSuite:
         return self._cases
 
     def _check_all_cases(self, check: Callable[[ConformanceCase], str]) -> str:
-        """Make one check on every mechanism; it has to apply to at least one."""
+        """Make one check on every mechanism, and return the notes of all.
+
+        A check may not apply to a mechanism. If it applies to none, it counts as not made.
+        """
         notes = []
         reasons = []  # why the check does not apply
         for case in self._cases:

@@ -29,7 +29,7 @@ def describe_difference(
     """Return the first difference of two tables in words; an empty text if there is none.
 
     Columns that describe the computation, such as error bounds, may differ between variants
-    of a mechanism and are not compared then.
+    of a mechanism (rotated or renamed ones), so they are not compared between variants.
 
     Parameters
     ----------
@@ -40,9 +40,9 @@ def describe_difference(
     tolerance
         `BLOCK_TOLERANCE` or `VARIANT_TOLERANCE`.
     rotation
-        (3, 3) rotation of the mechanism of `compared`. Vectors of `expected` are rotated.
-        Columns that depend on axes in another way are left out. If they identify the rows,
-        nothing is compared.
+        (3, 3) rotation of the mechanism of `compared`. Vectors of `expected` are rotated by
+        it before they are compared. Columns that depend on axes in another way are left
+        out. If such columns identify the rows, nothing is compared.
     """
     axis_dependent = [
         column.kind for column in table.columns if column.turns == "otherwise"
@@ -73,8 +73,8 @@ def _column_pairs(
 ) -> Iterator[tuple[Column, Array, Array]]:
     """Yield each column that can be compared, with its expected and compared values.
 
-    The three components of a vector stand in successive columns. Expected vectors are
-    rotated by `rotation`, if it is given.
+    The three components of a vector are three successive columns, which are collected and
+    rotated together if a rotation is given.
     """
     vector_columns: list[Column] = []
     for column in table.columns:
@@ -113,9 +113,18 @@ def _first_different_row(
 
 
 def replace_words(data: TableArrays, replacements: Mapping[str, str]) -> TableArrays:
-    """Return a table in whose texts words, such as names of links, are replaced."""
+    """Return a table with some words in its texts replaced, such as names of links.
+
+    Parameters
+    ----------
+    data
+        The columns of the table by name.
+    replacements
+        New words by the old ones.
+    """
 
     def replace_in(text: str) -> str:
+        """Return a text with whole words replaced."""
         return re.sub(r"\w+", lambda match: replacements.get(match[0], match[0]), text)
 
     return {
@@ -129,11 +138,11 @@ def replace_words(data: TableArrays, replacements: Mapping[str, str]) -> TableAr
 def match_rows(
     table: Table, expected: TableArrays, compared: TableArrays, links: Collection[str]
 ) -> tuple[TableArrays, TableArrays] | str:
-    """Return the rows that two tables share, in one order; or a difference in words.
+    """Return the rows that two tables share, in the same order.
 
-    Rows are identified by their texts and whole numbers. If these do not identify them,
-    the tables are returned as they are. A row about one link relative to another may be
-    missing: with another order of links it is about the second relative to the first.
+    A row is identified by its texts and whole numbers, its key. If keys occur twice, both
+    tables are returned unchanged. A row about one link relative to another may be missing,
+    because with another order of links it is about the second relative to the first.
 
     Parameters
     ----------
@@ -143,6 +152,11 @@ def match_rows(
         Its columns.
     links
         The names of all links.
+
+    Returns
+    -------
+    The rows of `expected` and of `compared`, or a text if a row is missing that should be
+    there.
     """
     key_columns = [
         column.name for column in table.columns if column.kind in ("text", "integer")

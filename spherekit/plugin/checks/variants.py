@@ -47,8 +47,8 @@ def rotate_mechanism(mechanism: Mechanism, rotation: Floats) -> Mechanism:
             },
         )
     else:
-        # Frames of the pairs in their first and in their second link. Those in the ground
-        # rotate.
+        # Frames of the pairs in their first and in their second link. Frames in the ground
+        # are rotated, those in moving links are not.
         frames_by_end = []
         for end, frames in enumerate(pair_frames(mechanism)):
             rotated_frames = {}
