@@ -46,6 +46,7 @@ def checked(
 
         @functools.wraps(function)
         def _check_and_call(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
+            # No docstring here: users see the docstring of the decorated function.
             try:
                 arguments = signature.bind(*args, **kwargs).arguments
             except TypeError as bind_error:
@@ -134,7 +135,7 @@ def _bind_message(
     keywords
         The names of the keyword arguments of the call.
     bind_error
-        What `inspect.Signature.bind` raised.
+        The error that `inspect.Signature.bind` raised.
     """
     takes_any_keyword = any(
         parameter.kind is inspect.Parameter.VAR_KEYWORD

@@ -60,10 +60,10 @@ class EngineError(SpherekitError):
     Parameters
     ----------
     fault
-        What is wrong.
+        The fault in words.
     instead
-        Advice what to use instead of this engine. The message ends with it. Code that has
-        switched to the other engine reports the `fault` only.
+        Advice which engine to use instead of this one. The message ends with it. Code that
+        has switched to the other engine reports the `fault` only.
     """
 
     def __init__(self, fault: str, instead: str = "") -> None:

@@ -59,7 +59,7 @@ def need_space(size: int, what: str) -> None:
     size
         Required address space (bytes).
     what
-        Beginning of the message: what requires it.
+        Beginning of the message: the part of the program that requires it.
 
     Raises
     ------

@@ -4,7 +4,7 @@ from enum import IntEnum
 
 
 class Status(IntEnum):
-    """What became of one sample; every failed sample carries one of these."""
+    """The outcome of one sample. Every sample without a result has the reason."""
 
     OK = 0
     OUT_OF_REACH = 1

@@ -148,7 +148,7 @@ def _is_container(value: Any, origin: Any, item_types: tuple[Any, ...]) -> bool:
         The type of the container, such as `tuple` or `Mapping`.
     item_types
         The types of its items: for a tuple of fixed length one for each item, for a mapping
-        those of keys and values.
+        the types of keys and of values.
     """
     if isinstance(value, str | bytes) or not isinstance(value, CONTAINER_TYPES[origin]):
         return False

@@ -39,7 +39,7 @@ def choices(word: object, allowed: Collection[str], what: str, most: int = 12) -
     allowed
         Words that are allowed.
     what
-        What the allowed words are, such as ``Pairs``.
+        A noun for the allowed words, such as ``Pairs``.
     most
         Number of allowed words that are listed.
     """

@@ -91,7 +91,7 @@ class Exported(NamedTuple):
     holds
         Its content in words.
     notes
-        Sentences on what it leaves out.
+        Sentences on everything that it leaves out.
     """
 
     path: Path

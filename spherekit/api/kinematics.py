@@ -554,7 +554,7 @@ def _single_row_evaluator(
     )
 
     def make_batch(q: float, evaluated_row: EvaluatedRow) -> Batch:
-        """Return the batch of one evaluated row at an input q (rad)."""
+        """Return the batch of one evaluated row, with arrays, at an input q (rad)."""
         columns = np.array(evaluated_row.columns)[:, None]
         values = np.array([evaluated_row.variables])
         passive_variables = list(kernel.passive_variables)

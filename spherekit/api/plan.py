@@ -23,8 +23,8 @@ def plan(
     mechanism
         The mechanism, the name of a shipped one, or the path of a file.
     poles
-        Poles to find, as text such as ``"3/1"`` or pairs of link numbers; the plan then
-        holds their ancestors only.
+        Poles to find, as text such as ``"3/1"`` or pairs of link numbers. The plan then
+        contains only these and the poles that they are constructed from.
     input_pair
         The input that moves, by default the first.
 

@@ -197,9 +197,9 @@ def command_parsers(
     Parameters
     ----------
     parser
-        What `build_parser` returned.
+        The parser from `build_parser`.
     names
-        Words; those that are no subcommand are left out.
+        Names of subcommands. Other words are ignored.
     """
     # argparse has no public way to list subcommands.
     assert parser._subparsers is not None

@@ -59,7 +59,7 @@ def complete_analyses(prefix: str, options: argparse.Namespace) -> list[str]:
     from spherekit.runs.parameter_text import describe_parameters
     from spherekit.runs.registry import load_analysis
 
-    # The text is NAME:key=value,key=value,..., of which the last parameter is unfinished.
+    # The text is NAME:key=value,key=value,...; its last parameter is not finished.
     _, _, unfinished = parameter_text.rpartition(",")
     finished = prefix[: len(prefix) - len(unfinished)]
     return [f"{finished}{key}=" for key in describe_parameters(load_analysis(name))]

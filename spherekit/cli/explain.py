@@ -168,12 +168,12 @@ def _pole_name(links: Sequence[str], pole: tuple[int, int]) -> str:
 
 
 def _print_description(description: Facts, link_count: int) -> None:
-    """Print what `_describe_run` returned, except the predicted sizes.
+    """Print how a run would compute its results, except the predicted sizes.
 
     Parameters
     ----------
     description
-        The description of a run.
+        The description of the run from `_describe_run`.
     link_count
         Number of links of the mechanism.
     """

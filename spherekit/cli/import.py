@@ -39,7 +39,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write the file and print what it holds."""
+    """Write a mechanism file from a MuJoCo model or URDF, and print its contents."""
     from spherekit.errors import OutputError
     from spherekit.exchange.mechanism_import import import_mechanism
     from spherekit.wording import counted, listing

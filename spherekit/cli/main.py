@@ -49,7 +49,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments
-        The words after ``spherekit``; by default those of the process.
+        The words after ``spherekit``; by default the command line of the process.
     """
     try:
         with raise_on_interrupt(process_ends=arguments is None):

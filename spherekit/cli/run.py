@@ -408,7 +408,7 @@ def _check_options(study: "Study", options: Namespace) -> None:
     folder = "a folder: give that of the run with -o"
     simulation = "a simulation: give --start"
     recording = "a recording: give --save, --serve, --connect or --view"
-    # For each option: what it needs, whether it is given, its name, and a hint.
+    # For each option: the condition that it needs, whether it is given, its name, a hint.
     rules = [
         (study.folder, options.resume, "--resume", folder),
         (study.folder, options.restart, "--restart", folder),

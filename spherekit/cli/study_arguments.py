@@ -226,7 +226,7 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
     law_texts
         The values of ``--law``.
     study
-        The study, whose inputs the laws may name.
+        The study. Laws are assigned to its inputs.
 
     Raises
     ------
@@ -273,7 +273,7 @@ def torque_of(torque_texts: Sequence[str], study: "Study") -> "str | dict[str, s
     torque_texts
         The values of ``--torque``.
     study
-        The study, whose inputs messages list.
+        The study. Messages list its inputs.
 
     Returns
     -------

@@ -51,8 +51,8 @@ def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floa
     projections = np.eye(3) - axes[:, :, None] * axes[:, None]
     while len(used_lines) > 1:
         matrix = np.sum(projections[used_lines], axis=0)
-        # The smallest eigenvalue of n parallel lines is 0, that of lines at small angles
-        # grows with the squares of the angles.
+        # The smallest eigenvalue is 0 for parallel lines. For lines at small angles to each
+        # other it is about n times the square of the angles.
         if np.linalg.eigvalsh(matrix)[0] < PARALLEL_SINE**2 * len(used_lines):
             break
         projected_points = projections[used_lines] @ points[used_lines, :, None]

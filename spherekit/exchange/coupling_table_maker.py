@@ -423,7 +423,7 @@ def _find_periods(table: CouplingTable, periods: Floats) -> None:
     """Mark the inputs that are periodic: after a revolution all configurations return.
 
     Only inputs whose range is exactly one revolution are examined. All values at the first
-    node of such an input are compared with those at its last node.
+    node of such an input are compared with the values at its last node.
 
     Parameters
     ----------

@@ -253,7 +253,7 @@ def _list_quantities(
         "torque",
         *(f"B_{pair}" for pair in inputs),
     ]
-    # With several inputs names end in that of the moving one.
+    # With several inputs, names end in the name of the moving input.
     patterns += [f"{pattern}_by_*" for pattern in patterns]
     input_angles = {f"theta_{pair}" for pair in inputs}
     return [
@@ -349,7 +349,7 @@ def _express_revolutions(
     design_expressions
         Its expressions, with a symbol for the revolutions of each pair.
     results
-        The results, of which some may depend on revolutions.
+        The results. Some of them may depend on revolutions.
     replacements
         Replacements of other symbols, which are applied to the expressions.
     """

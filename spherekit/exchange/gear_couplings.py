@@ -429,8 +429,9 @@ def _find_bevel_equations(
 ) -> Iterator[BevelEquation]:
     """Yield the equations of bevel gears between any two links that couplings imply.
 
-    The path between the links has two axes, that of each gear on their carrier. If the
-    couplings imply u x + v y = 0 for the rotations x and y about both, gears can give it.
+    The path between the two links has to have two axes, which are the axes of both gears on
+    their carrier. If the couplings imply u x + v y = 0 for the rotations x and y about both
+    axes, bevel gears on the two links have the same equation.
 
     Parameters
     ----------
@@ -528,8 +529,8 @@ def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None
     _, singular_values, directions = np.linalg.svd(equations)
     rank = int(np.sum(singular_values > RATIO_TOLERANCE))
     # The rows from `rank` on are the motions that the couplings allow. An equation between
-    # the two rotations is satisfied in all of them: its factors are a combination of the
-    # two rows of `allowed_rotations` that is zero, that of the second singular value.
+    # the two rotations is satisfied in all of them: its factors combine the two rows of
+    # `allowed_rotations` to zero. They belong to a second singular value of zero.
     allowed_rotations = rotations @ directions[rank:].T
     combinations, singular_values, _ = np.linalg.svd(allowed_rotations)
     singular_values = np.append(singular_values, np.zeros(2 - len(singular_values)))

@@ -99,7 +99,7 @@ def unique_names(names: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
     """Return different names: a name that occurred before gets a number.
 
     The first of equal names stays as it is. The others end in ``_2``, ``_3`` and so on. The
-    order is that of the given names.
+    names keep their order.
 
     Parameters
     ----------

@@ -52,6 +52,7 @@ class ImportedDynamics:
     """
 
     def __init__(self, linkage: ImportedLinkage) -> None:
+        """Begin without tables; `mass_tables` and `load_tables` make them."""
         self._linkage = linkage
         self._mj_model = linkage.foreign_model.mj_model
         self._mj_data = linkage.foreign_model.mj_data
@@ -172,7 +173,13 @@ class ImportedDynamics:
     def _list_loads(self, has_masses: bool) -> Iterator[tuple[str, Table]]:
         """Yield the name and table of each load; a name may occur twice.
 
-        Loads are gravity, those of joints, and actuators without control.
+        Loads are gravity, springs, friction and dampers at joints, and actuators without
+        control. Parts that a mechanism file cannot have are left out with a note.
+
+        Parameters
+        ----------
+        has_masses
+            Whether the imported mechanism has masses. Otherwise there is no gravity.
         """
         gravity = self._linkage.foreign_model.gravity
         if gravity is not None and has_masses:

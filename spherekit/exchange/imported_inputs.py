@@ -131,7 +131,7 @@ def _velocity_equations(linkage: ImportedLinkage) -> Floats:
     coupling.
     """
     pairs = linkage.pairs
-    # The loops are those of bodies without gaps in their numbers: positions in `links`.
+    # `LoopTree` needs links that are numbered without gaps: by their positions in `links`.
     body_by_link = {link: body for body, link in enumerate(linkage.links)}
     ends = tuple(
         (body_by_link[first], body_by_link[second])

@@ -126,9 +126,10 @@ class ImportedLinkage:
     # Names
 
     def link_name(self, link: int) -> str:
-        """Return the name of a link: that of its body.
+        """Return the name of a link in the mechanism file: the name of its body.
 
-        The ground has the name of its only body, otherwise it is called ground.
+        The ground has the name of the body that is fixed to the world, if there is exactly
+        one. Otherwise it is called ground.
         """
         if link not in self._name_by_link:  # names are chosen at the first call and kept
             text = self.foreign_model.body_names[link]
@@ -195,10 +196,10 @@ class ImportedLinkage:
     # The centre of the sphere
 
     def _group_loop_points(self) -> dict[tuple[int, int], list[LoopPoint]]:
-        """Return the points that hold two links together, by the two links.
+        """Return the points at which two links are held together, by the two links.
 
-        Two links occur in one order only, that of the first point. A point within one link
-        is left out.
+        The numbers of two links occur in one order only, the order of their first point. A
+        point within one link is left out.
         """
         points_by_links: dict[tuple[int, int], list[LoopPoint]] = {}
         for loop_point in self.foreign_model.loop_points:

@@ -253,8 +253,9 @@ class CoefficientFormulas:
         input_index
             The input that moves.
         earlier_formulas
-            Symbols and formulas up to the velocity coefficients. Those of the positions are
-            not differentiated: the axes of pairs move with their links.
+            Symbols and formulas up to the velocity coefficients. Formulas of positions are
+            not differentiated. Instead the axes of pairs move with their links: the
+            derivative of an axis is the cross product of the angular velocity and the axis.
 
         Returns
         -------
@@ -279,7 +280,8 @@ class CoefficientFormulas:
                 continue
             right_side = formula.rows[0]
             (derivative,) = differentiate([right_side], derivative_by_term)
-            # The derivative of a quotient has the quotient in it, which has a symbol.
+            # The derivative of a quotient contains the quotient, which has a symbol
+            # already.
             (short_derivative,) = substitute([derivative], {right_side: term})
             derivative_by_term[term] = formula_list.write(
                 formula_list.derivative_symbol(term, input_index), short_derivative

@@ -136,8 +136,8 @@ class FormulaList:
 
         Returns
         -------
-        What stands for the quantity in further formulas: the symbol, or the right-hand side
-        if no formula was written.
+        The expression to use for the quantity in further formulas: the symbol, or the
+        right-hand side if no formula was written.
         """
         right_side = rows[0]
         if len(rows) == 1 and not always:

@@ -171,7 +171,7 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
     Parameters
     ----------
     node
-        The product, which tells equal factors and numbers.
+        The product as an expression. It shows whether factors are equal, or numbers.
     arguments
         Its two factors as LaTeX.
     """

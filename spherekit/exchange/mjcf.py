@@ -272,7 +272,7 @@ class MujocoModel:
                 refname=self._names.bodies[output.relative_to],
             )
         if rigid_bodies.has_made_up_masses:
-            # The controls of servos that hold the pose in which the model is.
+            # A key frame with the angles of the inputs, at which servos keep the pose.
             value_by_pair = {hinge.pair: hinge.value for hinge in rigid_bodies.hinges}
             controls = [value_by_pair[pair] for pair in mechanism.input_pairs]
             _add(part_by_tag["keyframe"], "key", name="pose", ctrl=controls)
@@ -328,7 +328,7 @@ class MujocoModel:
             _add(custom, "text", name="masses", data="made up")
 
     def _add_bodies(self, parent_element: Element, parent: str) -> None:
-        """Add the bodies that hinges join to a body, and in turn the bodies on those.
+        """Add the bodies that hinges join to a body, and then the bodies on these bodies.
 
         A twin is a second body of a link, on a hinge that closes a loop, with a part of the
         link's inertia. It is welded to the link. Twins are added last.
@@ -414,8 +414,8 @@ class MujocoModel:
     def _add_appearance(self, body: Element, link: str) -> None:
         """Add the shapes of a link, and the sites (points) of its outputs and loads.
 
-        A link is drawn as capsules along its arcs, and as a pin at each pair of which it is
-        the first link.
+        A link is drawn as capsules along its arcs. The first link of each pair also has a
+        pin at the pair.
 
         Parameters
         ----------

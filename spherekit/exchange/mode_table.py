@@ -536,7 +536,7 @@ def _dyad_signs(terms: DesignExpressions, values: Floats) -> Floats:
     Parameters
     ----------
     terms
-        The terms of the formulas, which are those of the equivalent linkage.
+        The terms of the formulas. They belong to the equivalent linkage.
     values
         (n, variables) variables (rad) of the equivalent linkage in n configurations of the
         mode.

@@ -326,7 +326,7 @@ class ForeignModel:
         equality
             Number of the constraint.
         is_weld
-            Whether it is a weld. Otherwise it holds a point of two bodies together.
+            Whether it is a weld. Otherwise one point of two bodies coincides.
         """
         mj_model = self.mj_model
         mj_data = self.mj_data

@@ -26,7 +26,7 @@ def write_constants(source: Source, library: str) -> str:
     source
         The source.
     library
-        What follows ``import``.
+        The library to import, such as ``numpy as np``.
     """
     formulas = source.formulas
     value_by_field = {

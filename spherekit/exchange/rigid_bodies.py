@@ -257,8 +257,8 @@ def _find_gear_equation(
 ) -> dict[str, float]:
     """Return the equation of a rolling contact between the rates of hinges.
 
-    Two circles that roll on each other have a constant ratio if one link (a carrier) holds
-    both, each on a hinge through its centre.
+    Two circles that roll on each other have a constant ratio if both turn on one link (the
+    carrier), each on a hinge through its centre.
 
     Parameters
     ----------
@@ -311,8 +311,8 @@ def _choose_tree(mechanism: Mechanism, preferred_pairs: Iterable[str]) -> list[B
     mechanism
         The mechanism.
     preferred_pairs
-        Names of pairs, the most important first. Each one that closes no loop with those
-        before it belongs to the tree.
+        Names of pairs, the most important first. Each pair that closes no loop with the
+        pairs before it belongs to the tree.
 
     Raises
     ------

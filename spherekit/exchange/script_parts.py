@@ -35,7 +35,7 @@ def write_series(
         `Source.series_fields` and `around`.
     closed_template, open_template
         Templates of the field `around`: the lines that move the variable into the period
-        of a closed curve, and those that return NaN outside of an open one.
+        of a closed curve, and the lines that return NaN outside of an open curve.
     """
     for fields in source.series_fields:
         around_template = closed_template if fields["closed"] else open_template

@@ -120,7 +120,7 @@ def _profile_numbers_after_change(
     possible. The result is None if no changed file gives a mechanism.
     """
     size = abs(variable.value) or 1.0
-    # Steps of 1 are for numbers that must be whole, such as those of teeth.
+    # Steps of 1 are for numbers that must be whole, such as numbers of teeth.
     for step in (RELATIVE_STEP * size, -RELATIVE_STEP * size, 1.0, -1.0):
         try:
             changed_design = make_design(
@@ -181,8 +181,8 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
     if not sizes:
         return []
     outputs = [*formulas.outputs, *formulas.step]
-    # (motion, modes) arbitrary different values; the inputs are then replaced by those of
-    # the modes.
+    # (motion, modes) arbitrary different values. The inputs are then replaced by inputs at
+    # which the modes are known.
     motion = np.tile(0.3 + 0.1 * np.arange(len(formulas.motion)), (len(modes), 1)).T
     inputs = np.array([mode.at for mode in modes]).T
     motion[: len(inputs)] = inputs

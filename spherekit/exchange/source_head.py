@@ -139,8 +139,8 @@ def _method_sentences(source: Source) -> str:
 def _smooth_mode_sentences(source: Source) -> str:
     """Return the sentences on modes that follow smooth curves through crossings.
 
-    They say where curves cross, whether all crossings are known, and what the source does
-    there: it changes the signs of dyads, or starts Newton's method on the right side.
+    They say where curves cross, whether all crossings are known, and how the source passes
+    a crossing: it changes the signs of dyads, or starts Newton's method on the right side.
     """
     smooth_modes = source.smooth_modes
     assert smooth_modes is not None

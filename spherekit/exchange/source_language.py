@@ -32,7 +32,7 @@ class Language:
     comment_prefix
         Begins the lines of a comment.
     escape_comment
-        Changes a text so that it can stand in a comment.
+        Changes a text so that a comment can contain it.
     name_rules
         Rules for names of functions.
     helper_by_operation

@@ -48,7 +48,7 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
         Argument(symbol.arguments[0], unit)
         for symbol, unit in zip(motion_symbols, motion_units, strict=True)
     )
-    # In the formulas a symbol stands for each function; the table gives their values.
+    # The formulas have a symbol for each function. The table gives its values.
     series_symbols = tuple(symbols(unit_by_result))
     table = SeriesTable(
         terms=series_symbols,

@@ -32,7 +32,7 @@ class UrdfContent:
         Unit axis (3,) of each loop joint that has one, in the axes of its first link, by
         the name of the joint.
     notes
-        What was left out or is not known, in sentences.
+        Sentences on parts that were left out or are not known.
     """
 
     spec: Any

@@ -265,7 +265,7 @@ def _find_joined_links(root: Element) -> Mapping[str, tuple[str, str]]:
     """Return the parent and the child link of each joint that turns, by its name.
 
     Links that fixed joints join are one body. The link nearest to the root of the tree
-    stands for all of them.
+    represents all of them.
     """
     links_by_joint: dict[str, tuple[str, str]] = {}
     parent_by_fixed_link: dict[str, str] = {}

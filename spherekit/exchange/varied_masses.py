@@ -33,7 +33,7 @@ def express_masses(
     pair_rotations: PairRotations,
     expression_by_path: Mapping[KeyPath, Expr],
 ) -> tuple[Mass, ...]:
-    """Return the masses of a mechanism, with expressions for what varies.
+    """Return the masses of a mechanism, with expressions for all elements that vary.
 
     Parameters
     ----------

@@ -104,8 +104,8 @@ def series_colour(link: int | None, used_colours: Sequence[Colour]) -> Colour:
     Parameters
     ----------
     link
-        Number of the link that the curve is about, whose colour it gets. None if it is
-        about no link; it then gets a colour that the plot does not have yet.
+        Number of the link that the curve is about; the curve gets the colour of this link.
+        With None it gets a colour that the plot does not have yet.
     used_colours
         Colours of the other curves of the plot.
     """

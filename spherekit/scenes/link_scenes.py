@@ -153,7 +153,7 @@ def motion_scenes(motion: Motion, shapes: list[Body], timed: bool = False) -> li
     }
     scenes = []
     for position, assembly_mode in enumerate(motion.assembly_modes):
-        # The rows of a motion are all samples of the first mode, then those of the next.
+        # A motion has all samples of the first mode, then all samples of the second, ...
         rows = slice(position * motion.samples, (position + 1) * motion.samples)
         bodies = [
             replace(shapes[link], quaternions=quaternions[rows])
@@ -251,7 +251,7 @@ def link_curves(joints: Floats) -> list[Floats]:
     -------
     Polylines (k, 3) of unit vectors in link axes.
     """
-    # Keep one joint of those on the same axis.
+    # Of several joints on one axis, the first is kept.
     distinct: list[int] = []
     for number, joint in enumerate(joints):
         if all(arc(joints[earlier], joint) > SAME_POINT_RAD for earlier in distinct):

@@ -101,8 +101,8 @@ def choose_plot_range(
         middle = 0.5 * (low + high)
         half = CONSTANT_HALF_RANGE * max(abs(middle), scale) or 1.0
         return middle - half, middle + half
-    # Inner values are those between two quantiles. If all values extend much farther, only
-    # a range about the inner ones is shown.
+    # Inner values are between two quantiles. If all values extend much farther, only a
+    # range about the inner values is shown.
     inner_low, inner_high = np.quantile(finite, INNER_QUANTILES)
     inner_extent = inner_high - inner_low
     if 0.0 < OUTLIER_RATIOS[shown_by] * inner_extent < high - low:

@@ -270,7 +270,7 @@ class PlaneCurve:
     tone : int
         Number of the colour.
     label : str
-        Name of the curve, if it has to be told from others.
+        Name of the curve, if it has to be distinguished from others.
     """
 
     points: Floats

@@ -339,8 +339,8 @@ def _check_numbers(
 ) -> Array:
     """Check that a field is an array of numbers of a given shape, and return the array.
 
-    A letter in the shape stands for a length that several fields share, such as the number
-    of samples. The first field with this letter determines the length.
+    A letter in the shape is a length that several fields share, such as the number of
+    samples. The first field with this letter determines the length.
 
     Parameters
     ----------

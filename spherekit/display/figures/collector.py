@@ -21,7 +21,7 @@ class LoggedBlock(NamedTuple):
     Attributes
     ----------
     scene
-        What is visible in the block.
+        The objects that are visible in the block.
     samples
         Numbers of the samples.
     inputs

@@ -69,6 +69,7 @@ class Figures(Mapping[str, Figure]):
     """
 
     def __init__(self, draw_by_name: Mapping[str, Callable[[], Figure]]) -> None:
+        """Begin without drawn figures."""
         self._draw_by_name = draw_by_name
         self._figure_by_name: dict[str, Figure] = {}
 
@@ -169,7 +170,7 @@ def _plan_series(
     """Yield curves over one axis, or maps over a grid of two inputs, of each group.
 
     Series (a number for each sample) of one group are the same kind of quantity, and share
-    a figure. An axis is what the samples run over: an input, the time, or another quantity.
+    a figure. The samples run over one or more axes: inputs, the time, or other quantities.
 
     Parameters
     ----------
@@ -196,7 +197,7 @@ def _plan_series(
                 subject = group if label == group else f"{group}: {label}"
                 yield from _divide(subject, maps, _page_of, draw_maps, sheet)
             continue
-        # Inputs that are no grid are those of a path, over whose length curves are drawn.
+        # Several inputs that are no grid form a path. Curves are drawn over its length.
         curves = [
             (replace(scene, over=(path_axis(scene.over),)), series)
             for scene, series in lines

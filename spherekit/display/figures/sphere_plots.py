@@ -177,7 +177,7 @@ def _draw_graticule(panel: Any, view: SphereView, title: str) -> None:
         path_effects=[withStroke(linewidth=1.5, foreground="white", alpha=0.7)],
     )
     right_name, up_name, _ = view.axis_names
-    # Twelve rays, of which only those to the right and up have names.
+    # Twelve rays. Only the rays to the right and up have names.
     ray_names = [right_name, "", "", up_name, *[""] * 8]
     panel.set_thetagrids(np.arange(0.0, 360.0, 30.0), ray_names)
     panel.tick_params(axis="x", pad=0.0)
@@ -267,11 +267,12 @@ def _draw_sphere_map(
     if len(triangles):
         azimuth, radius = np.nan_to_num(points).T
         mesh = Triangulation(radius * np.cos(azimuth), radius * np.sin(azimuth), triangles)
-        # Shading within triangles needs an affine transform to the paper, which that of
-        # polar coordinates is not.
+        # Shading within triangles needs an affine transform to the paper. The transform of
+        # polar coordinates is not affine, so its affine parts are used alone, on Cartesian
+        # coordinates.
         affine_transform = panel.transProjectionAffine + panel.transWedge + panel.transAxes
         if isinstance(look["norm"], BoundaryNorm):
-            # A count is that of the whole triangle: the smallest of its vertices.
+            # Counts are whole numbers, so a triangle gets the smallest of its vertices.
             counts = np.min(sphere_map.values[triangles], axis=1)
             panel.tripcolor(mesh, facecolors=counts, transform=affine_transform, **look)
         else:
@@ -286,7 +287,10 @@ def _draw_sphere_map(
 
 
 def _draw_sphere_curves(panel: Axes, view: SphereView, sphere_curves: SphereCurves) -> None:
-    """Draw curves, and the marks on them whose names differ from that of the curves.
+    """Draw curves, and marks on them.
+
+    A mark with the same label as the curves is drawn only if there are no curves, since the
+    legend names the curves already.
 
     Parameters
     ----------

@@ -301,9 +301,10 @@ class PageMaker:
         return tuple(variable_keys)
 
     def _omit_axes_by_directions(self, keys: Names) -> Names:
-        """Return the keys without those of axes that are not in the file.
+        """Return keys of sizes, without axes that the file does not contain.
 
-        The file of a P pair may give two directions of its arc instead of its axis.
+        The file of a P pair may give two directions of its arc instead of its axis. Such an
+        axis can have no slider, and a note says so.
         """
         pairs_without_axis = [
             name

@@ -79,8 +79,8 @@ class PageQuantities:
         """Return the names of the velocity coefficients of the outputs for one input.
 
         A velocity coefficient is the relative angular velocity of two links per unit rate
-        of the input that moves while the others are locked. Without outputs it is that of
-        the last link relative to the ground.
+        of the input that moves while the others are locked. If the mechanism has no
+        outputs, the last link relative to the ground is taken as its output.
 
         Parameters
         ----------

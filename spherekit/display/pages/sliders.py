@@ -147,7 +147,7 @@ def _find_last_accepted(
     variable
         The number of the file that is changed.
     values
-        Numbers to try, all on one side of that of the file, the nearest first.
+        Numbers to try, the nearest first. All are on one side of the number in the file.
 
     Returns
     -------

@@ -43,7 +43,7 @@ def split_at_numbers(document: Document, paths: Sequence[KeyPath]) -> list[str |
 
     Returns
     -------
-    Texts, and between them the indices in `paths` of the numbers that stand there.
+    Texts, and between them the indices in `paths` of the numbers at these positions.
     """
     marks = [_MARK_FORMAT.format(index + 1) for index in range(len(paths))]
     text = document.text

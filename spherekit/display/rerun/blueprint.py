@@ -57,7 +57,7 @@ class Plot(NamedTuple):
     page
         The page on which it is shown; None for all pages.
     path
-        Path of what it shows.
+        Path of the chart, diagram or space that it shows.
     has_findings
         Whether it shows results of an analysis. These come first.
     view
@@ -177,7 +177,7 @@ class Layout:
         page_plots = [plot for plot in self.plots if plot.page in (None, page)]
         page_plots.sort(key=lambda plot: not plot.has_findings)
         plots = [plot.view() for plot in page_plots]
-        # Panels of the page itself come before those of all pages.
+        # Panels of this page come before panels that all pages show.
         ordered_panels = sorted(self.panels, key=lambda panel: panel[0] is None)
         panels = [view() for owner, view in ordered_panels if owner in (None, page)]
         rows = [_tabs(views) for views in (plots[:1], plots[1:], panels) if views]

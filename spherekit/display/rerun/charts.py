@@ -353,7 +353,7 @@ def legend_texts(latest_blocks: Sequence[Series]) -> list[str]:
 
     Returns
     -------
-    The texts of the first row, then those of the second, and so on.
+    The texts of the first row, then the texts of the second row, and so on.
     """
     texts_of_series = []
     for series in latest_blocks:

@@ -148,7 +148,7 @@ class FileOutput:
 
         Returns
         -------
-        A sentence on what is kept; empty if nothing is.
+        A sentence that names the part file if it is kept, otherwise an empty text.
         """
         if self._copier is None:
             return ""

@@ -377,6 +377,7 @@ def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
     yield (
         "labels",
         rr.Points3D.from_fields(
+            # reshape keeps three columns even if there are no names
             positions=np.reshape([place for _, place, _ in names], (-1, 3)),
             labels=[text for text, _, _ in names],
             colors=[colours.PALE if is_pair else colour for _, _, is_pair in names],

@@ -332,9 +332,19 @@ class RerunRecorder:
     def _log_rows(
         self, scene: Scene, timelines: list[rr.TimeColumn], row_count: int
     ) -> None:
-        """Log the rows of all primitives.
+        """Log the rows of all primitives of a scene.
 
-        Rows whose path is drawn as a curve at the end are also kept in memory.
+        Directions that leave a path on the sphere are also kept in memory: the path is
+        drawn as a curve at the end of the recording.
+
+        Parameters
+        ----------
+        scene
+            The scene of one block of rows.
+        timelines
+            The positions of the rows on the timelines.
+        row_count
+            Number of rows of the block.
         """
         layout = self._open_charts.layout
         labels = arrow_labels(scene.primitives)
@@ -480,7 +490,7 @@ class RerunRecorder:
         page
             The page that shows it; None for all pages.
         primitive
-            Something to draw. It is known by its path below that of the page.
+            Something to draw. It is identified by its page and its own path.
         has_findings
             Whether it shows results of an analysis, and not only the motion.
         names

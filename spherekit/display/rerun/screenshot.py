@@ -188,8 +188,8 @@ def _maximise_3d_view(client: ViewerClient, recording: Path) -> str:
 def _visible_views(blueprint: Mapping[str, Any]) -> Iterator[str]:
     """Yield the ids of the views that are not hidden behind other tabs, from the left.
 
-    The layout is a tree: containers hold views and other containers. Of a container of tabs
-    only the active tab is visible. The tree is walked depth first.
+    The layout is a tree: containers consist of views and other containers. A container of
+    tabs shows only its active tab. The tree is walked depth first.
 
     Parameters
     ----------

@@ -115,7 +115,12 @@ class ConformanceCase:
         change_motion: MotionChange = unchanged,
         change_view: MotionChange = unchanged,
     ) -> tuple[Tables, Findings]:
-        """Return the tables and findings of a run; parameters as `batches`.
+        """Return the tables and findings of a run.
+
+        Parameters
+        ----------
+        block_size, change_motion, change_view
+            As in `batches`.
 
         Raises
         ------

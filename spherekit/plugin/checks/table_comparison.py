@@ -96,7 +96,17 @@ def _first_different_row(
 ) -> int | None:
     """Return the first row in which two columns differ, or None.
 
-    Angles are compared modulo whole turns. NaN equals NaN.
+    Numbers are different if they differ by more than the tolerance times the largest
+    expected number (or 1). Angles are compared modulo whole turns. NaN equals NaN.
+
+    Parameters
+    ----------
+    column
+        The declaration of the column.
+    expected, compared
+        Its values (rows,) in both tables.
+    tolerance
+        Largest relative difference of numbers.
     """
     is_different = expected != compared
     if column.kind == "number":

@@ -48,7 +48,7 @@ def rotate_mechanism(mechanism: Mechanism, rotation: Floats) -> Mechanism:
         )
     else:
         # Frames of the pairs in their first and in their second link. Frames in the ground
-        # are rotated, those in moving links are not.
+        # are rotated, frames in moving links are not.
         frames_by_end = []
         for end, frames in enumerate(pair_frames(mechanism)):
             rotated_frames = {}
@@ -119,7 +119,7 @@ def rename_links(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
 def rename_parameters(
     analysis: AbstractAnalysis, names: Mapping[str, str]
 ) -> AbstractAnalysis:
-    """Return an analysis whose parameters have the new names of links and poles.
+    """Return an analysis with the new names of links and poles in its parameters.
 
     Parameters
     ----------
