@@ -55,8 +55,8 @@ def _hash_results() -> str:
     x = np.arange(1, VECTOR_SIZE + 1) / 7.0
     z = x + 1j * x[::-1]
     matrix = np.sin(np.outer(x, x[::-1] + 0.3))
-    # 19 columns are no multiple of the block size of a kernel. Some kernels compute the
-    # part of a product beyond whole blocks by other code.
+    # 19 columns are no multiple of the block size of a kernel. Some kernels have other code
+    # for the columns after the last whole block.
     rectangular_matrix = matrix[:, : VECTOR_SIZE - 5]
     results = [
         *(

@@ -295,7 +295,7 @@ def _export_coupling_table(table: CouplingTable, target: Path) -> Exported:
     """Write a coupling table as an archive, CSV or C header, by the ending of the file.
 
     A cell of the table is sure if interpolation in it is as accurate as required. A note
-    says how many are not.
+    says how many cells are not sure.
     """
     if target.suffix == ".npz":
         write_npz(table, target)

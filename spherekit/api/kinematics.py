@@ -102,8 +102,8 @@ class Kinematics:
 
     With several inputs and groups that are no dyads, successive rows of one mode are
     connected by verified steps. After an input at which a mode has no configuration, its
-    number may denote another mode. The numbers are those of a run whose samples are the
-    same inputs, unless a mode has such a gap. They can differ from those at other inputs.
+    number may denote another mode. A run whose samples are the same inputs gives the modes
+    the same numbers, unless a mode has such a gap. At other inputs the numbers can differ.
     `search` says how the modes were found, and whether there may be others.
     """
 
@@ -283,9 +283,12 @@ class Kinematics:
 
     @checked(SolveError)
     def frame(self, degrees: bool = False) -> Any:
-        """Return a pandas frame with a row for each row, moving input and pole.
+        """Return a pandas frame with a row for each configuration, moving input and pole.
 
-        With `degrees`, inputs are in degrees. Coefficients are per rad in both cases.
+        Parameters
+        ----------
+        degrees
+            Whether inputs are in degrees. Coefficients are per rad in both cases.
         """
         batch = self._batch
         poles = [self._pole(pole) for pole in self.poles]
@@ -483,6 +486,8 @@ def _prepare_evaluation(
             if read_batch is not None:
                 search = range_analysis.search
                 return Kinematics(mechanism, pole_names, read_batch, search)
+        # Otherwise compute the configurations of all modes at all inputs, and keep the rows
+        # of the requested mode. With several inputs, the modes are searched along them.
         if range_analysis is not None:
             q = np.atleast_1d(q)
             position_analysis = range_analysis
@@ -566,7 +571,9 @@ def _single_row_evaluator(
             residual=np.array([evaluated_row.residual]),
         )
         (input_columns_of_row,) = kernel.input_columns
-        # The sense of pole axes is chosen by the side of the sum of the mechanism's axes.
+        # `signed` is a view of the columns that change sign with the sense of a pole axis;
+        # its first three rows are the direction. The sense is chosen so that the pole is on
+        # the side of the sum of the mechanism's axes.
         signed = input_columns_of_row.signed_part(columns)
         sides = signs_by_sides(np.array([evaluated_row.axis_sum]))
         signed *= sides(signed[:3], 0, 0)

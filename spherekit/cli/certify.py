@@ -114,7 +114,7 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class Certification:
-    """The result of one proof.
+    """The result of certifying one mechanism: lines to print and a certificate.
 
     Attributes
     ----------

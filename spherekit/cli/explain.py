@@ -228,6 +228,11 @@ def _predicted_sizes(sizes: Facts, with_recording: bool) -> Lines:
         The entry ``predicted`` of the description of a run.
     with_recording
         Whether the user asked for the size of the recording.
+
+    Returns
+    -------
+    The number of configurations, then a line for each table, the recording and what is not
+    predicted. If sizes are not predicted at all, one line with the reason.
     """
     if "reason" in sizes:
         return [f"sizes: not predicted; {sizes['reason']}"]

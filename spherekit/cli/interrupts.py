@@ -15,7 +15,7 @@ INTERRUPTS = [
 
 @contextmanager
 def raise_on_interrupt(process_ends: bool) -> Iterator[None]:
-    """Let `INTERRUPTS` raise `KeyboardInterrupt` within the block.
+    """Let Ctrl-C and other `INTERRUPTS` raise `KeyboardInterrupt` within a `with` block.
 
     The argument of the exception is the number of the signal. A signal that was ignored
     before stays ignored: a shell ignores Ctrl-C in jobs that it runs in the background.

@@ -201,8 +201,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 def execute(options: Namespace) -> int:
     """Run analyses, write tables, figures and a recording, and print the summary.
 
-    Returns the exit status. All options are checked before the run begins, since a run may
-    take long.
+    All options are checked before the run begins, since a run may take long.
+
+    Returns
+    -------
+    The exit status.
     """
     from spherekit.errors import SpherekitError
     from spherekit.runs.study_analyses import make_run_analyses

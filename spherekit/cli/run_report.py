@@ -262,6 +262,7 @@ def progress() -> Callable[[int, int], None]:
     first_call: tuple[float, int] | None = None  # time (s) and samples done
 
     def print_progress(done: int, total: int) -> None:
+        """Print how many samples of the total are done, and how long the rest takes."""
         nonlocal first_call
         now = time.monotonic()
         if first_call is None:

@@ -205,7 +205,7 @@ def study_from(
 
     if values.get("law"):
         # Time laws prescribe the motion, and a simulation (start, torque) computes it, so
-        # one replaces the other of the file. If both are stated, `Study` refuses them.
+        # one replaces the other of the file. If both are stated, `check_time` refuses them.
         fields.setdefault("start", None)
         fields.setdefault("torque", None)
         fields["laws"] = laws_of(options.law, study)

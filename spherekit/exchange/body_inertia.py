@@ -37,7 +37,7 @@ class BodyInertia(NamedTuple):
     Attributes
     ----------
     link
-        Name of the body: its link, or the pair whose centres it joins.
+        Name of the body: a link, or an added body between two circles in contact.
     mass
         Mass (kg).
     centre
@@ -197,14 +197,19 @@ def make_body_inertia(
 def _choose_mass(tensor: Floats) -> tuple[float, Floats]:
     """Return a mass, and a centre away from O, of a body with this tensor about O.
 
-    Many bodies have the tensor. This one has all its mass at unit distance from O. Its
-    centre is on the axis of the largest second moment, halfway to the point beyond which
-    the moments about it would be negative.
+    Many bodies have the tensor. The second moments S = trace(I) / 2 - I are the sum of mass
+    times r r^T. With mass = trace(S), all mass is at unit distance from O. A centre c is
+    possible if S - mass c c^T has no negative moments. It is put on the axis of the largest
+    second moment, at half the largest possible distance.
 
     Parameters
     ----------
     tensor
-        (3, 3) inertia tensor about O (kg m2).
+        (3, 3) inertia tensor I about O (kg m2).
+
+    Returns
+    -------
+    The mass (kg) and the centre (3,) (m).
     """
     second_moments = 0.5 * np.trace(tensor) * np.eye(3) - tensor
     moments, directions = np.linalg.eigh(second_moments)

@@ -167,7 +167,11 @@ KNOWN_INPUTS_TEMPLATE = """\
 
 
 def write_c(source: Source) -> str:
-    """Return formulas as C99, to be compiled on its own or included."""
+    """Return formulas as C99, to be compiled on its own or included.
+
+    The text begins with declarations of all functions, followed by constants, helpers,
+    stored series and the functions themselves.
+    """
     declarations = [
         f"{_function_head(source, function, 'double')};" for function in source.functions
     ]

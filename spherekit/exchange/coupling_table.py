@@ -167,6 +167,9 @@ class CouplingTable:
     def at(self, q: ArrayLike, assembly_mode: int | None = None) -> CouplingValues:
         """Return the values of the table at inputs.
 
+        A cell is the box between neighbouring nodes of the grid. It is sure if the measured
+        error of interpolation in it is within the tolerance of the table.
+
         Parameters
         ----------
         q

@@ -247,7 +247,7 @@ def _compute_grid_values(
 ) -> GridValues:
     """Compute the values of all modes at the samples of a position analysis.
 
-    Rows of the motion are all samples of one assembly mode, then those of the next.
+    Rows of the motion are all samples of one assembly mode, then all samples of the next.
 
     Parameters
     ----------
@@ -273,7 +273,8 @@ def _compute_grid_values(
         all_values[good_rows] = values
         return all_values.reshape(mode_count, motion.samples, *values.shape[1:])
 
-    # The motion has its inputs on the axes before the variables, bodies and components.
+    # Axes of the motion: row, one axis for each derivative by an input, and then the
+    # variable, or the body and the component. The table has its inputs last.
     rates = coordinate_motion.rates[:, :, passive_variables]
     second_rates = coordinate_motion.second[:, :, :, passive_variables]
     coefficients = place_by_mode(np.swapaxes(rates, 1, 2))

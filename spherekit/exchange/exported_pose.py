@@ -58,6 +58,7 @@ def find_pose(
     SolveError
         If the number of inputs is wrong, or the mode does not exist at them.
     """
+    # Compute the assembly mode at samples of the input ranges, or at the given inputs.
     if inputs is None:
         position_analysis = PositionAnalysis(
             mechanism, None, assembly_mode, samples=POSE_SEARCH_SAMPLES

@@ -62,9 +62,10 @@ class Mode(NamedTuple):
     at
         Inputs (rad) of one configuration of the mode.
     values
-        The places of that configuration: in closed form the signs of the dyads, otherwise
-        the variables (rad) of all pairs. Signs are the same everywhere in the mode, unless
-        it follows its smooth curve through crossings (`SmoothModes`).
+        The places of that configuration, the values that select the mode in the formulas:
+        in closed form the signs of the dyads, otherwise the variables (rad) of all pairs.
+        Signs are the same everywhere in the mode, unless it follows its smooth curve
+        through crossings (`SmoothModes`).
     """
 
     number: int
@@ -200,7 +201,9 @@ class SeriesTable(NamedTuple):
     closed: bool
 
     def at(self, variable: Floats) -> Floats:
-        """Evaluate the functions.
+        """Evaluate the stored functions at some values of their variable.
+
+        A closed curve is periodic, so its variable is first moved into one period.
 
         Parameters
         ----------
@@ -302,6 +305,7 @@ class Formulas:
 
         def evaluate(motion: Floats, places: Floats, sizes: Floats) -> Floats:
             """Return the expressions (expressions, n); see `numpy_function`."""
+            # Arrays with one column are repeated for all n configurations.
             arguments = (motion, places, sizes)
             count = max(argument.shape[1] for argument in arguments)
             argument_rows = np.concatenate(
@@ -310,6 +314,7 @@ class Formulas:
                     for argument in arguments
                 ]
             )
+            # Symbols of stored functions get the values of their series.
             series_values = [
                 table.at(argument_rows[series_row])
                 for table, series_row in zip(self.tables, series_rows, strict=True)

@@ -409,6 +409,7 @@ def _find_motion_arguments(
     outputs
         The results.
     """
+    # Sample symbols are the inputs, their rates, their accelerations, and the time.
     inputs = design_expressions.inputs
     sample_units = [unit for unit in ("rad", "rad/s", "rad/s2") for _ in inputs] + ["s"]
     unit_by_symbol = dict(zip(design_expressions.sample_symbols, sample_units, strict=True))

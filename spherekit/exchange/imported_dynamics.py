@@ -138,8 +138,9 @@ class ImportedDynamics:
 
         An armature is a moment of inertia that MuJoCo adds about the axis of a hinge, such
         as that of a rotor. A link on the ground turns about this axis alone, so a thin disc
-        with this moment (its other moments are half as large) has the same effect. On a
-        moving link no rigid body has, so the armature is left out with a note.
+        with this moment (its other moments are half as large) has the same effect. If the
+        hinge is on a moving link, no rigid body has the effect of an armature, so it is
+        left out with a note.
         """
         rotors: dict[int, Floats] = {}
         for pair in self._linkage.pairs:

@@ -220,6 +220,7 @@ class ImportedLinkage:
         These are the axes of all joints, and the lines through two points at which the same
         two links are held together.
         """
+        # MuJoCo's xanchor is a point of the axis of a joint, xaxis its unit vector.
         lines = [
             AxisLine(
                 f"joint {self.foreign_model.joint_names[joint]}",
@@ -437,7 +438,7 @@ class ImportedLinkage:
             self.pair_comments[pair_name] = f"Closes a loop: holds {link_names} at a point."
 
     def _check_connected(self) -> None:
-        """Raise `FileError` unless there are pairs, which join all links to the ground."""
+        """Raise `FileError` unless pairs join all links to the ground."""
         if not self.pairs:
             raise FileError(f"{self.where}: nothing moves: all bodies are welded together")
         links_of_pairs = [pair.links for pair in self.pairs]

@@ -70,13 +70,15 @@ def latex(
 ) -> str:
     """Return the formulas of a mechanism of R pairs and dyads as a LaTeX document.
 
-    Sizes, inertia tensors and the signs of the assembly mode are symbols, with their values
-    in tables. Arcs and angles of 0, 90 and 180 degrees are inserted as numbers.
+    R pairs are revolute joints. A dyad is two links that three pairs join to each other and
+    to links with known positions. Sizes, inertia tensors and the signs of the assembly mode
+    are symbols, with their values in tables. Arcs and angles of 0, 90 and 180 degrees are
+    inserted as numbers.
 
     Parameters
     ----------
     mechanism
-        The mechanism, whose inputs lead to the ground.
+        The mechanism. Its inputs have to join links to the ground one after another.
     quantities
         The quantities to print, by the names or patterns of
         `spherekit.velocities.row_quantities.row_quantities`; vectors also without their
@@ -90,9 +92,9 @@ def latex(
     ------
     EngineError
         If positions or poles have no closed form, a quantity is not written as LaTeX, a key
-        is that of a load, or no quantity depends on its number.
+        belongs to a load, or no quantity depends on the number of a key.
     FileError, DesignError
-        If there is no number of a key.
+        If the file has no number of a key.
     """
     for group in assembly_by_count_or_rank(mechanism).groups:
         if not group.is_dyad:
@@ -278,7 +280,7 @@ def _format_table(rows: Iterable[Sequence[str]]) -> str:
 
 
 def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str]:
-    """Return the keys of the numbers that stay symbols, by the names of these numbers.
+    """Find the numbers of a mechanism file that stay symbols in the formulas.
 
     Parameters
     ----------
@@ -289,8 +291,8 @@ def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str
 
     Returns
     -------
-    The key of each number, by ("arcs", (link, pair)), ("angles", (link, pair)),
-    ("zeros", pair) or ("mass", link).
+    The key of each number, by its kind and owner: ("arcs", (link, pair)), ("angles", (link,
+    pair)), ("zeros", pair) or ("mass", link).
     """
     document = document_of(mechanism)
     key_by_size: dict[Any, str] = {}

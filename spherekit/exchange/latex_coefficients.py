@@ -291,17 +291,18 @@ class CoefficientFormulas:
     def _name_coefficients(self, input_index: int) -> None:
         """Give all poles, angular velocities and coefficients the names that users write.
 
-        A quantity of two links a and b is that of a relative to b. It is 0 if both are
-        rigid with each other. If one of them is at rest, the coefficients have been written
-        before. Otherwise they are written here: they are the components of the relative
-        angular velocity, and of its derivative, along the pole.
+        A quantity of two links a and b describes the motion of a relative to b. It is 0 if
+        both are rigid with each other. If one of them is at rest, the coefficients relative
+        to the ground have been written before. Otherwise they are written here: they are
+        the components of the relative angular velocity, and of its derivative, along the
+        pole.
         """
         formula_list = self._formula_list
         links = self._mechanism.links
         suffix = self._input_suffixes[input_index]
         mark = formula_list.input_mark(input_index)
         body = self._pole_plans[input_index].body
-        ratios = self._ratios_by_body[input_index]
+        ratios = self._ratios_by_body[input_index]  # coefficients relative to the ground
         for link, name in enumerate(links):
             velocity = self.angular_velocity(input_index, link)
             formula_list.name_quantity("angular_velocity", name + suffix, velocity)

@@ -233,7 +233,7 @@ class EquationOfMotion:
     def _resolve_in_link(
         self, letter: str, link: int, vector: Expr, mark: str = ""
     ) -> Expr:
-        """Return a vector in ground axes by its components along the axes of a link.
+        """Write a vector by its components along axes of a link, and return their symbol.
 
         Parameters
         ----------
@@ -242,7 +242,7 @@ class EquationOfMotion:
         link
             Number of the link.
         vector
-            The vector; 0.0 remains 0.0.
+            The vector in ground axes; 0.0 is the zero vector and is returned unchanged.
         mark
             Text after the index of the symbol.
         """
@@ -324,6 +324,9 @@ class EquationOfMotion:
     def _write_power(self, component: LoadComponent, input_index: int, label: str) -> Expr:
         """Return the power of a component of magnitude 1 per unit rate of an input.
 
+        A torque at a pair has the power torque times rate of the pair. A moment M on a link
+        has the power M . w with the angular velocity w of the link.
+
         Parameters
         ----------
         component
@@ -356,9 +359,14 @@ class EquationOfMotion:
     def _write_load_name(self, name: str) -> tuple[Expr, Expr]:
         """Return the expression of a variable name in the formula of a load, twice.
 
-        The names are the time ``t``, the variable ``theta_PAIR`` of a pair, and its rate
-        ``dtheta_PAIR``. `convert_to_graph` takes two expressions for each name, which may
-        differ by whole turns. In print both are the same.
+        `convert_to_graph` takes two expressions for each name, which may differ by whole
+        turns. In print both are the same.
+
+        Parameters
+        ----------
+        name
+            The time ``t``, the variable ``theta_PAIR`` of a pair, or its rate
+            ``dtheta_PAIR``.
         """
         kind, _, pair_name = name.partition("_")
         if kind == "t":

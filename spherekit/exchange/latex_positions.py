@@ -300,7 +300,7 @@ class PositionFormulas:
     # Placing links
 
     def _place_ground(self, ground_axes: Floats) -> None:
-        """Place the ground.
+        """Write the frame of the ground, which is given, and the axes of its pairs.
 
         Parameters
         ----------
@@ -470,7 +470,8 @@ class PositionFormulas:
         outer, middle
             Positions of the two pairs in `group.pairs`.
         """
-        # An outer pair joins body 0 to body 1 or 2, so the sum of both is the other body.
+        # Body 0 is everything that is placed, bodies 1 and 2 are the links of the dyad. An
+        # outer pair joins body 0 to body 1 or 2, so the sum of both numbers is the link.
         body = sum(group.ends[outer])
         link = group.bodies[body][0]
         axes = [
@@ -556,7 +557,7 @@ class PositionFormulas:
             formula_list.write(k, first_axis, always=True)
         if axis.turn.sine != 0.0:
             tangent = formula_list.write_indexed(r"\mathbf{d}", label, tangent)
-        # The tangent to the second axis is that to `axis`, rotated back by axis.turn.
+        # j is the tangent towards `axis`, rotated back about k by axis.turn.
         j = formula_list.write_indexed(
             r"\mathbf{j}",
             label,

@@ -65,9 +65,10 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
 
 
 def revolutions_about(angle: Expr, middle: float) -> ExpressionNode:
-    """Return the angle (rad) that moves another angle nearest to a middle.
+    """Return the whole turns (rad) to add to an angle so that it is nearest to a middle.
 
-    It is a multiple of 2 pi.
+    With the difference d = angle - middle, atan2(sin d, cos d) is d reduced to (-pi, pi].
+    The angle nearest to the middle is middle + atan2(sin d, cos d).
 
     Parameters
     ----------

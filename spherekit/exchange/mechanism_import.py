@@ -20,9 +20,16 @@ from spherekit.storage.atomic_write import write_text
 
 
 class Imported(NamedTuple):
-    """A mechanism from another program's file.
+    """A mechanism from the file of another program.
 
-    `text` is its mechanism file, commented; `notes` say what was left out or changed.
+    Attributes
+    ----------
+    mechanism
+        The mechanism.
+    text
+        Its mechanism file, with comments.
+    notes
+        Sentences on everything that was left out or changed.
     """
 
     mechanism: Mechanism

@@ -203,7 +203,8 @@ def _find_affine_law(component: LoadComponent, pair: str) -> Floats:
 
     Returns
     -------
-    (3,) the constant, the factor of the variable (rad), and that of the rate (rad/s).
+    (3,) the constant c0, the factor c1 of the variable (rad), and the factor c2 of the rate
+    (rad/s).
 
     Raises
     ------
@@ -221,7 +222,8 @@ def _find_affine_law(component: LoadComponent, pair: str) -> Floats:
     variables = symbols(names)
     factors = np.array([np.nan])  # remains if the function is not affine
     with suppress(EngineError), np.errstate(all="ignore"):
-        # Whole turns, for which the second expression is, play no part here.
+        # `convert_to_graph` takes two expressions for each name, which may differ by whole
+        # turns. Here they are the same.
         named_expressions = {
             name: (variable, variable)
             for name, variable in zip(names, variables, strict=True)

@@ -74,8 +74,8 @@ def name_elements(
     links
         Names of its links, and of bodies that are added.
     twins
-        A twin is a second body of a link, which is held to the first one so that a loop is
-        closed. The link of each twin, by the pair that closes the loop.
+        The link of each twin, by the pair that closes the loop. A twin is a second body of
+        a link, which is held to the first body so that a loop is closed.
     """
     outputs = [output.name for output in mechanism.outputs]
     loads = [load.name for load in mechanism.loads]

@@ -29,7 +29,7 @@ def shorten(value: float, scale: float, rounding: float = DECIMAL_ROUNDING) -> f
         The number.
     scale
         A size that the number is compared with, such as the length of its vector. A number
-        that is zero compared with it becomes 0.0.
+        not larger than `rounding` times the scale becomes 0.0.
     rounding
         Largest change, relative to the larger one of scale and number.
     """

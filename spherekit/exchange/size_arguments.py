@@ -114,10 +114,17 @@ def _profile_numbers(mechanism: Mechanism) -> Floats:
 def _profile_numbers_after_change(
     varied: VariedMechanism, variable: DesignVariable
 ) -> Floats | None:
-    """Return `_profile_numbers` of the mechanism after one number of its file is changed.
+    """Return the numbers of all contact profiles after one number of the file is changed.
 
     Several changes are tried, because some numbers must be whole and some changes are not
     possible. The result is None if no changed file gives a mechanism.
+
+    Parameters
+    ----------
+    varied
+        The mechanism with its file.
+    variable
+        The number that is changed.
     """
     size = abs(variable.value) or 1.0
     # Steps of 1 are for numbers that must be whole, such as numbers of teeth.

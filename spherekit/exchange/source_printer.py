@@ -20,7 +20,7 @@ from spherekit.symbolic.expression_graph import Expr, ExpressionNode, iterate_no
 
 
 class SourceFunction(NamedTuple):
-    """A function in a programming language, without its frame.
+    """The body of a function in a programming language, without its head.
 
     Attributes
     ----------
@@ -31,7 +31,8 @@ class SourceFunction(NamedTuple):
     results
         The values that it returns: names or numbers.
     closure_residual
-        Of a step of Newton's method the name of the closure residual, otherwise empty.
+        Name of the closure residual (how far loops are open) if the function is a step of
+        Newton's method, otherwise empty.
     used_arguments
         Names of the arguments that the lines contain.
     """

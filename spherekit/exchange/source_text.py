@@ -21,7 +21,7 @@ def bracketed_number(value: float) -> str:
 
 
 def nested(values: Any, brackets: str = "[]", literal_format: str = "{0}") -> str:
-    """Return an array as text, each axis in brackets.
+    """Return an array as text, with brackets around each axis, such as ``[[1.0, 2.0]]``.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ class DrivenJoint:
     transmission, motor, joint
         Names of the transmission, the motor and the joint.
     motor_ratio
-        Angle of the motor divided by that of the joint.
+        Angle of the motor divided by the angle of the joint.
     """
 
     transmission: str
@@ -45,8 +45,8 @@ class DrivenJoint:
 class DrivenWheel:
     """A wheel, coaxial with `inner_joint`, through which a motor turns two joints.
 
-    Its angle is that of the inner joint, plus `ratio` times that of the outer joint, which
-    the inner one carries.
+    Its angle is the angle of the inner joint plus `ratio` times the angle of the outer
+    joint. The inner joint carries the outer one.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class DrivenWheel:
     ratio
         Factor of the angle of the outer joint.
     motor_ratio
-        Angle of the motor divided by that of the wheel.
+        Angle of the motor divided by the angle of the wheel.
     """
 
     transmission: str
@@ -75,7 +75,7 @@ class DrivenWheel:
 class TransmissionEnd:
     """An actuator or joint of a transmission, by its name, with its reduction.
 
-    The reduction multiplies the angle, see the equations above.
+    The reduction multiplies the angle, see `_equations`.
     """
 
     name: str

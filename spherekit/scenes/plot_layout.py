@@ -169,14 +169,19 @@ def break_at_jumps(line: Floats, frame: Range, turn: float | None) -> Floats:
 
 
 def clip_to_frame(line: Floats, frame: Range) -> Floats:
-    """Return points of a curve that ends at the frame, NaN beyond it.
+    """Cut a curve off at the lower and upper side of the frame of a plot.
 
     Parameters
     ----------
     line
-        (n, 2) x and y.
+        (n, 2) x and y of points of the curve.
     frame
         Least and greatest y of the plot.
+
+    Returns
+    -------
+    (m, 2) points of the curve, with those added at which it crosses a side. Points beyond
+    the frame are NaN.
     """
     for level in frame:  # the lower and the upper side of the frame
         # Insert the points at which the lines between points cross this side.
@@ -196,7 +201,7 @@ LABEL_DIRECTIONS_RAD = np.radians([45, 135, 0, -45, 90, -90, -135, 180])
 LABEL_DISTANCES = np.array([1.35, 1.9, 2.6, 3.5])
 """Distances from its point at which a label is tried, over the size of its letters."""
 
-LETTER_HALF_WIDTH = 0.31
+LETTER_HALF_WIDTH_RATIO = 0.31
 """Half the width of a letter, over the size of letters."""
 
 DOT_HALF_WIDTH = 0.4
@@ -234,7 +239,7 @@ def place_labels(texts: Sequence[str], places: Floats, letter: float) -> Floats:
     )
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     for number, text in enumerate(texts):
-        half_size = letter * np.array([LETTER_HALF_WIDTH * len(text) + 0.1, 0.5])
+        half_size = letter * np.array([LETTER_HALF_WIDTH_RATIO * len(text) + 0.1, 0.5])
         # Long labels are farther away in the x direction.
         extra_width = np.array([half_size[0] - 0.5 * letter, 0.0])
         offsets = directions * (letter * distances[:, None] + extra_width)

@@ -108,7 +108,8 @@ class _SceneRows:
     count
         Number of rows.
     axis_counts
-        Allowed numbers of columns of marked inputs, the one that messages state first.
+        Allowed numbers of columns of the field `inputs` of `InputMarks`. Messages name the
+        first of them.
     words
         Words for the rows in messages.
     """

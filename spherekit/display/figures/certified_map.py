@@ -49,8 +49,8 @@ def draw_certified_map(
     Parameters
     ----------
     areas
-        Centres and half widths (n, 2) of boxes (deg): regular ones under the proven number
-        of modes, the others under `CONTAINS` and `UNDECIDED`.
+        Centres and half widths (n, 2) of boxes (deg). The keys of regular boxes are their
+        proven number of modes; the keys of the others are `CONTAINS` and `UNDECIDED`.
     names
         Names of the inputs.
     """

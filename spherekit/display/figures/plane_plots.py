@@ -40,9 +40,10 @@ def is_path(item: PlaneItem) -> bool:
 
 
 def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
-    """Return one figure of a portrait in all pages: their curves, marks and rows.
+    """Return a figure of one quantity against another, with all pages in one panel.
 
-    A portrait shows one quantity against another. Its rows are the samples of a mode.
+    A portrait has fixed curves, marks, and rows: the samples of an assembly mode, which are
+    drawn as a path.
 
     Parameters
     ----------
@@ -119,7 +120,10 @@ def _draw_path(panel: Axes, scene: Scene, portrait: Portrait, label: str) -> Non
 
 
 def _set_frame(panel: Axes, portrait: Portrait) -> None:
-    """Set ranges, names and ticks of both axes."""
+    """Set ranges, names and ticks of both axes for a portrait.
+
+    Linear axes are wider than the ranges of the portrait by a margin.
+    """
     x_range = portrait.x_range
     y_range = portrait.y_range
     if portrait.logarithmic:

@@ -112,7 +112,8 @@ class Sheet:
         handle_by_label: dict[str, Any] = {}
         for panel in figure.axes:
             handles, labels = panel.get_legend_handles_labels()
-            # A handle is the line or marker of a name. That of the first panel is kept.
+            # A handle is the line or marker of a name. If several panels have the name,
+            # the handle from the first of them is kept.
             handle_by_label = dict(zip(labels, handles, strict=True)) | handle_by_label
         if handle_by_label:
             longest_label = max(map(len, handle_by_label))

@@ -129,7 +129,7 @@ def natural_scale(mechanism: Mechanism, unit: str) -> float:
 
 
 def plan_facts(pole_plan: Plan, suffix: str) -> Facts:
-    """Return the pole table of a plan, and its steps, as a page shows them.
+    """Return the pole table of a plan and the steps of the plan for a page.
 
     Poles are given by the names of their two links.
 
@@ -138,7 +138,7 @@ def plan_facts(pole_plan: Plan, suffix: str) -> Facts:
     pole_plan
         The plan by which poles are constructed while one input moves.
     suffix
-        The end of the names of quantities while it moves.
+        The text that ends the names of quantities while this input moves.
     """
     mechanism = pole_plan.mechanism
     bodies = pole_plan.bodies

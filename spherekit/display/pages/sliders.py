@@ -151,8 +151,8 @@ def _find_last_accepted(
 
     Returns
     -------
-    The farthest accepted number: the last of `values` if all are accepted, the number of
-    the file if none and no step of the bisection is.
+    The farthest accepted number: the last of `values` if all are accepted, and the number
+    of the file if no number that was tried is accepted.
     """
     last_accepted = variable.value
     for value in values:

@@ -150,7 +150,7 @@ class Layout:
         if self.comparisons:
             pages.append(self._comparison_page())
         window = rrb.Tabs(*pages, active_tab=0) if len(pages) > 1 else pages[0]
-        first, last = self.span or (0, 360)  # a guess for the speed, if nothing is known
+        first, last = self.span or (0, 360)  # guessed for the speed if it is not known
         return rrb.Blueprint(
             window,
             rrb.TimePanel(

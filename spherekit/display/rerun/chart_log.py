@@ -119,7 +119,7 @@ class Charts:
             places, tints = chart.legend(series_paths)
             self.outputs.log_first(legend_path, [("", legend_style(places, tints))])
             texts = legend_texts([chart.curves[path][-1].series for path in series_paths])
-            # The texts are one list; each row gets the next as many as there are series.
+            # The texts of all rows are one list. Each row has one text for each series.
             legend = rr.Points2D.columns(labels=texts).partition(
                 [len(series_paths)] * row_count
             )

@@ -210,6 +210,9 @@ def _arrow_style(arrow: Arrow) -> Stills:
 def _arrow_columns(arrow: Arrow, labels: NDArray[np.object_] | None) -> Iterator[Moving]:
     """Yield the rows of an arrow, and of the label and trail of a pole.
 
+    Each item is a path below that of the arrow, and the columns to be logged there. Rows
+    without a direction (NaN) get no arrow.
+
     Parameters
     ----------
     arrow

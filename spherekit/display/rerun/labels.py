@@ -49,7 +49,7 @@ COAXIAL_COSINE = np.cos(np.radians(4.0))
 MAX_PICTURES = 60
 """Number of configurations in which names are compared."""
 
-LETTER_HALF_WIDTH = 0.016
+NAME_LETTER_HALF_WIDTH = 0.016
 NAME_HALF_HEIGHT = 0.045
 """Half the size of a letter, in radii of the sphere, as the eye sees it."""
 
@@ -261,7 +261,7 @@ class Names:
 
 def _name_half_size(text: str) -> Floats:
     """Return half the width and height (2,) of a name as it is seen."""
-    return np.array([LETTER_HALF_WIDTH * (len(text) + 1), NAME_HALF_HEIGHT])
+    return np.array([NAME_LETTER_HALF_WIDTH * (len(text) + 1), NAME_HALF_HEIGHT])
 
 
 def _picture_rotations(bodies: Sequence[Body]) -> list[Floats]:

@@ -236,6 +236,10 @@ class RerunRecorder:
             Properties of the recording, with its times or inputs (rad).
         sight
             Eye, target and upward direction of the view of the sphere.
+
+        Returns
+        -------
+        The layout and the sentence, which is empty if there are neither times nor inputs.
         """
         times = head.times
         inputs = head.inputs

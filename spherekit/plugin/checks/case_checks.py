@@ -159,8 +159,8 @@ def check_failed_rows(case: ConformanceCase) -> str:
         table for table in case.run_plan.tables_of(case.analysis) if table.in_assembly_modes
     ]
     for table in sample_tables:
-        # In rows of the failed sample, numbers may become NaN and texts may change: these
-        # are copied to the expected table before the comparison.
+        # In rows of the failed sample, numbers may become NaN and texts may change. Such
+        # values are copied to the expected table before the comparison.
         expected = dict(case.whole_results[0][table.name])
         computed = tables[table.name]
         is_failed = expected[SAMPLE.name] == batch.sample[row]

@@ -25,7 +25,15 @@ class Line:
 
 @dataclass(frozen=True)
 class Report:
-    """The lines of a conformance check, in the order of the checks."""
+    """The report of a conformance check: one line for each check, in their order.
+
+    Attributes
+    ----------
+    analysis
+        Name of the analysis.
+    lines
+        The lines. A line is also read by its name, as in ``report["blocks"]``.
+    """
 
     analysis: str
     lines: tuple[Line, ...]

@@ -118,7 +118,12 @@ class ConformanceSuite:
         return f"from {distribution}"
 
     def _check_metadata(self) -> str:
-        """Check name, version, summary and docstring; construct the analysis."""
+        """Check name, version, summary and docstring of the class; construct the analysis.
+
+        Returns
+        -------
+        Name, version and summary, as the note of this check.
+        """
         if fault := find_class_fault(self._class):
             raise PluginError(fault)
         for attribute in ("version", "summary"):
