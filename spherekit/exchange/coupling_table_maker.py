@@ -7,6 +7,7 @@ finer grid, whose step is a third of that of the table.
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -124,7 +125,7 @@ def coupling_table(
     progress = ProgressReporter("filling the table")
     while True:
         grid_text = "x".join(map(str, node_counts))
-        progress.tell(lambda text=grid_text: text)  # called only if a report is due
+        progress.tell(partial(str, grid_text))  # called only if a report is due
         table = _compute_table(
             mechanism,
             assembly_mode,
