@@ -12,15 +12,16 @@ from spherekit.files.study_reader import load_study
 from spherekit.runs.registry import analysis_names
 from spherekit.tables.table_files import read_parquet
 
-TURN = mechanism_text("units_turn.study")
+TURN_STUDY = mechanism_text("units_turn.study")
+"""Study of a four-bar over time, whose columns have units with rad, rad/s and rad/s2."""
 
 
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
-    """A run with rad and one with degrees, by that."""
-    top = tmp_path_factory.mktemp("units")
-    path = top / "turn.study.toml"
-    path.write_text(TURN)
+    """Write one run twice; return its folders by whether columns are in degrees."""
+    parent = tmp_path_factory.mktemp("units")
+    path = parent / "turn.study.toml"
+    path.write_text(TURN_STUDY)
     study = load_study(path)
     result = sk.run(
         study.mechanism,
@@ -29,13 +30,14 @@ def folders(tmp_path_factory):
         laws=study.laws,
         duration=study.duration,
     )
-    for degrees in (False, True):
-        result.write(top / str(degrees), degrees=degrees)
-    return {degrees: top / str(degrees) for degrees in (False, True)}
+    folders = {False: parent / "radians", True: parent / "degrees"}
+    for is_in_degrees, folder in folders.items():
+        result.write(folder, degrees=is_in_degrees)
+    return folders
 
 
-def stated(folder):
-    """Return the units that the side file states, by table and column."""
+def read_units(folder):
+    """Return the units that `columns.csv` states, as a series by table and column."""
     table = pd.read_csv(folder / "columns.csv", dtype=str, keep_default_na=False)
     assert table["meaning"].str.len().min() > 0
     units = table.set_index(["table", "column"])["unit"]
@@ -43,63 +45,74 @@ def stated(folder):
     return units
 
 
-@pytest.mark.parametrize("degrees", [False, True])
-def test_side_file_summary_and_parquet_say_the_same(folders, degrees):
-    folder = folders[degrees]
-    units, summary = stated(folder), json.loads((folder / "summary.json").read_text())
-    assert "columns.csv" in summary["files"] and summary["inputs_unit"] == "rad"
+@pytest.mark.parametrize("is_in_degrees", [False, True])
+def test_side_file_summary_and_parquet_state_the_same_units(folders, is_in_degrees):
+    """`columns.csv`, `summary.json` and each Parquet file have one list of units."""
+    folder = folders[is_in_degrees]
+    units = read_units(folder)
+    summary = json.loads((folder / "summary.json").read_text())
+    assert "columns.csv" in summary["files"]
+    assert summary["inputs_unit"] == "rad"
     tables = {path.stem: path for path in folder.glob("*.csv") if path.stem != "columns"}
     assert set(tables) == set(summary["units"])
     for name, path in tables.items():
-        held = list(pd.read_csv(path, nrows=1).columns)
+        columns = list(pd.read_csv(path, nrows=1).columns)
         frame = read_parquet(path.with_suffix(".parquet"))
-        assert held == list(units[name].index) == list(frame.columns)
+        assert columns == list(units[name].index) == list(frame.columns)
         assert dict(units[name]) == summary["units"][name] == frame.attrs["units"]
         for column in frame.select_dtypes(float):
             assert units[name][column] != ""
 
 
-def test_numbers_change_as_their_units_say(folders):
-    seen = set()
+def test_numbers_in_degrees_differ_by_the_factor_of_their_unit(folders):
+    """Columns whose unit begins with rad are multiplied by 180/pi and get a new header.
+
+    All other columns, also those in 1/rad, are equal in both folders.
+    """
+    unit_changes = set()
+    units_by_rad = read_units(folders[False])
+    units_by_deg = read_units(folders[True])
     for path in folders[False].glob("*.csv"):
         if path.stem == "columns":
             continue
-        one, other = (
-            pd.read_csv(folders[degrees] / path.name, engine="pyarrow")
-            for degrees in (False, True)
-        )
-        before, after = (stated(folders[degrees])[path.stem] for degrees in (False, True))
-        headers = dict(zip(one, other, strict=True))
-        for column in one.select_dtypes(float):
-            old, new = before[column], after[headers[column]]
-            seen.add((old, new))
-            ratio = 1.0 if old == new else 180.0 / np.pi
+        in_rad = pd.read_csv(folders[False] / path.name, engine="pyarrow")
+        in_deg = pd.read_csv(folders[True] / path.name, engine="pyarrow")
+        headers = dict(zip(in_rad, in_deg, strict=True))
+        for column in in_rad.select_dtypes(float):
+            header = headers[column]
+            old_unit = units_by_rad[path.stem][column]
+            new_unit = units_by_deg[path.stem][header]
+            unit_changes.add((old_unit, new_unit))
+            if old_unit == new_unit:
+                factor = 1.0
+                assert header == column
+            else:
+                factor = 180.0 / np.pi
+                assert header == f"{column} [{new_unit}]"
+                assert old_unit.startswith("rad")
+                assert new_unit == old_unit.replace("rad", "deg")
+            expected = factor * in_rad[column]
             assert np.allclose(
-                other[headers[column]],
-                ratio * one[column],
-                rtol=1e-14,
-                atol=0.0,
-                equal_nan=True,
+                in_deg[header], expected, rtol=1e-14, atol=0.0, equal_nan=True
             )
-            assert headers[column] == (column if old == new else f"{column} [{new}]")
-            if old != new:
-                assert new == old.replace("rad", "deg") and old.startswith("rad")
-    assert {("rad", "deg"), ("rad/s", "deg/s"), ("rad/s2", "deg/s2")} <= seen
-    assert {("1/rad", "1/rad"), ("kg m2/rad", "kg m2/rad"), ("N m", "N m")} <= seen
+    changed = {("rad", "deg"), ("rad/s", "deg/s"), ("rad/s2", "deg/s2")}
+    unchanged = {("1/rad", "1/rad"), ("kg m2/rad", "kg m2/rad"), ("N m", "N m")}
+    assert changed | unchanged <= unit_changes
 
 
-def test_every_column_of_every_analysis_has_a_unit_that_is_one():
-    """Units are products of known ones; what is called an angle is in rad."""
+def test_every_column_of_every_analysis_has_a_unit():
+    """Units of numbers are products of known units; other columns have an empty unit."""
     from spherekit.runs.registry import load_analysis
 
-    known = {"1", "rad", "s", "s2", "kg", "m2", "N", "m", "W", "J", "sr", "or"}
+    known_units = {"1", "rad", "s", "s2", "kg", "m2", "N", "m", "W", "J", "sr", "or"}
     for name in analysis_names():
         for table in load_analysis(name).tables:
             for column in table.columns:
-                for degrees in (False, True):
-                    unit = column.stated_unit(degrees)
+                for is_in_degrees in (False, True):
+                    unit = column.stated_unit(is_in_degrees)
                     if column.kind != "number":
                         assert unit == ""
                         continue
                     words = unit.replace("/", " ").replace("deg", "rad").split()
-                    assert words and set(words) <= known, (name, column)
+                    assert words, (name, column)
+                    assert set(words) <= known_units, (name, column)

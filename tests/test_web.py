@@ -20,26 +20,30 @@ def recording(tmp_path_factory):
     return path
 
 
-def test_the_page_its_viewer_and_the_data_are_served(recording):
+def test_page_viewer_and_data_are_served_on_loopback_until_the_context_ends(recording):
+    """The page, the compiled viewer and the data stream answer, and later none does."""
     with served(recording) as url:
         page = urlsplit(url)
         assert page.hostname == "127.0.0.1"
         with urllib.request.urlopen(url, timeout=20) as answer:
             assert b"<canvas" in answer.read()
-        code = f"http://{page.netloc}/re_viewer_bg.wasm"
-        with urllib.request.urlopen(code, timeout=20) as answer:
-            assert answer.read(4) == b"\0asm"
-        (source,) = parse_qs(page.query)["url"]
-        data = urlsplit(source)
+
+        viewer_url = f"http://{page.netloc}/re_viewer_bg.wasm"
+        with urllib.request.urlopen(viewer_url, timeout=20) as answer:
+            assert answer.read(4) == b"\0asm"  # how every WebAssembly file begins
+
+        (data_url,) = parse_qs(page.query)["url"]
+        data = urlsplit(data_url)
         assert (data.scheme, data.path) == ("rerun+http", "/proxy")
         socket.create_connection((data.hostname, data.port), timeout=10).close()
-    end = time.monotonic() + 10.0
-    while answers(page.hostname, page.port):
-        assert time.monotonic() < end, "the server outlives its context"
+    deadline = time.monotonic() + 10.0
+    while accepts_connections(page.hostname, page.port):
+        assert time.monotonic() < deadline, "the server outlives its context"
         time.sleep(0.1)
 
 
-def answers(host, port):
+def accepts_connections(host, port):
+    """Return whether a server listens at this address."""
     try:
         socket.create_connection((host, port), timeout=2).close()
     except OSError:
@@ -47,14 +51,20 @@ def answers(host, port):
     return True
 
 
-def test_the_command_says_the_address_and_ends_with_ctrl_c(recording, capsys, monkeypatch):
+def test_the_command_prints_the_address_and_ends_with_ctrl_c(
+    recording, capsys, monkeypatch
+):
     monkeypatch.setattr("spherekit.display.rerun.viewer.has_display", lambda: False)
-    monkeypatch.setattr("spherekit.display.rerun.web_viewer.time.sleep", interrupted)
+    monkeypatch.setattr(
+        "spherekit.display.rerun.web_viewer.time.sleep", raise_keyboard_interrupt
+    )
     assert main(["view", str(recording), "--web"]) == 0
-    said = capsys.readouterr().err
-    assert "http://127.0.0.1:" in said and "Ctrl-C" in said
+    printed = capsys.readouterr().err
+    assert "http://127.0.0.1:" in printed
+    assert "Ctrl-C" in printed
 
 
-def interrupted(seconds):
+def raise_keyboard_interrupt(seconds):
+    """Press Ctrl-C in place of the long sleep in which the main thread serves."""
     if seconds > 60.0 and threading.current_thread() is threading.main_thread():
         raise KeyboardInterrupt

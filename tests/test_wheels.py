@@ -1,8 +1,8 @@
-"""Wheels over several turns: an input is a place on the line, wherever its range starts.
+"""Wheels over several turns: the assembly does not depend on where the input range starts.
 
-The independent side is a closed form: of wheels on fixed axes the second turns back by the
-ratio of teeth, and the loop over both cranks closes where their tips are as far apart as
-its two other arcs can reach.
+The independent side is a closed form. Of two wheels on fixed axes the second turns back by
+the ratio of teeth. The other loop, over both cranks and two couplers, closes where the
+distance between the crank tips is one that the couplers can span.
 """
 
 from dataclasses import replace
@@ -28,80 +28,121 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 
 DEGREE = np.pi / 180.0
-BASE, LEFT, COUPLERS, RIGHT = 75.0, 40.0, (60.0, 55.0), 35.0
+BASE = 75.0
+LEFT = 40.0
+COUPLERS = (60.0, 55.0)
+RIGHT = 35.0
+"""Arcs (deg) of the geared five-bar: base, left crank, both couplers, right crank."""
 FIVE_BAR = mechanism_text("geared_five_bar_wheels")
 SECOND_PLANET = mechanism_text("wheels_second_planet")
 MASS = Mass("3", ((2.0, 0.1, 0.0), (0.1, 1.5, 0.2), (0.0, 0.2, 1.0)))
+"""Inertia tensor (kg m2) of link 3, for tests of dynamics."""
 
 
-def five_bar(folder, teeth, span):
+def geared_five_bar(folder, teeth, span):
+    """Return the five-bar whose cranks carry wheels that mesh.
+
+    Parameters
+    ----------
+    teeth
+        Numbers of teeth of the left and the right wheel.
+    span
+        Range of the input, the left crank, in degrees.
+    """
     path = folder / "geared.toml"
     path.write_text(FIVE_BAR.format(*teeth, *span))
     return sk.load(path)
 
 
-def test_a_linkage_on_wheels_has_all_modes(tmp_path):
-    geared = five_bar(tmp_path, (20, 30), (0.0, 360.0))
-    tracer = PositionAnalysis(geared, samples=25)
-    assert tracer.claim.guarantee is Guarantee.COMPLETE
-    assert tracer.configurations.guarantee is Guarantee.COMPLETE
-    assert not tracer.configurations.mismatches
+def test_all_modes_of_a_linkage_on_wheels_are_found(tmp_path):
+    mechanism = geared_five_bar(tmp_path, teeth=(20, 30), span=(0.0, 360.0))
+    position_analysis = PositionAnalysis(mechanism, samples=25)
+    assert position_analysis.claim.guarantee is Guarantee.COMPLETE
+    assert position_analysis.configurations.guarantee is Guarantee.COMPLETE
+    assert not position_analysis.configurations.mismatches
 
 
 def test_wheels_of_an_irrational_ratio_never_return(tmp_path):
-    """They were taken to be back after a turn, so that a run had modes a turn apart too."""
+    """Smooth wheels with half angles that no teeth give have an infinite period.
+
+    Each input therefore has two configurations and not those of other turns too. The right
+    wheel turns by -sin(57 deg) times the input, which its angle plus this product shows.
+    """
     path = tmp_path / "irrational.toml"
     text = FIVE_BAR.replace("teeth = [{0}, {1}]", "half_angles = [57.0]")
     path.write_text(text.format(0, 0, 0.0, 720.0))
-    geared = sk.load(path)
-    tracer = PositionAnalysis(geared, samples=25)
-    assert np.isinf(tracer.solver.periods[0])
-    motion = tracer.motion()
-    ok = motion.status == Status.OK
-    (mesh,) = geared.variables_of(geared.pair_number["mesh"])
-    unrolled = motion.values[ok, mesh] + np.sin(57.0 * DEGREE) * motion.q[ok]
-    assert np.ptp(unrolled) < 1e-9
-    assert np.max(np.unique(motion.sample[ok], return_counts=True)[1]) == 2
-    # Teeth 17 : 23 and 19 : 31 are back together after 23 times 31 turns.
-    three = PositionAnalysis(loads(mechanism_text("three_wheels")), samples=1)
-    assert three.solver.periods[0] == pytest.approx(23 * 31 * 2.0 * np.pi)
+    mechanism = sk.load(path)
+    position_analysis = PositionAnalysis(mechanism, samples=25)
+    assert np.isinf(position_analysis.solver.periods[0])
+
+    motion = position_analysis.motion()
+    is_ok = motion.status == Status.OK
+    (mesh,) = mechanism.variables_of(mechanism.pair_number["mesh"])
+    rolled = motion.values[is_ok, mesh] + np.sin(57.0 * DEGREE) * motion.q[is_ok]
+    assert np.ptp(rolled) < 1e-9
+    _, configurations_per_sample = np.unique(motion.sample[is_ok], return_counts=True)
+    assert np.max(configurations_per_sample) == 2
 
 
-def right_crank(q, teeth):
-    """Return the right crank's angle (deg) at the left one's: both read 90 unrolled.
+def test_three_wheels_return_after_a_common_multiple_of_turns():
+    """Teeth 17 : 23 and 19 : 31 are in the same position after 23 times 31 turns."""
+    wheels = PositionAnalysis(loads(mechanism_text("three_wheels")), samples=1)
+    assert wheels.solver.periods[0] == pytest.approx(23 * 31 * 2.0 * np.pi)
 
-    The contact lies towards the other axis; where nothing has rolled it lies at azimuth 0,
-    the x axis of both cranks, from which their arcs are 90 degrees on.
+
+def right_crank_angle(q, teeth):
+    """Return the angle (deg) of the right crank at an angle q (deg) of the left one.
+
+    Both read 90 degrees where nothing has rolled: the contact then lies at azimuth 0, and
+    the arcs of both cranks are 90 degrees on from there.
     """
     return 90.0 - (q - 90.0) * teeth[0] / teeth[1]
 
 
-def tip(axis, along, angle, arc):
-    """Return the tip of a crank about an axis, its angle counted from a direction."""
-    across = np.cross(axis, along)
-    side = np.cos(angle)[:, None] * along + np.sin(angle)[:, None] * across
+def crank_tip(axis, zero_direction, angle, arc):
+    """Return the tips (n, 3) of a crank in the ground frame.
+
+    Parameters
+    ----------
+    axis, zero_direction
+        Unit vector (3,) of the crank's axis, and the one across it at which angles are 0.
+    angle, arc
+        Angles (n,) of the crank and the arc from its axis to its tip, in rad.
+    """
+    across = np.cross(axis, zero_direction)
+    side = np.cos(angle)[:, None] * zero_direction + np.sin(angle)[:, None] * across
     return np.cos(arc) * axis + np.sin(arc) * side
 
 
-def closes(q, right):
-    """Return by how much (rad) couplers reach over the gap between tips at angles (deg)."""
-    left_axis = np.array([0.0, 0.0, 1.0])
+def coupler_margin(q, right):
+    """Return the margin (n,) in rad by which the couplers span the gap between the tips.
+
+    A positive margin means that the loop closes, in two configurations. `q` and `right`
+    (n,) are the angles of the left and the right crank in degrees.
+    """
     base = BASE * DEGREE
+    left_axis = np.array([0.0, 0.0, 1.0])
+    left_zero = np.array([1.0, 0.0, 0.0])
+    left_tip = crank_tip(left_axis, left_zero, q * DEGREE, LEFT * DEGREE)
+
     right_axis = np.array([np.sin(base), 0.0, np.cos(base)])
-    one = tip(left_axis, np.array([1.0, 0.0, 0.0]), q * DEGREE, LEFT * DEGREE)
-    back = np.array([-np.cos(base), 0.0, np.sin(base)])
-    other = tip(right_axis, back, right * DEGREE, RIGHT * DEGREE)
-    gap = np.arccos(np.sum(one * other, axis=1)) / DEGREE
-    return np.minimum(sum(COUPLERS) - gap, gap - abs(COUPLERS[0] - COUPLERS[1])) * DEGREE
+    right_zero = np.array([-np.cos(base), 0.0, np.sin(base)])
+    right_tip = crank_tip(right_axis, right_zero, right * DEGREE, RIGHT * DEGREE)
+
+    gap_deg = np.arccos(np.sum(left_tip * right_tip, axis=1)) / DEGREE
+    stretched_margin = sum(COUPLERS) - gap_deg
+    folded_margin = gap_deg - abs(COUPLERS[0] - COUPLERS[1])
+    return np.minimum(stretched_margin, folded_margin) * DEGREE
 
 
 def angle_of(motion, pair):
+    """Return the angles (n,) in rad of a pair in all rows of a motion."""
     (variable,) = motion.mechanism.variables_of(motion.mechanism.pair_number[pair])
     return motion.values[:, variable]
 
 
-def turned(angles):
-    """Return angles (rad) less whole turns as their distance from zero."""
+def distance_from_whole_turns(angles):
+    """Return the distance (rad) of angles (rad) from the nearest multiple of 2 pi."""
     return np.abs(np.remainder(np.asarray(angles) + np.pi, 2.0 * np.pi) - np.pi)
 
 
@@ -115,63 +156,96 @@ def turned(angles):
     ],
 )
 def test_the_assembly_does_not_depend_on_where_the_range_starts(tmp_path, teeth, span):
-    """It was that which had rolled least at the first input of the range."""
-    made = five_bar(tmp_path, teeth, span)
-    motion = sk.trace(made, samples=(span[1] - span[0]) // 5 + 1)
-    q = motion.q / DEGREE
-    held = ~motion.failed
-    right = right_crank(q, teeth)
-    assert np.max(turned(angle_of(motion, "right") - right * DEGREE)[held]) < 1e-9
-    found = held.reshape(len(motion.assembly_modes), -1).sum(axis=0)
-    margin = closes(q, right)[: motion.samples]
-    assert np.any(margin > 0.02)
-    assert np.all(found[margin > 1e-6] == 2)
-    assert not np.any(found[margin < -1e-6])
+    """The right crank follows the ratio of teeth from q = 0, whatever the range (deg).
+
+    The loop closes twice exactly where the closed form says that the couplers span the gap.
+    """
+    mechanism = geared_five_bar(tmp_path, teeth, span)
+    sample_count = (span[1] - span[0]) // 5 + 1
+    motion = sk.trace(mechanism, samples=sample_count)
+    q_deg = motion.q / DEGREE
+    right_deg = right_crank_angle(q_deg, teeth)
+    closes = ~motion.failed
+    angle_misses = distance_from_whole_turns(angle_of(motion, "right") - right_deg * DEGREE)
+    assert np.max(angle_misses[closes]) < 1e-9
+
+    # Rows are sorted by mode, then by sample.
+    modes_per_sample = closes.reshape(len(motion.assembly_modes), -1).sum(axis=0)
+    margin_rad = coupler_margin(q_deg, right_deg)[: motion.samples]
+    assert np.any(margin_rad > 0.02)
+    assert np.all(modes_per_sample[margin_rad > 1e-6] == 2)
+    assert not np.any(modes_per_sample[margin_rad < -1e-6])
 
 
 @pytest.mark.slow
-def test_every_analysis_reads_the_same_assembly(tmp_path):
-    """Inputs outside the range, starts of simulations, laws, and poses at inputs."""
-    teeth = 20, 40
-    made = replace(five_bar(tmp_path, teeth, (0, 360)), masses=(MASS,))
-    number = made.variables_of(made.pair_number["right"])[0]
-    for q in (420.0, 700.0, 720060.0):
-        wanted = right_crank(q, teeth) * DEGREE
-        there = ForwardKinematics(made, "pointer").solutions([[q * DEGREE]])
-        assert len(there.values) == 2
-        assert np.max(turned(there.values[:, number] - wanted)) < 1e-8
-        kept = np.remainder(q + 360.0, 720.0) - 360.0
-        assert np.allclose(there.inputs / DEGREE, kept, rtol=0.0, atol=1e-7)
-        problem = prepare(made, Start(q * DEGREE, 1.0), 0.1)
-        assert turned(problem.values[number] - wanted) < 1e-8
-        (row, *_) = inverse_dynamics(made, ConstantSpeed(0.1, q * DEGREE), [0.0]).values
-        assert turned(row[number] - wanted) < 1e-8
+def test_every_analysis_puts_the_wheels_together_alike(tmp_path):
+    """Forward kinematics, simulations and inverse dynamics agree with the ratio of teeth.
+
+    Inputs (deg) lie outside the range of the file. After two turns (teeth 20 : 40) the
+    wheels are back, so forward kinematics returns inputs from -360 to 360 degrees.
+    """
+    teeth = (20, 40)
+    mechanism = geared_five_bar(tmp_path, teeth, span=(0, 360))
+    mechanism = replace(mechanism, masses=(MASS,))
+    (right,) = mechanism.variables_of(mechanism.pair_number["right"])
+    for q_deg in (420.0, 700.0, 720060.0):
+        expected = right_crank_angle(q_deg, teeth) * DEGREE
+        q = q_deg * DEGREE
+
+        solutions = ForwardKinematics(mechanism, "pointer").solutions([[q]])
+        assert len(solutions.values) == 2
+        misses = distance_from_whole_turns(solutions.values[:, right] - expected)
+        assert np.max(misses) < 1e-8
+        q_within_period = np.remainder(q_deg + 360.0, 720.0) - 360.0
+        assert np.allclose(solutions.inputs / DEGREE, q_within_period, rtol=0.0, atol=1e-7)
+
+        simulation_start = prepare(mechanism, Start(q, 1.0), 0.1)
+        assert distance_from_whole_turns(simulation_start.values[right] - expected) < 1e-8
+
+        law = ConstantSpeed(0.1, q)
+        (values, *_) = inverse_dynamics(mechanism, law, [0.0]).values
+        assert distance_from_whole_turns(values[right] - expected) < 1e-8
 
 
-def test_a_reference_pose_says_the_phase_and_nothing_else_does(tmp_path):
-    """The pose is at 60 degrees, in the second turn of a range, or before it."""
-    teeth, shaft = (17, 23), BASE * DEGREE
-    radii = pitch_angles(teeth, shaft, "external")
-    sizes = five_bar(tmp_path, teeth, (59, 61))
-    there = PositionAnalysis(sizes, samples=3).motion()
-    names = [pair.name for pair in sizes.pairs]
-    axes = dict(zip(names, map(tuple, there.axes[1].tolist()), strict=True))
+def test_a_reference_pose_alone_fixes_the_phase_of_wheels(tmp_path):
+    """Wheels of a reference pose turn from that pose, in whichever turn the range lies.
+
+    The axes of the pose are those of the geared five-bar at q = 60 degrees, so that there
+    the right crank reads 0. From there it turns back by the ratio of teeth, 17 : 23.
+    """
+    teeth = (17, 23)
+    sized_mechanism = geared_five_bar(tmp_path, teeth, span=(59, 61))
+    motion_at_60_deg = PositionAnalysis(sized_mechanism, samples=3).motion()
+    axes = {}
+    for pair, axis in zip(sized_mechanism.pairs, motion_at_60_deg.axes[1], strict=True):
+        axes[pair.name] = tuple(axis.tolist())
     del axes["mesh"]
-    rounds = zip((axes["left"], axes["right"]), radii, strict=True)
-    circles = tuple(Profile("circle", *of) for of in rounds)
-    ends = {"left": "12", "right": "15", "32": "23", "43": "34", "54": "45"}
-    pairs = [Pair(name, "R", tuple(links)) for name, links in ends.items()]
-    pairs = (*pairs, Pair("mesh", "Cr", ("2", "5"), circles))
-    posed = PoseGeometry(axes, {"left": 60.0 * DEGREE})
-    inputs = (Input("left", 0.0, 1.0),)
-    made = sk.Mechanism("posed", "1", tuple("12345"), pairs, posed, inputs)
-    for low, high in ((410.0, 440.0), (-8220.0, -8200.0)):
-        span = Input("left", low * DEGREE, high * DEGREE)
-        motion = PositionAnalysis(replace(made, inputs=(span,)), samples=41).motion()
-        held = ~motion.failed
-        back = -(motion.q - 60.0 * DEGREE) * teeth[0] / teeth[1]
-        assert np.any(held)
-        assert np.max(turned(angle_of(motion, "right") - back)[held]) < 1e-9
+
+    left_radius, right_radius = pitch_angles(teeth, BASE * DEGREE, "external")
+    pitch_circles = (
+        Profile("circle", axes["left"], left_radius),
+        Profile("circle", axes["right"], right_radius),
+    )
+    links_by_pair = {"left": "12", "right": "15", "32": "23", "43": "34", "54": "45"}
+    pairs = [Pair(name, "R", tuple(links)) for name, links in links_by_pair.items()]
+    pairs.append(Pair("mesh", "Cr", ("2", "5"), pitch_circles))
+    posed_mechanism = sk.Mechanism(
+        "posed",
+        "1",
+        tuple("12345"),
+        tuple(pairs),
+        PoseGeometry(axes, {"left": 60.0 * DEGREE}),
+        (Input("left", 0.0, 1.0),),
+    )
+    for low_deg, high_deg in ((410.0, 440.0), (-8220.0, -8200.0)):
+        span = Input("left", low_deg * DEGREE, high_deg * DEGREE)
+        mechanism = replace(posed_mechanism, inputs=(span,))
+        motion = PositionAnalysis(mechanism, samples=41).motion()
+        closes = ~motion.failed
+        expected = -(motion.q - 60.0 * DEGREE) * teeth[0] / teeth[1]
+        assert np.any(closes)
+        misses = distance_from_whole_turns(angle_of(motion, "right") - expected)
+        assert np.max(misses[closes]) < 1e-9
 
 
 @pytest.mark.parametrize(
@@ -182,56 +256,73 @@ def test_a_reference_pose_says_the_phase_and_nothing_else_does(tmp_path):
         ("rolling_cones", "roller_axis", np.sin(50 * DEGREE) / np.sin(20 * DEGREE)),
     ],
 )
-def test_shipped_trains_turn_by_their_ratio_in_any_range(name, pair, ratio):
-    made = sk.load(name)
-    (driven,) = made.inputs
-    seen = []
-    for low, high in ((0.0, 1.0), (-400.0, -300.0), (1000.0, 1900.0)):
-        span = replace(driven, start=low * DEGREE, stop=high * DEGREE)
-        motion = PositionAnalysis(replace(made, inputs=(span,)), samples=11).motion()
+def test_shipped_gear_trains_turn_by_their_ratio_in_any_range(name, pair, ratio):
+    """The output's angle minus ratio times input is one constant in three ranges (deg).
+
+    Ratios are by hand: numbers of teeth, or sines of the half angles of cones.
+    """
+    mechanism = sk.load(name)
+    (driven,) = mechanism.inputs
+    offsets = []
+    for low_deg, high_deg in ((0.0, 1.0), (-400.0, -300.0), (1000.0, 1900.0)):
+        span = replace(driven, start=low_deg * DEGREE, stop=high_deg * DEGREE)
+        motion = PositionAnalysis(replace(mechanism, inputs=(span,)), samples=11).motion()
         assert not motion.failed.any()
-        seen.append(angle_of(motion, pair) - ratio * motion.q)
-    assert np.max(turned(np.concatenate(seen) - seen[0][0])) < 1e-9
+        offsets.append(angle_of(motion, pair) - ratio * motion.q)
+    offsets = np.concatenate(offsets)
+    assert np.max(distance_from_whole_turns(offsets - offsets[0])) < 1e-9
 
 
-def test_two_inputs_of_a_differential_in_any_range():
-    """The carrier stands half-way between the side gears, both of them counted in turns."""
-    made = sk.load("bevel_differential")
-    for shift in ((0.0, 0.0), (360.0, 0.0), (-720.0, 1080.0)):
-        spans = tuple(
-            replace(item, start=item.start + by * DEGREE, stop=item.stop + by * DEGREE)
-            for item, by in zip(made.inputs, shift, strict=True)
-        )
-        motion = PositionAnalysis(replace(made, inputs=spans), samples=9).motion()
-        held = ~motion.failed
-        assert np.sum(held) >= 9
-        carrier = angle_of(motion, "carrier_axle")[held]
-        assert np.max(turned(carrier - 0.5 * np.sum(motion.inputs[held], axis=1))) < 1e-9
+def test_carrier_of_a_differential_is_half_way_between_inputs_in_any_range():
+    """The carrier's angle is half the sum of those of both side gears, turns included."""
+    mechanism = sk.load("bevel_differential")
+    for shifts_deg in ((0.0, 0.0), (360.0, 0.0), (-720.0, 1080.0)):
+        inputs = []
+        for item, shift_deg in zip(mechanism.inputs, shifts_deg, strict=True):
+            shift = shift_deg * DEGREE
+            inputs.append(replace(item, start=item.start + shift, stop=item.stop + shift))
+        shifted = replace(mechanism, inputs=tuple(inputs))
+        motion = PositionAnalysis(shifted, samples=9).motion()
+        closes = ~motion.failed
+        assert np.sum(closes) >= 9
+        carrier = angle_of(motion, "carrier_axle")[closes]
+        expected = 0.5 * np.sum(motion.inputs[closes], axis=1)
+        assert np.max(distance_from_whole_turns(carrier - expected)) < 1e-9
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("shift", [0.0, -360.0, 360.0])
-def test_wheels_on_moving_links_keep_to_the_curve_of_the_reference_pose(shift):
-    """Along a closed curve that swings to and fro an input is met as often each way.
+@pytest.mark.parametrize("shift_deg", [0.0, -360.0, 360.0])
+def test_wheels_on_moving_links_stay_on_the_curve_of_the_reference_pose(shift_deg):
+    """Wheels on moving links are followed along the curve through the reference pose.
 
-    How far these wheels have rolled does not follow from the input. A turn of it is the
-    same configuration, whichever turn the range is in.
+    How far these wheels have rolled does not follow from the input, so only that curve is
+    traced. The input swings to and fro along it, so each input within the swing is met
+    twice. A range that is shifted by a turn of the input has the same configurations.
     """
-    made = random_subject(4).mechanism
-    (driven,) = (item.pair for item in made.inputs)
-    span = {driven: (shift - 40.0, shift + 60.0)}
-    tracer = PositionAnalysis(made.with_inputs(ranges=span, angle_unit="deg"), samples=101)
-    motion = tracer.motion()
-    fine = (motion.status == Status.OK).reshape(len(tracer.assembly_modes), -1)
-    counted = np.sum(fine, axis=0)
-    assert counted.max() == 2 and set(counted) <= {0, 2}
-    apart = motion.values[motion.sample == 40] - tracer.solver.reference
-    assert np.min(np.max(np.abs(np.sin(0.5 * apart)), axis=1)) < 1e-9
-    assert "mode of the reference pose" in tracer.claim.reason
+    mechanism = random_subject(4).mechanism
+    (driven,) = (item.pair for item in mechanism.inputs)
+    ranges = {driven: (shift_deg - 40.0, shift_deg + 60.0)}
+    position_analysis = PositionAnalysis(
+        mechanism.with_inputs(ranges=ranges, angle_unit="deg"), samples=101
+    )
+    motion = position_analysis.motion()
+    is_ok = (motion.status == Status.OK).reshape(len(position_analysis.assembly_modes), -1)
+    modes_per_sample = np.sum(is_ok, axis=0)
+    assert modes_per_sample.max() == 2
+    assert set(modes_per_sample) <= {0, 2}
+
+    # Samples are one degree apart; sample 40 is the reference pose, at q = 0.
+    differences = motion.values[motion.sample == 40] - position_analysis.solver.reference
+    distances = np.max(np.abs(np.sin(0.5 * differences)), axis=1)
+    assert np.min(distances) < 1e-9
+    assert "mode of the reference pose" in position_analysis.claim.reason
 
 
-def test_a_second_planet_is_put_together_as_the_first_one_says(tmp_path):
-    """Its contacts repeat what those of the first say of the output; the motion is one."""
+def test_a_second_planet_changes_nothing_about_the_motion(tmp_path):
+    """A planet opposite the first one adds two contacts that are satisfied already.
+
+    The phase of all wheels stays determined, and the common links move as without it.
+    """
     text = (MECHANISMS / "planetary_bevel.toml").read_text().partition("[mass.carrier]")[0]
     text = text.replace(
         'axes = ["carrier_pivot", "planet_axis"]\narcs = [90.0]',
@@ -240,13 +331,16 @@ def test_a_second_planet_is_put_together_as_the_first_one_says(tmp_path):
     )
     path = tmp_path / "two.toml"
     path.write_text(text + SECOND_PLANET)
-    two, one = (
-        PositionAnalysis(item, samples=9)
-        for item in (sk.load(path), sk.load("planetary_bevel"))
-    )
-    assert two.solver.gear_phases.all_known and len(two.assembly_modes) == 1
-    assert two.claim.guarantee is Guarantee.COMPLETE
-    here, there = two.motion(), one.motion()
-    assert np.all(here.status == Status.OK)
-    shared = [two.mechanism.links.index(link) for link in one.mechanism.links]
-    assert np.max(np.abs(here.rotations[:, shared] - there.rotations)) < 1e-12
+    two_planets = PositionAnalysis(sk.load(path), samples=9)
+    one_planet = PositionAnalysis(sk.load("planetary_bevel"), samples=9)
+    assert two_planets.solver.gear_phases.all_known
+    assert len(two_planets.assembly_modes) == 1
+    assert two_planets.claim.guarantee is Guarantee.COMPLETE
+
+    motion_of_two = two_planets.motion()
+    motion_of_one = one_planet.motion()
+    assert np.all(motion_of_two.status == Status.OK)
+    links_of_two = two_planets.mechanism.links
+    common = [links_of_two.index(link) for link in one_planet.mechanism.links]
+    common_rotations = motion_of_two.rotations[:, common]
+    assert np.max(np.abs(common_rotations - motion_of_one.rotations)) < 1e-12

@@ -1,4 +1,7 @@
-"""Turns of passive pairs that loads and joint limits see, by every way to a state."""
+"""Loads and joint limits on passive pairs see whole turns: 370 degrees is not 10 degrees.
+
+A test load, a "coil", is a linear spring whose torque grows with every turn of its pair.
+"""
 
 from dataclasses import replace
 
@@ -19,101 +22,155 @@ from spherekit.mechanism.inertia import Mass
 from spherekit.mechanism.load_kinds import JointLimit, PairTorque
 from spherekit.positions.position_analysis import PositionAnalysis
 
-AWAY = 0.3 + 6.0 * np.pi
+THREE_TURNS_ON_RAD = 0.3 + 6.0 * np.pi
+"""An input angle of 0.3 rad after three whole turns."""
 
 
-def loaded(name, pair):
-    """A shipped mechanism with a coil on a passive pair alone."""
-    made = sk.load(name)
-    if not made.masses:
-        body = ((0.01, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 0.01))
-        moving = [link for link in made.links if link != made.ground]
-        made = replace(made, masses=tuple(Mass(link, body) for link in moving))
-    return replace(made, loads=(PairTorque("coil", pair, f"-0.7*theta_{pair}"),))
+def mechanism_with_coil(name, pair):
+    """Return a shipped mechanism whose only load is a coil on a passive pair.
+
+    The torque of the coil is -0.7 N m/rad times the angle of the pair. Each moving link
+    gets a moment of inertia if the mechanism has no masses.
+    """
+    mechanism = sk.load(name)
+    if not mechanism.masses:
+        inertia = ((0.01, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 0.01))
+        moving_links = [link for link in mechanism.links if link != mechanism.ground]
+        masses = tuple(Mass(link, inertia) for link in moving_links)
+        mechanism = replace(mechanism, masses=masses)
+    return replace(mechanism, loads=(PairTorque("coil", pair, f"-0.7*theta_{pair}"),))
 
 
-def whole_at(mechanism, pair, q, mode):
-    """The angle of a pair that moves by less than half a turn from sample to sample."""
-    path = np.linspace(0.0, q, 1 + 120 * int(np.ceil(abs(q))))[:, None]
-    tracer = PositionAnalysis(mechanism, path=path, assembly_mode=mode)
-    angles = tracer.motion().values[:, mechanism.angles[pair]]
+def unwrapped_angle(mechanism, pair, q, mode):
+    """Return the angle (rad) of a pair at an input q (rad), whole turns included.
+
+    The angle is followed from q = 0 with 120 samples per radian of input, so that it
+    changes by less than half a turn from sample to sample.
+    """
+    sample_count = 1 + 120 * int(np.ceil(abs(q)))
+    path = np.linspace(0.0, q, sample_count)[:, None]
+    position_analysis = PositionAnalysis(mechanism, path=path, assembly_mode=mode)
+    angles = position_analysis.motion().values[:, mechanism.angles[pair]]
     return np.unwrap(angles)[-1]
 
 
 def generalised_forces(mechanism, q, mode):
-    """The generalised force at an input at rest, by all that states one, by name."""
-    (inp,) = (item.pair for item in mechanism.inputs)
-    where = {"path": np.array([[q]]), "assembly_mode": mode}
-    for count in (2, 3, 40):
-        law = {"laws": {inp: ConstantSpeed(q, 0.0)}, "duration": 1.0, "samples": count}
-        run = sk.run(mechanism, "dynamics", assembly_mode=mode, **law)
-        yield f"law {count}", run.frame()["Q"].iloc[-1]
-    yield "path", sk.run(mechanism, "dynamics", **where).frame()["Q"][0]
-    yield "eksergian", sk.run(mechanism, "eksergian", **where).frame()["Q"][0]
-    yield "statics", -sk.run(mechanism, "statics", **where).frame()["tau"][0]
-    start = {"start": {"q": q}, "duration": 0.001, "samples": 2, "engine": "numpy"}
-    run = sk.run(mechanism, "dynamics", assembly_mode=mode, **start)
-    yield "simulation", run.frame()["Q"][0]
+    """Yield the generalised force (N m) at a resting input by each route of spherekit.
+
+    Yields
+    ------
+    route, force
+        Name of the route and the force. Routes that return the torque that balances the
+        load contribute it with the opposite sign.
+    """
+    (input_pair,) = (item.pair for item in mechanism.inputs)
+    for sample_count in (2, 3, 40):
+        result = sk.run(
+            mechanism,
+            "dynamics",
+            assembly_mode=mode,
+            laws={input_pair: ConstantSpeed(q, 0.0)},
+            duration=1.0,
+            samples=sample_count,
+        )
+        yield f"law, {sample_count} samples", result.frame()["Q"].iloc[-1]
+
+    at_q = {"path": np.array([[q]]), "assembly_mode": mode}
+    yield "dynamics on a path", sk.run(mechanism, "dynamics", **at_q).frame()["Q"][0]
+    yield "eksergian", sk.run(mechanism, "eksergian", **at_q).frame()["Q"][0]
+    yield "statics", -sk.run(mechanism, "statics", **at_q).frame()["tau"][0]
+
+    result = sk.run(
+        mechanism,
+        "dynamics",
+        assembly_mode=mode,
+        start={"q": q},
+        duration=0.001,
+        samples=2,
+        engine="numpy",
+    )
+    yield "start of a simulation", result.frame()["Q"][0]
+
     for times in ([1.0], np.linspace(0.0, 1.0, 7)):
         law = sk.Cycloidal(0.0, q, 1.0)
-        rest = inverse_dynamics(mechanism, law, times, assembly_mode=mode)
-        yield "inverse dynamics", -rest.torques[-1, 0]
-    stored = sk.reduced_model(mechanism, assembly_mode=mode, poles=[])
-    yield "stored", -stored.torque(q, 0.0, 0.0)
-    key, document = next(iter(default_size_keys(mechanism))), document_of(mechanism)
-    figure = f"there=at(torque - 0.5*dB_dq, {float(np.degrees(q))!r})"
-    varied = {key: [design_variable(document, key).value]}
-    swept = sk.sweep(mechanism, varied, [figure], samples=4)
-    every = -swept.frame()["there"].dropna().to_numpy()
-    yield "sweep", every[np.argmin(np.abs(every + stored.torque(q, 0.0, 0.0)))]
+        at_rest = inverse_dynamics(mechanism, law, times, assembly_mode=mode)
+        yield "inverse dynamics", -at_rest.torques[-1, 0]
+
+    stored_model = sk.reduced_model(mechanism, assembly_mode=mode, poles=[])
+    stored_torque = stored_model.torque(q, 0.0, 0.0)
+    yield "stored model", -stored_torque
+
+    # A sweep over one design, the mechanism as it is. It has a row per assembly mode, of
+    # which the one nearest to the stored model is compared.
+    key = next(iter(default_size_keys(mechanism)))
+    nominal_size = design_variable(document_of(mechanism), key).value
+    figure = f"force=at(torque - 0.5*dB_dq, {float(np.degrees(q))!r})"
+    sweep = sk.sweep(mechanism, {key: [nominal_size]}, [figure], samples=4)
+    forces = -sweep.frame()["force"].dropna().to_numpy()
+    yield "sweep", forces[np.argmin(np.abs(forces + stored_torque))]
 
 
 CASES = [
     ("bevel_pair", "02", 18.0, 0),
-    ("four_bar", "32", AWAY, 0),
-    ("four_bar", "32", AWAY, 1),
+    ("four_bar", "32", THREE_TURNS_ON_RAD, 0),
+    ("four_bar", "32", THREE_TURNS_ON_RAD, 1),
     ("four_bar", "32", -17.0, 0),
-    pytest.param("roller_cam", "follower_pivot", AWAY, 0, marks=pytest.mark.slow),
-    pytest.param("double_butterfly", "C", AWAY, 0, marks=pytest.mark.slow),
+    pytest.param(
+        "roller_cam", "follower_pivot", THREE_TURNS_ON_RAD, 0, marks=pytest.mark.slow
+    ),
+    pytest.param("double_butterfly", "C", THREE_TURNS_ON_RAD, 0, marks=pytest.mark.slow),
 ]
+"""Mechanism, passive pair with the coil, input angle (rad) and assembly mode."""
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("name, pair, q, mode", CASES)
-def test_a_state_has_one_force_by_every_way(name, pair, q, mode):
-    """Q of a coil alone: -0.7 theta by the pair's coefficient, by differences."""
-    mechanism = loaded(name, pair)
-    whole = whole_at(mechanism, pair, q, mode)
-    h = 1e-5
-    beside = [whole_at(mechanism, pair, x, mode) for x in (q - h, q + h)]
-    right = -0.7 * whole * (beside[1] - beside[0]) / (2.0 * h)
-    for way, found in generalised_forces(mechanism, q, mode):
-        assert found == pytest.approx(right, rel=1e-7), way
+def test_every_route_gives_the_same_force_after_whole_turns(name, pair, q, mode):
+    """The generalised force of a coil is -0.7 theta dtheta/dq, theta with whole turns.
+
+    theta is followed from q = 0 in small steps; its derivative is a central difference.
+    """
+    mechanism = mechanism_with_coil(name, pair)
+    theta = unwrapped_angle(mechanism, pair, q, mode)
+    step_rad = 1e-5
+    theta_before = unwrapped_angle(mechanism, pair, q - step_rad, mode)
+    theta_after = unwrapped_angle(mechanism, pair, q + step_rad, mode)
+    dtheta_dq = (theta_after - theta_before) / (2.0 * step_rad)
+    expected = -0.7 * theta * dtheta_dq
+    for route, force in generalised_forces(mechanism, q, mode):
+        assert force == pytest.approx(expected, rel=1e-7), route
     values = find_pose(mechanism, mode, q)[1]
-    assert values[mechanism.angles[pair]] == pytest.approx(whole, abs=1e-9)
+    assert values[mechanism.angles[pair]] == pytest.approx(theta, abs=1e-9)
 
 
-def test_tables_for_controllers_count_turns():
-    """A coupling table over the third turn has the angle that runs have there."""
-    mechanism = loaded("four_bar", "32")
-    (driven,) = mechanism.inputs
-    away = replace(driven, start=4.0 * np.pi, stop=6.0 * np.pi)
-    table = coupling_table(replace(mechanism, inputs=(away,)), assembly_mode=0)
-    found = table.at(5.3 * np.pi, 0).angles[0, table.variables.index("theta_32")]
-    assert found == pytest.approx(whole_at(mechanism, "32", 5.3 * np.pi, 0), abs=1e-5)
+def test_a_coupling_table_over_the_third_turn_counts_turns():
+    """The table from 4 pi to 6 pi has the angle that is followed there from q = 0."""
+    mechanism = mechanism_with_coil("four_bar", "32")
+    (crank_input,) = mechanism.inputs
+    third_turn = replace(crank_input, start=4.0 * np.pi, stop=6.0 * np.pi)
+    table = coupling_table(replace(mechanism, inputs=(third_turn,)), assembly_mode=0)
+    column = table.variables.index("theta_32")
+    angle = table.at(5.3 * np.pi, 0).angles[0, column]
+    expected = unwrapped_angle(mechanism, "32", 5.3 * np.pi, 0)
+    assert angle == pytest.approx(expected, abs=1e-5)
 
 
-def test_stops_of_passive_pairs_count_turns():
-    """The same end from q = 0 and from q = 5; a start beyond it is refused."""
-    coil = loaded("four_bar", "32")
-    whole = sk.reduced_model(coil, poles=[]).value
-    limit = whole("theta_32", 5.5)
-    side = np.sign(limit - whole("theta_32", 0.0))
-    low, high = sorted([limit, limit - side * 30.0])
-    stopped = replace(coil, loads=(), joint_limits=(JointLimit("32", low, high),))
+def test_joint_limits_of_passive_pairs_count_turns():
+    """A simulation ends where the passive pair reaches its limit, at q = 5.5 rad.
+
+    The limit is the unwrapped angle of the pair at q = 5.5, so that the end is the same
+    from q = 0 and from q = 5. A start one turn later is beyond the limit and is refused.
+    """
+    mechanism = mechanism_with_coil("four_bar", "32")
+    angle_at = sk.reduced_model(mechanism, poles=[]).value
+    limit = angle_at("theta_32", 5.5)
+    direction = np.sign(limit - angle_at("theta_32", 0.0))
+    # 30 rad: so far behind the start that only `limit` can be reached.
+    low, high = sorted([limit, limit - direction * 30.0])
+    limited = replace(mechanism, loads=(), joint_limits=(JointLimit("32", low, high),))
     for q in (0.0, 5.0):
-        found = simulate(stopped, Start(q, 3.0), 20.0, engine="numpy")
-        assert found.end.kind == "joint_limit"
-        assert found.at([found.end.t]).q[0] == pytest.approx(5.5, abs=1e-6)
+        simulation = simulate(limited, Start(q, 3.0), 20.0, engine="numpy")
+        assert simulation.end.kind == "joint_limit"
+        assert simulation.at([simulation.end.t]).q[0] == pytest.approx(5.5, abs=1e-6)
     with pytest.raises(SolveError, match="outside its joint limits"):
-        simulate(stopped, Start(5.0 + 2.0 * np.pi, 3.0), 1.0, engine="numpy")
+        simulate(limited, Start(5.0 + 2.0 * np.pi, 3.0), 1.0, engine="numpy")

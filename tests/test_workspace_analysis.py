@@ -1,4 +1,9 @@
-"""The analysis `workspace`: areas against quadrature, samples, bad input."""
+"""The analysis `workspace`: the directions or orientations that an output can reach.
+
+A working mode is the choice of one inverse solution per leg. It is written as one sign per
+leg, for example "+-". Type I singularities are those of a leg, type II those of the output
+with locked inputs; `type_1` and `type_2` are sines of the angle to them (0 = singular).
+"""
 
 from dataclasses import replace
 from functools import partial
@@ -44,30 +49,42 @@ from spherekit.scenes.scene import SphereCurves, SphereMap, Text
 from spherekit.status import Status
 
 DIRECTIONS = spiral_directions(20_000)
-SCATTER = 0.02
-"""What an area counted from these may be off by (sr): some 30 of them."""
+"""(20000, 3) unit vectors spread evenly over the sphere."""
+COUNTED_AREA_ERROR_SR = 0.02
+"""Error of an area counted from `DIRECTIONS`; one direction stands for 4 pi/20000 sr."""
 
 
-found_in = partial(run_single_analysis, "workspace")
+run_workspace = partial(run_single_analysis, "workspace")
 
 
-FIVE = sk.load("five_bar")
+FIVE_BAR = sk.load("five_bar")
+"""A five-bar driven at both ground pairs, 21 and 51; its output is a direction."""
 
 
 @pytest.fixture(scope="module")
-def mid_plane():
+def mid_plane_kinematics():
+    """Return the inverse kinematics of the mid-plane mechanism of Chen et al. 2021."""
     return closed_kinematics(sk.load("two_dof_spm"))
 
 
-def ten_degrees():
-    ten = np.radians(10.0)
+def interference_limits_of_the_paper():
+    """Return the rule of Chen et al.: two pairs of axes stay 10 degrees apart."""
+    least_angle = np.radians(10.0)
     return Constraints(
-        apart=(InterferenceLimit("21", "43", ten), InterferenceLimit("61", "54", ten))
+        apart=(
+            InterferenceLimit("21", "43", least_angle),
+            InterferenceLimit("61", "54", least_angle),
+        )
     )
 
 
-def sub_loop():
-    """A five-bar of seven links: one crank is driven through a four-bar."""
+def five_bar_with_driving_four_bar():
+    """Return a five-bar of seven links, one crank of which is driven through a four-bar.
+
+    The sizes of a link are its axes, the arcs between consecutive axes and the angles
+    between consecutive arcs, in degrees. The last argument gives angles (rad) at which
+    pairs read zero.
+    """
     return mechanism_from_sizes(
         {
             "base": ("a1 a2 d2", [70.0, 95.0], [30.0]),
@@ -94,234 +111,360 @@ def sub_loop():
     )
 
 
-@pytest.mark.parametrize("least", [0, 10])
-def test_area_of_the_five_bar(least):
-    """Where it points at least an angle from both driven axes."""
-    axes, angles = np.eye(3)[[0, 1, 0, 1]], np.radians([150.0, 150.0, least, least])
-    exact = common_area(axes, angles, [True, True, False, False])
-    apart = f"21/43:{least}+43/51:{least}"
+@pytest.mark.parametrize("least_angle_deg", [0, 10])
+def test_area_of_the_five_bar_is_that_of_intersected_caps(least_angle_deg):
+    """The area of each working mode lies within the error that the analysis states.
+
+    Each dyad of this five-bar spans at most 150 degrees, so a direction is reachable if it
+    is at most 150 degrees from both driven axes (x and y) and, where a least angle is
+    asked for, at least that angle from them. The exact area of these intersected caps is
+    computed by quadrature over parallels.
+    """
+    cap_centres = np.eye(3)[[0, 1, 0, 1]]
+    cap_radii = np.radians([150.0, 150.0, least_angle_deg, least_angle_deg])
+    exact_area_sr = common_area(cap_centres, cap_radii, [True, True, False, False])
+    apart = f"21/43:{least_angle_deg}+43/51:{least_angle_deg}"
+
+    hole_count = 3 if least_angle_deg else 1
+    limit_count = 4 if least_angle_deg else 2
     for tolerance in (1e-2, 1e-4, 1e-6):
-        result, findings = found_in(FIVE, apart=apart, tolerance=tolerance)
+        result, findings = run_workspace(FIVE_BAR, apart=apart, tolerance=tolerance)
         assert list(findings["working_modes"]) == ["++", "+-", "-+", "--"]
-        for own in findings["working_modes"].values():
-            assert abs(own["area_sr"] - exact) <= own["error_sr"] <= tolerance * exact
-            assert len(own["components"]) == 1
-            assert len(own["holes"]) == (3 if least else 1)
-            assert len(own["bounded_by"]) == (4 if least else 2)
-    assert abs(own["area_sr"] - exact) < 1e-6 * exact
+        for region in findings["working_modes"].values():
+            area_error_sr = abs(region["area_sr"] - exact_area_sr)
+            assert area_error_sr <= region["error_sr"] <= tolerance * exact_area_sr
+            assert len(region["components"]) == 1
+            assert len(region["holes"]) == hole_count
+            assert len(region["bounded_by"]) == limit_count
+    # At the last tolerance, 1e-6, the table agrees too.
+    assert area_error_sr < 1e-6 * exact_area_sr
     areas = result.frame("workspace", "areas")
     whole = areas[areas.part == "whole"]
-    assert np.abs(whole["size"] - exact).max() < 1e-6 * exact
+    assert np.abs(whole["size"] - exact_area_sr).max() < 1e-6 * exact_area_sr
+    # Components and holes of one mode cover the sphere.
     parts = areas[areas["working_mode"] == "++"].query("part != 'whole'")
     assert abs(parts["size"].sum() - 4.0 * np.pi) < 1e-9
 
 
-def test_samples_and_border_of_the_five_bar():
-    """Samples against inverse and forward kinematics, borders against their limits."""
-    result, _ = found_in(FIVE, apart="21/43:10", working_mode="+-")
-    table = result.frame("workspace")
-    place = table[["x", "y", "z"]].to_numpy()
-    inverse = InverseKinematics(FIVE).at(place, [(1, -1)])
-    axes = closed_kinematics(FIVE)
-    rows = axes.at(place, (1, -1))
-    angles = np.arccos(rows.cosine(*(FIVE.pair_number[p] for p in ("21", "43"))))
-    expected = (inverse.status[0] == Status.OK) & (angles >= np.radians(10.0))
-    assert np.array_equal(table["inside"] == "yes", expected)
-    q = table[["q_21", "q_51"]].to_numpy()
-    assert np.allclose(q, inverse.inputs[0], atol=1e-12, equal_nan=True)
-    forward = ForwardKinematics(FIVE).at(q[expected])
-    miss = np.linalg.norm(forward.directions - place[expected], axis=2).min(axis=0)
-    assert miss.max() < 1e-9
-    least = inverse.type_1[0].min(axis=1)
-    assert np.allclose(table["type_1"][expected], least[expected], atol=1e-12)
-    assert np.allclose(table["type_2"][expected], inverse.type_2[0][expected], atol=1e-12)
-    border = result.frame("workspace", "boundary")
-    place = border[["x", "y", "z"]].to_numpy()
-    margin = judge(axes, bounds_of(axes, Constraints()), (1, -1), place).margin
-    reach = border["constraint"].str.contains("at most 150")
-    assert reach.any() and not reach.all()
-    assert np.abs(margin[reach]).max() < 1e-11
-    rows = axes.at(place[~reach], (1, -1))
-    angles = np.arccos(rows.cosine(*(FIVE.pair_number[p] for p in ("21", "43"))))
+@pytest.fixture(scope="module")
+def five_bar_result():
+    """Return the workspace of mode +-, where 21 and 43 stay 10 degrees apart."""
+    result, _ = run_workspace(FIVE_BAR, apart="21/43:10", working_mode="+-")
+    return result
+
+
+def angle_between_21_and_43(directions):
+    """Return the angles (n,) in rad between the axes 21 and 43 in mode +-."""
+    rows = closed_kinematics(FIVE_BAR).at(directions, (1, -1))
+    pair_numbers = [FIVE_BAR.pair_number[pair] for pair in ("21", "43")]
+    return np.arccos(rows.cosine(*pair_numbers))
+
+
+def test_samples_of_the_five_bar_agree_with_its_kinematics(five_bar_result):
+    """A sample is inside where inverse kinematics and the 10 degree rule allow it.
+
+    The forward kinematics of its inputs leads back to the direction of the sample.
+    """
+    table = five_bar_result.frame("workspace")
+    directions = table[["x", "y", "z"]].to_numpy()
+    inverse = InverseKinematics(FIVE_BAR).at(directions, [(1, -1)])
+
+    is_apart = angle_between_21_and_43(directions) >= np.radians(10.0)
+    is_inside = (inverse.status[0] == Status.OK) & is_apart
+    assert np.array_equal(table["inside"] == "yes", is_inside)
+
+    inputs = table[["q_21", "q_51"]].to_numpy()
+    assert np.allclose(inputs, inverse.inputs[0], atol=1e-12, equal_nan=True)
+    forward = ForwardKinematics(FIVE_BAR).at(inputs[is_inside])
+    # Forward kinematics has several modes; the nearest one is the one of the sample.
+    misses = np.linalg.norm(forward.directions - directions[is_inside], axis=2)
+    assert misses.min(axis=0).max() < 1e-9
+
+    least_type_1 = inverse.type_1[0].min(axis=1)
+    type_2 = inverse.type_2[0]
+    assert np.allclose(table["type_1"][is_inside], least_type_1[is_inside], atol=1e-12)
+    assert np.allclose(table["type_2"][is_inside], type_2[is_inside], atol=1e-12)
+
+
+def test_points_of_the_five_bar_border_lie_on_their_limit(five_bar_result):
+    """Each border point names its limit: 150 degrees of reach, or axes 10 degrees apart."""
+    kinematics = closed_kinematics(FIVE_BAR)
+    border = five_bar_result.frame("workspace", "boundary")
+    directions = border[["x", "y", "z"]].to_numpy()
+    limits_of_reach = bounds_of(kinematics, Constraints())
+    margin_rad = judge(kinematics, limits_of_reach, (1, -1), directions).margin
+    is_reach = border["constraint"].str.contains("at most 150")
+    assert is_reach.any() and not is_reach.all()
+    assert np.abs(margin_rad[is_reach]).max() < 1e-11
+    angles = angle_between_21_and_43(directions[~is_reach])
     assert np.abs(angles - np.radians(10.0)).max() < 1e-11
 
 
-def test_area_of_the_mid_plane_mechanism(mid_plane):
-    """The 10 degree rule of Chen et al. leaves two equal parts, and those beyond a fold."""
-    exact = mid_plane_area()
-    bounds = bounds_of(mid_plane, ten_degrees())
+def test_area_of_the_mid_plane_mechanism_is_that_of_the_paper(mid_plane_kinematics):
+    """The 10 degree rule of Chen et al. leaves two equal parts beside those beyond a fold.
+
+    The exact area of one part is a double integral over the mid-plane. The eight working
+    modes have the same workspace, so seven are reported to be the same as the first.
+    """
+    exact_area_sr = mid_plane_area()
+    bounds = bounds_of(mid_plane_kinematics, interference_limits_of_the_paper())
     assert len(bounds) == 5
     for tolerance in (1e-2, 1e-4, 1e-6):
-        every = direction_workspaces(mid_plane, bounds, mid_plane.modes, tolerance)
-        assert [item.same_as is None for item in every] == [True] + 7 * [False]
-        region = every[0].region
+        workspaces = direction_workspaces(
+            mid_plane_kinematics, bounds, mid_plane_kinematics.modes, tolerance
+        )
+        is_computed = [workspace.same_as is None for workspace in workspaces]
+        assert is_computed == [True] + 7 * [False]
+        region = workspaces[0].region
         assert region.error <= tolerance * region.area
-    for part in region.components[:2]:
-        assert abs(part.area - exact) < 1e-6 * exact
-        (number,) = part.boundaries
-        assert len(region.boundaries[number].corners) == 4
+    for component in region.components[:2]:
+        assert abs(component.area - exact_area_sr) < 1e-6 * exact_area_sr
+        (boundary,) = component.boundaries
+        assert len(region.boundaries[boundary].corners) == 4
 
 
-def test_border_in_the_angles_of_the_paper():
-    """Table 2: the extremes of phi and gamma under the rule of 10 degrees."""
-    mechanism = sk.load("two_dof_spm")
-    asked = "workspace:apart=21/43:10+61/54:10,working_mode=-++,tolerance=1e-2"
-    result = sk.run(mechanism, asked)
+def test_border_has_the_extreme_angles_of_the_paper():
+    """Table 2 of Chen et al.: extremes of phi and gamma (deg) under the 10 degree rule."""
+    workspace = "workspace:apart=21/43:10+61/54:10,working_mode=-++,tolerance=1e-2"
+    result = sk.run(sk.load("two_dof_spm"), workspace)
     border = result.frame("workspace", "boundary", degrees=True)
-    paper = border[border["phi"] > 0.0]
-    outer = paper[paper["component"] == paper.iloc[paper["phi"].argmax()]["component"]]
-    found = [*outer["phi"].agg(["min", "max"]), *outer["gamma"].agg(["min", "max"])]
-    assert found == pytest.approx([11.5519, 95.8430, -67.5085, 67.5085], abs=1e-4)
+    upper = border[border["phi"] > 0.0]
+    outer_component = upper.iloc[upper["phi"].argmax()]["component"]
+    outer = upper[upper["component"] == outer_component]
+    extremes = [*outer["phi"].agg(["min", "max"]), *outer["gamma"].agg(["min", "max"])]
+    assert extremes == pytest.approx([11.5519, 95.8430, -67.5085, 67.5085], abs=1e-4)
     assert {"phi", "gamma"} <= set(result.frame("workspace", "workspace").columns)
 
 
-def test_width_of_links_is_an_angle_between_axes(mid_plane):
-    """Links of a width on a radius, as section 3 of Chen et al. has it."""
-    wide = Constraints(width=np.radians(10.0) * 0.3, radius=0.3)
-    same = [bounds_of(mid_plane, wanted) for wanted in (ten_degrees(), wide)]
-    margins = [make_margins(mid_plane, bounds, (1, 1, 1))(DIRECTIONS) for bounds in same]
-    assert np.allclose(*margins, atol=1e-15, equal_nan=True)
+def test_width_of_links_acts_as_an_angle_between_axes(mid_plane_kinematics):
+    """Links of width b on a sphere of radius r stay b/r apart (Chen et al., section 3)."""
+    by_width = Constraints(width=np.radians(10.0) * 0.3, radius=0.3)
+    margins = []
+    for constraints in (interference_limits_of_the_paper(), by_width):
+        bounds = bounds_of(mid_plane_kinematics, constraints)
+        compute_margins = make_margins(mid_plane_kinematics, bounds, (1, 1, 1))
+        margins.append(compute_margins(DIRECTIONS))
+    assert np.allclose(margins[0], margins[1], atol=1e-15, equal_nan=True)
 
 
 @pytest.fixture(scope="module")
-def loop_case():
-    mechanism = sub_loop()
+def seven_link_case():
+    """Return the seven-link five-bar, its kinematics, and limits of several kinds."""
+    mechanism = five_bar_with_driving_four_bar()
     kinematics = closed_kinematics(mechanism)
-    wanted = Constraints(
+    constraints = Constraints(
         limits=(JointLimit("f2", -2.0, 1.0),),
         apart=(InterferenceLimit("b1", "b2", 0.3), InterferenceLimit("e2", "c", 0.0, 1.9)),
         near=np.radians(6.0),
     )
-    return mechanism, kinematics, bounds_of(kinematics, wanted)
+    return mechanism, kinematics, bounds_of(kinematics, constraints)
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("signs", [(1, 1, 1), (-1, 1, -1)])
-def test_mechanism_with_a_loop_within(loop_case, signs):
-    """Brute force by the position analysis of the graph, in matrices."""
-    mechanism, kinematics, bounds = loop_case
+def test_limits_of_a_five_bar_with_an_inner_loop_agree_with_brute_force(
+    seven_link_case, signs
+):
+    """Whether a direction is inside follows from rotation matrices of a position solver.
+
+    The limits of the case (rad): angle of f2 from -2 to 1, axes b1 and b2 at least 0.3
+    apart, e2 and c at most 1.9 apart, singularities at least 6 degrees away.
+    """
+    mechanism, kinematics, bounds = seven_link_case
     inverse = InverseKinematics(mechanism)
-    found = inverse.solver.evaluate(AssemblyMode(0, signs), azimuth_tilt(DIRECTIONS))
-    number = mechanism.pair_number
-    f2 = found.values[:, number["f2"]]
-    middle = np.angle(np.exp(1j * (f2 + 0.5)))
+    configurations = inverse.solver.evaluate(
+        AssemblyMode(0, signs), azimuth_tilt(DIRECTIONS)
+    )
+    pair_number = mechanism.pair_number
 
     def axis(pair):
-        joint = inverse.solver.joints[number[pair]]
-        link = mechanism.ends[number[pair]][0]
-        return found.rotations[:, link] @ joint.first[:, 2]
+        """Return the axis (n, 3) of a pair in the frame of the ground."""
+        joint = inverse.solver.joints[pair_number[pair]]
+        link = mechanism.ends[pair_number[pair]][0]
+        return configurations.rotations[:, link] @ joint.first[:, 2]
 
+    # -2 <= f2 <= 1 is |f2 + 0.5| <= 1.5, compared modulo whole turns.
+    f2 = configurations.values[:, pair_number["f2"]]
+    f2_from_middle = np.angle(np.exp(1j * (f2 + 0.5)))
     measures = inverse.at(DIRECTIONS, [signs])
-    inside = (found.status == Status.OK) & (np.abs(middle) <= 1.5)
-    inside &= arc(axis("b1"), axis("b2")) >= 0.3
-    inside &= arc(axis("e2"), axis("c")) <= 1.9
-    least = np.minimum(measures.type_1[0].min(axis=1), measures.type_2[0])
-    inside &= least >= np.sin(np.radians(6.0))
-    judged = judge(kinematics, bounds, signs, DIRECTIONS)
-    assert 1000 < inside.sum() < 15_000
-    assert np.array_equal(judged.inside, inside)
-    simple = [bound for bound in bounds if "axes" in bound.name]
-    (item,) = direction_workspaces(kinematics, simple, [signs], 1e-2)
-    counted = judge(kinematics, simple, signs, DIRECTIONS).inside.mean() * 4.0 * np.pi
-    assert abs(item.region.area - counted) < item.region.error + SCATTER
-    assert item.region.error < 1e-2 * item.region.area
+    least_sine = np.minimum(measures.type_1[0].min(axis=1), measures.type_2[0])
+
+    is_inside = configurations.status == Status.OK
+    is_inside &= np.abs(f2_from_middle) <= 1.5
+    is_inside &= arc(axis("b1"), axis("b2")) >= 0.3
+    is_inside &= arc(axis("e2"), axis("c")) <= 1.9
+    is_inside &= least_sine >= np.sin(np.radians(6.0))
+
+    judgement = judge(kinematics, bounds, signs, DIRECTIONS)
+    assert 1000 < is_inside.sum() < 15_000
+    assert np.array_equal(judgement.inside, is_inside)
 
 
-def test_a_distance_to_singularities_is_known_where_an_input_cannot_move():
+@pytest.mark.many
+@pytest.mark.parametrize("signs", [(1, 1, 1), (-1, 1, -1)])
+def test_area_of_a_five_bar_with_an_inner_loop_is_the_counted_share(seven_link_case, signs):
+    """The area under limits between axes is 4 pi times the share of directions inside."""
+    _, kinematics, bounds = seven_link_case
+    axis_bounds = [bound for bound in bounds if "axes" in bound.name]
+    (workspace,) = direction_workspaces(kinematics, axis_bounds, [signs], 1e-2)
+    region = workspace.region
+    is_inside = judge(kinematics, axis_bounds, signs, DIRECTIONS).inside
+    counted_area_sr = 4.0 * np.pi * is_inside.mean()
+    assert abs(region.area - counted_area_sr) < region.error + COUNTED_AREA_ERROR_SR
+    assert region.error < 1e-2 * region.area
+
+
+def test_orientations_away_from_singularities_have_a_volume():
+    """The agile eye has axes about which an input cannot move; the distance exists there.
+
+    All orientations have the volume 8 pi^2 = 78.96; 0.1 rad around singularities is lost.
+    """
     kinematics = closed_kinematics(sk.load("agile_eye"))
     bounds = bounds_of(kinematics, Constraints(near=0.1))
-    (found,) = orientation_workspaces(kinematics, bounds, kinematics.modes[:1], 0.1)
-    assert 71.0 < found.orientations.volume < 72.5
+    (workspace,) = orientation_workspaces(kinematics, bounds, kinematics.modes[:1], 0.1)
+    assert 71.0 < workspace.orientations.volume < 72.5
 
 
 @pytest.mark.slow
-def test_a_pose_outside_gets_the_nearest_reachable():
-    cloud, kinematics = DIRECTIONS, closed_kinematics(FIVE)
+def test_a_direction_outside_gets_the_nearest_reachable_one():
+    """No sampled direction inside is nearer than the one that the search returns.
+
+    The five-bar has a limit at the driven pair 21 (0.7 to 2.4 rad).
+    """
+    kinematics = closed_kinematics(FIVE_BAR)
     bounds = bounds_of(kinematics, Constraints(limits=(JointLimit("21", 0.7, 2.4),)))
-    (item,) = direction_workspaces(kinematics, bounds, [(1, 1)], 1e-3)
-    inside = judge(kinematics, bounds, (1, 1), cloud).inside
-    counted = 4.0 * np.pi * inside.mean()
-    assert abs(item.region.area - counted) < item.region.error + SCATTER
-    for place in cloud[~inside][::1500]:
-        there, angle = nearest_reachable(kinematics, bounds, item, place)
-        here = judge(kinematics, bounds, (1, 1), there[None])
-        assert here.inside[0] and np.isfinite(here.inputs).all()
-        assert angle <= arc(cloud[inside], place).min() + 1e-8
-        assert abs(angle - arc(place, there)) < 1e-12
-    there, angle = nearest_reachable(kinematics, bounds, item, cloud[inside][7])
+    (workspace,) = direction_workspaces(kinematics, bounds, [(1, 1)], 1e-3)
+    is_inside = judge(kinematics, bounds, (1, 1), DIRECTIONS).inside
+    counted_area_sr = 4.0 * np.pi * is_inside.mean()
+    region = workspace.region
+    assert abs(region.area - counted_area_sr) < region.error + COUNTED_AREA_ERROR_SR
+
+    inside = DIRECTIONS[is_inside]
+    for direction in DIRECTIONS[~is_inside][::1500]:
+        nearest, angle = nearest_reachable(kinematics, bounds, workspace, direction)
+        judgement = judge(kinematics, bounds, (1, 1), nearest[None])
+        assert judgement.inside[0]
+        assert np.isfinite(judgement.inputs).all()
+        assert angle <= arc(inside, direction).min() + 1e-8
+        assert abs(angle - arc(direction, nearest)) < 1e-12
+
+    # A direction that is inside is its own nearest one.
+    _, angle = nearest_reachable(kinematics, bounds, workspace, inside[7])
     assert angle < 1e-7
 
 
-def test_stops_of_the_mechanism_are_limits():
-    stopped = replace(FIVE, joint_limits=(JointLimit("51", 0.4, 2.0),))
-    kinematics = closed_kinematics(stopped)
-    (*_, bound) = bounds_of(kinematics, Constraints())
+def test_joint_limits_of_the_mechanism_bound_its_workspace():
+    """0.4 <= q_51 <= 2.0 is |q_51 - 1.2| <= 0.8; a second, disjoint range is refused."""
+    limited = replace(FIVE_BAR, joint_limits=(JointLimit("51", 0.4, 2.0),))
+    kinematics = closed_kinematics(limited)
+    (*_, joint_bound) = bounds_of(kinematics, Constraints())
     rows = kinematics.at(DIRECTIONS, (1, -1))
-    q = rows.inputs[:, 1]
-    known = np.isfinite(q)
-    assert np.array_equal(bound.left(rows)[known] >= 0.0, (np.abs(q - 1.2) <= 0.8)[known])
+    q_51 = rows.inputs[:, 1]
+    is_solved = np.isfinite(q_51)
+    is_within = np.abs(q_51 - 1.2) <= 0.8
+    has_margin = joint_bound.left(rows) >= 0.0
+    assert np.array_equal(has_margin[is_solved], is_within[is_solved])
     with pytest.raises(sk.errors.AnalysisError, match="contradict each other"):
         bounds_of(kinematics, Constraints(limits=(JointLimit("51", 2.5, 3.0),)))
 
 
-def test_a_pose_is_judged_in_each_mode():
-    _, findings = found_in(FIVE, pose="x=1+y=1+z=0.2")
+def test_a_reachable_direction_is_inside_in_each_mode():
+    _, findings = run_workspace(FIVE_BAR, pose="x=1+y=1+z=0.2")
     assert [row["inside"] for row in findings["pose"]] == ["yes"] * 4
-    result, findings = found_in(FIVE, pose="x=0+y=0+z=-1", working_mode="++")
+
+
+def test_a_direction_out_of_reach_is_answered_with_the_nearest_one():
+    """Mode ++ cannot reach the direction -z; the run warns and names the nearest."""
+    result, findings = run_workspace(FIVE_BAR, pose="x=0+y=0+z=-1", working_mode="++")
     (row,) = findings["pose"]
     assert row["inside"] == "no"
-    axes = closed_kinematics(FIVE)
-    there = np.array(row["nearest"])
-    assert abs(row["away_rad"] - arc(np.array([0.0, 0.0, -1.0]), there)) < 1e-12
-    assert judge(axes, bounds_of(axes, Constraints()), (1, 1), there[None]).inside[0]
+    nearest = np.array(row["nearest"])
+    assert abs(row["away_rad"] - arc(np.array([0.0, 0.0, -1.0]), nearest)) < 1e-12
+    kinematics = closed_kinematics(FIVE_BAR)
+    bounds = bounds_of(kinematics, Constraints())
+    assert judge(kinematics, bounds, (1, 1), nearest[None]).inside[0]
     assert any("is outside in mode ++" in text for text in result.summary["warnings"])
-    _, findings = found_in(FIVE, pose="21=40+51=45", working_mode="0")
+
+
+def test_a_pose_given_by_inputs_is_inside_in_the_mode_with_these_inputs():
+    """Inputs of 40 and 45 degrees give two directions, one per forward solution."""
+    _, findings = run_workspace(FIVE_BAR, pose="21=40+51=45", working_mode="0")
     assert len(findings["pose"]) == 2
     for row in findings["pose"]:
         if np.allclose(np.degrees(row["inputs"]), [40.0, 45.0], atol=1e-9):
             assert row["inside"] == "yes"
 
 
-def test_an_empty_workspace_names_what_excludes_each_other():
-    result, findings = found_in(FIVE, apart="21/43:0:30+43/51:0:30", working_mode="++")
-    own = findings["working_modes"]["++"]
-    (pair,) = own["excluding"]
-    assert own["area_sr"] == 0.0 and "21/43 at most 30 deg" in pair
-    assert "43/51 at most 30 deg" in pair
+def test_an_empty_workspace_names_the_limits_that_exclude_each_other():
+    """Axis 43 cannot be within 30 degrees of both 21 and 51, which are 90 degrees apart."""
+    result, findings = run_workspace(
+        FIVE_BAR, apart="21/43:0:30+43/51:0:30", working_mode="++"
+    )
+    region = findings["working_modes"]["++"]
+    (excluding,) = region["excluding"]
+    assert region["area_sr"] == 0.0
+    assert "21/43 at most 30 deg" in excluding
+    assert "43/51 at most 30 deg" in excluding
     assert any("the workspace is empty" in text for text in result.summary["warnings"])
 
 
+@pytest.fixture(scope="module")
+def unlike_legs():
+    """Return kinematics, limits, random orientations and workspaces of unlike legs.
+
+    The orientations are quaternions (20000, 4), uniform over all rotations. The workspaces
+    are those of the first two working modes.
+    """
+    kinematics = closed_kinematics(platform_with_unlike_legs())
+    bounds = bounds_of(kinematics, Constraints())
+    workspaces = orientation_workspaces(kinematics, bounds, kinematics.modes[:2], 0.05)
+    return kinematics, bounds, orientation_samples(20_000), workspaces
+
+
 @pytest.mark.slow
-def test_orientations_of_unlike_legs():
-    """Volume against the share of orientations for which the graph closes."""
-    mechanism = platform_with_unlike_legs()
-    kinematics, solver = closed_kinematics(mechanism), InverseKinematics(mechanism).solver
-    bounds, signs = bounds_of(kinematics, Constraints()), kinematics.modes[0]
-    samples = orientation_samples(20_000)
-    rotations = from_quaternion(samples)
-    found = solver.evaluate(AssemblyMode(0, signs), euler_zyz(rotations))
-    judged = judge(kinematics, bounds, signs, samples)
-    assert np.array_equal(judged.inside, found.status == Status.OK)
-    item, other = orientation_workspaces(kinematics, bounds, kinematics.modes[:2], 0.05)
-    assert other.same_as in (None, signs)
-    volume = item.orientations
-    share = judged.inside.mean()
-    spread_of_share = 4.0 * np.sqrt(share * (1.0 - share) / len(samples))
-    assert abs(volume.fraction - share) < spread_of_share + volume.error / (8 * np.pi**2)
-    outside = samples[~judged.inside][3]
-    there, angle = nearest_reachable(kinematics, bounds, item, outside)
-    assert judge(kinematics, bounds, signs, there[None]).inside[0]
-    between = transpose(from_quaternion(outside[None])) @ from_quaternion(there[None])
-    turned = np.arccos(0.5 * (np.trace(between[0]) - 1.0))
-    assert abs(turned - angle) < 1e-6
+def test_volume_of_a_platform_with_unlike_legs_is_the_share_that_closes(unlike_legs):
+    """The volume agrees with the share of random orientations whose loops close.
+
+    Whether the loops close is asked of a position solver of the mechanism's graph.
+    """
+    kinematics, bounds, samples, (workspace, second_workspace) = unlike_legs
+    signs = kinematics.modes[0]
+    solver = InverseKinematics(platform_with_unlike_legs()).solver
+    angles = euler_zyz(from_quaternion(samples))
+    configurations = solver.evaluate(AssemblyMode(0, signs), angles)
+    is_inside = judge(kinematics, bounds, signs, samples).inside
+    assert np.array_equal(is_inside, configurations.status == Status.OK)
+    assert second_workspace.same_as in (None, signs)
+
+    share = is_inside.mean()
+    # Four standard deviations of a share counted from independent samples.
+    share_error = 4.0 * np.sqrt(share * (1.0 - share) / len(samples))
+    volume = workspace.orientations
+    volume_error_as_share = volume.error / (8.0 * np.pi**2)
+    assert abs(volume.fraction - share) < share_error + volume_error_as_share
 
 
-def test_orientations_are_tabled():
-    result, findings = found_in(
+@pytest.mark.slow
+def test_an_orientation_out_of_reach_gets_a_reachable_one_at_the_stated_angle(unlike_legs):
+    """The angle is that of the rotation between both, from the trace of its matrix."""
+    kinematics, bounds, samples, (workspace, _) = unlike_legs
+    signs = kinematics.modes[0]
+    is_inside = judge(kinematics, bounds, signs, samples).inside
+    outside = samples[~is_inside][3]
+    nearest, angle = nearest_reachable(kinematics, bounds, workspace, outside)
+    assert judge(kinematics, bounds, signs, nearest[None]).inside[0]
+    rotation = transpose(from_quaternion(outside[None])) @ from_quaternion(nearest[None])
+    angle_by_trace = np.arccos(0.5 * (np.trace(rotation[0]) - 1.0))
+    assert abs(angle_by_trace - angle) < 1e-6
+
+
+def test_orientations_are_written_as_unit_quaternions():
+    """The agile eye reaches all orientations, whose volume is 8 pi^2."""
+    result, findings = run_workspace(
         sk.load("agile_eye"), tolerance=0.2, working_mode="0", pose="qx=0+qy=0+qz=0+qw=1"
     )
-    (own,) = findings["working_modes"].values()
-    assert 0.0 < own["volume"] <= 8.0 * np.pi**2 + own["error"]
+    (workspace,) = findings["working_modes"].values()
+    assert 0.0 < workspace["volume"] <= 8.0 * np.pi**2 + workspace["error"]
     table = result.frame("workspace")
     assert len(table) == 4000
     assert np.allclose(np.linalg.norm(table[["x", "y", "z", "w"]], axis=1), 1.0)
@@ -330,33 +473,48 @@ def test_orientations_are_tabled():
 
 
 def test_pages_show_map_border_and_areas():
-    watcher = SceneListener()
-    request = "workspace:near=15,working_mode=++"
-    sk.run(FIVE, [request], samples=2, recorder=watcher)
-    assert {"Workspace", "Singularity"} <= set(watcher.primitives_by_page)
-    for title in ("Workspace", "Singularity"):
-        parts = watcher.primitives_by_page[title]
-        (shown,) = [part for part in parts if isinstance(part, SphereMap)]
-        assert shown.triangles.max() < len(shown.vertices) == len(shown.values)
-        used = shown.values[np.unique(shown.triangles)]
-        assert used.min() >= 0.0 and used.max() <= np.pi / 2
-        *borders, deepest = [part for part in parts if isinstance(part, SphereCurves)]
-        assert len(borders) == len({part.tone for part in borders}) == 3
-        assert deepest.label == deepest.marks[0].label  # named once in legends of figures
-        (words,) = [part.markdown for part in parts if isinstance(part, Text)]
-        assert "bounded by" in words and "type II at least 15 deg away" in words
-    singular = next(
-        p for p in watcher.primitives_by_page["Singularity"] if isinstance(p, SphereMap)
-    )
-    assert singular.values[np.unique(singular.triangles)].min() > np.radians(14.999)
+    """Each page of the recording has a coloured map of margins, borders and a text.
+
+    The values of the map are margins in rad. With `near=15` every point that the page
+    `Singularity` draws is at least 15 degrees away from singularities.
+    """
+    listener = SceneListener()
+    workspace = "workspace:near=15,working_mode=++"
+    sk.run(FIVE_BAR, [workspace], samples=2, recorder=listener)
+    assert {"Workspace", "Singularity"} <= set(listener.primitives_by_page)
+    for page in ("Workspace", "Singularity"):
+        primitives = listener.primitives_by_page[page]
+        (sphere_map,) = [item for item in primitives if isinstance(item, SphereMap)]
+        assert sphere_map.triangles.max() < len(sphere_map.vertices)
+        assert len(sphere_map.vertices) == len(sphere_map.values)
+        drawn_values = sphere_map.values[np.unique(sphere_map.triangles)]
+        assert drawn_values.min() >= 0.0
+        assert drawn_values.max() <= np.pi / 2
+
+        curves = [item for item in primitives if isinstance(item, SphereCurves)]
+        *borders, deepest_point = curves
+        assert len(borders) == 3
+        assert len({border.tone for border in borders}) == 3
+        # The label is repeated at the mark, so that legends of figures name it once.
+        assert deepest_point.label == deepest_point.marks[0].label
+
+        (text,) = [item.markdown for item in primitives if isinstance(item, Text)]
+        assert "bounded by" in text
+        assert "type II at least 15 deg away" in text
+        if page == "Singularity":
+            assert drawn_values.min() > np.radians(14.999)
 
 
-def test_on_a_limit_nothing_is_missing():
-    """Where the arc cosine rounds to beyond the limit, its cosine says that it is on it."""
-    rounded = []
+def test_rounding_does_not_exclude_an_angle_that_is_on_its_limit():
+    """An angle equal to its limit has a margin of zero, not a negative one.
+
+    arccos(cos(limit)) is often below the limit by rounding. The margin is therefore judged
+    by the cosine. At least one of the 50 random limits shows the rounding.
+    """
+    is_rounded_beyond = []
     for limit in np.random.default_rng(1).uniform(0.1, 3.0, 50):
         bound = AngleLimit("a", limit, True, lambda _, x=limit: np.array([np.cos(x)]))
-        left, _ = find_least_margin([bound], None)
-        assert 0.0 <= left[0] < 1e-15
-        rounded.append(float(np.arccos(np.cos(limit))) < limit)
-    assert any(rounded)
+        margins, _ = find_least_margin([bound], None)
+        assert 0.0 <= margins[0] < 1e-15
+        is_rounded_beyond.append(float(np.arccos(np.cos(limit))) < limit)
+    assert any(is_rounded_beyond)
