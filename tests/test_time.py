@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from helpers.minimal_analysis import MinimalAnalysis
 from helpers.refusals import mechanism_text
-from test_view import columns
+from helpers.recording_columns import read_recording_columns
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -249,7 +249,7 @@ def test_recordings_have_a_timeline_of_time(tmp_path, monkeypatch):
         "spherekit.progress.REPORT_INTERVAL_S", np.inf
     )  # logged once, when solved
     options = {"start": Start(0.3, 1.0), "duration": 2.0, "torque": "10*sin(2*t)"}
-    found = columns(recorded(tmp_path / "a.rrd", samples=21, **options))
+    found = read_recording_columns(recorded(tmp_path / "a.rrd", samples=21, **options))
     assert {line for _, line in found if ":" not in line} == {"sample", "time"}
     home = "/four_bar/assembly_mode_0"
     t = np.linspace(0.0, 2.0, 21)
@@ -261,7 +261,7 @@ def test_recordings_have_a_timeline_of_time(tmp_path, monkeypatch):
     assert np.max(np.abs(tau - 10.0 * np.sin(2.0 * t))) < 1e-11
     portrait = f"{home}/plots/phase_portrait"
     marks = np.array(found[f"{portrait}/mark", "Points2D:positions"])[:, 0]
-    still = columns(tmp_path / "a.rrd", static=True)
+    still = read_recording_columns(tmp_path / "a.rrd", static=True)
     words = still[f"{portrait}/words", "Points2D:labels"][-1]
     box, *lines = map(np.array, still[f"{portrait}/frame", "LineStrips2D:strips"][-1])
     moved = simulate(sk.load("four_bar"), Start(0.3, 1.0), 2.0, torque="10*sin(2*t)")
@@ -276,7 +276,7 @@ def test_recordings_have_a_timeline_of_time(tmp_path, monkeypatch):
         low, high = np.min(box[:, k]), np.max(box[:, k])
         assert np.all((marks[:, k] > low - 1e-3) & (marks[:, k] < high + 1e-3))
         assert np.ptp(marks[:, k]) > 0.9 * (high - low)
-    found = columns(recorded(tmp_path / "b.rrd", samples=5))  # without time
+    found = read_recording_columns(recorded(tmp_path / "b.rrd", samples=5))  # without time
     assert {line for _, line in found if ":" not in line} == {"sample", "input_deg"}
     assert not any("phase" in path or "variable" in path for path, _ in found)
 

@@ -1,4 +1,9 @@
-"""The recordings: what is in the file, what happens when it cannot be written."""
+"""Recordings: the content of the file, and faults while it is written.
+
+The four-bar of Di Gregorio 2024 is recorded with primitives that a run collected. Expected
+numbers come from closed forms. `p` of the closed forms and the number of the assembly mode
+are exchanged: mode 1 - p of the program is mode p here.
+"""
 
 import os
 import resource
@@ -7,9 +12,11 @@ import subprocess
 import sys
 from dataclasses import replace
 from functools import cache
+from itertools import combinations
 
 import numpy as np
 import pytest
+from helpers.recording_columns import read_recording_columns
 from oracles.closed_forms import (
     FOUR_BAR_ARCS,
     four_bar_angles,
@@ -38,419 +45,515 @@ SAMPLES = np.arange(361)
 INPUTS = np.radians(SAMPLES)
 FOUR_BAR = sk.load("four_bar")
 SERIES = "plots/velocity/4_1"
+"""Path of the plot of the velocity coefficient of link 4 relative to link 1."""
 PLOTTED = ("plots/velocity/3_1", SERIES, "plots/acceleration/4_1")
 NO_CRANK = (np.pi / 3, np.radians(50), np.radians(38), np.radians(50))
-"""Closes on part of the turn only."""
+"""Arcs (rad) of a four-bar that closes on part of the turn only."""
 
 
 @cache
-def told(arcs):
-    """Return what a run of a four-bar tells at first, and what of each mode, some plots.
+def collect_scenes(arcs):
+    """Run a four-bar with these arcs (4,) in rad; return what it sends to a recorder.
 
-    Modes are numbered as the closed forms number them.
+    Returns
+    -------
+    first_scene
+        The primitives at rest.
+    primitives_by_mode
+        Moving primitives of each assembly mode, numbered as in the closed forms. Of the
+        plots only those in `PLOTTED` are included.
     """
-    sizes = zip(FOUR_BAR.geometry.links.items(), arcs, strict=True)
-    links = {name: replace(size, arcs=(arc,)) for (name, size), arc in sizes}
-    made = replace(FOUR_BAR, geometry=replace(FOUR_BAR.geometry, links=links))
-    run = Collector()
-    sk.run(made, "poles", samples=len(SAMPLES), recorder=run)
-    modes = {
-        mode: tuple(
-            item
-            for scene in run.scenes()
-            if scene.page == 1 - mode
-            for item in scene.primitives
-            if item.path in PLOTTED or not item.path.startswith("plots/")
-        )
-        for mode in (0, 1)
-    }
-    return run.scenes()[0], modes
+    sized_links = {}
+    for (name, size), arc in zip(FOUR_BAR.geometry.links.items(), arcs, strict=True):
+        sized_links[name] = replace(size, arcs=(arc,))
+    geometry = replace(FOUR_BAR.geometry, links=sized_links)
+    collector = Collector()
+    mechanism = replace(FOUR_BAR, geometry=geometry)
+    sk.run(mechanism, "poles", samples=len(SAMPLES), recorder=collector)
+
+    primitives_by_mode = {0: (), 1: ()}
+    for mode in (0, 1):
+        for scene in collector.scenes():
+            if scene.page == 1 - mode:
+                primitives_by_mode[mode] += tuple(
+                    item
+                    for item in scene.primitives
+                    if item.path in PLOTTED or not item.path.startswith("plots/")
+                )
+    return collector.scenes()[0], primitives_by_mode
 
 
-def resting(arcs):
-    """Return what does not move: the frame and the plan."""
-    return told(arcs)[0]
+def scene_at_rest(arcs):
+    """Return the scene of what does not move: the frame and the plan."""
+    return collect_scenes(arcs)[0]
 
 
-def block(mode, samples, arcs=FOUR_BAR_ARCS):
-    """Return the moving four-bar at some samples."""
-    return part(Scene(mode, told(arcs)[1][mode]), samples)
+def moving_scene(mode, samples, arcs=FOUR_BAR_ARCS):
+    """Return the moving four-bar of an assembly mode at some samples."""
+    return select_rows(Scene(mode, collect_scenes(arcs)[1][mode]), samples)
 
 
-def part(scene, rows):
-    """Return some rows of a scene."""
-    parts = [
-        replace(item, **{name: values[rows] for name, values in sample_rows(item).items()})
-        for item in scene.primitives
-    ]
-    return Scene(scene.page, tuple(parts))
+def select_rows(scene, rows):
+    """Return a scene whose primitives have only some of the rows."""
+    primitives = []
+    for item in scene.primitives:
+        values = {name: values[rows] for name, values in sample_rows(item).items()}
+        primitives.append(replace(item, **values))
+    return Scene(scene.page, tuple(primitives))
 
 
-def record(path, blocks=1, arcs=FOUR_BAR_ARCS, **places):
-    """Record both modes of a four-bar."""
-    with RerunRecorder("four bar", path=path, **places) as recorder:
+def record_both_modes(path, blocks=1, arcs=FOUR_BAR_ARCS, **destinations):
+    """Record both modes of a four-bar, in blocks of samples; return the path.
+
+    Parameters
+    ----------
+    blocks
+        Number of equal blocks, or the samples at which a new block begins.
+    destinations
+        Further arguments of `RerunRecorder`, such as the `url` of a viewer.
+    """
+    with RerunRecorder("four bar", path=path, **destinations) as recorder:
         titles = {0: "Mode 0", 1: "Mode 1"}
-        recorder.start(RecordingHead([resting(arcs)], INPUTS, titles))
+        recorder.start(RecordingHead([scene_at_rest(arcs)], INPUTS, titles))
         for mode in (0, 1):
-            whole = block(mode, SAMPLES, arcs)
+            scene = moving_scene(mode, SAMPLES, arcs)
             for samples in np.array_split(SAMPLES, blocks):
-                recorder.log(part(whole, samples), samples, INPUTS[samples])
+                recorder.log(select_rows(scene, samples), samples, INPUTS[samples])
     return path
 
 
-def columns(path, static=False):
-    """Return the rows of every component that moves, or stays, and of the timelines."""
-    found = {}
-    chunks = [chunk for chunk in RrdReader(path).stream() if chunk.is_static == static]
-    batches = [(chunk.entity_path, chunk.to_record_batch()) for chunk in chunks]
-    if not static:
-        batches.sort(key=lambda item: (item[0], item[1].column("sample")[0].as_py()))
-    for entity, batch in batches:
-        for name in batch.schema.names:
-            if name != "rerun.controls.RowId":
-                rows = batch.column(name)
-                rows = rows.cast("int64") if name == "time" else rows
-                found.setdefault((entity, name), []).extend(rows.to_pylist())
-    return found
-
-
-def differences(one, other):
-    """Return the components that two recordings do not share, NaN equal to NaN."""
-    a, b = columns(one), columns(other)
-    return sorted(k for k in a.keys() | b.keys() if repr(a.get(k)) != repr(b.get(k)))
+def find_differences(first_path, second_path):
+    """Return the columns in which two recordings differ; NaN equals NaN."""
+    first = read_recording_columns(first_path)
+    second = read_recording_columns(second_path)
+    keys = first.keys() | second.keys()
+    return sorted(k for k in keys if repr(first.get(k)) != repr(second.get(k)))
 
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory):
-    """The four-bar of the paper, in one block."""
-    return record(tmp_path_factory.mktemp("view") / "four_bar.rrd")
+    """Return a recording of the four-bar of the paper, written in one block."""
+    return record_both_modes(tmp_path_factory.mktemp("view") / "four_bar.rrd")
 
 
 @pytest.fixture(scope="module")
-def partial(tmp_path_factory):
-    """A four-bar that closes on part of the turn, in four blocks."""
+def partial_recording(tmp_path_factory):
+    """Return a recording in four blocks of a four-bar that closes on part of the turn."""
     path = tmp_path_factory.mktemp("view") / "no_crank.rrd"
-    return record(path, 4, NO_CRANK)
+    return record_both_modes(path, 4, NO_CRANK)
 
 
-def test_series_poles_and_links_are_where_they_belong(recording):
-    """Series keep every digit."""
-    found = columns(recording)
-    for mode in (0, 1):
-        entity = f"/four_bar/assembly_mode_{mode}/{SERIES}"
-        values = np.concatenate(found[entity, "Scalars:scalars"])
-        _, fourth = four_bar_coefficients(INPUTS, FOUR_BAR_ARCS, mode)
-        np.testing.assert_allclose(values, fourth, atol=1e-12)
-        (logged,) = [x for x in told(FOUR_BAR_ARCS)[1][mode] if x.path == SERIES]
-        np.testing.assert_array_equal(values, logged.values)
-        for timeline in ("sample", "input_deg"):
-            assert found[entity, timeline] == SAMPLES.tolist()
-    vectors = np.array(found["/four_bar/assembly_mode_1/pole/3_1", "Arrows3D:vectors"])
-    u31 = four_bar_poles(INPUTS, FOUR_BAR_ARCS, 1)["31"]
-    np.testing.assert_allclose(vectors[:, 0], 1.25 * u31, atol=1e-6)
-    entity = "/four_bar/assembly_mode_1/link/3"
-    turns = np.array(found[entity, "Transform3D:quaternion"])[:, 0]
+@pytest.mark.parametrize("mode", [0, 1])
+def test_a_recorded_series_has_every_digit_of_its_plot(recording, mode):
+    """Velocity coefficients are eq. (26b) of Di Gregorio, and not rounded to float32."""
+    columns = read_recording_columns(recording)
+    entity = f"/four_bar/assembly_mode_{mode}/{SERIES}"
+    recorded = np.concatenate(columns[entity, "Scalars:scalars"])
+    _, coefficient_41 = four_bar_coefficients(INPUTS, FOUR_BAR_ARCS, mode)
+    np.testing.assert_allclose(recorded, coefficient_41, atol=1e-12)
+    primitives = collect_scenes(FOUR_BAR_ARCS)[1][mode]
+    (plot,) = [item for item in primitives if item.path == SERIES]
+    np.testing.assert_array_equal(recorded, plot.values)
+    # The input turns one degree per sample.
+    for timeline in ("sample", "input_deg"):
+        assert columns[entity, timeline] == SAMPLES.tolist()
+
+
+def test_recorded_poles_and_links_agree_with_closed_forms(recording):
+    """The arrow of the pole 31 is 1.25 long; link 3 turns as its frame of eq. (22).
+
+    Both are stored in float32, hence 1e-6.
+    """
+    columns = read_recording_columns(recording)
+    arrows = columns["/four_bar/assembly_mode_1/pole/3_1", "Arrows3D:vectors"]
+    u_31 = four_bar_poles(INPUTS, FOUR_BAR_ARCS, 1)["31"]
+    np.testing.assert_allclose(np.array(arrows)[:, 0], 1.25 * u_31, atol=1e-6)
+
+    link = "/four_bar/assembly_mode_1/link/3"
+    quaternions = np.array(columns[link, "Transform3D:quaternion"])[:, 0]
+    rotations = Rotation.from_quat(quaternions).as_matrix()
     frames = four_bar_frames(INPUTS, FOUR_BAR_ARCS, 1)
-    turned = Rotation.from_quat(turns).as_matrix()
-    np.testing.assert_allclose(turned, frames[3], atol=1e-6)
-    np.testing.assert_allclose(np.array(found[entity, "Transform3D:scale"]), 1.0)
+    np.testing.assert_allclose(rotations, frames[3], atol=1e-6)
+    np.testing.assert_allclose(np.array(columns[link, "Transform3D:scale"]), 1.0)
 
 
-def test_what_stays_is_logged_once(partial):
-    still = [
-        (chunk.entity_path, name)
-        for chunk in RrdReader(partial).stream()
-        if chunk.is_static and chunk.entity_path.startswith("/four_bar")
-        for name in chunk.to_record_batch().schema.names
-        if ":" in name and "RowId" not in name
-    ]
-    assert len(still) == len(set(still))
-    curves = {entity for entity, name in still if name == "LineStrips3D:strips"}
-    links = {f"/four_bar/assembly_mode_{m}/link/{j}" for m in (0, 1) for j in (2, 3, 4)}
-    paths = {f"/four_bar/assembly_mode_{m}/pole/3_1/path" for m in (0, 1)}
-    assert links | paths | {"/four_bar/link/1"} <= curves
+def test_shapes_at_rest_are_logged_once(partial_recording):
+    """The shapes of links and the paths of poles are in the file once, not per block."""
+    logged = []
+    for chunk in RrdReader(partial_recording).stream():
+        if chunk.is_static and chunk.entity_path.startswith("/four_bar"):
+            for name in chunk.to_record_batch().schema.names:
+                if ":" in name and "RowId" not in name:
+                    logged.append((chunk.entity_path, name))
+    assert len(logged) == len(set(logged))
+    curves = {entity for entity, name in logged if name == "LineStrips3D:strips"}
+    expected = {"/four_bar/link/1"}
+    for mode in (0, 1):
+        expected.add(f"/four_bar/assembly_mode_{mode}/pole/3_1/path")
+        for link in (2, 3, 4):
+            expected.add(f"/four_bar/assembly_mode_{mode}/link/{link}")
+    assert expected <= curves
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("blocks", [5, [*range(1, 40), 200, *range(350, 361)]])
-def test_block_size_does_not_matter(recording, tmp_path, blocks):
-    """Five like blocks, and blocks of one sample before and behind long ones."""
-    assert differences(record(tmp_path / "b.rrd", blocks), recording) == []
+def test_block_size_does_not_change_a_recording(recording, tmp_path, blocks):
+    """Five equal blocks, and blocks of one sample before and after long ones."""
+    path = record_both_modes(tmp_path / "b.rrd", blocks)
+    assert find_differences(path, recording) == []
 
 
-def of_assembly_modes(path, count):
-    """Record five samples of so many assembly modes."""
+def record_assembly_modes(path, count):
+    """Record five samples of this many assembly modes."""
     samples = SAMPLES[:5]
     with RerunRecorder("x", path=path) as recorder:
-        titles = {k: f"Mode {k}" for k in range(count)}
+        titles = {mode: f"Mode {mode}" for mode in range(count)}
         recorder.start(RecordingHead([], INPUTS, titles))
         for mode in range(count):
-            scene = Scene(mode, block(0, samples).primitives)
+            scene = Scene(mode, moving_scene(0, samples).primitives)
             recorder.log(scene, samples, INPUTS[samples])
     return path
 
 
-def test_files_grow_with_the_branches_and_not_with_their_square(tmp_path):
-    sizes = [
-        of_assembly_modes(tmp_path / f"{count}.rrd", count).stat().st_size
-        for count in (1, 4, 16)
-    ]
-    assert sizes[2] - sizes[0] < 1.6 * 15 / 3 * (sizes[1] - sizes[0])
+def test_file_size_grows_linearly_with_the_number_of_modes(tmp_path):
+    """15 more modes take at most 1.6 times what 3 more modes predict linearly."""
+    sizes = []
+    for count in (1, 4, 16):
+        path = record_assembly_modes(tmp_path / f"{count}.rrd", count)
+        sizes.append(path.stat().st_size)
+    size_per_mode = (sizes[1] - sizes[0]) / 3
+    assert sizes[2] - sizes[0] < 1.6 * 15 * size_per_mode
 
 
 @pytest.mark.slow
-def test_curves_have_the_colours_of_their_plot_and_compare_is_legible(tmp_path):
-    found, entities = {}, set()
-    for chunk in RrdReader(of_assembly_modes(tmp_path / "few.rrd", 2)).stream():
-        if chunk.is_static and chunk.entity_path.startswith("/x"):
-            entities.add(chunk.entity_path)
-            batch = chunk.to_record_batch()
-            for name in ("Points2D:colors", "LineStrips2D:colors"):
-                if "/charts/" in chunk.entity_path and name in batch.schema.names:
-                    found[chunk.entity_path] = batch.column(name).to_pylist()[0]
+def test_curves_of_a_chart_have_the_colours_of_its_legend(tmp_path):
+    colours = {}
+    entities = set()
+    for chunk in RrdReader(record_assembly_modes(tmp_path / "few.rrd", 2)).stream():
+        if not (chunk.is_static and chunk.entity_path.startswith("/x")):
+            continue
+        entities.add(chunk.entity_path)
+        batch = chunk.to_record_batch()
+        for name in ("Points2D:colors", "LineStrips2D:colors"):
+            if "/charts/" in chunk.entity_path and name in batch.schema.names:
+                colours[chunk.entity_path] = batch.column(name).to_pylist()[0]
     for mode in (0, 1):
         chart = f"/x/assembly_mode_{mode}/charts/velocity_coefficients"
-        names = found[f"{chart}/legend"]
-        assert len(set(names)) == 2
-        assert names == [found[f"{chart}/curves/{k}"][0] for k in (0, 1)]
+        legend_colours = colours[f"{chart}/legend"]
+        curve_colours = [colours[f"{chart}/curves/{k}"][0] for k in (0, 1)]
+        assert len(set(legend_colours)) == 2
+        assert legend_colours == curve_colours
     assert "/x/compare/acceleration_coefficients_1_rad/curves/1" in entities
-    many = RrdReader(of_assembly_modes(tmp_path / "many.rrd", 31)).stream()
-    compared = {c.entity_path for c in many if c.entity_path.startswith("/x/compare/")}
-    assert {path.split("/")[3] for path in compared} == {"acceleration_coefficients_1_rad"}
 
 
-def test_failed_samples_leave_nothing_on_the_screen(partial):
-    found = columns(partial)
-    failed = np.isnan(four_bar_angles(INPUTS, NO_CRANK, 0))
-    assert 0 < failed.sum() < len(failed)
-    base = "/four_bar/assembly_mode_0"
-    arrows = found[f"{base}/pole/3_1", "Arrows3D:vectors"]
-    assert [len(row or []) for row in arrows] == (~failed).astype(int).tolist()
-    labels = found[f"{base}/link/3/labels", "Points3D:show_labels"]
-    assert [row[0] for row in labels] == (~failed).tolist()
-    for entity in (f"{base}/link/3", f"{base}/construction/circle_0"):
-        turns = np.array(found[entity, "Transform3D:quaternion"])
-        assert np.isfinite(turns).all()
-        scale = np.array(found[entity, "Transform3D:scale"])[:, 0, 0]
-        assert np.array_equal(scale < 1e-3, failed)
-    shown = found[f"{base}/status", "Points3D:positions"]
-    assert [len(row or []) for row in shown] == failed.astype(int).tolist()
-    values = np.concatenate(found[f"{base}/{SERIES}", "Scalars:scalars"])
-    assert np.array_equal(np.isnan(values), failed)
+@pytest.mark.slow
+def test_many_modes_are_compared_in_one_chart_only(tmp_path):
+    """With 31 modes, velocity coefficients (two curves per mode) are left out."""
+    chunks = RrdReader(record_assembly_modes(tmp_path / "many.rrd", 31)).stream()
+    paths = {chunk.entity_path for chunk in chunks}
+    charts = {path.split("/")[3] for path in paths if path.startswith("/x/compare/")}
+    assert charts == {"acceleration_coefficients_1_rad"}
+
+
+def test_failed_samples_show_only_their_status(partial_recording):
+    """Arrows, labels and links vanish where the four-bar does not close.
+
+    Links are hidden by a scale below 1e-3. The status text takes their place.
+    """
+    columns = read_recording_columns(partial_recording)
+    is_failed = np.isnan(four_bar_angles(INPUTS, NO_CRANK, 0))
+    assert 0 < is_failed.sum() < len(is_failed)
+    mode = "/four_bar/assembly_mode_0"
+
+    arrows = columns[f"{mode}/pole/3_1", "Arrows3D:vectors"]
+    arrow_counts = [len(row or []) for row in arrows]
+    assert arrow_counts == (~is_failed).astype(int).tolist()
+
+    labels = columns[f"{mode}/link/3/labels", "Points3D:show_labels"]
+    assert [row[0] for row in labels] == (~is_failed).tolist()
+
+    for entity in (f"{mode}/link/3", f"{mode}/construction/circle_0"):
+        quaternions = np.array(columns[entity, "Transform3D:quaternion"])
+        assert np.isfinite(quaternions).all()
+        scale = np.array(columns[entity, "Transform3D:scale"])[:, 0, 0]
+        assert np.array_equal(scale < 1e-3, is_failed)
+
+    status_texts = columns[f"{mode}/status", "Points3D:positions"]
+    assert [len(row or []) for row in status_texts] == is_failed.astype(int).tolist()
+
+    values = np.concatenate(columns[f"{mode}/{SERIES}", "Scalars:scalars"])
+    assert np.array_equal(np.isnan(values), is_failed)
 
 
 def test_arrows_that_cover_each_other_share_a_label(tmp_path):
-    """Row 0: all apart. Row 1: the first two together. Row 2: one of them is missing."""
+    """Two arrows half a degree apart get one label with both names.
+
+    Sample 0: all arrows apart. Sample 1: P14 and P25 together. Sample 2: P25 is missing.
+    The arrow "pair" is marked as the axis of a pair, which has no label of this kind.
+    """
     x, y, z = np.eye(3)
-    near = Rotation.from_rotvec([0.0, 0.0, np.radians(0.5)]).apply(x)
-    rows = {
+    beside_x = Rotation.from_rotvec([0.0, 0.0, np.radians(0.5)]).apply(x)
+    missing = np.full(3, np.nan)
+    directions = {
         "14": np.array([x, x, x]),
-        "25": np.array([y, near, np.full(3, np.nan)]),
+        "25": np.array([y, beside_x, missing]),
         "36": np.array([z, z, z]),
         "pair": np.array([x, x, x]),
     }
-    arrows = [
-        Arrow(f"pole/{name}", f"P{name}", u, name == "pair") for name, u in rows.items()
-    ]
+    arrows = tuple(
+        Arrow(f"pole/{name}", f"P{name}", u, name == "pair")
+        for name, u in directions.items()
+    )
     path = tmp_path / "x.rrd"
     with RerunRecorder("four_bar", path=path) as recorder:
         recorder.start(RecordingHead())
-        recorder.log(Scene(0, tuple(arrows)), np.arange(3))
-    said = columns(path)
-    base = "/four_bar/assembly_mode_0/pole"
+        recorder.log(Scene(0, arrows), np.arange(3))
+    columns = read_recording_columns(path)
 
-    def labels(name):
-        entity = f"{base}/{name}/label"
-        shown = [len(row or []) for row in said[entity, "Points3D:positions"]]
-        words = [list(row or []) for row in said[entity, "Points3D:labels"]]
-        assert shown == [len(row) for row in words]
-        return words
+    def read_labels(name):
+        """Return the labels of an arrow at each sample."""
+        entity = f"/four_bar/assembly_mode_0/pole/{name}/label"
+        positions = columns[entity, "Points3D:positions"]
+        labels = [list(row or []) for row in columns[entity, "Points3D:labels"]]
+        assert [len(row or []) for row in positions] == [len(row) for row in labels]
+        return labels
 
-    assert labels("14") == [["P14"], ["P14, P25"], ["P14"]]
-    assert labels("25") == [["P25"], [], []]
-    assert labels("36") == 3 * [["P36"]]
+    assert read_labels("14") == [["P14"], ["P14, P25"], ["P14"]]
+    assert read_labels("25") == [["P25"], [], []]
+    assert read_labels("36") == [["P36"], ["P36"], ["P36"]]
 
 
-def test_input_timeline_uses_the_coarsest_whole_unit():
-    for degrees, name in [
-        ([0.0, 90.0, 360.0], "input_deg"),
-        ([0.0, 0.5], "input_deg_x10"),
-        ([0.25], "input_deg_x100"),
-        ([-0.125, 7.0], "input_deg_x1000"),
-        ([1.0 / 3.0], "input_deg_x1000"),
+def test_input_timeline_uses_the_coarsest_exact_unit():
+    """Timelines count integers: degrees, or tenths to thousandths of a degree.
+
+    Where thousandths do not suffice, as for 1/3 degree, the timeline is inexact.
+    """
+    for degrees, name, is_exact in [
+        ([0.0, 90.0, 360.0], "input_deg", True),
+        ([0.0, 0.5], "input_deg_x10", True),
+        ([0.25], "input_deg_x100", True),
+        ([-0.125, 7.0], "input_deg_x1000", True),
+        ([1.0 / 3.0], "input_deg_x1000", False),
     ]:
         timeline = input_timeline(np.radians(degrees))
         scale = timeline.ticks_per_degree
-        assert (timeline.name, timeline.is_exact) == (name, degrees != [1.0 / 3.0])
-        ticks = np.rint(np.array(degrees) * scale)
-        assert np.array_equal(input_ticks(np.radians(degrees), scale), ticks)
+        assert timeline.name == name
+        assert timeline.is_exact == is_exact
+        expected_ticks = np.rint(np.array(degrees) * scale)
+        assert np.array_equal(input_ticks(np.radians(degrees), scale), expected_ticks)
         assert ticks_per_degree(name) == scale
     assert ticks_per_degree("sample") is None
 
 
-def test_shapes():
+def test_a_path_on_the_sphere_is_divided_at_gaps_and_jumps():
+    """Ten points 10 degrees apart, with a gap at point 4 and a jump at point 7.
+
+    The three pieces are refined to chords below 3.1 degrees and stay on the unit sphere.
+    """
     angle = np.radians(np.arange(0.0, 100.0, 10.0))
-    arc = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
-    arc[4] = np.nan
-    arc[7:] *= -1.0
-    lines = path_on_sphere(arc)
+    points = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    points[4] = np.nan
+    points[7:] *= -1.0
+    lines = path_on_sphere(points)
     assert len(lines) == 3
     for line in lines:
         np.testing.assert_allclose(np.linalg.norm(line, axis=1), 1.0)
-        assert np.linalg.norm(np.diff(line, axis=0), axis=1).max() < np.radians(3.1)
+        chords = np.linalg.norm(np.diff(line, axis=0), axis=1)
+        assert chords.max() < np.radians(3.1)
+
+
+def test_a_path_of_one_point_or_of_none_has_no_lines():
     assert path_on_sphere(np.tile([0.0, 0.0, 1.0], (5, 1))) == []
     assert path_on_sphere(np.full((3, 3), np.nan)) == []
-    grid = np.roll(np.tile(arc[:4], (2, 1)), 2, axis=0)
-    assert [len(path_on_sphere(grid, row)) for row in (None, 4)] == [1, 2]
 
 
-def test_places_that_cannot_be_written(tmp_path):
+def test_a_path_over_a_grid_is_divided_at_the_ends_of_its_rows():
+    """Two rows of four points, the rows being equal: a closed line, or two lines."""
+    angle = np.radians([0.0, 10.0, 20.0, 30.0])
+    row = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1)
+    grid = np.roll(np.tile(row, (2, 1)), 2, axis=0)
+    assert len(path_on_sphere(grid, None)) == 1
+    assert len(path_on_sphere(grid, 4)) == 2
+
+
+def test_a_path_that_cannot_be_written_is_refused(tmp_path):
     folder = tmp_path / "folder.rrd"
     folder.mkdir()
-    for path, words in [
+    for path, message in [
         (folder, "is a folder"),
         (tmp_path / "none" / "a.rrd", "does not exist"),
-        (tmp_path / "a.txt", "named *.rrd"),
+        (tmp_path / "a.txt", r"named \*.rrd"),
     ]:
-        with (
-            pytest.raises(OutputError, match=words.replace("*", r"\*")),
-            RerunRecorder("x", path=path),
-        ):
+        with pytest.raises(OutputError, match=message), RerunRecorder("x", path=path):
             pass
     assert list(tmp_path.iterdir()) == [folder]
 
 
-@pytest.mark.parametrize("room", [0, 400_000])
-def test_disk_that_fills_keeps_the_old_file(room, tmp_path):
+@pytest.mark.parametrize("room_in_bytes", [0, 400_000])
+def test_a_full_disk_keeps_the_old_file(room_in_bytes, tmp_path):
+    """The limit on file sizes stands for a disk that is full at once, or after a while."""
     path = tmp_path / "a.rrd"
     path.write_text("the recording of yesterday")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (room_in_bytes, hard))
     try:
         with pytest.raises(OutputError, match="make room"):
-            record(path, 8)
+            record_both_modes(path, 8)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert path.read_text() == "the recording of yesterday"
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_interrupted_run_keeps_its_part(tmp_path):
+def test_an_interrupted_run_keeps_what_it_recorded(tmp_path):
+    """Fifty samples are in a file `*.part`, whose name the interrupt carries as a note."""
     path = tmp_path / "a.rrd"
     with (
-        pytest.raises(KeyboardInterrupt) as caught,
+        pytest.raises(KeyboardInterrupt) as interrupt,
         RerunRecorder("four bar", path=path) as recorder,
     ):
-        recorder.start(RecordingHead([resting(FOUR_BAR_ARCS)], INPUTS))
-        recorder.log(block(0, SAMPLES[:50]), SAMPLES[:50], INPUTS[:50])
+        recorder.start(RecordingHead([scene_at_rest(FOUR_BAR_ARCS)], INPUTS))
+        recorder.log(moving_scene(0, SAMPLES[:50]), SAMPLES[:50], INPUTS[:50])
         raise KeyboardInterrupt
-    part = tmp_path / "a.rrd.part"
-    assert list(tmp_path.iterdir()) == [part]
-    assert str(part) in caught.value.__notes__[0]
-    assert len(columns(part)["/four_bar/assembly_mode_0/link/2", "sample"]) == 50
+    partial_file = tmp_path / "a.rrd.part"
+    assert list(tmp_path.iterdir()) == [partial_file]
+    assert str(partial_file) in interrupt.value.__notes__[0]
+    columns = read_recording_columns(partial_file)
+    assert len(columns["/four_bar/assembly_mode_0/link/2", "sample"]) == 50
 
 
-def test_wrong_number_of_rows(tmp_path):
+def test_a_primitive_with_a_wrong_number_of_rows_is_refused(tmp_path):
     with (
         pytest.raises(ValueError, match="link/2 has 50 rows, the block has 49"),
         RerunRecorder("four bar", path=tmp_path / "a.rrd") as recorder,
     ):
         recorder.start(RecordingHead([], INPUTS))
-        recorder.log(block(0, SAMPLES[:50]), SAMPLES[:49], INPUTS[:49])
+        recorder.log(moving_scene(0, SAMPLES[:50]), SAMPLES[:49], INPUTS[:49])
+
+
+@pytest.mark.parametrize(
+    "url", ["127.0.0.1", "http://x:1/", "rerun+http://127.0.0.1/proxy"]
+)
+@pytest.mark.slow
+def test_an_address_that_is_no_viewer_address_is_refused(url):
+    with pytest.raises(OutputError, match="looks like"), RerunRecorder("x", url=url):
+        pass
 
 
 @pytest.mark.slow
-def test_no_viewer_listens_and_a_port_in_use_serves_none(tmp_path):
-    for url in ("127.0.0.1", "http://x:1/", "rerun+http://127.0.0.1/proxy"):
-        with pytest.raises(OutputError, match="looks like"), RerunRecorder("x", url=url):
-            pass
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        url = f"rerun+http://127.0.0.1:{other.getsockname()[1]}/proxy"
-        for listens in (False, True):
-            if listens:
-                other.listen()
-            with (
-                pytest.raises(OutputError, match="no viewer listens"),
-                RerunRecorder("x", path=tmp_path / "a.rrd", url=url),
-            ):
-                pass
+@pytest.mark.parametrize("listens", [False, True])
+def test_a_port_without_a_viewer_is_refused(listens, tmp_path):
+    """The port is bound by another program that listens and never answers, or not."""
+    with socket.socket() as occupant:
+        occupant.bind(("127.0.0.1", 0))
+        if listens:
+            occupant.listen()
+        url = f"rerun+http://127.0.0.1:{occupant.getsockname()[1]}/proxy"
         with (
-            pytest.raises(OutputError, match="cannot serve"),
-            RerunRecorder("x", port=other.getsockname()[1]),
+            pytest.raises(OutputError, match="no viewer listens"),
+            RerunRecorder("x", path=tmp_path / "a.rrd", url=url),
         ):
             pass
     assert list(tmp_path.iterdir()) == []
 
 
-def test_file_and_live_together(tmp_path, recording):
+@pytest.mark.slow
+def test_a_port_in_use_cannot_be_served():
+    with socket.socket() as occupant:
+        occupant.bind(("127.0.0.1", 0))
+        occupant.listen()
+        with (
+            pytest.raises(OutputError, match="cannot serve"),
+            RerunRecorder("x", port=occupant.getsockname()[1]),
+        ):
+            pass
+
+
+def test_a_file_is_the_same_with_a_live_viewer(tmp_path, recording):
     (port,) = free_ports(1)
     with RerunRecorder("server", port=port) as server:
         assert server.url == f"rerun+http://127.0.0.1:{port}/proxy"
-        path = record(tmp_path / "a.rrd", 3, url=server.url)
-    assert differences(path, recording) == []
+        path = record_both_modes(tmp_path / "a.rrd", 3, url=server.url)
+    assert find_differences(path, recording) == []
 
 
 @pytest.mark.slow
-def test_lost_viewer_does_not_stop_the_file(tmp_path, recording):
+def test_a_lost_viewer_does_not_stop_the_file(tmp_path, recording):
+    """The server of the viewer ends between both modes; a warning is given once."""
     (port,) = free_ports(1)
     server = RerunRecorder("server", port=port)
     url = f"rerun+http://127.0.0.1:{port}/proxy"
     with server, RerunRecorder("four bar", path=tmp_path / "a.rrd", url=url) as recorder:
         titles = {0: "0", 1: "1"}
-        recorder.start(RecordingHead([resting(FOUR_BAR_ARCS)], INPUTS, titles))
-        for mode in (0, 1):
-            if mode == 1:
-                server.__exit__(None, None, None)
-                with pytest.warns(UserWarning, match="the file goes on"):
-                    recorder.log(block(mode, SAMPLES), SAMPLES, INPUTS)
-            else:
-                recorder.log(block(mode, SAMPLES), SAMPLES, INPUTS)
-    assert differences(tmp_path / "a.rrd", recording) == []
+        scene = scene_at_rest(FOUR_BAR_ARCS)
+        recorder.start(RecordingHead([scene], INPUTS, titles))
+        recorder.log(moving_scene(0, SAMPLES), SAMPLES, INPUTS)
+        server.__exit__(None, None, None)
+        with pytest.warns(UserWarning, match="the file goes on"):
+            recorder.log(moving_scene(1, SAMPLES), SAMPLES, INPUTS)
+    assert find_differences(tmp_path / "a.rrd", recording) == []
 
 
-def picture(recording, path, **options):
-    """Return a screenshot as an array, or skip the test where none can be taken."""
+def take_screenshot(recording, path, **options):
+    """Return a screenshot as an array (height, width, 3); skip where none can be taken."""
     try:
         screenshot(recording, path, **options)
     except OutputError as error:
         if "mesa-vulkan-drivers" in str(error):
             pytest.skip("no Vulkan driver: install mesa-vulkan-drivers")
         raise
-    data = path.read_bytes()
-    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    png_signature = b"\x89PNG\r\n\x1a\n"
+    assert path.read_bytes()[:8] == png_signature
     return np.array(pytest.importorskip("PIL.Image").open(path).convert("RGB"))
 
 
 @pytest.mark.viewer
-def test_picture_shows_the_mechanism(recording, tmp_path):
-    first = picture(recording, tmp_path / "a.png", input_deg=60.0, size=(1200, 800))
-    again = picture(recording, tmp_path / "b.png", sample=60, size=(1200, 800))
-    assert first.shape[1] % 1200 == 0
-    near = np.abs(first[..., None, :].astype(int) - np.array(COLOURS)).max(axis=-1) < 40
-    assert (near.sum(axis=(0, 1)) > 150).all(), "a link or a pole is not to be seen"
-    space = first[:, : first.shape[1] // 2], again[:, : again.shape[1] // 2]
-    different = (space[0][:-80] != space[1][:-80]).any(axis=-1).mean()
-    assert different < 0.01
+def test_a_screenshot_shows_links_and_poles(recording, tmp_path):
+    """All colours of links and poles appear; 60 degrees and sample 60 look alike.
+
+    Compared is the left half, the view in space, without the bar of time at its bottom.
+    """
+    by_input = take_screenshot(
+        recording, tmp_path / "a.png", input_deg=60.0, size=(1200, 800)
+    )
+    by_sample = take_screenshot(recording, tmp_path / "b.png", sample=60, size=(1200, 800))
+    assert by_input.shape[1] % 1200 == 0  # an integer number of pixels per point
+
+    colour_differences = by_input[..., None, :].astype(int) - np.array(COLOURS)
+    has_colour = np.abs(colour_differences).max(axis=-1) < 40
+    pixel_counts = has_colour.sum(axis=(0, 1))
+    assert (pixel_counts > 150).all(), "a link or a pole is not to be seen"
+
+    half_width = by_input.shape[1] // 2
+    first_space = by_input[:-80, :half_width]
+    second_space = by_sample[:-80, :half_width]
+    assert (first_space != second_space).any(axis=-1).mean() < 0.01
 
 
 COLOURS = ((86, 180, 233), (238, 108, 52), (32, 190, 142), (255, 196, 0))
+"""Red, green and blue (0 to 255) of the moving links and of poles."""
 
 
 @pytest.mark.slow
 @pytest.mark.viewer
-def test_picture_starts_where_the_mechanism_closes(tmp_path):
-    path, turned = tmp_path / "a.rrd", np.roll(SAMPLES, -180)
-    whole = block(0, SAMPLES, NO_CRANK)
+def test_a_screenshot_shows_the_first_sample_that_closes(tmp_path):
+    """The range starts at 180 degrees, where this four-bar does not close."""
+    path = tmp_path / "a.rrd"
+    samples_from_180 = np.roll(SAMPLES, -180)
+    scene = moving_scene(0, SAMPLES, NO_CRANK)
     with RerunRecorder("four bar", path=path) as recorder:
-        recorder.start(RecordingHead([resting(NO_CRANK)], INPUTS, {0: "Mode 0"}))
-        moving = part(whole, turned).primitives[:3]  # links, and no plot beside them
-        recorder.log(Scene(0, moving), SAMPLES, INPUTS)
-    closes = np.isfinite(four_bar_angles(INPUTS[turned], NO_CRANK, 0))
-    first = int(np.argmax(closes))
-    shown = picture(path, tmp_path / "a.png", view="3D", size=(500, 400))
-    there = picture(path, tmp_path / "b.png", view="3D", size=(500, 400), sample=first)
-    assert first > 0 and np.array_equal(shown, there)
+        recorder.start(RecordingHead([scene_at_rest(NO_CRANK)], INPUTS, {0: "Mode 0"}))
+        # The first three primitives are links; plots would add other views.
+        links = select_rows(scene, samples_from_180).primitives[:3]
+        recorder.log(Scene(0, links), SAMPLES, INPUTS)
+    closes = np.isfinite(four_bar_angles(INPUTS[samples_from_180], NO_CRANK, 0))
+    first_closed = int(np.argmax(closes))
+    assert first_closed > 0
+
+    options = {"view": "3D", "size": (500, 400)}
+    by_default = take_screenshot(path, tmp_path / "a.png", **options)
+    by_sample = take_screenshot(path, tmp_path / "b.png", sample=first_closed, **options)
+    assert np.array_equal(by_default, by_sample)
 
 
 @pytest.mark.viewer
@@ -462,39 +565,46 @@ def test_picture_without_graphics_names_the_package(recording, tmp_path, monkeyp
 
 
 def test_names_of_links_do_not_cover_each_other():
+    """Names are placed once each, and their boxes do not overlap in the default view.
+
+    A box is estimated: half as wide as 0.016 per letter (and one more), 0.045 half high,
+    in units of the sphere's radius.
+    """
     motion = PositionAnalysis(sk.load("two_dof_spm"), samples=1).motion()
     bodies = link_bodies(motion.mechanism, motion.rotations[:1])
     sight = facing(None)
-    given = Names(sight).place_names(bodies)
-    words = [text for names in given.values() for text, *_ in names]
-    assert len(words) == len(set(words))
-    assert {"32, 9_2", "11_8", "87", "2", "11"} <= set(words)
+    names_by_body = Names(sight).place_names(bodies)
+    texts = [text for names in names_by_body.values() for text, *_ in names]
+    assert len(texts) == len(set(texts))
+    assert {"32, 9_2", "11_8", "87", "2", "11"} <= set(texts)
+
     boxes = []
     for body in bodies:
-        turn = Rotation.from_quat(body.quaternions[0]).as_matrix()
-        for text, place, _ in given[body.path]:
-            middle = project(sight, turn @ place)
-            boxes.append((middle, np.array([0.016 * (len(text) + 1), 0.045])))
-    for k, (middle, half) in enumerate(boxes):
-        for other, size in boxes[:k]:
-            assert np.any(np.abs(middle - other) >= half + size)
+        rotation = Rotation.from_quat(body.quaternions[0]).as_matrix()
+        for text, position, _ in names_by_body[body.path]:
+            centre = project(sight, rotation @ position)
+            half_size = np.array([0.016 * (len(text) + 1), 0.045])
+            boxes.append((centre, half_size))
+    for (first_centre, first_half), (second_centre, second_half) in combinations(boxes, 2):
+        distance = np.abs(first_centre - second_centre)
+        assert np.any(distance >= first_half + second_half)
 
 
 @pytest.mark.slow
 def test_graphs_have_the_same_layout_in_every_process():
-    """Sets of texts have another order in each process; a layout must not depend on it."""
+    """The order of sets of texts depends on the hash seed; the layout must not."""
     code = (
         "import spherekit as sk; from spherekit.mechanism.graph import layout_graph; "
         "print(layout_graph(sk.load('three_rrr')).tolist())"
     )
-    layouts = {
-        subprocess.run(
+    layouts = set()
+    for seed in ("1", "2"):
+        process = subprocess.run(
             [sys.executable, "-c", code],
             env={**os.environ, "PYTHONHASHSEED": seed},
             capture_output=True,
             text=True,
             check=True,
-        ).stdout
-        for seed in ("1", "2")
-    }
+        )
+        layouts.add(process.stdout)
     assert len(layouts) == 1

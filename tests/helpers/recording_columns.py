@@ -1,0 +1,35 @@
+"""The contents of a recording file, as columns."""
+
+from rerun.chunk import RrdReader
+
+
+def read_recording_columns(path, static=False):
+    """Return the columns of a recording.
+
+    Parameters
+    ----------
+    path
+        Recording file (`.rrd`).
+    static
+        Whether to return what was logged once without a time, instead of what moves.
+
+    Returns
+    -------
+    dict
+        List of the values of all rows, by path of the entity and name of the component
+        ("Scalars:scalars") or timeline ("sample"). Rows that move are sorted by sample.
+    """
+    columns = {}
+    chunks = [chunk for chunk in RrdReader(path).stream() if chunk.is_static == static]
+    batches = [(chunk.entity_path, chunk.to_record_batch()) for chunk in chunks]
+    if not static:
+        batches.sort(key=lambda item: (item[0], item[1].column("sample")[0].as_py()))
+    for entity, batch in batches:
+        for name in batch.schema.names:
+            if name == "rerun.controls.RowId":
+                continue
+            values = batch.column(name)
+            if name == "time":
+                values = values.cast("int64")
+            columns.setdefault((entity, name), []).extend(values.to_pylist())
+    return columns
