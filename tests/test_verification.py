@@ -1,4 +1,8 @@
-"""`run --verify`: what it says, against closed forms, and that it finds what is wrong."""
+"""The option `--verify`: some rows of a run are computed again in 50 digits and compared.
+
+The tests compare its numbers with closed forms, and make a run wrong to see that the
+verification says so.
+"""
 
 import json
 from dataclasses import dataclass, replace
@@ -30,171 +34,258 @@ from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
 
-def verified(name="four_bar", analyses="poles", **words):
-    return sk.run(sk.load(name), analyses, **words).summary["verified"]
+def verify_run(name="four_bar", analyses="poles", **options):
+    """Run a mechanism; return what its summary says of the verification."""
+    return sk.run(sk.load(name), analyses, **options).summary["verified"]
 
 
-def column(verdict, table, name):
-    items = {(item["table"], item["column"]): item for item in verdict["columns"]}
-    return items[table, name]
+def find_column(verification, table, name):
+    """Return the entry of a column in a verification, with its largest deviation."""
+    columns = {(item["table"], item["column"]): item for item in verification["columns"]}
+    return columns[table, name]
 
 
-def test_columns_deviate_by_rounding_and_references_are_right():
-    verdict = verified(samples=31, verify=6)
-    assert verdict["rows"] == 6
-    assert verdict["beyond"] == [] and verdict["without_reference"] == []
-    assert verdict["largest_distance_rad"] < 1e-14
-    assert 1.0 < verdict["largest_condition"] < 100.0
-    bounds = ("error", "velocity_coefficient_error", "acceleration_coefficient_error")
-    bounds = (*bounds, "direction_dq_error")
-    left = {"poles.conditioning", *(f"poles.{name}_bound" for name in bounds)}
-    assert set(verdict["not_recomputed"]) == left
-    item = column(verdict, "poles", "acceleration_coefficient")
-    assert item["deviation"] < 1e-14
-    assert item["deviation"] == pytest.approx(
-        abs(item["value"] - item["reference"]), abs=1e-18
-    )
-    theta = column(verdict, "motion", "theta_41")
-    made = sk.load("four_bar")
+@pytest.fixture(scope="module")
+def four_bar_verification():
+    """Return the verification of 6 rows of a four-bar at 31 samples."""
+    return verify_run(samples=31, verify=6)
+
+
+def test_columns_of_a_sound_run_deviate_by_rounding(four_bar_verification):
+    assert four_bar_verification["rows"] == 6
+    assert four_bar_verification["beyond"] == []
+    assert four_bar_verification["without_reference"] == []
+    assert four_bar_verification["largest_distance_rad"] < 1e-14
+    assert 1.0 < four_bar_verification["largest_condition"] < 100.0
+    column = find_column(four_bar_verification, "poles", "acceleration_coefficient")
+    assert column["deviation"] < 1e-14
+    difference = abs(column["value"] - column["reference"])
+    assert column["deviation"] == pytest.approx(difference, abs=1e-18)
+
+
+def test_error_bounds_are_not_recomputed(four_bar_verification):
+    """Error bounds and the conditioning belong to the run, so they have no reference."""
+    assert set(four_bar_verification["not_recomputed"]) == {
+        "poles.conditioning",
+        "poles.error_bound",
+        "poles.velocity_coefficient_error_bound",
+        "poles.acceleration_coefficient_error_bound",
+        "poles.direction_dq_error_bound",
+    }
+
+
+def test_the_reference_of_an_angle_is_its_closed_form(four_bar_verification):
+    """theta_41 by the closed form of Di Gregorio 2024 in 50 digits, modulo whole turns.
+
+    The difference of pi in double and exact precision belongs to the zero of the pair.
+    """
+    theta = find_column(four_bar_verification, "motion", "theta_41")
+    mechanism = sk.load("four_bar")
+    inputs = np.linspace(0.0, mechanism.inputs[0].stop, 31)
     with mp.workdps(50):
-        q = mp.mpf(float(np.linspace(0.0, made.inputs[0].stop, 31)[theta["sample"]]))
-        forms = [angle(arcs_of(made), q, mode) + mp.pi - mp.mpf(np.pi) for mode in (0, 1)]
-        off = min(abs(mp.expj(theta["reference"]) - mp.expj(form)) for form in forms)
-        assert off < 2 * EPS
-    directions = verdict["directions"]
-    assert directions["count"] == directions["within_bound"] == 36
+        q = mp.mpf(float(inputs[theta["sample"]]))
+        zero = mp.pi - mp.mpf(np.pi)
+        closed_forms = [angle(arcs_of(mechanism), q, mode) + zero for mode in (0, 1)]
+        misses = [abs(mp.expj(theta["reference"]) - mp.expj(x)) for x in closed_forms]
+        assert min(misses) < 2 * EPS
+
+
+def test_pole_directions_lie_within_their_bounds(four_bar_verification):
+    """6 rows with 6 poles each; the largest error is stated as a part of its bound."""
+    directions = four_bar_verification["directions"]
+    assert directions["count"] == 36
+    assert directions["within_bound"] == 36
     assert 0.01 < directions["over_bound"] <= 1.0
-    assert directions["error"] == pytest.approx(
-        directions["over_bound"] * directions["bound"]
-    )
+    error = directions["over_bound"] * directions["bound"]
+    assert directions["error"] == pytest.approx(error)
 
 
-def test_the_same_rows_whatever_the_blocks():
-    """And among them those with the largest residual, error bound and conditioning."""
-    one, other = (
-        verified("stephenson", samples=21, verify=5, block=block) for block in (4, 512)
-    )
-    for verdict in (one, other):
-        del verdict["seconds"]
-    assert one == other
-    seen = []
+def test_verification_does_not_depend_on_the_size_of_blocks():
+    """Rows are computed in blocks of 4 or of 512; only the time taken differs."""
+    verifications = []
+    for block in (4, 512):
+        verification = verify_run("stephenson", samples=21, verify=5, block=block)
+        del verification["seconds"]
+        verifications.append(verification)
+    assert verifications[0] == verifications[1]
 
-    class Spy(Verifier):
+
+def test_verified_rows_include_the_worst_ones_and_are_spread_out():
+    """The rows with the largest residual, error bound and conditioning are verified.
+
+    Nine rows are selected; they also cover both ends of the range and three modes or more.
+    """
+    selections = []
+
+    class SelectionRecorder(Verifier):
         def verify(self, failed=()):
-            seen.append(self._selected)
+            selections.append(self._selected)
             return super().verify(failed)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(runner, "Verifier", Spy)
+        patch.setattr(runner, "Verifier", SelectionRecorder)
         result = sk.run(sk.load("stephenson"), samples=21, verify=9)
-    motion, poles = result.frame("motion"), result.frame("poles")
-    rows = set(zip(seen[0].motion.sample, seen[0].motion.assembly_mode, strict=True))
+    selected_motion = selections[0].motion
+    rows = set(zip(selected_motion.sample, selected_motion.assembly_mode, strict=True))
     assert len(rows) == 9
-    for frame, name in ((motion, "residual"), (poles, "error_bound")):
-        worst = frame.loc[frame[name].idxmax()]
+
+    for table, column in (("motion", "residual"), ("poles", "error_bound")):
+        frame = result.frame(table)
+        worst = frame.loc[frame[column].idxmax()]
         assert (worst["sample"], worst["assembly_mode"]) in rows
-    whole = sk.trace(sk.load("stephenson"), samples=21)
-    worst = int(np.argmax(whole.conditioning))
-    assert (whole.sample[worst], whole.assembly_mode[worst]) in rows
-    assert len({assembly_mode for _, assembly_mode in rows}) > 2
-    spread = sorted(sample for sample, _ in rows)
-    assert spread[0] < 7 and spread[-1] > 13
+    motion = sk.trace(sk.load("stephenson"), samples=21)
+    worst = int(np.argmax(motion.conditioning))
+    assert (motion.sample[worst], motion.assembly_mode[worst]) in rows
+
+    modes = {mode for _, mode in rows}
+    samples = sorted(sample for sample, _ in rows)
+    assert len(modes) > 2
+    assert samples[0] < 7
+    assert samples[-1] > 13
 
 
 @pytest.fixture
-def perturbed(monkeypatch):
-    """Have a change made in all fields of poles."""
+def change_pole_fields(monkeypatch):
+    """Return a function that has a change made in all pole fields of later runs."""
 
-    def perturb(change):
-        def wrong(motion, wanted, memory=None, *rest):
-            field = evaluate(motion, wanted, memory)
-            change(field)
-            return field
+    def install(change):
+        def evaluate_and_change(motion, pole_request, memory=None, *more):
+            pole_field = evaluate(motion, pole_request, memory)
+            change(pole_field)
+            return pole_field
 
-        monkeypatch.setattr(summary, "evaluate", wrong)
+        monkeypatch.setattr(summary, "evaluate", evaluate_and_change)
 
-    return perturb
+    return install
 
 
-def test_a_wrong_rate_is_found(perturbed, capsys):
-    perturbed(lambda field: np.multiply.at(field.w[3], slice(None), 1.0 + 1e-8))
-    item = column(verified(analyses="eksergian", samples=9, verify=3), "inertia", "B")
-    assert item["subject"] == {"link": "4"}
-    assert item["deviation"] == pytest.approx(2e-8 * item["reference"], rel=1e-6)
-    perturbed(lambda field: np.add.at(field.velocity_coefficient[0, 3], slice(None), 1e-9))
+def test_an_inertia_from_a_wrong_rate_deviates(change_pole_fields):
+    """The rate of link 4 is wrong by 1e-8 of itself, its inertia by twice that."""
+
+    def falsify_rate(field):
+        field.w[3] *= 1.0 + 1e-8
+
+    change_pole_fields(falsify_rate)
+    verification = verify_run(analyses="eksergian", samples=9, verify=3)
+    column = find_column(verification, "inertia", "B")
+    assert column["subject"] == {"link": "4"}
+    assert column["deviation"] == pytest.approx(2e-8 * column["reference"], rel=1e-6)
+
+
+def test_a_wrong_velocity_coefficient_is_reported_and_fails_a_strict_run(
+    change_pole_fields, capsys
+):
+    """The velocity coefficient of link 4 relative to link 1 is off by 1e-9."""
+
+    def falsify_coefficient(field):
+        field.velocity_coefficient[0, 3] += 1e-9
+
+    change_pole_fields(falsify_coefficient)
     arguments = ["run", "four_bar", "--samples", "9", "--verify", "4"]
     assert main(arguments) == 0
     printed = capsys.readouterr().out
     assert "poles.velocity_coefficient: off by 1.0e-09 at sample" in printed
-    assert "worst row: " in printed and "link 4, relative_to 1, moving 21: poles" in printed
+    assert "worst row: " in printed
+    assert "link 4, relative_to 1, moving 21: poles" in printed
     assert "verify: poles.velocity_coefficient deviate by more than rounding" in printed
     assert main([*arguments, "--strict"]) == 3
 
 
-def test_a_wrong_direction_is_outside_its_bound(perturbed):
-    perturbed(lambda field: np.add.at(field.direction[1, 3], np.s_[:, 1], 1e-10))
-    verdict = verified(samples=9, verify=4)
-    assert any(
-        "4 of 24 pole directions are off" in fault
-        for fault in verification_failures(verdict)
-    )
-    directions = verdict["directions"]
+def test_a_wrong_pole_direction_is_outside_its_bound(change_pole_fields):
+    """The y component of one of six poles is off by 1e-10 in each of four rows."""
+
+    def falsify_direction(field):
+        field.direction[1, 3][:, 1] += 1e-10
+
+    change_pole_fields(falsify_direction)
+    verification = verify_run(samples=9, verify=4)
+    failures = verification_failures(verification)
+    assert any("4 of 24 pole directions are off" in failure for failure in failures)
+    directions = verification["directions"]
     assert directions["within_bound"] == directions["count"] - 4
     assert directions["subject"]["link"] == "4"
     assert directions["error"] == pytest.approx(1e-10, rel=0.5)
 
 
-def verifier_of(tracer, count):
-    made = tracer.mechanism
-    wanted = request(made, "21", [(0, 3)], [(0, 3)])
-    course = Sampling(tracer, tracer.input_grid.q, tracer.input_grid.shape, None, False, {})
-    plan = RunPlan(course, (), (), {}, (wanted,), ORDINARY, course, len(course), [])
-    return wanted, Verifier(plan, count)
+def make_verifier(position_analysis, count):
+    """Return a request of the pole 41 by the input 21, and a verifier of `count` rows."""
+    pole_request = request(position_analysis.mechanism, "21", [(0, 3)], [(0, 3)])
+    grid = position_analysis.input_grid
+    sampling = Sampling(position_analysis, grid.q, grid.shape, None, False, {})
+    plan = RunPlan(
+        sampling, (), (), {}, (pole_request,), ORDINARY, sampling, len(sampling), []
+    )
+    return pole_request, Verifier(plan, count)
 
 
-def test_a_wrong_configuration_has_no_reference():
-    tracer = PositionAnalysis(sk.load("four_bar"), samples=7)
-    motion = tracer.motion()
-    wanted, verifier = verifier_of(tracer, 20)
+def test_a_wrong_configuration_is_reported_or_has_no_reference():
+    """An error of 1e-8 rad is a deviation; one of 1e-4 rad leaves no reference.
+
+    Newton's method in 50 digits starts at the row. From 1e-4 rad away it ends in a
+    configuration that is too far to be the same one.
+    """
+    position_analysis = PositionAnalysis(sk.load("four_bar"), samples=7)
+    motion = position_analysis.motion()
+    pole_request, verifier = make_verifier(position_analysis, 20)
+    far_row, near_row = 3, 5
     values = motion.values.copy()
-    values[3, 1] += 1e-4
-    values[5, 1] += 1e-8
-    moved = replace(motion, values=values)
-    verifier.check_block(moved, (evaluate(moved, wanted),), {})
-    verdict = verifier.verify()
-    assert verdict["rows"] == len(motion)
-    (lost,) = verdict["without_reference"]
-    assert lost["sample"] == motion.sample[3] and lost["status"] == "MODE_LOST"
-    assert lost["assembly_mode"] == motion.assembly_mode[3]
+    theta_32 = 1
+    values[far_row, theta_32] += 1e-4
+    values[near_row, theta_32] += 1e-8
+    wrong_motion = replace(motion, values=values)
+    verifier.check_block(wrong_motion, (evaluate(wrong_motion, pole_request),), {})
+    verification = verifier.verify()
+    assert verification["rows"] == len(motion)
+
+    (lost,) = verification["without_reference"]
+    assert lost["sample"] == motion.sample[far_row]
+    assert lost["assembly_mode"] == motion.assembly_mode[far_row]
+    assert lost["status"] == "MODE_LOST"
     assert lost["distance_rad"] == pytest.approx(1e-4, rel=0.5)
-    assert "motion.theta_32" in verdict["beyond"]
-    item = column(verdict, "motion", "theta_32")
-    assert item["sample"] == motion.sample[5]
-    assert item["deviation"] == pytest.approx(1e-8, rel=1e-6)
-    text = "\n".join(format_verification(verdict))
-    assert f"no reference at sample {motion.sample[3]}, assembly mode 0: MODE_LOST" in text
-    assert len(verification_failures(verdict)) == 2
+
+    assert "motion.theta_32" in verification["beyond"]
+    column = find_column(verification, "motion", "theta_32")
+    assert column["sample"] == motion.sample[near_row]
+    assert column["deviation"] == pytest.approx(1e-8, rel=1e-6)
+
+    text = "\n".join(format_verification(verification))
+    sample = motion.sample[far_row]
+    assert f"no reference at sample {sample}, assembly mode 0: MODE_LOST" in text
+    assert len(verification_failures(verification)) == 2
 
 
 @pytest.mark.slow
-def test_several_inputs_times_and_analyses_of_whole_motions():
-    verdict = verified("five_bar", samples=9, verify=3)
-    moved = {item["subject"].get("moving") for item in verdict["columns"]} - {None}
-    assert moved <= set(sk.load("five_bar").pair_number) and moved
-    mixed = verified(analyses=["eksergian", "poles"], samples=9, verify=3, duration=1.0)
-    assert mixed["not_verified"] == [] and mixed["beyond"] == []
-    tables = {item["table"] for item in mixed["columns"]}
+def test_columns_of_several_inputs_are_verified_by_moving_input():
+    verification = verify_run("five_bar", samples=9, verify=3)
+    subjects = [column["subject"] for column in verification["columns"]]
+    moving_inputs = {subject.get("moving") for subject in subjects} - {None}
+    assert moving_inputs
+    assert moving_inputs <= set(sk.load("five_bar").pair_number)
+
+
+@pytest.mark.slow
+def test_all_tables_of_a_run_over_time_are_verified():
+    verification = verify_run(
+        analyses=["eksergian", "poles"], samples=9, verify=3, duration=1.0
+    )
+    assert verification["not_verified"] == []
+    assert verification["beyond"] == []
+    tables = {column["table"] for column in verification["columns"]}
     assert tables == {"motion", "poles", "eksergian", "inertia", "loads"}
-    assert column(mixed, "eksergian", "tau")["deviation"] < 1e-13
-    alone = verified(analyses="singularities", samples=9, verify=3)
-    assert {item["table"] for item in alone["columns"]} == {"motion"}
-    assert "singularities" in format_verification(alone)[-1]
+    assert find_column(verification, "eksergian", "tau")["deviation"] < 1e-13
+
+
+@pytest.mark.slow
+def test_an_analysis_that_has_no_rows_is_named_as_not_verified():
+    verification = verify_run(analyses="singularities", samples=9, verify=3)
+    assert {column["table"] for column in verification["columns"]} == {"motion"}
+    assert "singularities" in format_verification(verification)[-1]
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Risen(MinimalAnalysis):
-    """By how much a variable rose since the first sample, which one block cannot say."""
+class RiseSinceFirstSample(MinimalAnalysis):
+    """How far an angle has risen since the first sample, which needs all rows at once."""
 
     name: ClassVar = "risen"
     tables: ClassVar = (
@@ -205,110 +296,146 @@ class Risen(MinimalAnalysis):
         return Needs(continued_values=frozenset(["32"]))
 
     def compute(self, batch):
+        # Both assembly modes have all samples, in order.
         values = batch.continued_value("32").reshape(2, -1)
-        return {"risen": with_row_columns(batch, rise=(values - values[:, :1]).ravel())}
+        rise = values - values[:, :1]
+        return {"risen": with_row_columns(batch, rise=rise.ravel())}
 
 
-def test_whole_motions_have_their_rows_replaced(monkeypatch):
-    """Angles that drift away show in what an analysis makes of all samples at once.
+PATH_OF_FOUR_TURNS = np.linspace(0.0, -25.0, 160)[:, None]
+"""Inputs (160, 1) in rad."""
 
-    The row that is off most is then the last one that is verified, several turns on.
+
+def test_an_analysis_of_whole_motions_is_verified():
+    """Verified rows replace those of the motion, and the analysis is computed again."""
+    result = sk.run(
+        sk.load("four_bar"), RiseSinceFirstSample(), path=PATH_OF_FOUR_TURNS, verify=9
+    )
+    verification = result.summary["verified"]
+    assert verification["not_verified"] == []
+    assert verification["beyond"] == []
+    column = find_column(verification, "risen", "rise")
+    assert column["compared"]
+    assert column["deviation"] < 2e-14
+    assert np.ptp(result.frame()["rise"]) > 20.0
+
+
+def test_angles_that_drift_are_noticed_in_an_analysis_of_whole_motions(monkeypatch):
+    """Continued angles are falsified by 1e-9 rad per sample.
+
+    The verified row that deviates most is then the last one, several turns on. Its
+    reference is the value of the run without drift.
     """
-    drift = 1e-9
-    right = sampling.continue_angles
-    path = np.linspace(0.0, -25.0, 160)[:, None]
-    result = sk.run(sk.load("four_bar"), Risen(), path=path, verify=9)
-    verdict, sound = result.summary["verified"], result.frame()
-    assert verdict["not_verified"] == [] and verdict["beyond"] == []
-    found = column(verdict, "risen", "rise")
-    assert found["compared"] and found["deviation"] < 2e-14
-    assert np.ptp(sound["rise"]) > 20.0
+    drift_rad = 1e-9
+    four_bar = sk.load("four_bar")
+    sound = sk.run(four_bar, RiseSinceFirstSample(), path=PATH_OF_FOUR_TURNS).frame()
+    continue_angles = sampling.continue_angles
 
-    def drifting(motion, *how):
-        angles = right(motion, *how)
-        return {name: angle + drift * motion.sample for name, angle in angles.items()}
+    def continue_angles_with_drift(motion, *more):
+        angles = continue_angles(motion, *more)
+        return {name: x + drift_rad * motion.sample for name, x in angles.items()}
 
-    monkeypatch.setattr(sampling, "continue_angles", drifting)
-    result = sk.run(sk.load("four_bar"), Risen(), path=path, verify=9)
-    verdict = result.summary["verified"]
-    assert "risen.rise" in verdict["beyond"]
-    found = column(verdict, "risen", "rise")
-    sound = sound.set_index(["sample", "assembly_mode"])["rise"]
-    wanted = sound[found["sample"], found["assembly_mode"]]
-    assert found["reference"] == pytest.approx(wanted, abs=1e-12)
-    assert abs(found["reference"]) > 2.0 * np.pi
-    assert found["deviation"] == pytest.approx(drift * found["sample"], abs=1e-12)
+    monkeypatch.setattr(sampling, "continue_angles", continue_angles_with_drift)
+    result = sk.run(four_bar, RiseSinceFirstSample(), path=PATH_OF_FOUR_TURNS, verify=9)
+    verification = result.summary["verified"]
+    assert "risen.rise" in verification["beyond"]
+    column = find_column(verification, "risen", "rise")
+    rise = sound.set_index(["sample", "assembly_mode"])["rise"]
+    expected = rise[column["sample"], column["assembly_mode"]]
+    assert column["reference"] == pytest.approx(expected, abs=1e-12)
+    assert abs(column["reference"]) > 2.0 * np.pi
+    drift_of_row = drift_rad * column["sample"]
+    assert column["deviation"] == pytest.approx(drift_of_row, abs=1e-12)
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-6])
-def test_simulations_are_off_by_their_own_errors(tolerance):
-    """Loops of a simulation stay open by its tolerance, not by rounding."""
+@pytest.mark.parametrize("tolerance_rad", [1e-3, 1e-6])
+def test_errors_of_a_simulation_are_within_what_it_states(tolerance_rad):
+    """Loops of a simulation stay open by its tolerance, not by rounding.
+
+    The verification allows for that: nothing deviates beyond it, although the worst row is
+    off by more than 1e4 times rounding.
+    """
     summary = sk.run(
         sk.load("four_bar"),
         "eksergian",
         samples=41,
         start=Start(q=0.5, dq=3.0),
         duration=2.0,
-        tolerance=tolerance,
+        tolerance=tolerance_rad,
         engine="numpy",
         verify=6,
     ).summary
-    verdict = summary["verified"]
-    assert verdict["worst"]["in_roundings"] > 1e4
-    assert verdict["beyond"] == [] and summary["warnings"] == []
-    directions = verdict["directions"]
+    verification = summary["verified"]
+    assert verification["worst"]["in_roundings"] > 1e4
+    assert verification["beyond"] == []
+    assert summary["warnings"] == []
+    directions = verification["directions"]
     assert directions["within_bound"] == directions["count"] > 0
-    known = summary["errors_reached"]["largest_configuration_error_rad"]
-    assert verdict["largest_distance_rad"] < known < 10.0 * tolerance
+    stated_error = summary["errors_reached"]["largest_configuration_error_rad"]
+    assert verification["largest_distance_rad"] < stated_error < 10.0 * tolerance_rad
 
 
 @pytest.mark.slow
-def test_rates_of_driven_links_are_within_bounds_of_zero():
-    told = sk.run("double_butterfly", samples=31, verify=10).summary["verified"]
-    for name in ("directions", "rates", "rate_derivatives"):
-        assert told[name]["count"] == told[name]["within_bound"] == 280
+def test_directions_and_rates_of_a_double_butterfly_are_within_their_bounds():
+    verification = sk.run("double_butterfly", samples=31, verify=10).summary["verified"]
+    for quantity in ("directions", "rates", "rate_derivatives"):
+        assert verification[quantity]["count"] == 280
+        assert verification[quantity]["within_bound"] == 280
 
 
-def test_the_command_prints_and_writes_it(tmp_path, capsys):
+def test_the_command_prints_and_writes_the_verification(tmp_path, capsys):
+    """`--verify` without a number verifies up to ten rows."""
     folder = tmp_path / "out"
     assert main(["run", "four_bar", "--samples", "5", "-o", str(folder), "--verify"]) == 0
     printed = capsys.readouterr().out
     assert "verified 10 rows in 50 digits" in printed
     assert "pole directions lie within their error bound" in printed
-    written = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-    assert written["verified"]["rows"] == 10
-    with pytest.raises(SystemExit) as ended:
+    summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+    assert summary["verified"]["rows"] == 10
+
+
+def test_wrong_uses_of_verify_are_refused(capsys):
+    with pytest.raises(SystemExit) as system_exit:
         main(["run", "four_bar", "--verify", "0"])
-    assert ended.value.code == 2
+    assert system_exit.value.code == 2
     with pytest.raises(SystemExit):
         main(["run", "--verify", "four_bar"])
     assert "write the file before --verify" in capsys.readouterr().err
 
 
-def test_faults_of_a_plugin_or_a_profile_do_not_lose_the_run(monkeypatch):
-    class Failing(MinimalAnalysis):
-        name, rowwise, tables = "failing", True, ()
-        calls = 0
+def test_an_analysis_that_fails_when_computed_again_does_not_lose_the_run():
+    """The plugin works in the run and fails in its verification."""
+
+    @dataclass(frozen=True)
+    class FailsSecondTime(MinimalAnalysis):
+        name: ClassVar = "failing"
+        rowwise: ClassVar = True
+        tables: ClassVar = ()
+        call_count: ClassVar = 0
 
         def needs(self, mechanism):
             return Needs(rates=frozenset([(0, 3)]), derivatives=True)
 
         def compute(self, batch):
-            Failing.calls += 1
-            if Failing.calls > 1:
+            FailsSecondTime.call_count += 1
+            if FailsSecondTime.call_count > 1:
                 raise RuntimeError("again")
             return {}
 
-    Failing = dataclass(frozen=True)(Failing)
-    result = sk.run(sk.load("four_bar"), [Failing(), "poles"], samples=3, verify=2)
-    verdict = result.summary["verified"]
-    assert verdict["not_verified"] == ["failing"] and not result.failures
-    assert {item["table"] for item in verdict["columns"]} == {"motion", "poles"}
+    analyses = [FailsSecondTime(), "poles"]
+    result = sk.run(sk.load("four_bar"), analyses, samples=3, verify=2)
+    assert not result.failures
+    verification = result.summary["verified"]
+    assert verification["not_verified"] == ["failing"]
+    tables = {column["table"] for column in verification["columns"]}
+    assert tables == {"motion", "poles"}
 
-    def refused(*words, **more):
+
+def test_references_that_cannot_be_computed_do_not_lose_the_run(monkeypatch):
+    def refuse(*arguments, **options):
         raise EngineError("the arc length of a profile does not converge")
 
-    monkeypatch.setattr(verification, "exact_rows_by_input", refused)
+    monkeypatch.setattr(verification, "exact_rows_by_input", refuse)
     summary = sk.run(sk.load("four_bar"), samples=3, verify=2).summary
     assert "does not converge" in format_verification(summary["verified"])[0]
     assert "no row was verified" in summary["warnings"][0]
