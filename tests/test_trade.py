@@ -1,4 +1,9 @@
-"""Speed against accuracy: reported errors against 50 digits, and what is recommended."""
+"""The command `trade`: speed against accuracy of evaluation settings.
+
+A trade measures the time and the error of each setting and recommends the cheapest one for
+a tolerance. The tests compute errors independently in 50 digits. A setting is on the Pareto
+front if no other is both faster and more accurate.
+"""
 
 import json
 from dataclasses import dataclass, replace
@@ -29,8 +34,15 @@ from spherekit.status import Status
 from spherekit.tables.table import Column, Table
 from spherekit.tolerances import EPS
 
-FIVE = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "two_dof_spm")
-FEW = (Setting(), Setting(route="conditioned"), Setting(engine="extended"))
+MECHANISM_NAMES = (
+    "four_bar",
+    "stephenson",
+    "double_butterfly",
+    "shaped_cam",
+    "two_dof_spm",
+)
+FEW_SETTINGS = (Setting(), Setting(route="conditioned"), Setting(engine="extended"))
+"""The default, pole directions by the best conditioned circles, and more digits."""
 
 
 @pytest.fixture(autouse=True)
@@ -39,54 +51,66 @@ def digits():
         yield
 
 
-def course(mechanism, samples, **given):
-    return make_sampling(Study(mechanism.name, mechanism, samples, **given))
+def sampling_of(mechanism, samples, **options):
+    """Return the sampling of a run with these options."""
+    return make_sampling(Study(mechanism.name, mechanism, samples, **options))
 
 
-def in_fifty_digits(plan):
-    """Return the requests of a run, with reference rows of its course in 50 digits."""
+def compute_exact_rows(plan):
+    """Return each pole request of a run with its rows in 50 digits."""
     (motion,) = plan.sampling.blocks(len(plan.sampling))
-    every = np.ones(len(motion), dtype=bool)
+    all_rows = np.ones(len(motion), dtype=bool)
     return [
-        (item, exact_rows(motion, every, item.plan.input, Digits(50)))
-        for item in plan.requests
+        (request, exact_rows(motion, all_rows, request.plan.input, Digits(50)))
+        for request in plan.requests
     ]
 
 
-def true_error(plan, setting, reference):
-    """Return the largest scaled error of the table `poles`, everything in 50 digits."""
+def compute_true_error(plan, setting, exact_rows_by_request):
+    """Return the largest error of the table `poles`, compared with 50 digits.
+
+    Directions count absolutely. Velocity and acceleration coefficients count relative to
+    the largest coefficient of their column.
+    """
     tables, _, _ = compute_timed_tables(plan.sampling, *plan.analyses, setting)
-    data = tables["poles"]
-    order = np.lexsort((data["sample"], data["assembly_mode"]))
-    first = {name: np.asarray(values)[order] for name, values in data.items()}
-    count = sum(len(item.poles) for item, _ in reference)
-    worst = {"velocity_coefficient": 0.0, "acceleration_coefficient": 0.0}
-    scale = dict.fromkeys(worst, 0.0)
-    largest = 0.0
-    column = 0
-    for item, exact in reference:
-        for pole in item.poles:
-            own = {name: values[column::count] for name, values in first.items()}
-            column += 1
-            u = np.stack([own[f"u{c}"] for c in "xyz"], axis=1)
-            right = exact_direction(exact, pole, u)
-            i, j = pole
-            known = (exact.status == Status.OK) & np.all(np.isfinite(u), axis=1)
-            off = centre_floats(right - u)[known]
-            largest = max(largest, np.max(np.abs(off), initial=0.0))
-            for name, w in (
+    # Sort rows by mode, then by sample; each of them has one row per pole.
+    poles_table = tables["poles"]
+    order = np.lexsort((poles_table["sample"], poles_table["assembly_mode"]))
+    columns = {name: np.asarray(values)[order] for name, values in poles_table.items()}
+    pole_count = sum(len(request.poles) for request, _ in exact_rows_by_request)
+
+    direction_error = 0.0
+    largest_error = {"velocity_coefficient": 0.0, "acceleration_coefficient": 0.0}
+    largest_size = dict.fromkeys(largest_error, 0.0)
+    pole_number = 0
+    for request, exact in exact_rows_by_request:
+        for pole in request.poles:
+            rows = {
+                name: values[pole_number::pole_count] for name, values in columns.items()
+            }
+            pole_number += 1
+            u = np.stack([rows[f"u{axis}"] for axis in "xyz"], axis=1)
+            exact_u = exact_direction(exact, pole, u)
+            is_known = (exact.status == Status.OK) & np.all(np.isfinite(u), axis=1)
+            differences = centre_floats(exact_u - u)[is_known]
+            direction_error = max(direction_error, np.max(np.abs(differences), initial=0.0))
+            # A coefficient is the relative rate of both links along the pole.
+            first, second = pole
+            for name, rates in (
                 ("velocity_coefficient", exact.w),
                 ("acceleration_coefficient", exact.dw),
             ):
-                along = np.sum((w[:, j] - w[:, i]) * right, axis=1)
-                off = centre_floats(along - own[name])[known]
-                worst[name] = max(worst[name], np.max(np.abs(off), initial=0.0))
-                size = np.abs(centre_floats(along)[known])
-                scale[name] = max(scale[name], np.max(size, initial=0.0))
-    return max(largest, *(worst[name] / scale[name] for name in worst), EPS)
+                coefficient = np.sum((rates[:, second] - rates[:, first]) * exact_u, axis=1)
+                differences = centre_floats(coefficient - rows[name])[is_known]
+                error = np.max(np.abs(differences), initial=0.0)
+                largest_error[name] = max(largest_error[name], error)
+                size = np.max(np.abs(centre_floats(coefficient)[is_known]), initial=0.0)
+                largest_size[name] = max(largest_size[name], size)
+    relative_errors = [largest_error[name] / largest_size[name] for name in largest_error]
+    return max(direction_error, *relative_errors, EPS)
 
 
-CASES = {
+RUN_OPTIONS = {
     "four_bar": {"samples": 9},
     "stephenson": {"samples": 7, "assembly_mode": 0},
     "double_butterfly": {"samples": 5, "assembly_mode": 0},
@@ -96,138 +120,194 @@ CASES = {
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("name", FIVE)
+@pytest.mark.parametrize("name", MECHANISM_NAMES)
 def test_reported_errors_are_within_a_factor_two_of_the_true_ones(name):
-    made = sk.load(name)
-    found = trade(made, "poles", rounds=1, settings=settings(name), **CASES[name])
-    plan = make_analysis_plan(course(made, **CASES[name]), create_analysis("poles"))
-    reference = in_fifty_digits(plan)
-    judged = 0
-    for each in found.settings:
-        if each.counts:
-            true = true_error(plan, each.setting, reference)
-            assert 0.5 * true <= each.error <= 2.0 * true, (each.name, each.error, true)
-            judged += 1
-    assert judged >= 2
+    """The errors of a trade agree with errors from 50 digits, for at least two settings."""
+    mechanism = sk.load(name)
+    options = RUN_OPTIONS[name]
+    measured = trade(mechanism, "poles", rounds=1, settings=settings_for(name), **options)
+    plan = make_analysis_plan(sampling_of(mechanism, **options), create_analysis("poles"))
+    exact_rows_by_request = compute_exact_rows(plan)
+    judged_count = 0
+    for item in measured.settings:
+        if item.counts:
+            true_error = compute_true_error(plan, item.setting, exact_rows_by_request)
+            assert 0.5 * true_error <= item.error <= 2.0 * true_error, item.name
+            judged_count += 1
+    assert judged_count >= 2
 
 
-def settings(name):
-    own = [*FEW, Setting(route="equations")]
-    return own if name != "double_butterfly" else own[:2]
+def settings_for(name):
+    """Return the settings to measure; fewer for the double butterfly, which is slow."""
+    if name == "double_butterfly":
+        return list(FEW_SETTINGS[:2])
+    return [*FEW_SETTINGS, Setting(route="equations")]
 
 
-def varied(made, random, size=0.02):
-    """Return a mechanism with all arcs changed at random a little."""
-    links = {
-        name: replace(
-            own, arcs=tuple(float(x * random.normal(1.0, size)) for x in own.arcs)
-        )
-        for name, own in made.geometry.links.items()
-    }
-    return replace(made, geometry=replace(made.geometry, links=links))
+def vary_arcs(mechanism, random, standard_deviation=0.02):
+    """Return a mechanism whose arcs are each multiplied by a random factor near 1."""
+    links = {}
+    for name, size in mechanism.geometry.links.items():
+        factors = [random.normal(1.0, standard_deviation) for _ in size.arcs]
+        arcs = tuple(float(x * k) for x, k in zip(size.arcs, factors, strict=True))
+        links[name] = replace(size, arcs=arcs)
+    return replace(mechanism, geometry=replace(mechanism.geometry, links=links))
 
 
-LONG = {"four_bar": 181, "stephenson": 91, "two_dof_spm": 31, "shaped_cam": 61}
-MANY = [
-    *(("four_bar", 6, 91), ("stephenson", 4, 91)),
-    *(pytest.param(name, 200, LONG[name], marks=pytest.mark.long) for name in LONG),
+SAMPLES_OF_LONG_CASES = {
+    "four_bar": 181,
+    "stephenson": 91,
+    "two_dof_spm": 31,
+    "shaped_cam": 61,
+}
+TOLERANCE_CASES = [
+    ("four_bar", 6, 91),
+    ("stephenson", 4, 91),
+    *(
+        pytest.param(name, 200, samples, marks=pytest.mark.long)
+        for name, samples in SAMPLES_OF_LONG_CASES.items()
+    ),
 ]
+"""Name, number of random mechanisms and number of samples."""
 
 
 @pytest.mark.slow
 @pytest.mark.many
-@pytest.mark.parametrize(("name", "count", "samples"), MANY)
+@pytest.mark.parametrize(("name", "count", "samples"), TOLERANCE_CASES)
 def test_recommended_settings_meet_the_tolerance(name, count, samples):
-    random = np.random.default_rng(FIVE.index(name))
-    given = {"assembly_mode": 0, "search": True}
-    while count:
-        made = varied(sk.load(name), random)
+    """The setting recommended for a random tolerance meets it at all samples.
+
+    The trade itself judges a third of the samples. Where it recommends none, the errors of
+    all settings of the front are too large, with the margin of a trade.
+    """
+    random = np.random.default_rng(MECHANISM_NAMES.index(name))
+    options = {"assembly_mode": 0, "search": True}
+    remaining = count
+    while remaining:
+        mechanism = vary_arcs(sk.load(name), random)
         tolerance = 10.0 ** random.uniform(-12.0, -3.0)
         try:
-            how = {"settings": FEW, "checked": samples // 3, "rounds": 1, **given}
-            found = trade(made, "poles", samples=samples, **how)
+            measured = trade(
+                mechanism,
+                "poles",
+                samples=samples,
+                settings=FEW_SETTINGS,
+                checked=samples // 3,
+                rounds=1,
+                **options,
+            )
         except SolveError:  # these arcs cannot be assembled
             continue
-        count -= 1
-        chosen = found.cheapest(tolerance)
+        remaining -= 1
+        chosen = measured.cheapest(tolerance)
         if chosen is None:
-            assert all(MARGIN * each.error > tolerance for each in found.pareto)
+            assert all(MARGIN * item.error > tolerance for item in measured.pareto)
             continue
-        plan = make_analysis_plan(course(made, samples, **given), create_analysis("poles"))
+        sampling = sampling_of(mechanism, samples, **options)
+        plan = make_analysis_plan(sampling, create_analysis("poles"))
         (motion,) = plan.sampling.blocks(samples)
         reference = compute_reference_tables(plan, motion)
         tables, _, _ = compute_timed_tables(
             plan.sampling, *plan.analyses, chosen.setting, reference.pole_fields
         )
-        for each in measure_deviations(plan, tables, reference.tables):
-            assert each.error <= tolerance and not each.missing, (chosen.name, each)
+        for deviation in measure_deviations(plan, tables, reference.tables):
+            assert deviation.error <= tolerance, (chosen.name, deviation)
+            assert not deviation.missing, (chosen.name, deviation)
 
 
-def test_what_is_dominated_is_not_on_the_front():
-    found = trade(sk.load("four_bar"), samples=37, settings=FEW, rounds=1)
-    for each in found.pareto:
-        for other in found.settings:
-            if other.counts and other.error <= each.error:
-                assert other.total >= each.total
-    errors = [each.error for each in found.pareto]
+def test_no_setting_dominates_one_of_the_front():
+    """A setting at least as accurate as one of the front is not faster than it."""
+    measured = trade(sk.load("four_bar"), samples=37, settings=FEW_SETTINGS, rounds=1)
+    for on_front in measured.pareto:
+        for item in measured.settings:
+            if item.counts and item.error <= on_front.error:
+                assert item.total >= on_front.total
+    errors = [item.error for item in measured.pareto]
     assert errors == sorted(errors, reverse=True)
 
 
-ALIKE = ((1.0, 1e-10), (1.05, 1e-15), (1.5, 1e-16))
-"""Times of settings, of which the first two are alike, and their errors."""
+SECONDS_AND_ERRORS = ((1.0, 1e-10), (1.05, 1e-15), (1.5, 1e-16))
+"""Times (s) and errors of settings; the first two times are alike, within five percent."""
+
+
+@pytest.fixture(scope="module")
+def measured_four_bar():
+    """Return the trade of a million samples of a four-bar, of which 361 were asked for."""
+    return trade(
+        sk.load("four_bar"),
+        samples=1_000_000,
+        settings=FEW_SETTINGS[:1],
+        checked=361,
+        rounds=1,
+    )
 
 
 @pytest.mark.slow
-def test_the_cheapest_depends_on_the_number_of_samples_and_of_alike_ones_on_the_error():
-    """Nodes are evaluated once, so their price falls with the number of samples."""
-    made = sk.load("four_bar")
-    found = trade(made, samples=1_000_000, settings=FEW[:1], checked=361, rounds=1)
-    assert 361 < found.checked < 700
+def test_the_cheapest_setting_depends_on_the_number_of_samples(measured_four_bar):
+    """Interpolation has a fixed price for its nodes, so it pays for many samples only."""
+    assert 361 < measured_four_bar.checked < 700
     for samples, cheapest in ((1_000, 0), (1_000_000, 1)):
-        every = Measured("every", FEW[0], 1e-5 * samples, error=1e-15)
-        nodes = Measured("nodes", FEW[-1], 0.1 + 1e-6 * samples, error=1e-9)
-        given = replace(found, samples=samples, settings=(every, nodes))
-        assert given.cheapest(1e-6) is given.settings[cheapest]
-        assert given.cheapest(1e-12) is every
-    alike = [replace(every, seconds=10.0 * k, error=e) for k, e in ALIKE]
-    given = replace(found, settings=tuple(alike))
-    assert given.cheapest(1e-6) is given.cheapest(1e-12) is alike[1]
-    assert given.cheapest(4e-16) is alike[2]
+        each_sample = Measured("every", FEW_SETTINGS[0], 1e-5 * samples, error=1e-15)
+        nodes = Measured("nodes", FEW_SETTINGS[-1], 0.1 + 1e-6 * samples, error=1e-9)
+        candidates = replace(
+            measured_four_bar, samples=samples, settings=(each_sample, nodes)
+        )
+        assert candidates.cheapest(1e-6) is candidates.settings[cheapest]
+        assert candidates.cheapest(1e-12) is each_sample
 
 
 @pytest.mark.slow
-def test_missing_numbers_are_not_chosen():
+def test_of_settings_alike_in_time_the_more_accurate_is_chosen(measured_four_bar):
+    base = Measured("every", FEW_SETTINGS[0], 1.0, error=1e-15)
+    first, second, third = (
+        replace(base, seconds=10.0 * seconds, error=error)
+        for seconds, error in SECONDS_AND_ERRORS
+    )
+    candidates = replace(measured_four_bar, settings=(first, second, third))
+    assert candidates.cheapest(1e-6) is second
+    assert candidates.cheapest(1e-12) is second
+    assert candidates.cheapest(4e-16) is third
+
+
+@pytest.mark.slow
+def test_a_setting_with_missing_numbers_does_not_count():
     """The first great circles of the Stephenson fail where two of its poles meet."""
-    made = sk.load("stephenson")
-    found = trade(made, samples=361, settings=[Setting(), Setting(route="first")], rounds=1)
-    best, first = found.settings
-    assert best.counts and first.missing > 0 and not first.counts
+    settings = [Setting(), Setting(route="first")]
+    measured = trade(sk.load("stephenson"), samples=361, settings=settings, rounds=1)
+    best, first_circles = measured.settings
+    assert best.counts
+    assert first_circles.missing > 0
+    assert not first_circles.counts
 
 
 @pytest.mark.parametrize("tolerance", [0.0, -1e-9, np.nan, np.inf])
-def test_no_tolerance(tolerance):
+def test_a_tolerance_that_is_no_positive_number_is_refused(tolerance):
     with pytest.raises(AnalysisError, match="give a positive number"):
         choose(Study("x", sk.load("four_bar"), 9), [create_analysis("poles")], tolerance)
 
 
 @pytest.mark.slow
-def test_an_analysis_trades_its_own_parameters():
-    found = trade(sk.load("five_bar"), "workspace", rounds=1)
-    assert next(each.name for each in found.settings) == "tolerance=0.01"
-    assert all(np.isfinite(each.own_estimate) for each in found.settings)
-    found = trade(sk.load("four_bar"), "sensitivity", rounds=1, samples=3)
-    assert found.derivatives is None
-    assert [each.name for each in found.settings] == [
-        f"draws={count}" for count in (16, 64, 256, 1024)
-    ]
-    errors = [each.error for each in found.settings]
+def test_the_workspace_trades_its_tolerance():
+    measured = trade(sk.load("five_bar"), "workspace", rounds=1)
+    assert measured.settings[0].name == "tolerance=0.01"
+    assert all(np.isfinite(item.own_estimate) for item in measured.settings)
+
+
+@pytest.mark.slow
+def test_the_sensitivity_trades_its_number_of_draws():
+    """The statistical error of 16 draws is more than five times that of 1024."""
+    measured = trade(sk.load("four_bar"), "sensitivity", rounds=1, samples=3)
+    assert measured.derivatives is None
+    names = [item.name for item in measured.settings]
+    assert names == [f"draws={count}" for count in (16, 64, 256, 1024)]
+    errors = [item.error for item in measured.settings]
     assert errors[0] > 5.0 * errors[-1] > 0.0
-    assert not any(each.missing for each in found.settings)
+    assert not any(item.missing for item in measured.settings)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Beside(MinimalAnalysis):
-    """A place next below zero, or at zero."""
+class AngleBesideZero(MinimalAnalysis):
+    """An angle that is zero, or just below it, as the parameter `off` says."""
 
     name: ClassVar = "beside"
     reads_samples: ClassVar = False
@@ -239,144 +319,201 @@ class Beside(MinimalAnalysis):
         return {"beside": {"x": np.array([-self.off])}}
 
 
-def test_a_place_next_below_a_turn_is_next_to_zero():
-    (each,) = trade(sk.load("four_bar"), Beside(), rounds=1).settings
-    assert each.error < 1e-15 and not each.missing
+def test_an_angle_just_below_a_turn_is_close_to_zero():
+    """-1e-17 rad, which modulo a turn is 2 pi, deviates from 0 by rounding alone."""
+    (item,) = trade(sk.load("four_bar"), AngleBesideZero(), rounds=1).settings
+    assert item.error < 1e-15
+    assert not item.missing
 
 
 @pytest.mark.slow
-def test_places_of_singularities_are_compared_with_the_nearest():
-    found = trade(sk.load("four_bar"), "singularities", rounds=1)
-    assert found.reference == "the tightest: samples=1441"
-    for each in found.settings:  # they are refined between samples
-        assert each.error < 1e-12 and not each.missing
-    assert found.columns[0][:2] == ("singularities.q", "absolute rad")
+def test_singularities_of_coarse_samplings_are_accurate():
+    """Singularities are refined between samples; each is compared with the nearest one."""
+    measured = trade(sk.load("four_bar"), "singularities", rounds=1)
+    assert measured.reference == "the tightest: samples=1441"
+    for item in measured.settings:
+        assert item.error < 1e-12
+        assert not item.missing
+    assert measured.columns[0][:2] == ("singularities.q", "absolute rad")
 
 
 @pytest.mark.slow
-def test_the_command_says_what_is_reached(capsys, tmp_path):
+def test_the_command_says_that_no_setting_meets_a_tolerance(capsys, tmp_path):
     pytest.importorskip("matplotlib")
-    given = ["four_bar", "--samples", "13", "--rounds", "1"]
-    assert main(["trade", *given, "--tol", "1e-30", "-o", str(tmp_path)]) == 0
-    text = capsys.readouterr().out
-    assert "for 1e-30: no setting meets it with a margin of 4; the best reached is" in text
-    rows = json.loads((tmp_path / "trade.json").read_text())["settings"]
+    arguments = ["four_bar", "--samples", "13", "--rounds", "1"]
+    assert main(["trade", *arguments, "--tol", "1e-30", "-o", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    message = "for 1e-30: no setting meets it with a margin of 4; the best reached is"
+    assert message in printed
+    settings = json.loads((tmp_path / "trade.json").read_text())["settings"]
     lines = (tmp_path / "trade.csv").read_text().splitlines()
-    assert len(lines) == 1 + len(rows)
+    assert len(lines) == 1 + len(settings)
     assert (tmp_path / "trade.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_short_run_makes_no_trade_and_says_what_it_reached(capsys):
     assert main(["run", "four_bar", "--samples", "31", "--tol", "1e-9", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)["accuracy"]
-    assert found["met"] and found["setting"] == "numpy best"
-    assert found["achieved_error"] < 1e-13 and found["check_rows"] == 62
-    assert f"fewer than {MIN_SAMPLES_FOR_TRADE}" in found["why"]
+    accuracy = json.loads(capsys.readouterr().out)["accuracy"]
+    assert accuracy["met"]
+    assert accuracy["setting"] == "numpy best"
+    assert accuracy["achieved_error"] < 1e-13
+    assert accuracy["check_rows"] == 62
+    assert f"fewer than {MIN_SAMPLES_FOR_TRADE}" in accuracy["why"]
 
 
 def test_a_long_run_takes_the_cheapest_setting(capsys):
-    count = MIN_SAMPLES_FOR_TRADE
-    text = f"run four_bar -a poles:only=31 --samples {count} --assembly-mode 0 --tol 1e-6"
-    assert main(text.split()) == 0
+    command = (
+        f"run four_bar -a poles:only=31 --samples {MIN_SAMPLES_FOR_TRADE} "
+        "--assembly-mode 0 --tol 1e-6"
+    )
+    assert main(command.split()) == 0
     lines = capsys.readouterr().out.splitlines()
-    (line,) = [x for x in lines if x.startswith("tolerance")]
-    assert "the cheapest of a short trade of poles" in line and "NOT MET" not in line
+    (line,) = [line for line in lines if line.startswith("tolerance")]
+    assert "the cheapest of a short trade of poles" in line
+    assert "NOT MET" not in line
 
 
-def stored_trade(folder, *words):
-    """Return where a short trade of the four-bar is stored."""
-    given = ["four_bar", "--rounds", "1", "-q", *words]
-    assert main(["trade", *given, "-o", str(folder)]) == 0
+def store_trade(folder, *flags):
+    """Store a short trade of the four-bar; return its folder as text."""
+    arguments = ["four_bar", "--rounds", "1", "-q", *flags]
+    assert main(["trade", *arguments, "-o", str(folder)]) == 0
     return str(folder)
 
 
-COUNTED = ("error", "seconds")
-RUN = ("--samples", "200", "--assembly-mode", "0")
-MOVED = ("-a", "eksergian", "--start", "q=0.5,dq=3", "--duration", "0.3", "--samples", "9")
+RUN_FLAGS = ("--samples", "200", "--assembly-mode", "0")
+SIMULATION_FLAGS = (
+    *("-a", "eksergian", "--start", "q=0.5,dq=3"),
+    *("--duration", "0.3", "--samples", "9"),
+)
+
+
+def run_with_trade(capsys, folder, tolerance, *flags):
+    """Run the four-bar with a stored trade; return the summary of the run."""
+    arguments = [*flags, "--tol", repr(tolerance), "--trade", folder, "--json"]
+    assert main(["run", "four_bar", *arguments]) == 0
+    return json.loads(capsys.readouterr().out)
 
 
 @pytest.mark.slow
-def test_a_run_takes_a_stored_trade(capsys, stored):
-    given = ["run", "four_bar", *RUN, "--tol", "1e-5", "--trade", stored, "--json"]
-    assert main(given) == 0
-    found = json.loads(capsys.readouterr().out)["accuracy"]
-    again = read_trade(stored)
-    assert found["setting"] == again.cheapest(1e-5).name
-    assert "stored trade of poles" in found["why"] and found["met"]
-    assert found["achieved_error"] <= 1e-5 and found["check_rows"] == 61
-    tight = 2.0 * again.cheapest(1e-5).error  # which is met without the margin of 4 only
-    assert main([*given[:-4], repr(tight), *given[-3:]]) == 0
-    found = json.loads(capsys.readouterr().out)["accuracy"]
-    assert "no setting" in found["why"] or 4.0 * found["predicted_error"] <= tight
+def test_a_run_takes_the_cheapest_setting_of_a_stored_trade(capsys, stored):
+    accuracy = run_with_trade(capsys, stored, 1e-5, *RUN_FLAGS)["accuracy"]
+    assert accuracy["setting"] == read_trade(stored).cheapest(1e-5).name
+    assert "stored trade of poles" in accuracy["why"]
+    assert accuracy["met"]
+    assert accuracy["achieved_error"] <= 1e-5
+    assert accuracy["check_rows"] == 61
+
+
+@pytest.mark.slow
+def test_a_setting_of_a_stored_trade_needs_a_margin_of_four(capsys, stored):
+    """Twice the error of a setting is a tolerance that it meets only without the margin."""
+    tolerance = 2.0 * read_trade(stored).cheapest(1e-5).error
+    accuracy = run_with_trade(capsys, stored, tolerance, *RUN_FLAGS)["accuracy"]
+    is_met_with_margin = 4.0 * accuracy.get("predicted_error", np.inf) <= tolerance
+    assert "no setting" in accuracy["why"] or is_met_with_margin
+
+
+@pytest.mark.slow
+def test_a_stored_trade_is_read_as_it_was_written(stored):
+    """Times and errors are compared for the settings that apply; others have a reason."""
     written = json.loads((Path(stored) / "trade.json").read_text())
-    for each, row in zip(again.settings, written["settings"], strict=True):
-        for key in ("name", "missing", "reason", *([] if each.reason else COUNTED)):
-            assert getattr(each, key) == row[key], key
-        assert each.reason or str(each.setting) == each.name
+    for item, row in zip(read_trade(stored).settings, written["settings"], strict=True):
+        for key in ("name", "missing", "reason"):
+            assert getattr(item, key) == row[key], key
+        if not item.reason:
+            assert item.error == row["error"]
+            assert item.seconds == row["seconds"]
+            assert str(item.setting) == item.name
+
+
+@pytest.fixture
+def stored_simulation_trade(tmp_path, monkeypatch, capsys):
+    """Return the folder of a trade of a simulation with three tolerances (rad)."""
+    monkeypatch.setattr(
+        "spherekit.runs.simulation_measurement.TOLERANCES_RAD", [1e-4, 1e-7, 1e-11]
+    )
+    folder = store_trade(tmp_path, *SIMULATION_FLAGS)
+    capsys.readouterr()
+    return folder
 
 
 @pytest.mark.slow
 def test_a_simulation_takes_integrator_and_tolerance_of_a_stored_trade(
-    capsys, tmp_path, monkeypatch
+    capsys, stored_simulation_trade
 ):
-    monkeypatch.setattr(
-        "spherekit.runs.simulation_measurement.TOLERANCES_RAD", [1e-4, 1e-7, 1e-11]
-    )
-    kept = stored_trade(tmp_path, *MOVED)
-    capsys.readouterr()
-    given = ["run", "four_bar", *MOVED, "--trade", kept]
-    assert main([*given, "--tol", "1e-8", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    chosen = read_trade(kept).cheapest(1e-8)
-    assert found["accuracy"]["setting"] == chosen.name and found["accuracy"]["met"]
-    assert found["simulation"]["tolerance"] == chosen.setting.tolerance
-    assert found["simulation"]["engine"]["name"] == chosen.setting.integrator
-    assert main([*given, "--tol", "1e-17"]) == 0
+    summary = run_with_trade(capsys, stored_simulation_trade, 1e-8, *SIMULATION_FLAGS)
+    chosen = read_trade(stored_simulation_trade).cheapest(1e-8)
+    assert summary["accuracy"]["setting"] == chosen.name
+    assert summary["accuracy"]["met"]
+    assert summary["simulation"]["tolerance"] == chosen.setting.tolerance
+    assert summary["simulation"]["engine"]["name"] == chosen.setting.integrator
+
+
+@pytest.mark.slow
+def test_a_simulation_says_that_a_stored_trade_misses_the_tolerance(
+    capsys, stored_simulation_trade
+):
+    arguments = ["run", "four_bar", *SIMULATION_FLAGS, "--trade", stored_simulation_trade]
+    assert main([*arguments, "--tol", "1e-17"]) == 0
     assert "by that trade: THE TOLERANCE IS NOT MET" in capsys.readouterr().out
-    assert main([*given, "--tol", "1e-8", "--engine", "numpy"]) == 1
+
+
+@pytest.mark.slow
+def test_a_simulation_with_an_engine_of_its_own_refuses_a_stored_trade(
+    stored_simulation_trade,
+):
+    arguments = ["run", "four_bar", *SIMULATION_FLAGS, "--trade", stored_simulation_trade]
+    assert main([*arguments, "--tol", "1e-8", "--engine", "numpy"]) == 1
 
 
 @pytest.mark.parametrize(
-    ("changed", "words"),
+    ("flags", "message"),
     [
         (("--samples", "201", "--assembly-mode", "0"), "samples: 200 there, 201 now"),
         (("--samples", "200"), "assembly mode: 0 there, null now"),
-        ((*RUN, "-a", "poles:only=31"), "parameters:"),
-        ((*RUN, "-a", "eksergian"), "analysis poles, which is not run"),
-        ((*RUN, "-a", "poles", "-a", "eksergian"), "there is none of eksergian"),
-        ((*RUN, "--law", "constant_speed:speed=2", "--duration", "1"), "laws:"),
+        ((*RUN_FLAGS, "-a", "poles:only=31"), "parameters:"),
+        ((*RUN_FLAGS, "-a", "eksergian"), "analysis poles, which is not run"),
+        ((*RUN_FLAGS, "-a", "poles", "-a", "eksergian"), "there is none of eksergian"),
+        ((*RUN_FLAGS, "--law", "constant_speed:speed=2", "--duration", "1"), "laws:"),
     ],
 )
-def test_a_trade_of_another_run_is_refused(changed, words, capsys, stored):
-    assert main(["run", "four_bar", *changed, "--tol", "1e-5", "--trade", stored]) == 1
-    said = capsys.readouterr().err
-    assert words in said and ("leave" in said or "make it" in said)
+def test_a_trade_of_another_run_is_refused(flags, message, capsys, stored):
+    """The message names the difference and what to do about it."""
+    assert main(["run", "four_bar", *flags, "--tol", "1e-5", "--trade", stored]) == 1
+    error_text = capsys.readouterr().err
+    assert message in error_text
+    assert "leave" in error_text or "make it" in error_text
 
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory):
-    return stored_trade(tmp_path_factory.mktemp("trade"), *RUN)
+    """Return the folder of a trade of 200 samples in one assembly mode."""
+    return store_trade(tmp_path_factory.mktemp("trade"), *RUN_FLAGS)
 
 
 def test_a_trade_of_another_mechanism_or_version_is_refused(capsys, stored, tmp_path):
-    given = [*RUN, "--tol", "1e-5", "--trade"]
-    assert main(["run", "stephenson", *given, stored]) == 1
+    arguments = [*RUN_FLAGS, "--tol", "1e-5", "--trade"]
+    assert main(["run", "stephenson", *arguments, stored]) == 1
     assert "mechanism: four_bar there, stephenson now" in capsys.readouterr().err
+
     data = json.loads((Path(stored) / "trade.json").read_text())
     data["made_for"] |= {"mechanism_hash": "0" * 64, "spherekit": "0.0.1"}
     (tmp_path / "trade.json").write_text(json.dumps(data))
-    assert main(["run", "four_bar", *given, str(tmp_path)]) == 1
-    said = capsys.readouterr().err
-    assert "spherekit: 0.0.1 there" in said and "mechanism hash: 000" in said
+    assert main(["run", "four_bar", *arguments, str(tmp_path)]) == 1
+    error_text = capsys.readouterr().err
+    assert "spherekit: 0.0.1 there" in error_text
+    assert "mechanism hash: 000" in error_text
 
 
 @pytest.mark.parametrize("text", [None, "not JSON", "[]", "{}", '{"settings": 1}'])
-def test_what_is_no_trade_is_refused(text, capsys, tmp_path):
+def test_a_folder_without_a_trade_is_refused(text, capsys, tmp_path):
+    """The file `trade.json` is absent, or it has another content."""
     if text is not None:
         (tmp_path / "trade.json").write_text(text)
-    given = ["run", "four_bar", "--trade", str(tmp_path)]
-    assert main([*given, "--tol", "1e-5"]) == 1
-    said = capsys.readouterr().err
-    assert " trade" in said and "write one with: spherekit trade" in said
-    assert main(given) == 1
+    arguments = ["run", "four_bar", "--trade", str(tmp_path)]
+    assert main([*arguments, "--tol", "1e-5"]) == 1
+    error_text = capsys.readouterr().err
+    assert " trade" in error_text
+    assert "write one with: spherekit trade" in error_text
+    assert main(arguments) == 1
     assert "with --tol T" in capsys.readouterr().err

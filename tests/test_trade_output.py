@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -18,55 +19,81 @@ from spherekit.runs.trade_text import as_text
 WORST = "poles.velocity_coefficient"
 
 
-def made():
-    """Return a trade with settings close to each other in time and error."""
+def make_trade():
+    """Return a trade with settings that are close to each other in time and error.
+
+    Eight settings evaluate every sample. Four interpolate between n nodes with an error of
+    10/n^4. Three interpolations and the compiled engine do not apply.
+    """
     random = np.random.default_rng(7)
-    every = [
-        Measured(f"numpy r{k}", Setting(), t, t, error=1e-15)
-        for k, t in enumerate(1e-3 + 361e-5 * (1.0 + 0.1 * random.random(8)))
-    ]
-    read = [
-        Measured(f"numpy s {n}", Setting(), t, t, error=10.0 / n**4, worst_column=WORST)
-        for n, t in ((n, 1e-4 * n + 361e-7) for n in (32, 64, 128, 4096))
-    ]
-    without = [
-        Measured(f"numpy t {n}", None, reason="no curve closes") for n in (32, 64, 4096)
-    ]
+    settings = []
+    for k, fraction in enumerate(random.random(8)):
+        seconds = 1e-3 + 361e-5 * (1.0 + 0.1 * fraction)
+        settings.append(Measured(f"numpy r{k}", Setting(), seconds, seconds, error=1e-15))
+    for n in (32, 64, 128, 4096):
+        seconds = 1e-4 * n + 361e-7
+        settings.append(
+            Measured(
+                f"numpy s {n}",
+                Setting(),
+                seconds,
+                seconds,
+                error=10.0 / n**4,
+                worst_column=WORST,
+            )
+        )
+    for n in (32, 64, 4096):
+        settings.append(Measured(f"numpy t {n}", None, reason="no curve closes"))
+    settings.append(Measured("compiled", None, reason="no heyoka"))
     columns = (
         ("poles.q", "absolute rad", 1.0),
         ("poles.velocity_coefficient", "relative to all", 1.5),
     )
-    settings = (*every, *read, *without, Measured("compiled", None, reason="no heyoka"))
-    return Trade("m", "poles", 361, 361, 722, "truth", 2e-16, 1, columns, settings, {})
+    return Trade(
+        "m", "poles", 361, 361, 722, "truth", 2e-16, 1, columns, tuple(settings), {}
+    )
 
 
-def test_times_have_three_digits():
-    shown = {4e-7: "0 us", 9.994e-4: "999 us", 9.996e-4: "1.00 ms", 0.0251: "25.1 ms"}
-    shown |= {0.31: "310 ms", 0.9996: "1.00 s", 50.0: "50.0 s", 999.7: "1000 s"}
-    assert {value: format_seconds(value) for value in shown} == shown
+def test_times_have_three_digits_and_the_largest_unit_below_them():
+    texts_by_seconds = {
+        4e-7: "0 us",
+        9.994e-4: "999 us",
+        9.996e-4: "1.00 ms",
+        0.0251: "25.1 ms",
+        0.31: "310 ms",
+        0.9996: "1.00 s",
+        50.0: "50.0 s",
+        999.7: "1000 s",
+    }
+    for seconds, text in texts_by_seconds.items():
+        assert format_seconds(seconds) == text
 
 
-def test_columns_of_times_end_at_the_right():
-    lines = as_text(made(), 1e-9).splitlines()
+def test_the_table_of_a_trade_is_aligned_and_explains_its_errors():
+    """The twelve measured settings have lines of one length, which end with a time."""
+    lines = as_text(make_trade(), 1e-9).splitlines()
     rows = [line for line in lines if re.match(r"(\* |  ) numpy .*(ms|us| s)$", line)]
-    assert len(rows) == 12 and len({len(line) for line in rows}) == 1
+    assert len(rows) == 12
+    assert len({len(line) for line in rows}) == 1
     assert "error of poles.velocity_coefficient: relative to all (1.5)" in lines
     assert "error of poles.q: absolute rad" in lines
     assert "does not apply: numpy t 32, numpy t 64, numpy t 4096: no curve closes" in lines
     assert "does not apply: compiled: no heyoka" in lines
 
 
-def test_settings_with_one_reason_are_in_one_line():
-    """One that differs in the setting's name, or in a number, is the same."""
-    named = [
+def test_settings_that_do_not_apply_for_one_reason_share_a_line():
+    """Reasons that differ only in the name of the setting or in a number count as one."""
+    refused_engines = [
         Measured(name, None, reason=f"m: engine {name} finds rates by one input")
         for name in ("compiled", "extended")
     ]
-    ended = [
+    ended_simulations = [
         Measured(f"compiled 1e-{k}", None, reason=f"m: ended at t = 0.{k} s")
         for k in (3, 5)
     ]
-    trade = replace(made(), settings=(*made().settings, *named, *ended))
+    trade = make_trade()
+    settings = (*trade.settings, *refused_engines, *ended_simulations)
+    trade = replace(trade, settings=settings)
     lines = [line for line in as_text(trade).splitlines() if "not apply" in line]
     assert lines[-2:] == [
         "does not apply: compiled, extended: engine finds rates by one input",
@@ -75,48 +102,74 @@ def test_settings_with_one_reason_are_in_one_line():
 
 
 @pytest.mark.parametrize(
-    "tolerances", [(None, 1e-5), pytest.param((1e-30, 1e5), marks=pytest.mark.slow)]
+    "tolerance",
+    [
+        None,
+        1e-5,
+        pytest.param(1e-30, marks=pytest.mark.slow),
+        pytest.param(1e5, marks=pytest.mark.slow),
+    ],
 )
-def test_everything_is_in_the_chart(tolerances):
-    trade = made()
-    for tolerance in tolerances:
-        (chart, _) = scene(trade, tolerance).primitives
-        labels = [curve.label for curve in chart.curves]
-        assert any("numpy s 64" in label for label in labels)
-        assert sum(label.startswith("tolerance") for label in labels) == (
-            tolerance is not None
-        )
-        chosen = None if tolerance is None else trade.cheapest(tolerance)
-        assert [mark.label == "taken" for mark in chart.marks].count(True) == (
-            chosen is not None
-        )
-        places = np.array([mark.place for mark in chart.marks])
-        assert np.all(places[:, 0] > chart.x_range[0])
-        assert np.all(places[:, 1] < chart.y_range[1])
-        (figure,) = plan_figures([scene(trade, tolerance)], {}).values()
-        figure.draw_without_rendering()
-        (panel,) = figure.axes
-        frame = panel.get_window_extent()
-        written = [text.get_window_extent() for text in panel.texts]
-        assert len(written) == len(chart.marks)
-        assert sum(frame.overlaps(box) for box in written) == len(written)
-        assert not any(
-            a.overlaps(b) for k, a in enumerate(written[:12]) for b in written[:k]
-        )
-    empty = Trade("m", "poles", 9, 9, 9, "truth", 2e-16, 1, (), (), {})
-    assert scene(empty).primitives
+def test_the_chart_of_a_trade_shows_all_settings_and_the_chosen_one(tolerance):
+    """A tolerance is drawn as a line; at most one setting is marked as taken."""
+    trade = make_trade()
+    (chart, _) = scene(trade, tolerance).primitives
+    labels = [curve.label for curve in chart.curves]
+    assert any("numpy s 64" in label for label in labels)
+    tolerance_curves = [label for label in labels if label.startswith("tolerance")]
+    assert len(tolerance_curves) == (0 if tolerance is None else 1)
+
+    chosen = None if tolerance is None else trade.cheapest(tolerance)
+    taken_marks = [mark for mark in chart.marks if mark.label == "taken"]
+    assert len(taken_marks) == (0 if chosen is None else 1)
+
+    positions = np.array([mark.place for mark in chart.marks])
+    assert np.all(positions[:, 0] > chart.x_range[0])
+    assert np.all(positions[:, 1] < chart.y_range[1])
 
 
-def test_places_are_refused_before_anything_is_measured(tmp_path, capsys):
+@pytest.mark.parametrize(
+    "tolerance",
+    [
+        None,
+        1e-5,
+        pytest.param(1e-30, marks=pytest.mark.slow),
+        pytest.param(1e5, marks=pytest.mark.slow),
+    ],
+)
+def test_names_of_settings_in_the_figure_do_not_cover_each_other(tolerance):
+    """All names lie within the frame; the first twelve, those of settings, are apart."""
+    trade = make_trade()
+    (chart, _) = scene(trade, tolerance).primitives
+    (figure,) = plan_figures([scene(trade, tolerance)], {}).values()
+    figure.draw_without_rendering()
+    (panel,) = figure.axes
+    frame = panel.get_window_extent()
+    text_boxes = [text.get_window_extent() for text in panel.texts]
+    assert len(text_boxes) == len(chart.marks)
+    assert all(frame.overlaps(box) for box in text_boxes)
+    for first, second in combinations(text_boxes[:12], 2):
+        assert not first.overlaps(second)
+
+
+def test_a_trade_without_settings_has_a_chart():
+    trade = Trade("m", "poles", 9, 9, 9, "truth", 2e-16, 1, (), (), {})
+    assert scene(trade).primitives
+
+
+def test_output_paths_are_refused_before_anything_is_measured(tmp_path, capsys):
+    """A million samples would take minutes, so the refusal comes before them."""
     file = tmp_path / "file"
     file.write_text("mine")
-    for flags, words in [
+    for flags, message in [
         (["-o", str(file)], "is a file, not a folder"),
         (["-o", str(file / "below")], "a part of the path is a file"),
         (["--save", str(tmp_path / "x.txt")], "named *.rrd"),
         (["--save", str(tmp_path / "no" / "x.rrd")], "does not exist"),
     ]:
         assert main(["trade", "four_bar", "--samples", "1000000", *flags]) == 1
-        out, err = capsys.readouterr()
-        assert not out and words in err
-    assert list(tmp_path.iterdir()) == [file] and file.read_text() == "mine"
+        printed, error_text = capsys.readouterr()
+        assert not printed
+        assert message in error_text
+    assert list(tmp_path.iterdir()) == [file]
+    assert file.read_text() == "mine"
