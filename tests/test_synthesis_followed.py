@@ -1,4 +1,8 @@
-"""Synthesis where modes have no signs: groups beyond dyads, from design to design."""
+"""Synthesis of mechanisms whose assembly modes have no signs.
+
+Groups beyond dyads have no closed form, so their modes are followed from design to design.
+A mode is lost where it cannot be followed; it is never exchanged for another.
+"""
 
 import numpy as np
 import pytest
@@ -10,98 +14,166 @@ from spherekit.designs.figure_gradients import FigureGradients
 from spherekit.designs.synthesis_modes import find_all_modes
 from spherekit.files.library import find
 
-AXES = {
+BUTTERFLY_RANGES = {
     "pairs.C.longitude": [-13.0, -3.0],
     "pairs.E.latitude": [1.0, 11.0],
     "pairs.F.longitude": [17.0, 27.0],
     "pairs.H.latitude": [-2.0, 8.0],
 }
-OTHER = [-10.7, 8.1, 20.4, 5.3]
-"""The axes of a double butterfly whose function another is to have."""
-TURNED = np.arange(0.0, 360.0, 30.0)
+"""Coordinates of axes of the double butterfly that vary, with their ends in degrees."""
+TARGET_BUTTERFLY = [-10.7, 8.1, 20.4, 5.3]
+"""The same coordinates (deg) of the mechanism whose function is to be found again."""
+INPUTS_DEG = np.arange(0.0, 360.0, 30.0)
 
-ARCS = {
+PLATFORM_RANGES = {
     "links.crank2.arc": [50.0, 70.0],
     "links.coupler2.arc": [60.0, 80.0],
     "links.crank3.arc": [45.0, 65.0],
     "links.coupler3.arc": [70.0, 90.0],
 }
-OTHER_ARCS = [63.0, 73.5, 52.0, 84.0]
-POSES = [(40, 50, 60), (80, 50, 80), (60, 70, 100), (40, 90, 60), (80, 90, 100)]
+"""Arcs of legs 2 and 3 of a platform that vary, with their ends in degrees."""
+TARGET_PLATFORM = [63.0, 73.5, 52.0, 84.0]
+"""The same arcs (deg) of the platform whose poses are to be found again."""
+POSES_DEG = [(40, 50, 60), (80, 50, 80), (60, 70, 100), (40, 90, 60), (80, 90, 100)]
+"""Angles of the three inputs at five poses."""
 
 
-def written(path, mechanism, minimise, vary, figures, samples=37, where=(), more=""):
-    """Write a synthesis file, and return its path."""
-    lines = [f'format = 1\nmechanism = "{mechanism}"\nsamples = {samples}']
-    lines += [f'minimise = "{minimise}"', f"where = {list(where)}", "[vary]"]
+def write_synthesis(path, mechanism, minimise, vary, figures, samples, where=(), more=""):
+    """Write a synthesis file, and return its path.
+
+    Parameters
+    ----------
+    minimise
+        Formula of the objective.
+    vary
+        Keys of the numbers that vary, with the ends of their ranges.
+    figures
+        Formulas of figures of merit by their names.
+    where
+        Conditions that designs have to meet.
+    more
+        Further text at the end of the file.
+    """
+    lines = [
+        "format = 1",
+        f'mechanism = "{mechanism}"',
+        f"samples = {samples}",
+        f'minimise = "{minimise}"',
+        f"where = {list(where)}",
+        "[vary]",
+    ]
     lines += [f'"{key}" = {ends}' for key, ends in vary.items()]
-    lines += ["[figures]", *(f'{name} = "{text}"' for name, text in figures.items())]
-    path.write_text("\n".join([*lines, more]).replace("'", '"'))
+    lines.append("[figures]")
+    lines += [f'{name} = "{text}"' for name, text in figures.items()]
+    lines.append(more)
+    path.write_text("\n".join(lines).replace("'", '"'))
     return path
 
 
-def of_design(mechanism, keys, numbers, figures, samples):
-    """Return the rows that a sweep has of one design."""
+def sweep_one_design(mechanism, keys, numbers, figures, samples):
+    """Return the rows, one per assembly mode, that a sweep has of one design."""
     vary = {key: [number] for key, number in zip(keys, numbers, strict=True)}
     texts = [f"{name}={text}" for name, text in figures.items()]
     return sk.sweep(mechanism, vary, texts, samples=samples).frame()
 
 
 @pytest.mark.slow
-def test_a_double_butterfly_gets_the_function_of_another(tmp_path):
-    points = {f"p{k}": f"at(theta_F, {q})" for k, q in enumerate(TURNED)}
-    row = of_design("double_butterfly", AXES, OTHER, points, 37).iloc[0]
-    wanted = [float(row[name]) for name in points]
-    match = f'[match]\nquantity = "theta_F"\nat = {TURNED.tolist()}\nvalues = {wanted}\n'
-    figures = {"steep": "max(abs(rate_F))"}
-    where = ["closes > 0.999", "steep < 8"]
-    path = tmp_path / "function.toml"
-    written(path, "double_butterfly", "match", AXES, figures, 37, where, match)
-    found = sk.synthesize(path, designs=16, starts=2)
-    assert found.before[0] > 0.1 and found.objectives[0, 0] < 1e-9
-    assert found.values[0] == pytest.approx(OTHER, abs=1e-8)
+def test_a_double_butterfly_is_found_again_by_its_function(tmp_path):
+    """The angle of pair F of a known design is asked for at twelve inputs.
+
+    The synthesis starts elsewhere and must return to the coordinates of that design. Only
+    designs that close in the whole range and have moderate rates are allowed.
+    """
+    points = {f"p{k}": f"at(theta_F, {q})" for k, q in enumerate(INPUTS_DEG)}
+    rows = sweep_one_design(
+        "double_butterfly", BUTTERFLY_RANGES, TARGET_BUTTERFLY, points, 37
+    )
+    target_angles = [float(rows.iloc[0][name]) for name in points]
+    match = (
+        f'[match]\nquantity = "theta_F"\nat = {INPUTS_DEG.tolist()}\n'
+        f"values = {target_angles}\n"
+    )
+    path = write_synthesis(
+        tmp_path / "function.toml",
+        "double_butterfly",
+        minimise="match",
+        vary=BUTTERFLY_RANGES,
+        figures={"steep": "max(abs(rate_F))"},
+        samples=37,
+        where=["closes > 0.999", "steep < 8"],
+        more=match,
+    )
+    result = sk.synthesize(path, designs=16, starts=2)
+    assert result.before[0] > 0.1  # objective of the best design before optimization
+    assert result.objectives[0, 0] < 1e-9
+    assert result.values[0] == pytest.approx(TARGET_BUTTERFLY, abs=1e-8)
 
 
 @pytest.mark.slow
-def test_modes_of_a_double_butterfly_are_kept_apart(tmp_path):
+def test_modes_of_a_double_butterfly_are_optimized_separately(tmp_path):
+    """Modes in which F begins on one side or the other have different best designs.
+
+    The figures of each best design are those that a sweep has of it, in the mode named.
+    """
     figures = {"steep": "max(abs(rate_F))", "begun": "at(theta_F, 0)"}
-    ends = []
+    least_objectives = []
     for side in ("begun > 0", "begun < 0"):
-        where = ["closes > 0.999", side]
-        path = tmp_path / "side.toml"
-        written(path, "double_butterfly", "steep", AXES, figures, 19, where)
-        found = sk.synthesize(path, designs=16, starts=1)
-        rows = of_design("double_butterfly", AXES, found.values[0], figures, 19)
-        row = rows[rows["mode"] == found.modes[0]].iloc[0]
-        assert row["steep"] == pytest.approx(found.objectives[0, 0], rel=1e-9)
-        assert row["begun"] == pytest.approx(found.figures["begun"][0], rel=1e-9)
-        ends.append(found.objectives[0, 0])
-    assert ends[1] > 1.1 * ends[0]
+        path = write_synthesis(
+            tmp_path / "side.toml",
+            "double_butterfly",
+            minimise="steep",
+            vary=BUTTERFLY_RANGES,
+            figures=figures,
+            samples=19,
+            where=["closes > 0.999", side],
+        )
+        result = sk.synthesize(path, designs=16, starts=1)
+        rows = sweep_one_design(
+            "double_butterfly", BUTTERFLY_RANGES, result.values[0], figures, 19
+        )
+        row = rows[rows["mode"] == result.modes[0]].iloc[0]
+        assert row["steep"] == pytest.approx(result.objectives[0, 0], rel=1e-9)
+        assert row["begun"] == pytest.approx(result.figures["begun"][0], rel=1e-9)
+        least_objectives.append(result.objectives[0, 0])
+    assert least_objectives[1] > 1.1 * least_objectives[0]
 
 
 @pytest.mark.slow
-def test_a_platform_on_three_legs_gets_to_the_poses_of_another(tmp_path):
-    """Its first leg stays: the angles of that say where the platform is."""
-    angles = {
-        f"{pair}_{k}": f"at(theta_{pair}, {', '.join(map(str, pose))})"
-        for k, pose in enumerate(POSES)
-        for pair in ("b1", "c1")
-    }
-    row = of_design("three_rrr", ARCS, OTHER_ARCS, angles, (3, 3, 3)).iloc[0]
-    missed = [f"({name} - ({float(row[name])!r}))**2" for name in angles]
-    figures = angles | {"steep": "max(abs(rate_c1_by_a2))"}
-    where = ["closes > 0.999", "steep < 8"]
-    path = tmp_path / "poses.toml"
-    written(path, "three_rrr", " + ".join(missed), ARCS, figures, [3, 3, 3], where)
-    found = sk.synthesize(path, designs=64, starts=2)
-    assert found.before[0] > 1.0 and found.objectives[0, 0] < 1e-12
-    assert found.values[0] == pytest.approx(OTHER_ARCS, abs=1e-5)
+def test_a_platform_on_three_legs_is_found_again_by_its_poses(tmp_path):
+    """Five poses of a known platform are asked for; the arcs of legs 2 and 3 vary.
+
+    Leg 1 is the same in all designs, so the angles of its passive pairs b1 and c1 say where
+    the platform is. The objective is the sum of their squared deviations in degrees.
+    """
+    angles = {}
+    for k, pose in enumerate(POSES_DEG):
+        inputs = ", ".join(map(str, pose))
+        for pair in ("b1", "c1"):
+            angles[f"{pair}_{k}"] = f"at(theta_{pair}, {inputs})"
+    rows = sweep_one_design(
+        "three_rrr", PLATFORM_RANGES, TARGET_PLATFORM, angles, (3, 3, 3)
+    )
+    targets = {name: float(rows.iloc[0][name]) for name in angles}
+    squares = [f"({name} - ({target!r}))**2" for name, target in targets.items()]
+    path = write_synthesis(
+        tmp_path / "poses.toml",
+        "three_rrr",
+        minimise=" + ".join(squares),
+        vary=PLATFORM_RANGES,
+        figures=angles | {"steep": "max(abs(rate_c1_by_a2))"},
+        samples=[3, 3, 3],
+        where=["closes > 0.999", "steep < 8"],
+    )
+    result = sk.synthesize(path, designs=64, starts=2)
+    assert result.before[0] > 1.0  # objective of the best design before optimization
+    assert result.objectives[0, 0] < 1e-12
+    assert result.values[0] == pytest.approx(TARGET_PLATFORM, abs=1e-5)
 
 
-SMOOTH = [
+GRADIENT_CASES = [
     (
         "double_butterfly",
-        {key: AXES[key] for key in list(AXES)[:3]},
+        {key: BUTTERFLY_RANGES[key] for key in list(BUTTERFLY_RANGES)[:3]},
         13,
         "rms(rate_F); rms(theta_B*sin(theta_F)); at(rate_G, 70); "
         "mean(acceleration_coefficient_4_1); swing(theta_F)",
@@ -131,12 +203,15 @@ SMOOTH = [
         "mean(acceleration_coefficient_follower_frame)",
     ),
 ]
+"""Mechanism, ranges of varied numbers, samples per input, figures that are smooth."""
 
 
 @pytest.mark.slow
 @pytest.mark.many
-@pytest.mark.parametrize("name, vary, samples, figures", SMOOTH)
-def test_gradients_are_those_of_differences(name, vary, samples, figures, tmp_path):
+@pytest.mark.parametrize("name, vary, samples, figures", GRADIENT_CASES)
+def test_gradients_of_followed_modes_agree_with_differences(
+    name, vary, samples, figures, tmp_path
+):
     text = find(name).read_text()
     if "[loads.bushes_1]" in text:  # whose friction no kernel solves for
         name = "without_bushes.toml"
@@ -145,55 +220,86 @@ def test_gradients_are_those_of_differences(name, vary, samples, figures, tmp_pa
 
 
 def check_gradients(tmp_path, name, vary, samples, figures):
-    """Compare figures with a sweep's, and their gradients with differences."""
-    figures = dict(zip("abcde", figures.split("; "), strict=False))
-    path = written(tmp_path / "smooth.toml", name, "a", vary, figures, samples)
+    """Compare figures with those of a sweep, and their gradients with differences.
+
+    The design is 1 percent away from the file in every number. At most four modes that
+    close in the whole range are judged. Differences are central, with several steps of
+    5e-5 of each number, so that their truncation error is below 1e-8.
+    """
+    texts_by_name = dict(zip("abcde", figures.split("; "), strict=False))
+    path = write_synthesis(
+        tmp_path / "smooth.toml", name, "a", vary, texts_by_name, samples
+    )
     evaluator = specification_of(path, designs=4).sweep.evaluator
-    gradients = FigureGradients(evaluator)
-    at = 1.01 * np.array([variable.value for variable in evaluator.variables])
-    rows = evaluator.evaluate(at[:, None])
-    modes = find_all_modes(evaluator, at[:, None])[0]
+    figure_gradients = FigureGradients(evaluator)
+    design = 1.01 * np.array([variable.value for variable in evaluator.variables])
+    rows = evaluator.evaluate(design[:, None])
+    modes = find_all_modes(evaluator, design[:, None])[0]
     assert [mode.label for mode in modes] == rows.mode.tolist()
-    whole = [k for k, closes in enumerate(rows.closes) if closes == 1.0]
-    for k in whole[:4]:
-        values_at = gradients.evaluate(at, modes[k])
-        figure, slopes = values_at.figures, values_at.gradients
-        values = [rows.merits[merit.name][k] for merit in evaluator.figures.merits]
-        assert values_at.closes == 1.0 and figure == pytest.approx(
-            np.array(values), rel=1e-9
-        )
-        for place, step in enumerate(np.diag(5e-5 * np.abs(at))):
-            difference = 0.0
+
+    closed_modes = [k for k, closes in enumerate(rows.closes) if closes == 1.0]
+    steps = 5e-5 * np.abs(design)
+    for k in closed_modes[:4]:
+        result = figure_gradients.evaluate(design, modes[k])
+        expected = [rows.merits[merit.name][k] for merit in evaluator.figures.merits]
+        assert result.closes == 1.0
+        assert result.figures == pytest.approx(np.array(expected), rel=1e-9)
+        sizes = np.max(np.abs(result.gradients), axis=1)
+        for variable, step in enumerate(steps):
+            change = np.zeros(len(design))
+            change[variable] = step
+            weighted_difference = 0.0
             for count, weight in enumerate(CENTRAL_WEIGHTS, 1):
-                ends = (at + count * step, at - count * step)
-                more, less = (gradients.evaluate(end, modes[k]).figures for end in ends)
-                difference = difference + weight * (more - less)
-            size = np.max(np.abs(slopes), axis=1)
-            off = np.abs(difference / step[place] - slopes[:, place])
-            assert np.all(off < 1e-8 * size + 1e-12)
+                above = figure_gradients.evaluate(design + count * change, modes[k])
+                below = figure_gradients.evaluate(design - count * change, modes[k])
+                weighted_difference += weight * (above.figures - below.figures)
+            derivative = weighted_difference / step
+            errors = np.abs(derivative - result.gradients[:, variable])
+            assert np.all(errors < 1e-8 * sizes + 1e-12)
+
+
+@pytest.fixture(scope="module")
+def butterfly_evaluator(tmp_path_factory):
+    """Return the evaluator of double butterflies with longitudes of axis C up to 60 deg."""
+    path = write_synthesis(
+        tmp_path_factory.mktemp("far") / "far.toml",
+        "double_butterfly",
+        minimise="a",
+        vary={"pairs.C.longitude": [-60.0, 60.0]},
+        figures={"a": "rms(rate_F)"},
+        samples=9,
+    )
+    return specification_of(path, designs=4).sweep.evaluator
 
 
 @pytest.mark.slow
-def test_a_mode_ends_where_its_designs_do(tmp_path):
-    """It is lost, not changed for another, on the way to a design that cannot close."""
-    figures = {"a": "rms(rate_F)"}
-    vary = {"pairs.C.longitude": [-60.0, 60.0]}
-    path = written(tmp_path / "far.toml", "double_butterfly", "a", vary, figures, 9)
-    evaluator = specification_of(path, designs=4).sweep.evaluator
-    gradients = FigureGradients(evaluator)
-    modes = find_all_modes(evaluator, np.array([[-8.0]]))[0]
-    others = find_all_modes(evaluator, np.array([[20.0]]))[0]
-    places = np.array([[-8.0], [20.0], [50.0]])
-    shares = np.array(
-        [[gradients.evaluate(x, mode).closes for x in places] for mode in modes]
-    )
-    assert np.all(np.diff(shares, axis=1) <= 0.0) and np.min(shares) < 0.5
-    here, there = (
-        evaluator.varied_mechanism.evaluate_design(np.array([x])) for x in (-8.0, 20.0)
-    )
+def test_a_mode_is_lost_on_the_way_to_a_design_that_cannot_close(butterfly_evaluator):
+    """From -8 over 20 to 50 degrees each mode closes in an ever smaller share of inputs."""
+    figure_gradients = FigureGradients(butterfly_evaluator)
+    modes = find_all_modes(butterfly_evaluator, np.array([[-8.0]]))[0]
+    shares = []
     for mode in modes:
-        moved = mode.with_origin(there)
-        assert sum(mode.continues_in(other) for other in others) >= 1
-        back = moved.position_arguments(here, 9)
-        held = np.isfinite(moved.origin.configurations[0])
-        assert back[:, held] == pytest.approx(mode.origin.configurations[:, held], abs=1e-9)
+        designs = ([-8.0], [20.0], [50.0])
+        results = [figure_gradients.evaluate(np.array(x), mode) for x in designs]
+        shares.append([result.closes for result in results])
+    assert np.all(np.diff(shares, axis=1) <= 0.0)
+    assert np.min(shares) < 0.5
+
+
+@pytest.mark.slow
+def test_a_mode_that_is_followed_to_another_design_and_back_is_the_same(
+    butterfly_evaluator,
+):
+    """The mode continues in one of the other design, and its configurations return."""
+    modes = find_all_modes(butterfly_evaluator, np.array([[-8.0]]))[0]
+    modes_of_other_design = find_all_modes(butterfly_evaluator, np.array([[20.0]]))[0]
+    varied_mechanism = butterfly_evaluator.varied_mechanism
+    design = varied_mechanism.evaluate_design(np.array([-8.0]))
+    other_design = varied_mechanism.evaluate_design(np.array([20.0]))
+    for mode in modes:
+        moved_mode = mode.with_origin(other_design)
+        assert sum(mode.continues_in(other) for other in modes_of_other_design) >= 1
+        returned = moved_mode.position_arguments(design, 9)
+        is_followed = np.isfinite(moved_mode.origin.configurations[0])
+        expected = mode.origin.configurations[:, is_followed]
+        assert returned[:, is_followed] == pytest.approx(expected, abs=1e-9)

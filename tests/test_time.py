@@ -1,7 +1,7 @@
-"""Runs over time: laws, simulations from a start, what is recorded of both, bad input.
+"""Runs over time: laws of the inputs, simulations from a start, and their recordings.
 
-The torque is compared with `inverse_dynamics`, the motion with `simulate`; both are
-checked elsewhere against 50 digits and a second formulation.
+The torque of a law is compared with `inverse_dynamics`, the motion with `simulate`. Both
+are checked elsewhere against 50 digits and a second formulation.
 """
 
 from dataclasses import dataclass, replace
@@ -10,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from helpers.minimal_analysis import MinimalAnalysis
-from helpers.refusals import mechanism_text
 from helpers.recording_columns import read_recording_columns
+from helpers.refusals import mechanism_text
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -27,18 +27,25 @@ from spherekit.runs.needs import Needs
 from spherekit.runs.runner import run
 from spherekit.tables.table import Column, Table
 
-HEAD = mechanism_text("timed.study")
+STUDY_HEAD = mechanism_text("timed.study")
+"""Study of the four-bar with 41 samples, to which tables are appended."""
 LAWS = {
     "constant": 'kind = "constant_speed"\nspeed = -1.5\nfrom = 4',
     "polynomial": 'kind = "polynomial"\ncoefficients = [0.2, 3.0, -2.0, 0.4]',
     "cycloidal": 'kind = "cycloidal"\nfrom = 0.5\nto = 6.2\nduration = 2',
     "table": 'kind = "table"\ntimes = [0, 1, 3]\nangles = [0, 2, 5]\nrest_at_ends = true',
 }
-FREE = HEAD + 'duration = 2\n[start]\nq = 0.3\ndq = 1.0\ntorque = "10*sin(2*t)"\n'
+"""Laws of an input over time, in rad and s."""
+SIMULATION_STUDY = (
+    STUDY_HEAD + 'duration = 2\n[start]\nq = 0.3\ndq = 1.0\ntorque = "10*sin(2*t)"\n'
+)
+"""Simulation of 2 s from q = 0.3 rad, dq = 1 rad/s, with a torque (N m) at the input."""
 
 
 @pytest.fixture
-def study(tmp_path):
+def write_study(tmp_path):
+    """Return a function that writes the text of a study and returns the path."""
+
     def write(text):
         path = tmp_path / "x.study.toml"
         path.write_text(text)
@@ -48,38 +55,47 @@ def study(tmp_path):
 
 
 @pytest.mark.parametrize("name", LAWS)
-def test_torque_of_every_law(name, study):
+def test_torques_of_a_law_are_those_of_inverse_dynamics(name, write_study):
+    """Times, inputs and their derivatives are equal, dynamic columns up to rounding."""
     text = f"duration = 3\n[inputs.21.law]\n{LAWS[name]}\n[analyses.eksergian]\n"
-    read = load_study(study(HEAD + text))
-    found = run(read)
-    frame, t = found.frame(), np.linspace(0.0, 3.0, 41)
-    want = inverse_dynamics(read.mechanism, read.laws["21"], t)
+    study = load_study(write_study(STUDY_HEAD + text))
+    result = run(study)
+    frame = result.frame()
+    t = np.linspace(0.0, 3.0, 41)
+    expected = inverse_dynamics(study.mechanism, study.laws["21"], t)
     assert set(frame["assembly_mode"]) == {0, 1}
     for column in ("t", "q", "dq", "ddq"):
-        assert np.array_equal(frame[column], getattr(want, column))
+        assert np.array_equal(frame[column], getattr(expected, column))
+    rounding = 1e-12 * max(1.0, np.max(np.abs(expected.tau)))
     for column in ("B", "dB_dq", "Q", "tau"):
-        gap = frame[column].to_numpy() - getattr(want, column)
-        assert np.max(np.abs(gap)) < 1e-12 * max(1.0, np.max(np.abs(want.tau)))
-    motion = found.frame("motion")
-    assert np.array_equal(motion["t"], np.tile(t, 2))
-    assert found.summary["time"]["duration_s"] == 3.0
+        differences = frame[column].to_numpy() - getattr(expected, column)
+        assert np.max(np.abs(differences)) < rounding
+    two_modes = np.tile(t, 2)
+    assert np.array_equal(result.frame("motion")["t"], two_modes)
+    assert result.summary["time"]["duration_s"] == 3.0
 
 
-def test_without_a_law_the_input_turns_at_1_rad_per_s(study):
+def test_without_a_law_the_input_turns_at_1_rad_per_s(write_study):
+    """A run over inputs has the time t = q; a study with a duration gets this law."""
     mechanism = sk.load("four_bar").with_inputs("21")
-    still = sk.run(mechanism, "eksergian", samples=9)
-    assert "t" not in still.frame("motion")
-    frame = still.frame()
+    result = sk.run(mechanism, "eksergian", samples=9)
+    assert "t" not in result.frame("motion")
+    frame = result.frame()
     assert np.array_equal(frame["t"], frame["q"])
     assert set(frame["dq"]) == {1.0}
-    timed = run(study(HEAD + "duration = 3\n"), ["eksergian"])
-    want = inverse_dynamics(mechanism, ConstantSpeed(1.0), np.linspace(0.0, 3.0, 41))
-    assert np.max(np.abs(timed.frame()["tau"] - want.tau)) < 1e-12
+
+    timed = run(write_study(STUDY_HEAD + "duration = 3\n"), ["eksergian"])
+    t = np.linspace(0.0, 3.0, 41)
+    expected = inverse_dynamics(mechanism, ConstantSpeed(1.0), t)
+    assert np.max(np.abs(timed.frame()["tau"] - expected.tau)) < 1e-12
 
 
 @dataclass(frozen=True)
 class LastInput(MinimalAnalysis):
-    """Shows what an analysis may read of time."""
+    """An analysis that reads the time, and rate and acceleration of the last input.
+
+    `time` is whether it declares that need.
+    """
 
     name: ClassVar[str] = "last_input"
     tables: ClassVar[tuple[Table, ...]] = (
@@ -92,111 +108,159 @@ class LastInput(MinimalAnalysis):
         return Needs(time=self.time)
 
     def compute(self, batch):
-        rates, bends = batch.input_rates, batch.input_accelerations
-        return {"last_input": {"t": batch.t, "dq": rates[:, -1], "ddq": bends[:, -1]}}
+        rates = batch.input_rates[:, -1]
+        accelerations = batch.input_accelerations[:, -1]
+        return {"last_input": {"t": batch.t, "dq": rates, "ddq": accelerations}}
 
 
-def test_every_analysis_can_have_the_time_of_all_inputs():
+def test_an_analysis_can_read_time_and_rates_of_all_inputs():
+    """It needs a law for every input, and has to declare that it reads the time."""
     mechanism = sk.load("five_bar")
-    one, other = (item.pair for item in mechanism.inputs)
-    starts = [item.start for item in mechanism.inputs]
-    laws = {one: ConstantSpeed(0.1, starts[0]), other: ConstantSpeed(0.2, starts[1])}
-    found = sk.run(mechanism, LastInput(), laws=laws, duration=2.0, samples=5)
-    assert not found.failures
-    table = found.results["last_input"].data["last_input"]
+    first, last = mechanism.inputs
+    laws = {
+        first.pair: ConstantSpeed(0.1, first.start),
+        last.pair: ConstantSpeed(0.2, last.start),
+    }
+    result = sk.run(mechanism, LastInput(), laws=laws, duration=2.0, samples=5)
+    assert not result.failures
+    table = result.results["last_input"].data["last_input"]
     assert np.array_equal(table["t"][:5], np.linspace(0.0, 2.0, 5))
     assert set(table["dq"]) == {0.2}
+
     with pytest.raises(AnalysisError, match="give a law for every input"):
         sk.run(mechanism, LastInput(), samples=5, grid=True)
     undeclared = sk.run(mechanism, LastInput(False), laws=laws, duration=2.0, samples=5)
     assert "declare Needs(time=True)" in undeclared.failures["last_input"]
 
 
-def test_simulation_of_a_study(study):
-    read = load_study(study(FREE + "[analyses.poles]\n[analyses.eksergian]\n"))
-    found = run(read)
-    assert not found.failures
-    want = simulate(read.mechanism, Start(0.3, 1.0), 2.0, torque="10*sin(2*t)")
+@pytest.fixture(scope="module")
+def simulated_study(tmp_path_factory):
+    """Return the result of the simulation study, and the same motion by `simulate`."""
+    path = tmp_path_factory.mktemp("time") / "x.study.toml"
+    path.write_text(SIMULATION_STUDY + "[analyses.poles]\n[analyses.eksergian]\n")
+    study = load_study(path)
+    result = run(study)
+    assert not result.failures
+    simulation = simulate(study.mechanism, Start(0.3, 1.0), 2.0, torque="10*sin(2*t)")
+    return result, simulation
+
+
+def test_motion_of_a_simulated_study_is_that_of_simulate(simulated_study):
+    result, simulation = simulated_study
     t = np.linspace(0.0, 2.0, 41)
-    history = want.at(t)
-    motion = found.frame("motion")
+    expected = simulation.at(t)
+    motion = result.frame("motion")
     assert np.array_equal(motion["t"], t)
-    assert np.max(np.abs(motion["q"] - history.q)) < 1e-12
-    number = list(read.mechanism.variable_names).index("theta_41")
-    turned = motion["theta_41"].to_numpy() - history.values[:, number]
-    assert np.max(np.abs(np.sin(0.5 * turned))) < 1e-12
-    frame = found.frame("eksergian")
-    assert np.max(np.abs(frame["dq"] - history.dq)) < 1e-12
+    assert np.max(np.abs(motion["q"] - expected.q)) < 1e-12
+    theta_41 = list(sk.load("four_bar").variable_names).index("theta_41")
+    differences = motion["theta_41"].to_numpy() - expected.values[:, theta_41]
+    assert np.max(np.abs(np.sin(0.5 * differences))) < 1e-12  # modulo whole turns
+
+
+def test_the_torque_of_a_simulated_study_is_the_driving_torque(simulated_study):
+    """Inverse dynamics of the simulated motion gives back the torque 10 sin(2 t)."""
+    result, simulation = simulated_study
+    t = np.linspace(0.0, 2.0, 41)
+    frame = result.frame("eksergian")
+    assert np.max(np.abs(frame["dq"] - simulation.at(t).dq)) < 1e-12
     assert np.max(np.abs(frame["tau"] - 10.0 * np.sin(2.0 * t))) < 1e-11
-    events = found.frame("motion", "events")
+
+
+def test_events_and_errors_of_a_simulated_study_are_written(simulated_study):
+    """The input comes to rest once; the error estimates of the simulation are small."""
+    result, simulation = simulated_study
+    events = result.frame("motion", "events")
     assert list(events.columns) == ["t", "kind", "pair", "q"]
-    assert list(events["kind"]) == [event.kind for event in want.events] == ["rest"]
-    assert np.allclose(events["t"], [event.t for event in want.events], atol=1e-9)
-    summary = found.summary["simulation"]
+    assert [event.kind for event in simulation.events] == ["rest"]
+    assert list(events["kind"]) == ["rest"]
+    assert np.allclose(events["t"], [event.t for event in simulation.events], atol=1e-9)
+    summary = result.summary["simulation"]
     assert summary["end"]["kind"] == "time"
     assert summary["achieved_error_rad"] < 1e-9
     assert summary["energy_imbalance_J"] < 1e-9 * summary["energy_scale_J"]
     assert summary["closure_drift_rad"] < 1e-10
 
 
-def test_rates_at_a_dead_centre_are_singular_rows():
+def test_a_row_at_a_dead_centre_is_singular_and_others_are_not():
+    """The four-bar is driven by its rocker, pair 41, through a dead centre of the rocker.
+
+    The middle one of five samples is at that time. There the rocker stands still, so rates
+    per rate of the input are infinite, except those of the rocker (link 4) itself.
+    Directions of poles keep their sense from row to row.
+    """
     mechanism = replace(sk.load("four_bar"), loads=()).with_inputs("41")
     start = Start(2.0, 3.0)
-    whole = simulate(mechanism, start, 1.0)
-    when = next(event.t for event in whole.events if event.kind == "dead_centre")
-    found = sk.run(
-        mechanism, ["poles", "eksergian"], start=start, duration=2 * when, samples=5
+    events = simulate(mechanism, start, 1.0).events
+    dead_centre_time = next(event.t for event in events if event.kind == "dead_centre")
+    result = sk.run(
+        mechanism,
+        ["poles", "eksergian"],
+        start=start,
+        duration=2 * dead_centre_time,
+        samples=5,
     )
-    assert not found.failures
-    assert list(found.frame("eksergian")["status"])[2] == "AT_SINGULARITY"
-    assert found.frame("eksergian")["tau"].isna().tolist() == [0, 0, 1, 0, 0]
-    for _, pole in found.frame().groupby(["link", "relative_to"], observed=True):
-        u = pole[["ux", "uy", "uz"]].to_numpy()
-        assert np.min(np.sum(u[1:] * u[:-1], axis=1)) > 0.5
-        assert not abs(pole["velocity_coefficient"].to_numpy()[2]) < 1e4 or set(
-            pole["link"]
-        ) == {"4"}
+    assert not result.failures
+    middle = 2
+    assert list(result.frame("eksergian")["status"])[middle] == "AT_SINGULARITY"
+    assert result.frame("eksergian")["tau"].isna().tolist() == [0, 0, 1, 0, 0]
+    for _, rows in result.frame().groupby(["link", "relative_to"], observed=True):
+        u = rows[["ux", "uy", "uz"]].to_numpy()
+        cosines = np.sum(u[1:] * u[:-1], axis=1)
+        assert np.min(cosines) > 0.5
+        is_finite = abs(rows["velocity_coefficient"].to_numpy()[middle]) < 1e4
+        assert not is_finite or set(rows["link"]) == {"4"}
 
 
-def stopped():
-    stops = (JointLimit("21", -1.0, 1.0),)
-    return replace(sk.load("four_bar"), joint_limits=stops, loads=())
+def four_bar_with_crank_limits():
+    """Return the four-bar without loads, whose crank turns from -1 to 1 rad only."""
+    limits = (JointLimit("21", -1.0, 1.0),)
+    return replace(sk.load("four_bar"), joint_limits=limits, loads=())
 
 
-def test_what_was_found_until_an_interruption_is_kept(tmp_path, capsys):
-    how = {"start": Start(0.0, 1.0), "duration": 10.0, "samples": 101}
-    found = sk.run(stopped(), "eksergian", **how)
-    end = found.summary["simulation"]["end"]
+def test_a_run_ends_where_its_simulation_reaches_a_joint_limit():
+    """Samples are 0.1 s apart; the last row is the end, at q = 1 rad."""
+    result = sk.run(
+        four_bar_with_crank_limits(),
+        "eksergian",
+        start=Start(0.0, 1.0),
+        duration=10.0,
+        samples=101,
+    )
+    end = result.summary["simulation"]["end"]
     assert end["kind"] == "joint_limit"
-    motion = found.frame("motion")
+    motion = result.frame("motion")
     assert len(motion) == int(end["t"] / 0.1) + 2
     assert motion["t"].iloc[-1] == end["t"]
     assert motion["q"].iloc[-1] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_the_command_says_that_a_simulation_reached_a_joint_limit(tmp_path, capsys):
     path = tmp_path / "stopped.toml"
-    sk.dump(stopped(), path)
-    args = ["run", str(path), "--start", "q=0,dq=1", "--duration", "10", "--tol", "1e-8"]
-    assert main([*args, "-a", "eksergian", "-o", str(tmp_path / "out")]) == 0
-    said = capsys.readouterr()
-    assert "ended at" in said.err
-    assert "reached its joint limit" in said.err
-    assert "tolerance 1.0e-08" in said.out
-    assert (tmp_path / "out" / "motion_events.csv").read_text().count("joint_limit") == 1
+    sk.dump(four_bar_with_crank_limits(), path)
+    command = ["run", str(path), "--start", "q=0,dq=1", "--duration", "10", "--tol", "1e-8"]
+    assert main([*command, "-a", "eksergian", "-o", str(tmp_path / "out")]) == 0
+    output, error_text = capsys.readouterr()
+    assert "ended at" in error_text
+    assert "reached its joint limit" in error_text
+    assert "tolerance 1.0e-08" in output
+    events = (tmp_path / "out" / "motion_events.csv").read_text()
+    assert events.count("joint_limit") == 1
 
 
-def test_faults_with_several_inputs(study):
-    head = HEAD.replace("four_bar", "five_bar") + "duration = 1\n"
+def test_missing_starts_or_laws_of_several_inputs_are_refused(write_study):
+    head = STUDY_HEAD.replace("four_bar", "five_bar") + "duration = 1\n"
     with pytest.raises(FileError, match=r"start: q has 1 number, needs 2.*\(21, 51\)"):
-        run(study(head + "[start]\nq = 0\n"))
+        run(write_study(head + "[start]\nq = 0\n"))
     with pytest.raises(FileError, match="input 51 has no law; give one for every input"):
-        run(study(head + f"[inputs.21.law]\n{LAWS['constant']}\n"))
-    grid = head.replace("samples = 41", "samples = [4, 4]")
+        run(write_study(head + f"[inputs.21.law]\n{LAWS['constant']}\n"))
+    grid_head = head.replace("samples = 41", "samples = [4, 4]")
     laws = "".join(f"[inputs.{p}.law]\n{LAWS['constant']}\n" for p in ("21", "51"))
     with pytest.raises(FileError, match="samples: over time the samples are times"):
-        run(study(grid + laws))
+        run(write_study(grid_head + laws))
 
 
 @pytest.mark.parametrize(
-    "name, start, given",
+    "name, start, spellings",
     [
         ("four_bar", Start(0.4, 1.2), ["q=0.4,dq=1.2", {"q": 0.4, "dq": 1.2}]),
         ("four_bar", Start(-2e1), ["q=-2e+1", {"q": -20}, {"q": (-20.0,)}]),
@@ -207,88 +271,139 @@ def test_faults_with_several_inputs(study):
         ),
     ],
 )
-def test_starts_in_python_are_those_of_the_command(name, start, given):
+def test_a_start_can_be_text_or_a_dictionary(name, start, spellings):
+    """The text of the command, a dictionary and a `Start` give the same simulation."""
     mechanism = sk.load(name)
-    links = [k for k in mechanism.links if k != mechanism.ground]
-    body = [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
-    for link in links:
-        mechanism = mechanism.with_mass(link, body)
-    wanted = simulate(mechanism, start, 0.01, engine="numpy").at([0.01]).values
-    for item in given:
-        found = simulate(mechanism, item, 0.01, engine="numpy").at([0.01]).values
-        assert np.array_equal(found, wanted)
-        result = sk.run(mechanism, "dynamics", start=item, duration=0.01, samples=2)
-        inputs = [key for key in result.frame() if key.startswith("q")]
-        assert result.frame()[inputs].to_numpy()[0] == pytest.approx(start.q)
+    tensor = [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
+    for link in mechanism.links:
+        if link != mechanism.ground:
+            mechanism = mechanism.with_mass(link, tensor)
+    duration = 0.01
+    expected = simulate(mechanism, start, duration, engine="numpy").at([duration]).values
+    for spelling in spellings:
+        simulation = simulate(mechanism, spelling, duration, engine="numpy")
+        assert np.array_equal(simulation.at([duration]).values, expected)
+        result = sk.run(mechanism, "dynamics", start=spelling, duration=duration, samples=2)
+        frame = result.frame()
+        inputs = [column for column in frame if column.startswith("q")]
+        assert frame[inputs].to_numpy()[0] == pytest.approx(start.q)
 
 
-def test_flags_say_the_same_as_a_study(tmp_path, study, capsys):
+def test_flags_of_the_command_give_the_table_of_a_study(tmp_path, write_study):
     law = "polynomial:coefficients=0.2+3.0+-2.0+0.4"
     flags = ["--law", law, "--duration", "3", "--samples", "41", "-a", "eksergian"]
     assert main(["run", "four_bar", *flags, "-o", str(tmp_path / "flags")]) == 0
     text = f"duration = 3\n[inputs.21.law]\n{LAWS['polynomial']}\n[analyses.eksergian]\n"
-    run(study(HEAD + text)).write(tmp_path / "study")
-    both = [(tmp_path / name / "eksergian.csv").read_text() for name in ("flags", "study")]
-    assert both[0] == both[1]
-    capsys.readouterr()  # flags replace what the study says
-    asked = ["run", str(study(FREE)), "--law", "constant_speed:speed=1", "--json"]
-    assert main(asked) == 0
-    out = capsys.readouterr().out
-    assert '"time": {' in out and '"simulation"' not in out
+    run(write_study(STUDY_HEAD + text)).write(tmp_path / "study")
+    by_flags = (tmp_path / "flags" / "eksergian.csv").read_text()
+    by_study = (tmp_path / "study" / "eksergian.csv").read_text()
+    assert by_flags == by_study
 
 
-def recorded(path, analyses=("poles:only=31", "eksergian"), **options):
+def test_a_law_by_a_flag_replaces_the_start_of_a_study(write_study, capsys):
+    """The run is then over time by a law, and no simulation."""
+    path = str(write_study(SIMULATION_STUDY))
+    assert main(["run", path, "--law", "constant_speed:speed=1", "--json"]) == 0
+    output = capsys.readouterr().out
+    assert '"time": {' in output
+    assert '"simulation"' not in output
+
+
+def record_four_bar(path, analyses=("poles:only=31", "eksergian"), **options):
+    """Record a run of the four-bar; return the path of the recording."""
     with RerunRecorder("four bar", path=path) as recorder:
         sk.run(sk.load("four_bar"), list(analyses), recorder=recorder, **options)
     return path
 
 
+MODE_0 = "/four_bar/assembly_mode_0"
+"""Path of the first assembly mode in a recording."""
+
+
+@pytest.fixture(scope="module")
+def simulation_recording(tmp_path_factory):
+    """Return the recording of the simulation study at 21 times.
+
+    The report interval is infinite, so that links are logged once, when all is solved.
+    """
+    path = tmp_path_factory.mktemp("recording") / "a.rrd"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("spherekit.progress.REPORT_INTERVAL_S", np.inf)
+        return record_four_bar(
+            path, samples=21, start=Start(0.3, 1.0), duration=2.0, torque="10*sin(2*t)"
+        )
+
+
 @pytest.mark.slow
-def test_recordings_have_a_timeline_of_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(
-        "spherekit.progress.REPORT_INTERVAL_S", np.inf
-    )  # logged once, when solved
-    options = {"start": Start(0.3, 1.0), "duration": 2.0, "torque": "10*sin(2*t)"}
-    found = read_recording_columns(recorded(tmp_path / "a.rrd", samples=21, **options))
-    assert {line for _, line in found if ":" not in line} == {"sample", "time"}
-    home = "/four_bar/assembly_mode_0"
+def test_the_recording_of_a_simulation_has_a_timeline_of_time(simulation_recording):
+    """Times are stored in nanoseconds; the plot of the torque is 10 sin(2 t)."""
+    columns = read_recording_columns(simulation_recording)
+    timelines = {name for _, name in columns if ":" not in name}
+    assert timelines == {"sample", "time"}
     t = np.linspace(0.0, 2.0, 21)
     for part in ("link/2", "plots/torque/tau", "plots/variable/theta_41", "pole/3_1"):
-        ns = np.array(found[f"{home}/{part}", "time"])
-        assert np.max(np.abs(ns * 1e-9 - t)) < 1e-9
-        assert found[f"{home}/{part}", "sample"] == list(range(21))
-    tau = np.concatenate(found[f"{home}/plots/torque/tau", "Scalars:scalars"])
+        nanoseconds = np.array(columns[f"{MODE_0}/{part}", "time"])
+        assert np.max(np.abs(nanoseconds * 1e-9 - t)) < 1e-9
+        assert columns[f"{MODE_0}/{part}", "sample"] == list(range(21))
+    tau = np.concatenate(columns[f"{MODE_0}/plots/torque/tau", "Scalars:scalars"])
     assert np.max(np.abs(tau - 10.0 * np.sin(2.0 * t))) < 1e-11
-    portrait = f"{home}/plots/phase_portrait"
-    marks = np.array(found[f"{portrait}/mark", "Points2D:positions"])[:, 0]
-    still = read_recording_columns(tmp_path / "a.rrd", static=True)
-    words = still[f"{portrait}/words", "Points2D:labels"][-1]
-    box, *lines = map(np.array, still[f"{portrait}/frame", "LineStrips2D:strips"][-1])
-    moved = simulate(sk.load("four_bar"), Start(0.3, 1.0), 2.0, torque="10*sin(2*t)")
-    history = moved.at(t)
-    for k, (values, unit) in enumerate(((history.q, "q, deg"), (history.dq, "dq, deg/s"))):
-        own = [line[0, k] for line in lines if line[0, k] == line[1, k]]
-        ticks, words = words[: len(own)], words[len(own) :]
-        name, words = words[0], words[1:]
-        assert name.removeprefix("up: ") == unit and len(ticks) >= 3
-        scale = np.polyfit(own, [float(w.replace("\u2212", "-")) for w in ticks], 1)
-        assert np.max(np.abs(np.polyval(scale, marks[:, k]) - np.degrees(values))) < 1e-4
-        low, high = np.min(box[:, k]), np.max(box[:, k])
-        assert np.all((marks[:, k] > low - 1e-3) & (marks[:, k] < high + 1e-3))
-        assert np.ptp(marks[:, k]) > 0.9 * (high - low)
-    found = read_recording_columns(recorded(tmp_path / "b.rrd", samples=5))  # without time
-    assert {line for _, line in found if ":" not in line} == {"sample", "input_deg"}
-    assert not any("phase" in path or "variable" in path for path, _ in found)
+
+
+@pytest.mark.slow
+def test_the_phase_portrait_of_a_recording_is_drawn_to_its_scales(simulation_recording):
+    """The mark moves over input (deg) and rate (deg/s), as read from ticks of both axes.
+
+    A line of the frame whose ends have the same coordinate marks a tick of that axis. The
+    texts are the tick labels and the title of the first axis, then those of the second.
+    """
+    moving = read_recording_columns(simulation_recording)
+    at_rest = read_recording_columns(simulation_recording, static=True)
+    portrait = f"{MODE_0}/plots/phase_portrait"
+    marks = np.array(moving[f"{portrait}/mark", "Points2D:positions"])[:, 0]
+    texts = at_rest[f"{portrait}/words", "Points2D:labels"][-1]
+    strips = at_rest[f"{portrait}/frame", "LineStrips2D:strips"][-1]
+    box, *lines = (np.array(strip) for strip in strips)
+
+    t = np.linspace(0.0, 2.0, 21)
+    start = Start(0.3, 1.0)
+    states = simulate(sk.load("four_bar"), start, 2.0, torque="10*sin(2*t)").at(t)
+    expected_by_axis = ((states.q, "q, deg"), (states.dq, "dq, deg/s"))
+    for axis, (expected, title) in enumerate(expected_by_axis):
+        ticks = [line[0, axis] for line in lines if line[0, axis] == line[1, axis]]
+        tick_labels = texts[: len(ticks)]
+        assert texts[len(ticks)].removeprefix("up: ") == title
+        texts = texts[len(ticks) + 1 :]
+        assert len(ticks) >= 3
+        tick_values = [float(text.replace("\u2212", "-")) for text in tick_labels]
+        scale = np.polyfit(ticks, tick_values, 1)
+        mark_values = np.polyval(scale, marks[:, axis])
+        assert np.max(np.abs(mark_values - np.degrees(expected))) < 1e-4
+
+        # The marks stay in the box and use nine tenths of it.
+        low = np.min(box[:, axis])
+        high = np.max(box[:, axis])
+        assert np.all(marks[:, axis] > low - 1e-3)
+        assert np.all(marks[:, axis] < high + 1e-3)
+        assert np.ptp(marks[:, axis]) > 0.9 * (high - low)
+
+
+@pytest.mark.slow
+def test_a_recording_without_time_has_no_phase_portrait(tmp_path):
+    columns = read_recording_columns(record_four_bar(tmp_path / "b.rrd", samples=5))
+    timelines = {name for _, name in columns if ":" not in name}
+    assert timelines == {"sample", "input_deg"}
+    assert not any("phase" in path or "variable" in path for path, _ in columns)
 
 
 @pytest.mark.slow
 @pytest.mark.viewer
-def test_pictures_of_a_time_and_of_a_tab(tmp_path):
+def test_a_screenshot_can_show_another_tab(tmp_path):
+    """The tab "Compare" gives another picture; a misspelt tab is refused with a hint."""
     from spherekit.display.rerun.screenshot import screenshot
     from spherekit.errors import OutputError
 
     laws = {"21": ConstantSpeed(1.0)}
-    path = recorded(tmp_path / "a.rrd", samples=21, laws=laws, duration=2.0)
+    path = record_four_bar(tmp_path / "a.rrd", samples=21, laws=laws, duration=2.0)
     try:
         screenshot(path, tmp_path / "a.png", sample=7)
     except OutputError as error:
