@@ -37,7 +37,7 @@ def warnings_as_sentences(
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        """Report a warning; the parameters are those of `warnings.showwarning`."""
+        """Report a warning once; it has the parameters of `warnings.showwarning`."""
         text = " ".join(str(message).split()).rstrip(".")
         if text in reported:
             return

@@ -262,11 +262,13 @@ def _export_source(
         vary, and crossings.
     """
     if options.get("crossings") == "pass":
+        # With other link sizes, curves of modes cross at other inputs or nowhere. So sizes
+        # of links cannot be arguments.
         check_sizes_keep_crossings(mechanism, options.get("vary", ()))
     formula_set = formulas(
         mechanism, input_pair=input_pair, assembly_mode=assembly_mode, **options
     )
-    check_arguments([formula_set])
+    check_arguments([formula_set])  # each size that varies has to change a result
     write_text(target, source(formula_set, kind))
     method = "by steps of Newton's method" if formula_set.step else "in closed form"
     arguments = listing(x.name for x in (*formula_set.motion, *formula_set.sizes))
@@ -275,6 +277,7 @@ def _export_source(
         f"{formula_set.operations} operations"
     )
     mode_table = formula_set.mode_table
+    # `left_out` has the number and the reason of each mode that has no formulas.
     notes = [f"left out: assembly mode {reason}" for reason in mode_table.left_out]
     if mode_table.smooth is not None:
         notes.append(_describe_crossings(mode_table.smooth))
@@ -348,6 +351,7 @@ def _export_functions(
             f"{target}: a stored model of several inputs has no source; export the "
             "formulas (--to c), or the archive *.npz"
         )
+    # What the model leaves out or does not cover.
     notes = []
     if mechanism.outputs:
         notes.append(f"outputs left out: {listing(x.name for x in mechanism.outputs)}")

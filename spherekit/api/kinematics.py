@@ -559,11 +559,15 @@ def _single_row_evaluator(
     )
 
     def make_batch(q: float, evaluated_row: EvaluatedRow) -> Batch:
-        """Return the batch of one evaluated row, with arrays, at an input q (rad)."""
+        """Return the batch of one evaluated row, with arrays, at an input q (rad).
+
+        A batch has the configurations, here a single one, with their poles, rates and error
+        bounds.
+        """
         columns = np.array(evaluated_row.columns)[:, None]
         values = np.array([evaluated_row.variables])
         passive_variables = list(kernel.passive_variables)
-        values[:, passive_variables] = wrap(values[:, passive_variables])
+        values[:, passive_variables] = wrap(values[:, passive_variables])  # (-pi, pi]
         row = replace(
             row_template,
             inputs=np.array([[q]]),
@@ -581,13 +585,17 @@ def _single_row_evaluator(
         return Batch(mechanism, (request.plan,), needs, row, (field,))
 
     def evaluate_row(q: float) -> Callable[[], Batch] | None:
-        """Return the maker of the batch at an input q (rad), None in case of doubt."""
+        """Return the maker of the batch at an input q (rad), None in case of doubt.
+
+        A batch has the configuration at q with its poles and error bounds. In case of doubt
+        float64 may give too few digits, and the caller evaluates q in the ordinary way.
+        """
         if not low <= q <= high and isfinite(q):
             q = shift_into_range(position_analysis, np.array([q])).item()
         # In closed form the mode is selected by the signs of its dyads. Otherwise Newton's
         # method starts from a configuration that the mode's guide predicts.
         if kernel.has_closed_form:
-            signs = mode.signs_along(np.array([[q]]))[:, 0]
+            signs = mode.signs_along(np.array([[q]]))[:, 0]  # at the only input
             arguments = [q, *signs.astype(float).tolist()]
         else:
             assert mode.guide is not None

@@ -109,6 +109,13 @@ class CommandLineParser(argparse.ArgumentParser):
         The message ends with the nearest choice. If a user wrote a file or a shipped
         mechanism where a command belongs, the message names the command that reads it.
         `argparse` calls this method for each argument.
+
+        Parameters
+        ----------
+        action
+            The declaration of the argument, with its choices.
+        value
+            The value that the user gave.
         """
         from spherekit.wording import nearest
 

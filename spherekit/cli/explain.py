@@ -66,6 +66,7 @@ def execute(options: Namespace) -> int:
     from spherekit.runs.study_analyses import make_study_analyses
 
     study = study_from(options)
+    # The analyses of the command line, otherwise those that the file names.
     analyses = [
         create_analysis(text) for text in options.analysis or ()
     ] or make_study_analyses(study)
@@ -181,6 +182,7 @@ def _print_description(description: Facts, link_count: int) -> None:
         f"{description['mechanism']}, {numbered('input', description['inputs'])}, "
         f"analyses: {', '.join(description['analyses'])}"
     )
+    # Positions are solved group by group: links that are closed together.
     groups = description["positions"]
     print(f"positions, group by group:{'' if groups else ' no loop to close'}")
     for group in groups:
@@ -198,6 +200,8 @@ def _print_description(description: Facts, link_count: int) -> None:
             f"{', '.join(at_once['analyses'])}; about {size_text(at_once['bytes_a_row'])} "
             "of memory for each sample of each assembly mode"
         )
+    # Poles are the instantaneous axes of two links; primary ones are axes of pairs. There
+    # is one plan for each input that moves while the others are locked.
     poles = description["asked"]
     if not poles:
         print("asked of the samples: no poles")

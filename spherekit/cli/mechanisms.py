@@ -23,7 +23,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """List the shipped mechanisms, one a line."""
+    """List the shipped mechanisms, one a line, and then the shipped studies.
+
+    Packages ship mechanisms as packs, which are folders of files. A pack or a mechanism
+    that cannot be read is reported on stderr and left out. Returns the exit status 0.
+    """
     from spherekit.errors import SpherekitError
     from spherekit.files.library import shipped
     from spherekit.files.mechanism_reader import load

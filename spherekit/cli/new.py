@@ -66,7 +66,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write a mechanism file or a folder with an analysis, and print what to do next."""
+    """Write a mechanism file or a folder with an analysis, and print what to do next.
+
+    A mechanism file is a copy of a shipped template, of the kind that the user chooses, or
+    of another mechanism (``--like``), with the new name. Returns the exit status 0.
+    """
     from spherekit.errors import OutputError
     from spherekit.storage.atomic_write import make_folder, write_text
 

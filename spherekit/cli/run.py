@@ -248,6 +248,15 @@ def _run_and_report(
 ) -> tuple["RunResult", int]:
     """Run a study, print the summary and draw the figures.
 
+    Parameters
+    ----------
+    study
+        The mechanism, its motion, and the folder for the tables.
+    analyses
+        The analyses to run.
+    options
+        Values of the arguments of the command.
+
     Returns
     -------
     The result, and the number of error bounds that the proof of ``--prove`` refutes.
@@ -261,6 +270,7 @@ def _run_and_report(
             note(options, f"serving at {recorder.url}; open it with: rerun {recorder.url}")
         # A collector keeps the scenes for the figures and hands them on to the recorder.
         collector = Collector(recorder) if options.figures else None
+        # The setting that meets --tol and its accuracy; empty without --tol.
         choice = _setting_for_tolerance(study, analyses, options)
         engine = options.engine
         if choice and choice["setting"].tolerance is not None:  # chosen for a simulation
@@ -341,8 +351,14 @@ def _exit_status(result: "RunResult", exceeded_bounds: int, is_strict: bool) -> 
 def _prove_poles(options: Namespace, study: "Study", result: "RunResult") -> int:
     """Enclose the poles of a run by proof, print the outcome and write a table of them.
 
-    Returns the number of error bounds of the run that the proof refutes: pole axes that are
-    farther from the proven ones than their bound allows.
+    A pole is the instantaneous axis of two links. The proof encloses it in balls: numbers
+    of many digits with a proven bound of their error. The table is written only if the run
+    has a folder.
+
+    Returns
+    -------
+    The number of error bounds of the run that the proof refutes: pole axes that are farther
+    from the proven axes than their bound allows.
     """
     from spherekit.runs.proven_poles import prove_poles
 
@@ -394,6 +410,7 @@ def _print_result(options: Namespace, study: "Study", result: "RunResult") -> No
             f"spherekit: the simulation ended at {simulation_end['t']:.9g} s: "
             f"{simulation_end['reason']}; what was found until then is kept",
         )
+    # By default every sample is recorded, from the first one on.
     recording = summary.get("recording", {"one_of": 1, "from_sample": 0})
     if recording["one_of"] > 1 or recording["from_sample"] > 0:
         note(

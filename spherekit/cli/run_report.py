@@ -40,10 +40,12 @@ def report(summary: Any) -> str:
             f"  {counted(redundant['count'], 'redundant constraint')} among pairs "
             f"{', '.join(redundant['pairs'])}"
         )
+    # Assembly modes: the ways to close the loops at the same inputs.
     lines += by_equal_counts(summary["assembly_modes"])
     if summary["assembly_modes"]:
         lines.append(f"assembly modes: {summary['search']}")
         lines += _describe_mode_meetings(summary)
+    # Failures: the number of poles with each status except OK, and rows of tables.
     pole_counts = summary["pole_status"]
     not_ok = [
         f"{count} {status}" for status, count in pole_counts.items() if status != "OK"
@@ -187,6 +189,7 @@ def spent(cost: Any) -> Lines:
     """
     seconds = cost["seconds"]  # by stage of the run
     total = sum(seconds.values())
+    # Stages that took less than a small share of the time are not listed.
     stages = ", ".join(
         f"{stage} {duration(time_s)}"
         for stage, time_s in seconds.items()
@@ -203,6 +206,7 @@ def spent(cost: Any) -> Lines:
         if cost[key]
     )
     separator = "; " if evaluations else ""
+    # Sizes of the files, for each format in which all tables were written.
     tables = cost["tables"].values()
     rows = counted(sum(table["rows"] for table in tables), "row")
     sizes = f"  {rows} in {counted(len(tables), 'table')}"

@@ -184,7 +184,14 @@ def execute(options: Namespace) -> int:
 def _print_result(result: "SweepResult") -> None:
     """Print the first rows of a sweep, reasons of impossible designs, and the folders.
 
-    The rows go to stdout, and the names of files and folders to stderr.
+    A row is an assembly mode of a design. The rows go to stdout, and the names of files and
+    folders to stderr.
+
+    Parameters
+    ----------
+    result
+        The finished sweep. Its `frame` has all rows. Its `folder` is None if the user named
+        no folder.
     """
     frame: Any = result.frame()
     is_failed = frame["status"] != "OK"

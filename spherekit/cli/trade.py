@@ -85,6 +85,7 @@ def execute(options: Namespace) -> int:
         check_tolerance(study.mechanism.name, options.tol)
     if options.rounds < 1:
         raise AnalysisError(f"--rounds {options.rounds}: give a whole number of at least 1")
+    # The analysis of the command line, otherwise the only one that the file names.
     analyses = (
         [create_analysis(options.analysis)]
         if options.analysis

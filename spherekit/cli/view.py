@@ -122,7 +122,20 @@ def _show_mechanism(options: Namespace) -> int:
 
 
 def _show_recording(path: Path, options: Namespace) -> int:
-    """Open a recording in a browser or the viewer, or write a picture of it."""
+    """Open a recording in a browser or the viewer, or write a picture of it.
+
+    Parameters
+    ----------
+    path
+        The recording, ``*.rrd``.
+    options
+        Values of the arguments: ``web`` for a browser, or ``png`` with the file of the
+        picture, the sample and the size. By default the viewer is opened.
+
+    Returns
+    -------
+    The exit status 0.
+    """
     if options.web:
         from spherekit.display.rerun.web_viewer import serve_web
 

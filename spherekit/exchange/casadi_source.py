@@ -117,6 +117,7 @@ def _write_function(source: Source, function: SourceFunction) -> str:
     ]
     argument_names = json_text([*source.arguments])
     residual = f", {function.closure_residual}" if function.closure_residual else ""
+    # After a step of Newton's method: the new variables, and how far loops are open.
     result_names = '["after", "open"]' if residual else '["result"]'
     results = join_items(function.results, 8)
     lines = [
@@ -142,6 +143,7 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     if source.smooth_modes is None:
         return
     texts = smooth_mode_texts(source, 'float("nan")', 'float("inf")', MOVED_INPUT_TEMPLATE)
+    # The parts of the text about the input of the known configuration; empty without one.
     input_lines = ""
     docstring_end = ""
     first_input = ""

@@ -170,7 +170,8 @@ def _choose_node_counts(
     mechanism
         The mechanism.
     samples
-        The requested numbers, or one for all inputs, or None for the default.
+        The requested numbers, or one for all inputs. By default `FIRST_NODE_COUNTS` for
+        this number of inputs.
     """
     input_count = len(mechanism.inputs)
     if samples is None:
@@ -342,7 +343,9 @@ def _compute_table(
     # The nodes of the table among the points of the refined grid.
     node_indices = PARTS_PER_CELL * np.indices(node_counts)
     nodes = np.ravel_multi_index(tuple(node_indices), refined_counts).ravel()
+    # Between the nodes of a line there is one cell less than nodes.
     cell_shape = (len(mode_numbers), math.prod(count - 1 for count in node_counts))
+    # Periods and errors are preliminary here, and are found from the table below.
     table = CouplingTable(
         mechanism=mechanism.name,
         mechanism_sha256=mechanism_hash(mechanism),

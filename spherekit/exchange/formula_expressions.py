@@ -138,6 +138,7 @@ class SmoothModes(NamedTuple):
         ):
             if np.isnan(known_input) or np.any(np.isnan(values)):
                 continue
+            # An interval with the same places as the last piece belongs to that piece.
             if not pieces or not np.array_equal(pieces[-1][2], values):
                 pieces.append((max(start, self.low), float(known_input), values))
         return pieces

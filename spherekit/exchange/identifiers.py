@@ -55,7 +55,11 @@ class NameRules:
     underscores: bool = True
 
     def identifier(self, text: str) -> str:
-        """Return a text as a name that the language allows, unchanged if it is one."""
+        """Return a text as a name that the language allows, unchanged if it is one.
+
+        Characters that names cannot have become underscores. A name that is still not
+        allowed gets "m_" before it.
+        """
         name = re.sub(r"\W", "_", text, flags=re.ASCII)
         if not self.underscores:
             name = re.sub("__+", "_", name)

@@ -207,6 +207,7 @@ class ImportedDynamics:
         mj_model = self._mj_model
         joint = pair.joint
         name = pair.name
+        # Stiffness (N m/rad), damping (N m s/rad) and torque of dry friction (N m).
         stiffness, viscous, dry = (
             shorten(values[joint], values[joint])
             for values in (
@@ -328,6 +329,8 @@ class ImportedDynamics:
             Number of an actuator without control, see `_is_constant_wrench`.
         """
         mj_model = self._mj_model
+        # Sites are frames on bodies. The actuator acts at `site`; a `reference_site` of -1
+        # means that there is none.
         site, reference_site = mj_model.actuator_trnid[actuator]
         is_in_link_axes = reference_site < 0
         axes_site = site if is_in_link_axes else reference_site
@@ -335,6 +338,7 @@ class ImportedDynamics:
         link = self._linkage.link_by_body[mj_model.site_bodyid[site]]
         magnitude = mj_model.actuator_biasprm[actuator][0]
         wrench = mj_model.actuator_gear[actuator] * magnitude  # force, then moment
+        # From the centre of the sphere to the point at which the force acts (m).
         arm = self._mj_data.site_xpos[site] - self._linkage.centre
         link_name = self._linkage.link_name(link)
         axes = "link" if is_in_link_axes else "ground"

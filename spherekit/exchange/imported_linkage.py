@@ -258,7 +258,7 @@ class ImportedLinkage:
             If the axes are parallel, or do not meet in a point. The message lists the
             distances of all axes.
         """
-        lines = self._list_axis_lines()
+        lines = self._list_axis_lines()  # the axes in the pose of the model
         if not lines:
             raise FileError(f"{self.where}: nothing moves: all joints are locked")
         points = np.array([line.point for line in lines])
@@ -276,6 +276,8 @@ class ImportedLinkage:
         distances = distances_to_lines(centre, points, directions)
         largest_distance = np.max(distances)
         if largest_distance > max_distance:
+            # The message lists the axes, the farthest first. Small distances are shown as
+            # zero.
             centre_text = listing(shorten(coordinate, size) for coordinate in centre)
             least_listed = LISTED_DISTANCE_RATIO * max_distance
             distance_lines = ""

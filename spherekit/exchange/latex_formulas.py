@@ -66,6 +66,7 @@ class LatexFormulas:
         self.inputs = assembly.inputs
         input_names = mechanism.names_of(self.inputs)
         self.formula_list = FormulaList(mechanism, len(input_names))
+        # Names of quantities that hold while one input moves end in the name of the input.
         self.input_suffixes = [""]
         if len(input_names) > 1:
             self.input_suffixes = [f"_by_{name}" for name in input_names]
@@ -83,6 +84,7 @@ class LatexFormulas:
             self.pole_plans,
             self.input_suffixes,
         )
+        # Each part has written its formulas to `formula_list` when it was made.
         self.omitted_loads: Sequence[str] = []
         self.free_symbols: dict[Any, ExpressionNode] = {**self.positions.free_symbols}
         if mechanism.masses or mechanism.loads:

@@ -133,7 +133,21 @@ class PositionFormulas:
         ground_axes: Floats,
         free_sizes: Collection[Any],
     ) -> None:
-        """Write all formulas: the ground first, then link by link in solving order."""
+        """Write all formulas: the ground first, then link by link in solving order.
+
+        Parameters
+        ----------
+        formula_list
+            The list to which formulas are added.
+        mechanism
+            The mechanism.
+        assembly
+            Its inputs, and its groups (links closed together) in solving order.
+        ground_axes
+            (3, 3) matrix whose columns are the axes i, j, k of the ground.
+        free_sizes
+            Sizes that are printed as symbols instead of numbers.
+        """
         self._formula_list = formula_list
         self._mechanism = mechanism
         self.inputs = assembly.inputs
@@ -145,6 +159,7 @@ class PositionFormulas:
         self.input_accelerations = self._declare_input_symbols(
             r"\ddot{q}", "its acceleration (rad/s$^2$)"
         )
+        # Symbols of all pairs: theta for passive ones, q for inputs.
         self.pair_angles = [
             make_symbol(rf"\theta_{{{formula_list.join_labels(second, first)}}}")
             for first, second in mechanism.ends
@@ -158,7 +173,7 @@ class PositionFormulas:
         self._axes_by_link = [
             self._declare_link_axes(link) for link in range(len(mechanism.links))
         ]
-        self.link_frames: dict[int, list[Expr]] = {}
+        self.link_frames: dict[int, list[Expr]] = {}  # axes of placed links, by number
 
         self._place_ground(ground_axes)
         self._place_driven_links()

@@ -206,6 +206,7 @@ class MujocoModel:
                 f"joint limits of {limited_pairs} are MuJoCo's soft limits, where "
                 "spherekit ends a simulation"
             )
+        # Links whose mass or centre is not stated, and links without mass.
         links_with_mass = {mass.link for mass in mechanism.masses if np.any(mass.tensor)}
         bodies = rigid_bodies.bodies
         chosen_links = listing(
@@ -351,6 +352,8 @@ class MujocoModel:
                 else self._names.bodies[hinge.child]
             )
             body = _add(parent_element, "body", name=name)
+            # The pose of a body in MJCF is relative to its parent, and the axis of a joint
+            # is in the axes of its body.
             rotation = self._rotation_of(hinge.child)
             _set_rotation(body, self._rotation_of(parent).T @ rotation)
             _add(

@@ -232,10 +232,11 @@ def _find_affine_law(component: LoadComponent, pair: str) -> Floats:
         slopes = [differentiate([magnitude], {variable: 1.0})[0] for variable in variables]
         # The function is affine if its derivatives are constant.
         if not any(map(has_variables, slopes)):
+            # At theta = dtheta = 0 the magnitude is c0, and the slopes are c1 and c2.
             evaluate = array_function([magnitude, *slopes], variables)
             factors = evaluate(np.zeros((len(names), 1)))[:, 0]
     if not all_finite(factors):
         raise EngineError(
             f"it is not constant, and not in proportion to an angle or rate: {law.text}"
         )
-    return np.append(factors, [0.0, 0.0])[:3]
+    return np.append(factors, [0.0, 0.0])[:3]  # without a pair there is only c0

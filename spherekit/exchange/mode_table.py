@@ -402,10 +402,11 @@ def _find_candidate(
     interval = np.zeros(len(motion), dtype=np.intp)
     if len(borders):
         interval = np.searchsorted(borders, motion.inputs[:, 0])
+    # The formulas may be those of an equivalent linkage without contacts.
     values = motion.values
     if varied.equivalent_linkage is not None:
         values = varied.equivalent_linkage.values(values)
-    count = len(borders) + 1
+    count = len(borders) + 1  # of intervals
     if terms.has_closed_form and varied.equivalent_linkage is None:
         # A mode has its signs by definition; on a smooth curve, one set in each interval.
         signs = [piece.signs for _, piece in mode.pieces] or [mode.signs] * count
@@ -462,6 +463,7 @@ def _select_well_conditioned_rows(
     ModeProblem
         If no sample of the mode is accurate enough to be compared.
     """
+    # Find accurate rows of the mode, if necessary among more samples.
     rows = _find_accurate_rows(sampled_motion, mode)
     if not len(rows) and len(position_analysis.inputs) == 1:
         sampled_motion = position_analysis.at(
@@ -482,6 +484,7 @@ def _select_well_conditioned_rows(
         return motion.rows(
             _spread_well_conditioned(sensitivity, np.arange(len(rows)), COMPARED_INPUTS)
         )
+    # With borders there is one input. Choose rows in each interval that has accurate ones.
     interval = np.searchsorted(borders, motion.inputs[:, 0])
     interval_numbers = np.unique(interval)
     count = max(LEAST_COMPARED_INPUTS, COMPARED_INPUTS // len(interval_numbers))
@@ -490,7 +493,7 @@ def _select_well_conditioned_rows(
         in_interval = np.flatnonzero(interval == number)
         chosen.append(_spread_well_conditioned(sensitivity, in_interval, count))
         if includes_neighbours:
-            chosen.append(in_interval[[0, -1]])
+            chosen.append(in_interval[[0, -1]])  # next to the two ends of the interval
     return motion.rows(np.unique(np.concatenate(chosen)))
 
 

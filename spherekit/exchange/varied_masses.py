@@ -45,6 +45,10 @@ def express_masses(
         Axes of the pairs, in which sizes of links are symbols.
     expression_by_path
         Expressions of numbers of the document (SI), by their paths.
+
+    Returns
+    -------
+    The masses in their order in the mechanism.
     """
     table_by_link = document.data.get("mass", {})
     return tuple(

@@ -46,8 +46,8 @@ class Collector:
     Attributes
     ----------
     another
-        A recorder that receives everything too. Its other attributes are those of this
-        object.
+        A recorder that receives everything too. Attributes that this object does not have,
+        such as `finish`, are read from it.
     """
 
     another: "Recorder | None" = None
@@ -61,6 +61,7 @@ class Collector:
             self.another.start(head)
 
     def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the other recorder that this object does not have."""
         return getattr(self.another, name)
 
     def log(
@@ -98,6 +99,7 @@ class Collector:
         """
         still_scenes = [scene for head in self._heads for scene in head.scenes]
         block_scenes = [block.scene for block in self._blocks]
+        # Scenes by their analysis (`source`) and page.
         parts_by_page: dict[tuple[str, Page], list[Scene]] = {}
         for scene in [*still_scenes, *block_scenes]:
             parts_by_page.setdefault((scene.source, scene.page), []).append(scene)

@@ -145,6 +145,7 @@ def plan_figures(
     if degrees:
         scenes = [convert_to_degrees(scene) for scene in scenes]
     sheet = Sheet(columns, titles)
+    # Figures are planned for each analysis (`source`), and drawn when they are first read.
     draw_by_name: dict[str, Callable[[], Figure]] = {}
     for source in dict.fromkeys(scene.source for scene in scenes):
         source_scenes = [scene for scene in scenes if scene.source == source]

@@ -178,6 +178,7 @@ def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
     left, right = panel.get_xlim()
     low, high = panel.get_ylim()
     scene, series = curve
+    # The marks are inputs of the only axis of the scene.
     axis_values = scene.over[0].values
     order = np.argsort(axis_values)
     label = plot_text(input_marks.label)

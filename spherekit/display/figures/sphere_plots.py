@@ -85,6 +85,8 @@ def draw_sphere(
     sheet
         Size of the figure, and titles of modes.
     """
+    # The rim is the next multiple of the fine step of circles beyond all directions. It is
+    # at least one coarse step if there are areas, and a hemisphere otherwise.
     shown_directions = directions_to_show(maps, curves)
     frame = frame_about(shown_directions)
     angles = SphereView(frame).angles_from_centre(shown_directions)
@@ -239,6 +241,8 @@ def _draw_sphere_maps(
         title_with_unit(maps[0].label, maps[0].unit),
     )
     if isinstance(colour_scale, BoundaryNorm):
+        # Values are counts. Their colours begin half a unit below each whole number, and
+        # the ticks of the colour bar are the whole numbers.
         whole_numbers = np.unique(np.round(colour_scale.boundaries[:-1] + 0.5))
         colour_bar.set_ticks(whole_numbers, labels=[f"{n:.0f}" for n in whole_numbers])
 

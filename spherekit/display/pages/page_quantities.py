@@ -194,14 +194,18 @@ class PageQuantities:
             Passive pairs whose whole turns the page counts.
         """
         names: list[str] = []
+        # Velocity coefficients of the output while one input moves, for each input.
         for suffix in self.input_suffixes:
             names += self.output_coefficients(suffix)
+        # Components of the vectors whose paths are drawn.
         names += [f"{path.vector}_{x}" for path in self.output_paths for x in COMPONENTS]
+        # Determinants that are zero at singularities.
         names += [
             name
             for name in ("determinant", self.output_determinant)
             if name in self.unit_by_name
         ]
+        # Variables of pairs with joint limits, and of pairs whose turns are counted.
         names += [
             f"theta_{joint_limit.pair}"
             for joint_limit in self._mechanism.joint_limits

@@ -368,6 +368,15 @@ class RerunRecorder:
     ) -> bool:
         """Log a label at the rows without a configuration, where a link is NaN.
 
+        Parameters
+        ----------
+        scene
+            A block of samples, with its links.
+        timelines
+            The time of each row on each timeline.
+        row_count
+            Number of rows.
+
         Returns
         -------
         Whether the label is the first on its page, so that the layout changes. A scene

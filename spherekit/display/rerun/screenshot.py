@@ -171,6 +171,13 @@ def _maximise_3d_view(client: ViewerClient, recording: Path) -> str:
     """Let the 3D view of the page in front fill the window, without bars; return its id.
 
     The layout is read from the viewer as a nested mapping, changed and sent back.
+
+    Parameters
+    ----------
+    client
+        The connection to the viewer, which has loaded the recording.
+    recording
+        Path of the recording, for messages.
     """
     blueprint = client.get_blueprint().blueprint
     ids_of_3d_views = {

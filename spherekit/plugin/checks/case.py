@@ -117,10 +117,14 @@ class ConformanceCase:
     ) -> tuple[Tables, Findings]:
         """Return the tables and findings of a run.
 
+        Findings are results of an analysis in addition to its tables.
+
         Parameters
         ----------
-        block_size, change_motion, change_view
-            As in `batches`.
+        block_size
+            Number of samples in each block.
+        change_motion, change_view
+            Functions that change the blocks before the analysis sees them, see `batches`.
 
         Raises
         ------
@@ -130,7 +134,7 @@ class ConformanceCase:
         findings = None
         batches = self.batches(block_size, change_motion, change_view)
         tables = self.run_plan.join_tables(self.analysis, batches)
-        for batch in batches:
+        for batch in batches:  # each block adds to the findings of the blocks before it
             findings = compute_findings(self.analysis, batch, findings)
         assert findings is not None
         return tables, findings

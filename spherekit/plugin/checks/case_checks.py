@@ -209,6 +209,7 @@ def check_names(case: ConformanceCase) -> str:
             case.samples,
         )
         renamed_tables, _ = renamed_case.whole_results
+        # Compare the tables, with the old names and the rows in the old order.
         old_names = {new: old for old, new in names.items()}
         for table in case.run_plan.tables_of(case.analysis):
             restored = replace_words(renamed_tables[table.name], old_names)

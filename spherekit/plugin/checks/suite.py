@@ -66,6 +66,7 @@ class ConformanceSuite:
 
         After a required check has failed, the checks after it are not made.
         """
+        # Each check returns a note, or raises an error if the analysis fails it.
         checks: dict[str, Callable[[], str]] = {
             "installed": self._check_installation,
             "metadata": self._check_metadata,

@@ -74,7 +74,17 @@ def _column_pairs(
     """Yield each column that can be compared, with its expected and compared values.
 
     The three components of a vector are three successive columns, which are collected and
-    rotated together if a rotation is given.
+    rotated together if a rotation is given. Columns that depend on axes in another way are
+    then left out.
+
+    Parameters
+    ----------
+    table
+        The declaration of the table. `Column.turns` says how a column depends on axes.
+    expected, compared
+        Columns of the two tables.
+    rotation
+        (3, 3) rotation from the mechanism of `expected` to that of `compared`, or None.
     """
     vector_columns: list[Column] = []
     for column in table.columns:
@@ -182,6 +192,7 @@ def match_rows(
         if key in compared_row_of_key:
             shared_keys.append(key)
             continue
+        # A row may be missing only if it names two links.
         texts = [item for item in key if isinstance(item, str)]
         words = re.findall(r"\w+", " ".join(texts))
         if sum(word in links for word in words) < 2:
