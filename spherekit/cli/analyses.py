@@ -31,7 +31,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """List the analyses, or describe one."""
+    """List the installed analyses, or describe the one that is named.
+
+    An analysis that cannot be imported is listed with its error. Returns the exit status 0.
+    """
     if options.analysis:
         return _describe(options)
     from spherekit.runs.registry import list_analyses, load_analysis

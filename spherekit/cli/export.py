@@ -129,7 +129,16 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write a mechanism in a format of another program, and print what was written."""
+    """Write a mechanism in a format of another program, and print what was written.
+
+    Returns the exit status 0.
+
+    Parameters
+    ----------
+    options
+        Values of the arguments of the command. Without ``output`` the file gets the name of
+        the mechanism.
+    """
     from spherekit.api.export import SUFFIXES, export
     from spherekit.files.angle_units import to_radians
     from spherekit.files.mechanism_reader import angle_unit_of, load
@@ -137,8 +146,8 @@ def execute(options: Namespace) -> int:
     mechanism_of_file = load(options.file)
     mechanism = with_locks(mechanism_of_file, options.lock, options.file)
     unit = angle_unit_of(options.file)
-    # The file is passed on if possible: it has the numbers as they are written, which a
-    # mechanism has not.
+    # If no pairs are locked, the file is passed on instead of the mechanism. The file has
+    # the numbers as they are written, the mechanism only floats.
     has_locks = mechanism is not mechanism_of_file
     exported = export(
         mechanism if has_locks else options.file,

@@ -39,7 +39,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write a mechanism file from a MuJoCo model or URDF, and print its contents."""
+    """Write a mechanism file from a MuJoCo model or URDF, and print its contents.
+
+    By default the file gets the name of the model. Returns the exit status 0.
+    """
     from spherekit.errors import OutputError
     from spherekit.exchange.mechanism_import import import_mechanism
     from spherekit.wording import counted, listing

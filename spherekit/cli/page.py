@@ -61,7 +61,10 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write a mechanism as an HTML page, and print what the page shows."""
+    """Write a mechanism as an HTML page, and print what the page shows.
+
+    By default the page gets the name of the mechanism file. Returns the exit status 0.
+    """
     from spherekit.api.page import page
     from spherekit.files.mechanism_reader import load
 

@@ -86,7 +86,16 @@ def _describe_mode_meetings(summary: Any) -> Lines:
 
 
 def _describe_samples(summary: Any) -> str:
-    """Return the samples, inputs and modes of a run, and the mobility of the mechanism."""
+    """Return the samples, inputs and modes of a run, and the mobility of the mechanism.
+
+    The mobility by the graph follows from the numbers of links and pairs; the mobility by
+    rank follows from the rank of the velocity equations.
+
+    Parameters
+    ----------
+    summary
+        The content of ``summary.json``.
+    """
     mobility = summary["mobility"]
     mode_count = len(summary["assembly_modes"])
     inputs = numbered("input", summary["inputs"])

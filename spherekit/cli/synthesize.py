@@ -61,7 +61,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Find sizes that meet the conditions of a synthesis; print the best designs."""
+    """Find sizes that meet the conditions of a synthesis; print the best designs.
+
+    With ``--output`` the mechanism of the best design is written to a file. Returns the
+    exit status 0.
+    """
     from spherekit.api.designs import synthesize
     from spherekit.errors import DesignError
     from spherekit.files.mechanism_writer import dump

@@ -67,7 +67,11 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Open a recording or a mechanism in the viewer, or write a picture of it."""
+    """Open a recording or a mechanism in the viewer, or write a picture of it.
+
+    The file of a study is refused, since a study has no recording before its run. Returns
+    the exit status.
+    """
     from spherekit.files.library import STUDY_SUFFIX
 
     if options.file.endswith(STUDY_SUFFIX):

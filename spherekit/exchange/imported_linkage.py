@@ -440,7 +440,7 @@ class ImportedLinkage:
             self.pair_comments[pair_name] = f"Closes a loop: holds {link_names} at a point."
 
     def _check_connected(self) -> None:
-        """Raise `FileError` unless pairs join all links to the ground."""
+        """Raise `FileError` unless pairs join all links to the ground, directly or not."""
         if not self.pairs:
             raise FileError(f"{self.where}: nothing moves: all bodies are welded together")
         links_of_pairs = [pair.links for pair in self.pairs]

@@ -77,7 +77,12 @@ MOVED_INPUT_TEMPLATE = """\
 
 
 def write_javascript(source: Source) -> str:
-    """Return formulas as an ES module: a description of them, and their functions."""
+    """Return formulas as an ES module: a description of them, and their functions.
+
+    The description has the names of arguments and results, the sizes, and the values that
+    select each assembly mode. Functions of stored series, of the formulas and of the modes
+    follow.
+    """
     formulas = source.formulas
     description = {
         "mechanism": formulas.mechanism.name,

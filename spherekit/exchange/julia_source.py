@@ -95,7 +95,12 @@ MOVED_INPUT_TEMPLATE = """\
 
 
 def write_julia(source: Source) -> str:
-    """Return formulas as functions of vectors, with constants of sizes and modes."""
+    """Return formulas as Julia functions of vectors, with constants of sizes and modes.
+
+    Constants come first: the names of the results, the sizes of the mechanism, and the
+    values that select each assembly mode. Functions of stored series, of the formulas and
+    of the modes follow.
+    """
     formulas = source.formulas
     name = source.name
     modes = ", ".join(f"Float64{nested(mode.values)}" for mode in formulas.modes)

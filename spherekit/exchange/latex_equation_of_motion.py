@@ -159,7 +159,11 @@ class EquationOfMotion:
             formula_list.quantities[f"torque{suffix}"] = [torque]
 
     def _declare_tensor(self, mass: Mass) -> ExpressionNode:
-        """Declare the symbol of the inertia tensor of a link, and return it."""
+        """Declare the symbol of the inertia tensor of a link, and return it.
+
+        The list of symbols shows its numbers as a matrix. A free tensor is also kept in
+        `free_symbols`, by which it is checked that formulas contain it.
+        """
         link_label = self._formula_list.link_labels[self._mechanism.link_number[mass.link]]
         is_free = ("mass", mass.link) in self._free_sizes
         meaning = f"inertia tensor of link {link_label} (kg m$^2$)"

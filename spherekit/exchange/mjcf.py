@@ -286,7 +286,12 @@ class MujocoModel:
         return ElementTree.tostring(root, encoding="unicode") + "\n"
 
     def _fill_template(self) -> Element:
-        """Return the root element of a model without bodies."""
+        """Return the root element of a model whose only body is the ground.
+
+        The template has options of the simulation, the looks of links and pins, two lights
+        and the sphere. Sizes are in proportion to the radius of the sphere (m). Empty
+        elements are filled for each mechanism later.
+        """
         radius = self._radius
         light_distance = 3.0 * radius
         has_made_up_masses = self._rigid_bodies.has_made_up_masses

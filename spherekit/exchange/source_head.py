@@ -120,7 +120,11 @@ def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
 
 
 def _method_sentences(source: Source) -> str:
-    """Return the sentences on how positions are computed."""
+    """Return the sentences on how positions are computed.
+
+    They depend on whether positions are computed by steps of Newton's method, or in closed
+    form with or without modes that pass through crossings.
+    """
     if source.formulas.step:
         return (
             f"Loops are closed by steps of Newton's method, {source.name}_step, from the "

@@ -50,7 +50,11 @@ PARALLEL_SINE = 1e-12
 
 
 def link_shapes(mechanism: Mechanism) -> list[Body]:
-    """Return the shapes of all links, each in its own axes and not moving."""
+    """Return the shapes of all links, each in its own axes and not moving.
+
+    A shape is drawn by great-circle arcs between the axes of the pairs of the link, and by
+    its contact profiles.
+    """
     shapes = []
     for number, (link, axes) in enumerate(link_axes(mechanism).items()):
         joints = np.array(list(axes.values())).reshape(-1, 3)
@@ -113,7 +117,10 @@ def static_scene(plans: Sequence[Plan], shapes: list[Body]) -> Scene:
 
 
 def graph_scene(mechanism: Mechanism) -> Scene:
-    """Return the link/pair graph of a mechanism; its layout takes about a second."""
+    """Return the link/pair graph of a mechanism; its layout takes about a second.
+
+    Links and pairs are nodes. Each pair is joined by edges to its two links.
+    """
     # A node is its identifier, its label, and the number of the link (None for a pair).
     nodes: list[tuple[str, str, int | None]] = [
         (f"link {name}", name if number else f"{name} (ground)", number)

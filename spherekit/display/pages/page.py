@@ -284,7 +284,10 @@ class PageMaker:
     # Sizes with sliders
 
     def _find_sizes(self) -> Names:
-        """Return the keys of all arcs and angles that can be varied."""
+        """Return the keys of all arcs and angles that can be varied.
+
+        A note is added for each size that cannot have a slider.
+        """
         keys = self._omit_axes_by_directions(default_size_keys(self._mechanism))
         if not self._mechanism.has_contacts:
             return keys

@@ -123,6 +123,7 @@ def _find_format_limits(
     if variable.slot is None or mechanism.has_contacts:
         return None
     # The slot has the kind of the size and its location, such as ("arcs", (link, pair)).
+    # The location of an output's size is (output, 0 for a longitude or 1 for a latitude).
     size_kind, size_owner = variable.slot
     if size_kind == "latitudes" or (variable.path[0] == "outputs" and size_owner[1] == 1):
         return -90.0, 90.0

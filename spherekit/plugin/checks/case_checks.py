@@ -225,7 +225,14 @@ def check_names(case: ConformanceCase) -> str:
 
 
 def check_scene(case: ConformanceCase) -> str:
-    """Check that the scenes can be recorded in the strict mode of the viewer."""
+    """Check that the scenes can be recorded in the strict mode of the viewer.
+
+    The mechanism is run with the analysis, and recorded to a temporary file.
+
+    Returns
+    -------
+    The number of scenes of the analysis, in words.
+    """
     from spherekit.display.rerun.recorder import RerunRecorder
 
     mechanism = case.mechanism

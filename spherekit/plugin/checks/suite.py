@@ -103,7 +103,14 @@ class ConformanceSuite:
         return self._checked if isinstance(self._checked, type) else type(self._checked)
 
     def _check_installation(self) -> str:
-        """Check that the entry point of a distribution leads to this class."""
+        """Check that the entry point of a distribution leads to this class.
+
+        If the analysis was given by its name, it is created from its entry point here.
+
+        Returns
+        -------
+        The distribution that offers the analysis, in words.
+        """
         if isinstance(self._checked, str):
             self._checked = create_analysis(self._checked)
             return f"from {list_distributions(self._checked.name)}"
