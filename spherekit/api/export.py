@@ -335,8 +335,6 @@ def _export_functions(
 
     Parameters
     ----------
-    mechanism
-        The mechanism.
     target
         ``*.npz`` for an archive, or a file of source code.
     assembly_mode
@@ -386,8 +384,6 @@ def _export_mujoco_model(
 
     Parameters
     ----------
-    mechanism
-        The mechanism.
     target
         The file, ``*.xml``.
     assembly_mode

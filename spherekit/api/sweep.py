@@ -285,12 +285,10 @@ def _document(mechanism: Mechanism, subject: Subject) -> Document:
 
     Parameters
     ----------
-    mechanism
-        The mechanism.
     subject
-        The file or object from which it was made. If the mechanism differs from that of the
-        file, because pairs are locked or a study changes it, a new document is made from
-        the mechanism.
+        The file or object from which the mechanism was made. If the mechanism differs from
+        that of the file, because pairs are locked or a study changes it, a new document is
+        made from the mechanism.
     """
     if isinstance(subject, str | os.PathLike) and not is_study(find(subject)):
         if replace(load(subject), inputs=()) == replace(mechanism, inputs=()):

@@ -449,8 +449,6 @@ def _draw_map(input_map: Any, names: Lines, path: str) -> None:
 
     Parameters
     ----------
-    input_map
-        The certified map.
     names
         The names of the two inputs.
     path

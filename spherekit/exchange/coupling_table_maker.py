@@ -167,8 +167,6 @@ def _choose_node_counts(
 
     Parameters
     ----------
-    mechanism
-        The mechanism.
     samples
         The requested numbers, or one for all inputs. By default `FIRST_NODE_COUNTS` for
         this number of inputs.
@@ -196,8 +194,6 @@ def _find_passive_variables(mechanism: Mechanism, pairs: Sequence[str] | None) -
 
     Parameters
     ----------
-    mechanism
-        The mechanism.
     pairs
         Names of pairs that are not driven, None for all of them.
 
@@ -253,10 +249,8 @@ def _compute_grid_values(
 
     Parameters
     ----------
-    position_analysis
-        The position analysis.
     motion
-        Its motion, with continuous angles.
+        The motion of the mechanism, with continuous angles.
     passive_variables
         Numbers of the passive variables.
     poles
@@ -319,8 +313,6 @@ def _compute_table(
 
     Parameters
     ----------
-    mechanism
-        The mechanism.
     assembly_mode
         The only mode to compute, None for all.
     passive_variables

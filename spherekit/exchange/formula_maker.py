@@ -230,8 +230,6 @@ def _list_quantities(
 
     Parameters
     ----------
-    mechanism
-        The mechanism.
     inputs
         Names of the driven pairs.
     quantities

@@ -180,8 +180,6 @@ def _document_lines(
 
     Parameters
     ----------
-    latex_formulas
-        The formulas.
     expressions
         Expressions of the quantities to print. Only formulas that they need are printed.
     """
@@ -284,10 +282,8 @@ def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str
 
     Parameters
     ----------
-    mechanism
-        The mechanism.
     keys
-        Keys of its file, such as ``links.2.arc`` or ``mass.3.mass``.
+        Keys of the mechanism file, such as ``links.2.arc`` or ``mass.3.mass``.
 
     Returns
     -------

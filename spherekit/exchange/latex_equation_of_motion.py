@@ -307,10 +307,8 @@ class EquationOfMotion:
 
         Parameters
         ----------
-        component
-            The component.
         load_name
-            Name of its load.
+            Name of the load that has this component.
         label
             Index of the symbols of the component, its number among all from 1 on.
         """

@@ -421,8 +421,6 @@ class PositionFormulas:
         ----------
         label
             Index of the symbols of the dyad, its number from 1 on.
-        group
-            The dyad.
         """
         formula_list = self._formula_list
         first_outer, middle, second_outer = group.dyad_positions
@@ -480,8 +478,6 @@ class PositionFormulas:
 
         Parameters
         ----------
-        group
-            The dyad.
         outer, middle
             Positions of the two pairs in `group.pairs`.
         """

@@ -165,8 +165,6 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
 
     Parameters
     ----------
-    mechanism
-        The mechanism.
     load
         A torque at a pair, or a force or moment on a link.
 

@@ -383,8 +383,6 @@ def _find_candidate(
     ----------
     position_analysis, sampled_motion
         The position analysis of the mechanism, and its motion at `MODE_SAMPLES` samples.
-    mode
-        The assembly mode.
     borders
         Inputs (rad) that divide the range into intervals.
     varied, terms
@@ -446,8 +444,6 @@ def _select_well_conditioned_rows(
         no accurate row in `sampled_motion` and there is only one input.
     sampled_motion
         The motion of all modes at about `MODE_SAMPLES` samples.
-    mode
-        The assembly mode.
     borders
         Inputs (rad) that divide the range into intervals.
     includes_neighbours

@@ -20,7 +20,7 @@ def drop_missing_files(mujoco: Any, spec: Any, folder: Path) -> list[str]:
     Parameters
     ----------
     mujoco
-        The module.
+        The Python module `mujoco`, an optional dependency.
     spec
         The `MjSpec` (the model before it is compiled), which is changed.
     folder
@@ -89,7 +89,7 @@ def replace_ball_joints(
     Parameters
     ----------
     mujoco
-        The module.
+        The Python module `mujoco`, an optional dependency.
     spec
         The `MjSpec` (the model before it is compiled), which is changed.
 

@@ -79,7 +79,7 @@ class ForeignModel:
     Attributes
     ----------
     mujoco
-        The module.
+        The Python module `mujoco`, an optional dependency.
     mj_model, mj_data
         MuJoCo's model, and its data in the closed pose.
     name

@@ -56,7 +56,7 @@ def close_loops(
     Parameters
     ----------
     mujoco
-        The module.
+        The Python module `mujoco`, an optional dependency.
     model, data
         The `MjModel` with hinges only, and its `MjData`, whose pose is changed.
     driven_joints
@@ -121,7 +121,7 @@ def _move_joints(mujoco: Any, model: Any, data: Any, joints: Sequence[int]) -> b
     Parameters
     ----------
     mujoco
-        The module.
+        The Python module `mujoco`, an optional dependency.
     model, data
         The `MjModel`, and its `MjData`, whose pose is changed.
     joints

@@ -225,8 +225,6 @@ def _find_light_ends(
 
     Parameters
     ----------
-    mechanism
-        The mechanism.
     branches
         The tree, depth first.
     massless_links
@@ -262,10 +260,8 @@ def _find_gear_equation(
 
     Parameters
     ----------
-    mechanism
-        The mechanism.
     joints
-        Its joints.
+        Joints of the mechanism, one for each pair.
     contact
         Number of the contact.
     hinges
@@ -308,8 +304,6 @@ def _choose_tree(mechanism: Mechanism, preferred_pairs: Iterable[str]) -> list[B
 
     Parameters
     ----------
-    mechanism
-        The mechanism.
     preferred_pairs
         Names of pairs, the most important first. Each pair that closes no loop with the
         pairs before it belongs to the tree.

@@ -47,7 +47,7 @@ def read_urdf(mujoco: Any, root: Element, path: Path) -> UrdfContent:
     Parameters
     ----------
     mujoco
-        The module.
+        The Python module `mujoco`, an optional dependency.
     root
         The element `<robot>`, from which the elements of shapes are removed.
     path
@@ -90,11 +90,9 @@ def _add_wheel(mujoco: Any, spec: Any, drive: DrivenWheel, path: Path) -> None:
     Parameters
     ----------
     mujoco
-        The module.
+        The Python module `mujoco`, an optional dependency.
     spec
         The `MjSpec`, which is changed.
-    drive
-        The wheel.
     path
         The file, for messages.
     """

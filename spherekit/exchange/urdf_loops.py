@@ -40,7 +40,7 @@ def add_loop_joint(
     Parameters
     ----------
     mujoco
-        The module.
+        The Python module `mujoco`, an optional dependency.
     spec
         The `MjSpec` of the model, which is changed.
     loop_joint

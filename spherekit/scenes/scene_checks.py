@@ -347,8 +347,6 @@ def _check_numbers(
     ----------
     where
         Words for the field, with which messages begin. They end with its name.
-    value
-        The field.
     shape
         The length of each axis, or the letter of a shared length.
     sizes
@@ -400,8 +398,6 @@ def _check_sequence(where: str, name: str, value: Any, kind: type | None = None)
         Words for the primitive, with which messages begin.
     name
         Name of the field.
-    value
-        The field.
     kind
         The class of all items; by default they may be anything.
     """

@@ -370,8 +370,6 @@ def _group_items(
 
     Parameters
     ----------
-    scenes
-        The scenes.
     kind
         Class of the primitives.
     attribute

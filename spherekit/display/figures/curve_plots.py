@@ -114,8 +114,6 @@ def _draw_panel(
 
     Parameters
     ----------
-    panel
-        The panel.
     curves
         Series of one unit with their scenes.
     scale
@@ -170,8 +168,6 @@ def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
     ----------
     panel
         The panel, whose ranges are set.
-    curve
-        The curve.
     input_marks
         Inputs, with the name and tone of the marks.
     """

@@ -147,8 +147,6 @@ def _draw_zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -
 
     Parameters
     ----------
-    panel
-        The panel.
     x, y
         Values of the two inputs.
     table

@@ -97,8 +97,6 @@ def _draw_path(panel: Axes, scene: Scene, portrait: Portrait, label: str) -> Non
 
     Parameters
     ----------
-    panel
-        The panel.
     scene, portrait
         The scene of the page and its portrait.
     label

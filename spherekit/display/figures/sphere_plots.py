@@ -214,10 +214,8 @@ def _draw_sphere_maps(
 
     Parameters
     ----------
-    figure
-        The figure.
     panels, views
-        Its panels, and the map of each.
+        The polar panels of the figure, and the map of each.
     maps
         The quantities, with one unit.
     """

@@ -374,8 +374,6 @@ class RerunRecorder:
             A block of samples, with its links.
         timelines
             The time of each row on each timeline.
-        row_count
-            Number of rows.
 
         Returns
         -------
@@ -531,11 +529,9 @@ class RerunRecorder:
         Parameters
         ----------
         page
-            The page that shows it; None for all pages.
+            The page that shows the primitive; None for all pages.
         path
             Path of the primitive in the recording.
-        primitive
-            The primitive.
         has_findings
             Whether it shows results of an analysis, and not only the motion.
         """
