@@ -9,7 +9,7 @@ from spherekit.velocities.pole_request import Request
 
 AXES = "axes and rates"
 RECORDING = "recording"
-SEARCH = "search"
+SEARCH_STAGE = "search"
 SIMULATION = "simulation"
 TABLES = "tables"
 REST = "rest"

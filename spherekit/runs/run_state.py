@@ -28,7 +28,7 @@ StatusCounts = dict[str, int]
 
 CLOSURE_RESIDUAL = "largest_closure_residual_rad"
 CONFIGURATION_ERROR = "largest_configuration_error_rad"
-POLE_ERRORS = {
+POLE_ERROR_KEYS = {
     "direction_error": "largest_direction_error_bound_rad",
     "velocity_coefficient_error": "largest_velocity_coefficient_error_bound",
     "acceleration_coefficient_error": "largest_acceleration_coefficient_error_bound",
@@ -119,7 +119,13 @@ class RunState:
 
     @classmethod
     def from_journal(cls, entries: Facts) -> Self:
-        """Return the state that `to_journal` has stored."""
+        """Return the state of a stopped run from its journal, in order to resume the run.
+
+        Parameters
+        ----------
+        entries
+            The entries of the journal that `to_journal` has made.
+        """
         findings = {
             name: Findings(item["figures"], tuple(item["warnings"]), tuple(item["remarks"]))
             for name, item in entries["findings"].items()
@@ -133,6 +139,7 @@ class RunState:
             failures=entries["failures"],
             findings=findings,
             stage_seconds=entries["seconds"],
+            # Each entry is the parts of a key and then the number.
             counts=Counter({tuple(key): number for *key, number in entries["counts"]}),
             error_maxima=entries["largest"],
             mobility_by_rank=entries["rank"],
@@ -145,10 +152,11 @@ class RunState:
         motion: Motion,
         pole_fields: PoleFields,
     ) -> None:
-        """Count the statuses of the rows of a block, and note its largest errors.
+        """Count the statuses of the rows of a block, and record its largest errors.
 
-        At the first row with a configuration, the mobility and the redundant constraints of
-        the mechanism are noted too.
+        A row is one sample in one assembly mode. The counts and errors of all blocks are
+        shown in the summary of the run. At the first row with a configuration, the mobility
+        and the redundant constraints of the mechanism are computed too.
 
         Parameters
         ----------
@@ -159,7 +167,7 @@ class RunState:
         pole_fields
             The poles of the block, for each input that moves while the others are locked.
         """
-        # (modes, samples), since rows run mode after mode.
+        # (modes, samples): the rows of a mode follow those of the mode before.
         status = run_status(motion, pole_fields).reshape(-1, motion.samples)
         for mode, mode_status in zip(motion.assembly_modes, status, strict=True):
             self._count_statuses((MODE, str(mode.number)), mode_status)
@@ -171,40 +179,50 @@ class RunState:
 
         if self.mobility_by_rank is None and np.any(is_assembled):
             closure = position_analysis.solver.closure
-            # `argmax` finds the first true value.
-            first_row = motion.values[[np.argmax(is_assembled)]]
-            vectors = closure.at(first_row).vectors
+            # `argmax` finds the first true value. The vectors are the axes of the variables
+            # in this configuration; the rank of the closure equations follows from them.
+            first_configuration = motion.values[[np.argmax(is_assembled)]]
+            vectors = closure.at(first_configuration).vectors
             self.mobility_by_rank = int(rank_mobility(closure.tree, vectors)[0])
             count, pairs = redundancy(closure.tree, vectors[0])
             pair_names = motion.mechanism.names_of(pairs)
             self.redundant_constraints = {"count": count, "pairs": pair_names}
 
     def _count_poles(self, motion: Motion, pole_fields: PoleFields) -> None:
-        """Count the statuses of the poles of a block, and note their error bounds.
+        """Count the statuses of the poles of a block, and record their error bounds.
 
-        Poles are counted at the rows with a configuration and with velocities. The number
-        of rows is counted by the way in which their velocities were computed.
+        Poles are counted in rows with a configuration and with velocities. The rows are
+        counted too, by the way in which their velocities were computed.
+
+        Parameters
+        ----------
+        motion
+            The configurations of the block.
+        pole_fields
+            The poles of the block, for each input that moves while the others are locked.
         """
         is_valid = motion.status == Status.OK
-        for poles in pole_fields:
-            # A field without rows that failed shares the statuses of the motion.
-            if poles.status is not motion.status:
-                is_valid = poles.status == Status.OK
-            for codes, pole_count in _count_shared_arrays(poles.pole_status.values()):
+        for pole_field in pole_fields:
+            # If no velocities failed, the field has the same array of statuses.
+            if pole_field.status is not motion.status:
+                is_valid = pole_field.status == Status.OK
+            # Many poles share one array of status codes (n,), which is counted once.
+            for codes, pole_count in _count_shared_arrays(pole_field.pole_status.values()):
                 valid_codes = codes[is_valid]
-                # With several inputs, a link that the others lock has no pole at any row.
-                # Such poles are not counted.
+                # With several inputs, the locked ones can hold two links together, which
+                # then have no pole in any row. Such poles are not counted.
                 if len(pole_fields) == 1 or np.any(valid_codes != Status.NO_POLE):
                     self._count_statuses((POLES,), valid_codes, pole_count)
-            if isinstance(poles, LazyField):
-                errors = poles.error_maxima
+            if isinstance(pole_field, LazyField):
+                errors = pole_field.error_maxima
             else:
-                errors = largest_errors(poles)
-            for attribute, key in POLE_ERRORS.items():
+                errors = largest_errors(pole_field)
+            for attribute, key in POLE_ERROR_KEYS.items():
                 self._note_error(key, np.array([errors[attribute]]))
-            self.counts[EVALUATED,] += len(poles.is_quad_precision)
-            self.counts[BY_EQUATIONS,] += int(np.count_nonzero(poles.is_quad_precision))
-            self.counts[BY_KERNEL,] += int(np.count_nonzero(poles.is_certified))
+            is_quad_precision = pole_field.is_quad_precision
+            self.counts[EVALUATED,] += len(is_quad_precision)
+            self.counts[BY_EQUATIONS,] += int(np.count_nonzero(is_quad_precision))
+            self.counts[BY_KERNEL,] += int(np.count_nonzero(pole_field.is_certified))
 
     def _count_statuses(
         self,
@@ -213,9 +231,18 @@ class RunState:
         weight: int = 1,
         ignored: Collection[Status] = (),
     ) -> None:
-        """Add the number of rows with each status to the counts.
+        """Count how often each status occurs, and add the numbers to the counts of the run.
 
-        `weight` is the number of poles or rows that share the array of statuses.
+        Parameters
+        ----------
+        key
+            Beginning of the keys in `counts`; the name of the status is added to it.
+        status
+            (n,) status codes.
+        weight
+            Number of poles, for example, that share this array of codes.
+        ignored
+            Statuses that are not counted.
         """
         for code in range(np.max(status, initial=-1) + 1):
             count = int(np.count_nonzero(status == code))
@@ -240,40 +267,39 @@ class RunState:
         batch: Batch | None = None,
         has_rows_of_batch: bool = True,
     ) -> None:
-        """Count the rows of a table in a block, and those that failed.
+        """Count the rows of a table of an analysis in a block, and those that failed.
 
         Parameters
         ----------
-        analysis_name, table, data
-            Name of the analysis, its table, and the columns of the table at the block.
+        analysis_name
+            Name of the analysis.
+        table, data
+            The declared table, and its columns for the block.
         batch
             The samples that the analysis has read. Without it failed rows are not counted.
         has_rows_of_batch
-            Whether the rows belong to the samples of the batch. A row then counts as failed
-            only if its configuration has not failed in the same way. Failures of poles are
-            counted by `count_block`.
+            Whether the rows belong to the samples of the batch. A row is then not counted
+            as failed if its configuration has failed with the same status.
         """
         self.counts[ROWS, analysis_name, table.name] += row_count(data)
         if batch is None:
             return
-        # Statuses of poles are ignored if the analysis reads poles.
+        # Statuses of poles are ignored if the analysis reads poles: `count_block` counts
+        # them.
         needs = batch.needs
         ignored = [Status.OK]
         if needs.directions | needs.rates | needs.planes:
             ignored += [Status.NO_POLE, Status.ILL_CONDITIONED]
+        has_sample_rows = has_rows_of_batch and table.in_assembly_modes and len(batch) > 0
         for column in table.columns:
             if column.kind != "status":
                 continue
-            # A column with rows of several subjects, such as poles, has an array for each.
+            # A column with rows for several subjects, such as poles, has an array for each.
             values = data[column.name]
             parts = values.parts if isinstance(values, Interleaved) else (values,)
             arrays = (np.asarray(part) for part in parts)
             for codes, part_count in _count_shared_arrays(arrays):
-                has_sample_rows = (
-                    has_rows_of_batch and table.in_assembly_modes and len(batch) > 0
-                )
-                # Each sample of the batch has the same number of rows. Rows with the status
-                # of their configuration have not failed by themselves.
+                # Each sample of the batch has the same number of rows.
                 if has_sample_rows and len(codes) % len(batch) == 0:
                     sample_codes = codes.reshape(len(batch), -1)
                     codes = sample_codes[sample_codes != batch.status[:, None]]
@@ -312,11 +338,15 @@ class RunState:
         }
 
     def error_summary(self) -> dict[str, float | None]:
-        """Return the largest errors for the summary, None where no row has one.
+        """Return entries of the summary about the accuracy of a run.
 
-        Also the fractions of rows that the velocity equations and a kernel evaluated.
+        Returns
+        -------
+        The largest error of each kind by name, None if no row has one. Also the fractions
+        of the rows whose velocities were computed by velocity equations in quad precision
+        and by a kernel, None without such rows.
         """
-        keys = (CLOSURE_RESIDUAL, CONFIGURATION_ERROR, *POLE_ERRORS.values())
+        keys = (CLOSURE_RESIDUAL, CONFIGURATION_ERROR, *POLE_ERROR_KEYS.values())
         errors = {key: self.error_maxima.get(key) for key in keys}
         evaluated = self.counts[EVALUATED,]
         fractions = {

@@ -23,7 +23,7 @@ from spherekit.runs.execution import Execution
 from spherekit.runs.recording_session import RecordingSession
 from spherekit.runs.resource_checks import need_disk_for_run
 from spherekit.runs.result_checks import compute_findings, compute_scenes
-from spherekit.runs.run_cost import AXES, RECORDING, SEARCH, SIMULATION, Timer
+from spherekit.runs.run_cost import AXES, RECORDING, SEARCH_STAGE, SIMULATION, Timer
 from spherekit.runs.run_folder import RunFolder
 from spherekit.runs.run_plan import (
     RunPlan,
@@ -172,7 +172,7 @@ def run_study(
         # unfinished work, the recording starts later, because this run may be refused.
         has_unfinished_work = run_folder is not None and run_folder.has_unfinished_work
         shows_progress = recorder is not None and not has_unfinished_work
-        with timer.stage(SEARCH if study.start is None else SIMULATION):
+        with timer.stage(SEARCH_STAGE if study.start is None else SIMULATION):
             sampling = make_sampling(
                 study,
                 engine,

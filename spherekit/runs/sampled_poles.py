@@ -22,50 +22,61 @@ numbers have another size after thousands of poles. Smaller: they become equal b
 """
 
 
-def evaluate_sample(motion: Motion, wanted: Request, most: int) -> PoleField:
-    """Return the poles at a motion, of which many only have the numbers of others.
+def evaluate_sample(motion: Motion, request: Request, max_poles: int) -> PoleField:
+    """Evaluate some of the requested poles, and fill in the others with similar numbers.
 
-    The size of tables is measured with them, in little time. The axes of pairs are all
-    evaluated, since their numbers are shorter. Of the other poles `most` are evaluated,
-    spread evenly over all. Poles with great circles are added if they are no more than
-    `most`. Each remaining pole gets the numbers of one of these in turn, except for the
-    last digits. Such numbers show how many bytes they take, and nothing else.
+    The result serves to predict the size of tables with many poles in little time. The
+    numbers of poles that are not evaluated are those of an evaluated pole with other last
+    digits. They take as many bytes as the right numbers, and mean nothing.
+
+    A pole is the axis about which one link rotates relative to another. All poles that are
+    the axis of a pair are evaluated, because their numbers have fewer digits. About
+    `max_poles` of the other poles are evaluated.
 
     Parameters
     ----------
     motion
         Configurations.
-    wanted
-        The poles that tables have rows of.
-    most
-        How many of the poles that are no axes of pairs are evaluated.
+    request
+        The poles of the tables.
+    max_poles
+        Largest number of poles that are evaluated, spread evenly over all poles that are
+        not the axis of a pair. Poles of which great circles are requested are added if
+        these are no more than this number.
 
     Returns
     -------
     PoleField
         With entries for all poles of the request.
     """
-    pair_poles = axis_pairs(wanted.plan)
+    # Choose the poles to evaluate.
+    pair_poles = axis_pairs(request.plan)
     other_poles = [
-        pole for pole in wanted.poles if wanted.plan.pole(*pole) not in pair_poles
+        pole for pole in request.poles if request.plan.pole(*pole) not in pair_poles
     ]
-    step = max(1, -(-len(other_poles) // most))  # rounded up
-    sample = other_poles[::step]
-    if len(wanted.planes) <= most:
-        sample += [pole for pole in other_poles if pole in wanted.planes.difference(sample)]
-    left_out = set(other_poles).difference(sample)
+    # -(-a // b) is a / b, rounded up.
+    step = max(1, -(-len(other_poles) // max_poles))
+    evaluated_poles = other_poles[::step]
+    if len(request.planes) <= max_poles:
+        added_poles = request.planes.difference(evaluated_poles)
+        evaluated_poles += [pole for pole in other_poles if pole in added_poles]
+
+    skipped_poles = set(other_poles).difference(evaluated_poles)
     evaluated_request = replace(
-        wanted,
-        poles=tuple(pole for pole in wanted.poles if pole not in left_out),
-        planes=wanted.planes.difference(left_out),
+        request,
+        poles=tuple(pole for pole in request.poles if pole not in skipped_poles),
+        planes=request.planes.difference(skipped_poles),
     )
     field = evaluate(motion, evaluated_request)
+
+    # Each skipped pole gets the numbers of an evaluated pole, its stand-in.
     stand_ins: dict[Pole, Pole] = {
-        pole: sample[k % len(sample)] for k, pole in enumerate(sorted(left_out))
+        pole: evaluated_poles[k % len(evaluated_poles)]
+        for k, pole in enumerate(sorted(skipped_poles))
     }
     for item in fields(PoleField):
         values_by_pole = getattr(field, item.name)
-        # `w` and `dw` are the rates of links.
+        # `w` and `dw` belong to links, other dictionaries to poles.
         if not isinstance(values_by_pole, dict) or item.name in ("w", "dw"):
             continue
         for number, (pole, stand_in) in enumerate(stand_ins.items(), start=1):

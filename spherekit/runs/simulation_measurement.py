@@ -56,7 +56,10 @@ Smaller: a single disturbed round decides. Larger: the budget is exceeded by slo
 
 @dataclass(frozen=True)
 class Effort:
-    """The settings that are measured, and how long.
+    """The settings of a run that `spherekit.trade` measures, and how long it measures.
+
+    A setting is one way to compute a run, such as an engine. Its time and error are
+    measured.
 
     Attributes
     ----------
@@ -70,6 +73,7 @@ class Effort:
         Time (s) after which no further round begins.
     """
 
+    # Fields of a study that are no options of `spherekit.trade`.
     unused = ("tolerance", "verify", "degrees")
 
     settings: Sequence[Setting] | None = None
@@ -90,7 +94,10 @@ TOLERANCES_RAD = [float(f"1e-{decade}") for decade in range(3, 16)]
 
 @dataclass(frozen=True)
 class SettingMeasurement:
-    """The measured settings of an analysis, and the reference of their errors.
+    """The times and errors of the settings of an analysis.
+
+    A setting is one way to compute a run. Errors are differences from reference values of
+    higher accuracy.
 
     Attributes
     ----------
@@ -111,16 +118,16 @@ class SettingMeasurement:
 
 
 class TimedTables(NamedTuple):
-    """Tables of an analysis, and the processor times that they took.
+    """Tables of an analysis, and the processor time that was needed to compute them.
 
     Attributes
     ----------
     tables
         The tables by name.
     first_seconds
-        Time (s) before any sample.
+        Time (s) that does not depend on the number of samples, spent before the first one.
     seconds
-        Time (s) in all.
+        Total time (s), including `first_seconds`.
     """
 
     tables: Tables
@@ -130,17 +137,20 @@ class TimedTables(NamedTuple):
 
 @dataclass(frozen=True)
 class Candidate:
-    """A setting, or a value of a parameter, whose time and error are measured.
+    """A way to run an analysis, whose time and error are measured.
+
+    It is a setting of the run (such as an engine), or a value of a parameter of the
+    analysis.
 
     Attributes
     ----------
     name
-        Its name.
+        Name in tables and messages.
     setting
-        The setting; None for a parameter.
+        The setting; None for a value of a parameter.
     run
-        Runs it once. The argument says whether its tables are compared with the reference;
-        otherwise only the times count.
+        Function that runs the analysis once in this way. Its argument is True if the
+        tables will be compared with the reference, and False if only the times count.
     """
 
     name: str
@@ -165,7 +175,7 @@ def compute_timed_tables(
     setting: Setting,
     reference_fields: Sequence[PoleField] = (),
 ) -> TimedTables:
-    """Compute the tables of an analysis at all samples with a setting, and time it.
+    """Compute the tables of an analysis with a setting, and measure the time.
 
     Parameters
     ----------
@@ -174,11 +184,11 @@ def compute_timed_tables(
     analysis
         The analysis.
     setting
-        The setting.
+        The way to compute the quantities that the analysis reads.
     reference_fields
-        Poles of the reference, for each input. The senses of directions follow from the
-        samples, not from a setting. They are made equal to those of the reference, so that
-        errors can be compared. Without a reference they are left.
+        Poles of the reference, for each input. A pole direction is a line with two senses.
+        The senses are made equal to those of the reference, so that directions can be
+        compared. Without a reference they are not changed.
     """
     start = time.process_time()
     run_plan = make_analysis_plan(sampling, analysis, setting)
@@ -189,7 +199,8 @@ def compute_timed_tables(
         blocks = run_plan.source.blocks(run_plan.block_size)
         for motion, fields, angles in run_plan.evaluate_blocks(blocks):
             if reference_fields:
-                # The reference has the samples of each mode one after another.
+                # Rows of the reference that belong to the rows of this block. It has all
+                # samples of the first assembly mode, then those of the next mode.
                 first_rows = np.arange(len(motion.assembly_modes)) * len(sampling)
                 rows = motion.sample + np.repeat(first_rows, motion.samples)
                 fields = align_directions(fields, reference_fields, rows)
@@ -225,9 +236,12 @@ def measure_candidates(
     start = time.monotonic()
     measured_by_name: dict[str, Measured] = {}
     progress = ProgressReporter("measuring settings")
-    # First the errors. `tell` takes a function, which it calls only to show a report.
+    # First the errors.
     for number, candidate in enumerate(candidates, 1):
-        progress.tell(f"{candidate.name}, {number} of {len(candidates)}".__str__)
+        # `tell` calls the function at once, and only if it shows the text.
+        progress.tell(
+            lambda: f"{candidate.name}, {number} of {len(candidates)}"  # noqa: B023
+        )
         try:
             timed_tables = candidate.run(True)
             deviations = compare(timed_tables.tables)
@@ -262,9 +276,8 @@ def measure_candidates(
             seconds = timed_tables.seconds - timed_tables.first_seconds
             first_seconds[candidate.name].append(timed_tables.first_seconds)
             sample_seconds[candidate.name].append(sample_ratio * seconds)
-            progress.tell(
-                f"{candidate.name}, round {round_number + 1} of {effort.rounds}".__str__
-            )
+            text = f"{candidate.name}, round {round_number + 1} of {effort.rounds}"
+            progress.tell(lambda: text)  # noqa: B023
 
     for name, seconds_of_rounds in sample_seconds.items():
         setting = measured_by_name[name].setting or ORDINARY
@@ -364,7 +377,17 @@ def measure_simulation_settings(
 
 
 def _simulate(run_plan: RunPlan, study: Study, setting: Setting) -> Sampling:
-    """Return the samples of a study's simulation with a setting, at the times of a run."""
+    """Solve the simulation of a study with a setting, and return its samples.
+
+    Parameters
+    ----------
+    run_plan
+        A run of the same study. The samples are at its times.
+    study
+        Start and driving torques of the simulation.
+    setting
+        Integrator and tolerance.
+    """
     sampling = run_plan.sampling
     assert study.start is not None and setting.tolerance is not None
     assert sampling.duration is not None
@@ -387,14 +410,28 @@ def _simulate_tables(
     setting: Setting,
     reference_fields: Sequence[PoleField] = (),
 ) -> TimedTables:
-    """Return the tables of a simulation with a setting, as `compute_timed_tables`.
+    """Solve a simulation with a setting, compute the tables, and measure the times.
 
-    The time before any sample is that of the simulation.
+    Parameters
+    ----------
+    run_plan
+        A run with one analysis, whose tables are computed.
+    study
+        Start and driving torques of the simulation.
+    setting
+        Integrator and tolerance.
+    reference_fields
+        Poles of the reference, for each input, whose senses pole directions get.
+
+    Returns
+    -------
+    The tables. The time of the simulation counts as spent before the first sample.
     """
     start = time.process_time()
     sampling = _simulate(run_plan, study, setting)
     simulation_seconds = time.process_time() - start
-    # A simulation that ends early has other samples than the reference.
+    # A simulation that ends early has other samples than the reference, so that directions
+    # cannot be compared.
     if reference_fields and len(sampling) != len(reference_fields[0].status):
         reference_fields = ()
     (analysis,) = run_plan.analyses
@@ -408,16 +445,16 @@ def _simulate_tables(
 
 @dataclass(frozen=True)
 class _TightestSimulation:
-    """The simulation with the smallest tolerance.
+    """The simulation with the smallest tolerance, with which others are compared.
 
     Attributes
     ----------
     setting
-        Its setting.
+        Integrator and tolerance of the simulation.
     sampling
-        Its samples.
+        The samples of the simulation.
     compile_seconds
-        Time (s) for compiling, 0 without a compiler.
+        Time (s) for compiling the equations, 0 if they are not compiled.
     """
 
     setting: Setting
@@ -443,44 +480,52 @@ def _simulate_tightest(run_plan: RunPlan, study: Study) -> _TightestSimulation:
 def _compute_exact_tables(
     run_plan: RunPlan, study: Study, sampling: Sampling
 ) -> ReferenceTables:
-    """Return the tables at the times of a simulation from one in more digits.
+    """Compute the tables of an analysis from a simulation in more digits than float64.
+
+    They are the reference of simulations with one input.
 
     Parameters
     ----------
     run_plan
         The run with one analysis.
     study
-        The study.
+        Start of the simulation.
     sampling
-        The samples of the float64 simulation that is refined.
+        The samples of a float64 simulation. The tables are at the same times.
 
     Raises
     ------
     EngineError
-        If there is none; see `spherekit.dynamics.reference_simulation.refined`.
+        If there is no such simulation; see
+        `spherekit.dynamics.reference_simulation.refined`.
     """
     simulation = sampling.simulation
-    end = run_plan.sampling.duration
-    assert simulation is not None and study.start is not None and end is not None
+    duration = run_plan.sampling.duration
+    assert simulation is not None and study.start is not None and duration is not None
     assert sampling.t is not None
-    exact = refined(simulation, study.start, end)
+    exact = refined(simulation, study.start, duration)
     (motion,) = sampling.blocks(len(sampling))
     # Variables (n, variables), then their first and second derivatives by time, as balls:
     # numbers of many digits with error bounds.
     states, *derivatives = exact.at(sampling.t)
     (driven,) = simulation.driven
-    # The variables of the motion are in other revolutions than those of the simulation.
+
+    # The simulation counts revolutions. The variables are shifted by whole revolutions to
+    # those of the motion, in (-pi, pi], except for the input.
     revolutions = np.round((centre_floats(states) - motion.values) / TURN)
     with exact.arithmetic.within():
         values = centre_floats(states - exact_balls(revolutions) * (2 * pi_ball()))
     inputs = states[:, [driven]]
     values[:, driven] = centre_floats(inputs)[:, 0]
+
+    # Rates and accelerations of the input.
     input_rates = [centre_floats(derivative[:, [driven]]) for derivative in derivatives]
     if exact.kind == "sticking":
-        # Dry friction jumps here, so nothing that depends on it is compared.
-        sticks = sampling.t >= min(float(exact.end), simulation.end.t)
+        # The simulation ends with sticking, where dry friction jumps. Numbers that depend
+        # on it are not compared from there on.
+        is_sticking = sampling.t >= min(float(exact.end), simulation.end.t)
         for rate in input_rates:
-            rate[sticks] = np.nan
+            rate[is_sticking] = np.nan
     timing = Timing(np.minimum(sampling.t, float(exact.end)), *input_rates)
     motion = replace(motion, values=values, inputs=centre_floats(inputs), timing=timing)
     (analysis,) = run_plan.analyses

@@ -36,15 +36,16 @@ _FILE_WORDING = TypeWording(
 
 
 def make_study_analyses(study: Study) -> list[AbstractAnalysis]:
-    """Return the analyses that a study names, poles by default.
+    """Return the analyses that a study names in its file, by default that of poles.
 
     Raises
     ------
     FileError
         If there is no such analysis or parameter, a value has the wrong type, a
-        parameter is missing, or the analysis refuses the mechanism.
+        parameter is missing, or the analysis refuses the mechanism. The message gives the
+        line of the file.
     PluginError
-        If an analysis that is asked for cannot be used.
+        If an analysis cannot be imported, or is faulty.
     """
     parameters_by_name = study.analyses or {DEFAULT_ANALYSIS: {}}
     return [
@@ -56,16 +57,19 @@ def make_study_analyses(study: Study) -> list[AbstractAnalysis]:
 def make_run_analyses(
     study: Study, requests: Sequence[str | AbstractAnalysis] = ()
 ) -> list[AbstractAnalysis]:
-    """Return the analyses of a run.
+    """Return the analyses of a run, as objects.
 
-    A broken analysis is replaced by a `BrokenAnalysis`, so that the others are computed.
+    If an analysis of a plugin is faulty, a `BrokenAnalysis` takes its place. The other
+    analyses are then still computed, and the run reports the reason.
 
     Parameters
     ----------
     study
-        The study.
+        The study, which may name analyses in its file.
     requests
-        Analyses, or their names with parameters. Without any, those that the study names.
+        Analyses that the user asks for: objects, or names with parameters, such as
+        ``"poles:only=31+42"``. If there are none, the analyses of the study are taken, or
+        poles if it names none.
 
     Raises
     ------
@@ -94,17 +98,18 @@ def make_run_analyses(
 def _make_study_analysis(
     study: Study, name: str, parameters: Mapping[str, Any]
 ) -> AbstractAnalysis:
-    """Return an analysis that a study names.
+    """Create an analysis that a study names in its file, and check it.
 
     Parameters
     ----------
     study
-        The study.
+        The study, with its mechanism.
     name
         Name of the analysis.
     parameters
-        Its parameters as the file states them.
+        Values of its parameters in the file, by key.
     """
+    # Errors in these `with` blocks get the line of the analysis in the file.
     with _locate_errors(study, name):
         cls = load_analysis(name)
     fields = _read_parameters(study, cls, parameters)
@@ -129,7 +134,7 @@ def _locate_errors(study: Study, name: str) -> Iterator[None]:
 def _read_parameters(
     study: Study, cls: type[AbstractAnalysis], parameters: Mapping[str, Any]
 ) -> Facts:
-    """Return the fields of an analysis from the parameters in a study's file.
+    """Convert the parameters of an analysis in a study's file to fields of its class.
 
     Parameters
     ----------
@@ -138,7 +143,11 @@ def _read_parameters(
     cls
         Class of the analysis.
     parameters
-        The parameters as the file states them.
+        Values of the parameters in the file, by key.
+
+    Returns
+    -------
+    Values of the fields, by name. Fields that the file does not give are left out.
     """
 
     def make_error(path: Names, message: str) -> SpherekitError:
@@ -151,7 +160,7 @@ def _read_parameters(
         return value
 
     def read(key: str, value: Any, hint: Any) -> Any:
-        """Return the value of a field."""
+        """Return the value of a field; `hint` is the type of the field."""
         try:
             return read_value(hint, value, _read_simple_value, read_list)
         except ValueError:

@@ -32,20 +32,31 @@ FIELDS_WITHOUT_OPTION = (
 def apply_study_options(
     function: str, subject: Subject, options: Facts, options_class: type[Options]
 ) -> tuple[Study, Options]:
-    """Return a study that is changed by options, and an object of the other options.
+    """Divide the keyword options of a public function between a study and other options.
+
+    Functions such as `spherekit.run` take the fields of a `Study` (which motion is
+    analysed) and the fields of another class (how it is done) as keyword options.
 
     Parameters
     ----------
     function
         Name of the function with these options, for messages.
     subject
-        The study, or what it is read from.
+        The study that the options change: an object, a path, or the name of an example. It
+        can also be a mechanism.
     options
         Fields of `Study`, fields of `options_class`, or `input_pair`, the names of the
-        driven pairs. A field of both belongs to `options_class`.
+        driven pairs. A name that is a field of both belongs to `options_class`.
     options_class
         Dataclass of the other options. Its attribute `unused` names the fields of `Study`
         that are no options of the function.
+
+    Returns
+    -------
+    study
+        The study, changed by the options.
+    other_options
+        An object of `options_class`.
 
     Raises
     ------
@@ -56,7 +67,7 @@ def apply_study_options(
     PlanError, ModelError
         If `input_pair` names no R pair.
     """
-    own_names = {item.name for item in fields(options_class)}  # type: ignore[arg-type]
+    class_names = {item.name for item in fields(options_class)}  # type: ignore[arg-type]
     allowed = _list_options(options_class)
     for name in options:
         if name not in allowed:
@@ -65,27 +76,33 @@ def apply_study_options(
                 f"{choices(name, sorted(allowed), 'options', len(allowed))}"
             )
     study = read_study(subject)
-    own_options = {name: value for name, value in options.items() if name in own_names}
-    changes = {
-        name: value
-        for name, value in options.items()
-        if name not in own_names and name != "input_pair"
-    }
+    class_options: Facts = {}
+    study_changes: Facts = {}
+    for name, value in options.items():
+        if name in class_names:
+            class_options[name] = value
+        elif name != "input_pair":
+            study_changes[name] = value
     input_pairs = options.get("input_pair")
-    # A path of the study (values of its inputs at its samples) does not fit other ones.
-    if "samples" in changes or input_pairs is not None:
-        changes.setdefault("path", None)
+    # A study may list the values of its inputs at its samples (`path`). The list does not
+    # fit other samples or inputs.
+    if "samples" in study_changes or input_pairs is not None:
+        study_changes.setdefault("path", None)
     if input_pairs is not None:
         if fault := type_fault("input_pair", input_pairs, str | Sequence[str]):
             raise AnalysisError(f"{function}: {fault}")
-        changes["mechanism"] = driven_at(study.mechanism, input_pairs)
-    if changes:
-        study = replace(study, **changes)
-    return study, options_class(**own_options)
+        study_changes["mechanism"] = driven_at(study.mechanism, input_pairs)
+    if study_changes:
+        study = replace(study, **study_changes)
+    return study, options_class(**class_options)
 
 
 def _list_options(options_class: type) -> dict[str, inspect.Parameter]:
-    """Return the options of `apply_study_options` by name, as parameters of a function."""
+    """Return the keyword options of a function, with default values and types, by name.
+
+    They are `input_pair`, the fields of `Study` that are options, and the fields of
+    `options_class`, whose attribute `unused` names further fields of `Study` that are none.
+    """
     excluded = {*FIELDS_WITHOUT_OPTION, *getattr(options_class, "unused", ())}
     study_fields = [item for item in fields(Study) if item.name not in excluded]
     # The default value and the type of each option.
@@ -105,11 +122,14 @@ def _list_options(options_class: type) -> dict[str, inspect.Parameter]:
 def takes_study_options(options_class: type) -> Callable[[Function], Function]:
     """Return a decorator that shows the options of a function in its signature.
 
-    The function itself takes them as ``**options``.
+    The function itself takes them as ``**options``. Help texts and editors show the
+    signature with the name, type and default of each option: the fields of a study, and the
+    fields of `options_class`.
     """
 
     def show_options(function: Function) -> Function:
         signature = inspect.signature(function)
+        # All parameters but ``**options``.
         parameters = [
             parameter
             for parameter in signature.parameters.values()

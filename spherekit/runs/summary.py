@@ -123,36 +123,47 @@ def _mode_meetings(sampling: Sampling) -> list[Facts]:
 def measure_cost(
     run_plan: RunPlan, run_state: RunState, timer: Timer, recorder: Any
 ) -> Facts:
-    """Return what a run has evaluated, stored and recorded, and its times, for the summary.
+    """Return the cost of a run for its summary: numbers of results, and times.
 
-    A recorder that counts is finished first. Bytes of tables are added when the files are
-    written.
+    The sizes of tables (bytes) are added when the files are written.
+
+    Parameters
+    ----------
+    run_plan
+        The analyses and the requested poles of the run.
+    run_state
+        The counts of the run.
+    timer
+        The time of each stage of the run.
+    recorder
+        The recorder, None without a recording. If it counts what it records, the recording
+        is completed here.
     """
+    # Numbers of recorded entities, rows and bytes.
     recording = {}
     if hasattr(recorder, "finish"):
         with timer.stage(RECORDING):
             recorder.finish()
         recording = {"recording": recorder.cost}
-    simulation = run_plan.sampling.simulation
+    # Numbers that are evaluated at one configuration, by name of the input that moves.
     counts_by_input = {
         run_plan.mechanism.pairs[request.plan.input].name: count_evaluations(request)
         for request in run_plan.requests
     }
-    # Numbers at one configuration, times the number of configurations.
-    totals = {
-        name: run_state.configurations
-        * sum(counts[name] for counts in counts_by_input.values())
-        for name in ("poles", "axis_derivatives", "link_rates")
-    }
-    tables = {
-        stem: {
-            "rows": run_state.counts[ROWS, name, table.name],
+    # All numbers: those at one configuration, times the number of configurations.
+    totals = {}
+    for name in ("poles", "axis_derivatives", "link_rates"):
+        count = sum(counts[name] for counts in counts_by_input.values())
+        totals[name] = run_state.configurations * count
+    # Sizes of the tables, by name of the file without its ending.
+    tables = {}
+    table_by_stem = tables_by_file_stem(run_plan.tables(run_state.failures))
+    for stem, (analysis_name, table) in table_by_stem.items():
+        tables[stem] = {
+            "rows": run_state.counts[ROWS, analysis_name, table.name],
             "columns": len(table.columns),
         }
-        for stem, (name, table) in tables_by_file_stem(
-            run_plan.tables(run_state.failures)
-        ).items()
-    }
+    simulation = run_plan.sampling.simulation
     return {
         "configurations": run_state.configurations,
         "each_configuration": counts_by_input,

@@ -14,20 +14,21 @@ from spherekit.tolerances import EPS
 
 @dataclass(frozen=True)
 class Deviation:
-    """The largest deviation of one column from its reference.
+    """The largest deviation of the numbers of one column from reference values.
 
     Attributes
     ----------
     column
-        ``TABLE.COLUMN``.
+        Names of the table and the column: ``TABLE.COLUMN``.
     error
-        The deviation in units of `scale`, at least the rounding error of float64.
+        The largest deviation, divided by `scale`. It is at least the rounding error of
+        float64.
     scale
-        1 for absolute errors, otherwise the largest reference.
+        1 for absolute errors, otherwise the largest reference value.
     compared
-        How many numbers have a reference.
+        Number of reference values.
     missing
-        How many of these numbers the table does not have.
+        Number of reference values for which the table has no number.
     estimate
         Error that the analysis itself estimates; NaN without an estimate.
     """
@@ -71,11 +72,12 @@ def compute_deviations(
     given: Tables,
     reference: Tables,
 ) -> list[Deviation]:
-    """Return the deviation of every column of numbers in tables of equal rows.
+    """Return the largest deviation of every column of numbers from reference values.
 
-    Errors that are not absolute are relative to the largest reference of all columns of the
-    table with the same unit, since a torque that balances others may itself be a rounding
-    error. If all derivatives by an angle are rounding errors, their errors are relative to
+    Some errors are absolute, such as those of angles. The others are relative to the
+    largest reference value of all columns of the table with the same unit, because the
+    values of one column may all be rounding errors, for example a torque that balances
+    others. If all derivatives by an angle are rounding errors, their errors are relative to
     the functions that are differentiated.
 
     Parameters
@@ -83,12 +85,13 @@ def compute_deviations(
     tables
         The declared tables.
     given, reference
-        Their columns, and the reference values.
+        Columns of these tables with the same rows: the numbers, and the reference values.
     """
     deviations = []
     for table in tables:
         columns = arrays(given[table.name])
         reference_columns = arrays(reference[table.name])
+        # Columns with the scale "none" have no meaningful error.
         compared_columns = [
             column
             for column in table.columns
@@ -122,40 +125,50 @@ def compute_deviations(
 
 
 def _find_scale(largest_by_unit: Mapping[str, float], unit: str) -> float:
-    """Return the scale of columns with a unit, 1.0 if all their numbers are 0.
+    """Return the number to which errors of columns with a unit are relative.
+
+    It is the largest reference value with this unit. If this is a rounding error of the
+    functions whose derivatives by an angle have this unit, it is the largest value of these
+    functions. An example is N m/rad, the unit of derivatives of torques.
 
     Parameters
     ----------
     largest_by_unit
-        The largest reference of the table by unit.
+        The largest reference value of the table by unit.
     unit
-        The unit of the column.
+        The unit of the columns.
+
+    Returns
+    -------
+    The scale, 1.0 if all values are 0.
     """
     largest = largest_by_unit[unit]
-    integrated_unit = _integrated_unit(unit)
-    largest_integrated = 0.0
-    if integrated_unit is not None:
-        largest_integrated = largest_by_unit.get(integrated_unit, 0.0)
-    is_rounding = largest <= EPS * largest_integrated
-    return (largest_integrated if is_rounding else largest) or 1.0
+    # The unit of the functions, None if the unit is not that of a derivative by an angle.
+    function_unit = _integrated_unit(unit)
+    largest_function = 0.0
+    if function_unit is not None:
+        largest_function = largest_by_unit.get(function_unit, 0.0)
+    is_rounding = largest <= EPS * largest_function
+    return (largest_function if is_rounding else largest) or 1.0
 
 
 def _subtract(column: Column, values: Floats, reference: Floats) -> tuple[Floats, int]:
-    """Return the differences between a column and its reference.
+    """Return the differences between the numbers of a column and reference values.
 
     Parameters
     ----------
     column
         The declared column. Differences of angles are in (-pi, pi].
     values, reference
-        (n,) numbers and reference values.
+        (n,) numbers and reference values, NaN in failed rows.
 
     Returns
     -------
     differences
-        (k,) differences of the numbers that both have; none if the lengths differ.
+        (k,) differences in the rows in which both are finite. Empty if the numbers of rows
+        differ.
     compared
-        How many numbers have a reference.
+        Number of finite reference values.
     """
     has_reference = np.isfinite(reference)
     compared = int(np.sum(has_reference))

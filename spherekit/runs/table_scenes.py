@@ -27,53 +27,67 @@ Larger: figures with more lines than a reader can tell apart.
 
 
 def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> list[Scene]:
-    """Return a scene for each assembly mode, with columns of numbers over the samples.
+    """Return drawings of the tables of an analysis: columns of numbers over the samples.
 
-    Only tables with rows at the samples are shown. If a sample has several rows, such as
-    one for each pole, the text columns of a row name its subject, and each subject is a
-    series.
+    Only tables with rows at the samples are drawn. If a sample has several rows, such as
+    one for each pole, the text columns of a row name its subject. Each subject becomes one
+    curve (series).
 
     Parameters
     ----------
     tables
         The declared tables of an analysis.
     data
-        Their columns, by table.
+        The columns of each table, by name of the table.
     batch
         The samples that the analysis has read.
+
+    Returns
+    -------
+    A scene for each assembly mode with at least one curve.
     """
     scenes = []
     for mode, rows in batch.assembly_mode_rows().items():
-        series = tuple(
-            part
-            for table in tables
-            if table.in_assembly_modes
-            for part in _column_series(
-                table, arrays(data[table.name]), mode, batch.sample[rows]
-            )
-        )
+        series: list[Primitive] = []
+        for table in tables:
+            if table.in_assembly_modes:
+                series += _column_series(
+                    table, arrays(data[table.name]), mode, batch.sample[rows]
+                )
         if series:
-            scenes.append(Scene(mode, series))
+            scenes.append(Scene(mode, tuple(series)))
     return scenes
 
 
 def _column_series(
     table: Table, data: TableArrays, mode: int, samples: Integers
 ) -> Iterator[Primitive]:
-    """Yield a series for each column and subject of an assembly mode.
+    """Yield a curve (series) for each column and subject of an assembly mode.
 
-    A subject is what a row is about, such as a pole, named by the texts in the row. Nothing
-    is drawn if a table has more than `MAX_SUBJECTS` of them. Subjects without exactly one
-    row at each of the samples (k,) are left out, since a series has a value at every
-    sample.
+    The subject of a row is, for example, a pole. The texts in the row name it. Nothing is
+    drawn if a table has more than `MAX_SUBJECTS` of them. A subject without exactly one row
+    at each sample is left out, because a curve has a value at every sample.
+
+    Parameters
+    ----------
+    table, data
+        The declared table, and its columns by name.
+    mode
+        Number of the assembly mode.
+    samples
+        (k,) numbers of the samples.
     """
     mode_rows = np.flatnonzero(data[ASSEMBLY_MODE.name] == mode)
-    texts = [data[c.name][mode_rows] for c in table.columns if c.kind == "text"]
-    # A table without text columns has one subject, with an empty name.
-    texts_by_row = zip(np.full(len(mode_rows), ""), *texts, strict=True)
+    text_columns = [
+        data[column.name][mode_rows] for column in table.columns if column.kind == "text"
+    ]
+    # The texts of each row, after an empty one. A table without text columns therefore has
+    # one subject, with an empty name.
+    texts_by_row = zip(np.full(len(mode_rows), ""), *text_columns, strict=True)
     subjects = np.array(
         [", ".join(filter(None, row_texts)) for row_texts in texts_by_row], dtype=str
     )
+    # A dictionary keeps the order of the subjects.
     distinct_subjects = dict.fromkeys(subjects.tolist())
     if len(distinct_subjects) > MAX_SUBJECTS:
         return

@@ -48,7 +48,14 @@ class StoredTables:
         return [[*key, count] for key, count in self._file_counts.items()]
 
     def add(self, analysis: str, table: Table, data: TableData) -> None:
-        """Write the rows of one block of a table of an analysis.
+        """Write the rows of one block of samples of a table to a file.
+
+        Parameters
+        ----------
+        analysis
+            Name of the analysis.
+        table, data
+            The declared table, and its columns for the block.
 
         Raises
         ------
@@ -57,10 +64,12 @@ class StoredTables:
         """
         from spherekit.tables.table_files import write_columns
 
-        # The file has groups of at most CHUNK_ROWS rows, each of one assembly mode if rows
-        # are sorted by mode. Its notes name the mode of each group.
+        # If there are several blocks, the rows of a file are sorted by assembly mode, so
+        # that the final table can have all rows of a mode together.
         by_mode = self._has_several_blocks and table.in_assembly_modes
         mode_rows = sort_by_mode(convert_columns(table, arrays(data)), by_mode)
+        # The file is divided into groups of at most CHUNK_ROWS rows, each of one mode. The
+        # notes in the file list the mode of each group.
         group_modes = []
         group_rows = []
         for mode, rows in mode_rows.mode_rows:
@@ -78,7 +87,10 @@ class StoredTables:
         self._file_counts[key] += 1
 
     def pieces(self, analysis: str, table: Table) -> Iterator[Mapping[str, Any]]:
-        """Yield the columns of all rows in pieces, one assembly mode after another.
+        """Yield the columns of all rows of a table in pieces, one assembly mode at a time.
+
+        The rows are in one file for each block of samples. A file consists of groups of
+        rows of one assembly mode.
 
         Raises
         ------
@@ -89,12 +101,12 @@ class StoredTables:
 
         key = (analysis, table.name)
         paths = [self._path(key, block) for block in range(self._file_counts[key])]
+        groups = []
+        for block, path in enumerate(paths):
+            for group, mode in enumerate(read_notes(path)[MODES]):
+                groups.append((mode, block, group))
         # Sorted by mode, then by block, then by the group in the file of the block.
-        groups = sorted(
-            (mode, block, group)
-            for block, path in enumerate(paths)
-            for group, mode in enumerate(read_notes(path)[MODES])
-        )
+        groups.sort()
         return read_chunks((paths[block], group) for _, block, group in groups)
 
     @property

@@ -85,11 +85,13 @@ Larger: times that scatter less, in more time.
 
 
 def choose_check_samples(sampling: Sampling, even_count: int, request: Request) -> Indices:
-    """Return numbers of samples at which errors are measured.
+    """Return the numbers of the samples at which errors are measured.
 
-    They are spread evenly, and refined where pole axes are least certain. Errors of
-    rounding and of interpolation are largest there. Between the samples next to each peak
-    of the error bounds the middle ones are added, until these are neighbours.
+    The samples are spread evenly, and refined where the error bounds of pole axes have a
+    peak, because errors of rounding and of interpolation are largest there. A pole is the
+    axis about which one link rotates relative to another. Samples in the middle of the gaps
+    on both sides of each peak are added, until a peak and its neighbours are successive
+    samples of the run.
 
     Parameters
     ----------
@@ -102,43 +104,43 @@ def choose_check_samples(sampling: Sampling, even_count: int, request: Request) 
         refined.
     """
     q = sampling.inputs[:, 0]
-    even_rows = np.linspace(0, len(q) - 1, even_count).astype(np.intp)
-    rows = np.unique([*even_rows, np.argmin(q), np.argmax(q)])
+    even_samples = np.linspace(0, len(q) - 1, even_count).astype(np.intp)
+    samples = np.unique([*even_samples, np.argmin(q), np.argmax(q)])
     if sampling.inputs.shape[1] > 1 or not request.poles:
-        return rows
-    new_rows = rows
-    while len(new_rows):
-        motion = sampling.motion_at(rows)
+        return samples
+    new_samples = samples
+    while len(new_samples):
+        motion = sampling.motion_at(samples)
         field = evaluate(motion, request, route="conditioned")
+        # (modes, samples) the largest error bound of any pole direction, 0 without one.
         bounds = [np.zeros(len(motion)), *field.direction_error.values()]
-        # The largest error bound of any direction (modes, samples), with a column of -1 on
-        # both sides, so that the first and the last sample can be peaks.
-        bound_of_mode = np.fmax.reduce(bounds).reshape(-1, len(rows))
-        padded = np.pad(bound_of_mode, ((0, 0), (1, 1)), constant_values=-1.0)
-        bound = padded[:, 1:-1]
-        is_peak = (bound >= padded[:, :-2]) & (bound >= padded[:, 2:])
-        mode, peak = np.nonzero(is_peak)
-        largest = np.argsort(bound[mode, peak])[::-1][:MAX_REFINED_PEAKS]
-        peak = peak[largest]
-        # Gaps before and after each peak, by the number of the sample before the gap.
-        gaps = np.unique(np.clip([peak - 1, peak], 0, len(rows) - 2))
-        middles = (rows[gaps] + rows[gaps + 1]) // 2
-        new_rows = np.setdiff1d(middles, rows)
-        rows = np.union1d(rows, new_rows)
-    return rows
+        largest_bound = np.fmax.reduce(bounds).reshape(-1, len(samples))
+        # A peak is no smaller than its neighbours. With a column of -1 on both sides, the
+        # first and the last sample can be peaks.
+        padded = np.pad(largest_bound, ((0, 0), (1, 1)), constant_values=-1.0)
+        is_peak = (largest_bound >= padded[:, :-2]) & (largest_bound >= padded[:, 2:])
+        modes, peaks = np.nonzero(is_peak)
+        order = np.argsort(largest_bound[modes, peaks])[::-1]
+        highest_peaks = peaks[order[:MAX_REFINED_PEAKS]]
+        # The gaps before and after each peak, by the index of the sample before the gap.
+        gaps = np.unique(np.clip([highest_peaks - 1, highest_peaks], 0, len(samples) - 2))
+        middles = (samples[gaps] + samples[gaps + 1]) // 2
+        new_samples = np.setdiff1d(middles, samples)
+        samples = np.union1d(samples, new_samples)
+    return samples
 
 
 def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
-    """Return a sampling with a part of the samples of another one.
+    """Return a sampling that has only some of the samples of another one.
 
     Parameters
     ----------
     sampling
-        The samples.
+        All samples.
     rows
-        Numbers of the samples that are taken.
+        (n,) numbers of the samples that the result has.
     search
-        Whether assembly modes are searched.
+        Whether all assembly modes are searched again.
     """
     position_analysis = sampling.position_analysis
     modes = position_analysis.assembly_modes
@@ -165,20 +167,23 @@ def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
 def trade(
     subject: Subject, analysis: str | AbstractAnalysis = "poles", **options: Any
 ) -> Trade:
-    """Return the settings of an analysis with their times and true errors.
+    """Measure the times and the true errors of the settings of a run.
+
+    A setting is one way to compute the run, such as an engine or a tolerance. Some analyses
+    have parameters that trade speed for accuracy; their values are then measured instead.
 
     Parameters
     ----------
     subject
-        The run that settings are wanted for: a study, or a mechanism; or the path or the
-        shipped name of either. Errors are measured at fewer samples over the same range,
-        where there are many.
+        The run for which a setting is sought: a study or a mechanism, as an object, as the
+        path of a file, or as the name of a shipped example. If it has many samples, errors
+        are measured at fewer samples over the same range.
     analysis
-        The analysis by its name with parameters, or as an object.
+        The analysis, as an object or by its name with parameters.
     options
         `input_pair`, names of the driven pairs, and fields of
         `spherekit.files.study.Study` and of `Effort` (settings, checked, rounds, budget).
-        Those that are given replace what a study says.
+        An option replaces the value in the study.
 
     Raises
     ------
@@ -190,23 +195,27 @@ def trade(
     study, effort = apply_study_options("trade", subject, options, Effort)
     # Settings of a simulation have tolerances of their own, instead of that of the study.
     study = replace(study, tolerance=DEFAULT_TOLERANCE)
-    chosen = create_analysis(analysis) if isinstance(analysis, str) else analysis
-    sweeps = [sweep for sweep in chosen.trades if sweep.applies(study.mechanism)]
+    if isinstance(analysis, str):
+        analysis = create_analysis(analysis)
+    # Parameters of the analysis that trade speed for accuracy.
+    sweeps = [sweep for sweep in analysis.trades if sweep.applies(study.mechanism)]
     if sweeps:
-        return _trade_parameters(study, chosen, sweeps, effort)
-    # A simulation is computed again with each setting, so it gets fewer samples.
+        return _trade_parameters(study, analysis, sweeps, effort)
+    # A study with a start is a simulation. It is computed again with each setting, so it
+    # gets fewer samples.
+    is_simulation = study.start is not None
     shortened_study = study
-    if study.start is not None:
+    if is_simulation:
         sample_count = min(study.count, effort.checked or MAX_CHECKED_SAMPLES)
         shortened_study = replace(study, samples=sample_count)
-    run_plan = make_analysis_plan(make_sampling(shortened_study), chosen)
+    run_plan = make_analysis_plan(make_sampling(shortened_study), analysis)
     if not reads_poles(run_plan):
         raise AnalysisError(
-            f"{chosen.name}: reads no poles, rates or positions of the samples and "
+            f"{analysis.name}: reads no poles, rates or positions of the samples and "
             "declares no parameter that trades speed for accuracy (`trades`); there is "
             "nothing to measure"
         )
-    if study.start is not None:
+    if is_simulation:
         measurement = measure_simulation_settings(run_plan, study, effort)
         return _make_trade(run_plan, study, measurement)
     return _trade_samples(run_plan, study, effort)
@@ -215,22 +224,31 @@ def trade(
 def _choose_sampling(run_plan: RunPlan, study: Study, effort: Effort) -> Sampling:
     """Return the samples at which the errors of settings are measured.
 
-    They are those of the run, or fewer over the same range.
+    They are those of the run, or fewer over the same range, because reference values in
+    many digits take time.
+
+    Parameters
+    ----------
+    run_plan
+        The run, with its samples and the poles that its analysis reads.
+    study
+        The study of the run.
+    effort
+        The largest number of samples at which errors are measured.
     """
     sampling = run_plan.sampling
-    total = len(sampling)
     mode_count = len(sampling.position_analysis.assembly_modes)
     default_count = max(MIN_CHECKED_SAMPLES, MAX_CHECKED_ROWS // mode_count)
-    count = min(MAX_CHECKED_SAMPLES, effort.checked or default_count)
-    if total <= count:
+    max_count = min(MAX_CHECKED_SAMPLES, effort.checked or default_count)
+    if len(sampling) <= max_count:
         return sampling
     axis_count = len(sampling.shape)
     if axis_count > 1:
-        # A coarser grid.
-        side = max(2, int(count ** (1.0 / axis_count)))
+        # A grid over several inputs gets a coarser grid.
+        side = max(2, int(max_count ** (1.0 / axis_count)))
         samples = tuple(min(axis_samples, side) for axis_samples in sampling.shape)
         return make_sampling(replace(study, samples=samples))
-    rows = choose_check_samples(sampling, count, run_plan.requests[0])
+    rows = choose_check_samples(sampling, max_count, run_plan.requests[0])
     return take_samples(sampling, rows, study.search)
 
 
@@ -251,21 +269,25 @@ def _choose_kernel_sampling(run_plan: RunPlan, study: Study) -> Sampling | None:
 
 
 def _trade_samples(run_plan: RunPlan, study: Study, effort: Effort) -> Trade:
-    """Return the measured settings of a run at samples.
+    """Measure the settings of a run that is no simulation.
 
-    The reference values are solutions of the closure equations in more digits.
+    A setting is a way to compute the velocities at the samples. Its tables are compared
+    with tables from solutions of the closure equations in more digits than float64.
 
     Parameters
     ----------
     run_plan
-        The run that is wanted, with one analysis.
+        The run for which a setting is sought, with one analysis.
     study
-        Its study.
+        The study of this run.
     effort
-        The settings that are measured, and how long.
+        The settings to measure, and how long.
     """
     (analysis,) = run_plan.analyses
+    # Samples at which the default setting is timed with a kernel, compiled functions for
+    # many rows. None if the run does not use one.
     kernel_sampling = _choose_kernel_sampling(run_plan, study)
+    # Samples at which errors are measured.
     sampling = _choose_sampling(run_plan, study, effort)
     checked_plan = make_analysis_plan(sampling, analysis)
     motion = sampling.motion_at(np.arange(len(sampling)))
@@ -276,12 +298,16 @@ def _trade_samples(run_plan: RunPlan, study: Study, effort: Effort) -> Trade:
     ]
 
     def run_setting(setting: Setting, is_compared: bool) -> TimedTables:
-        """Run the analysis once with a setting."""
+        """Run the analysis once with a setting.
+
+        `is_compared` says whether the tables will be compared with the reference.
+        Otherwise only the times count.
+        """
         if is_compared or kernel_sampling is None or setting != ORDINARY:
             fields = reference.pole_fields if is_compared else ()
             return compute_timed_tables(sampling, analysis, setting, fields)
         timed_tables = compute_timed_tables(kernel_sampling, analysis, setting)
-        # Converted to the number of samples at which errors are measured.
+        # The time is converted to the number of samples at which errors are measured.
         sample_seconds = timed_tables.seconds - timed_tables.first_seconds
         sample_seconds = sample_seconds * len(sampling) / len(kernel_sampling)
         return timed_tables._replace(seconds=timed_tables.first_seconds + sample_seconds)
@@ -305,20 +331,21 @@ def _trade_samples(run_plan: RunPlan, study: Study, effort: Effort) -> Trade:
 
 
 def _make_trade(run_plan: RunPlan, study: Study, measurement: SettingMeasurement) -> Trade:
-    """Return the trade of measured settings.
+    """Return the result of `trade` from measured settings.
 
     Parameters
     ----------
     run_plan
-        The run at which errors were measured, with one analysis.
+        The run at whose samples errors were measured, with one analysis.
     study
-        The run that is wanted.
+        The study of the run for which a setting is sought.
     measurement
-        The settings.
+        The settings with their times and errors, and the reference.
     """
     (analysis,) = run_plan.analyses
     sampling = run_plan.sampling
-    # The reference is compared with itself to learn the scales of the columns.
+    # Errors are relative to the scale of a column. Comparing the reference with itself
+    # gives these scales.
     reference_tables = measurement.reference_tables
     deviations = measure_deviations(run_plan, reference_tables, reference_tables)
     scales = {deviation.column: deviation.scale for deviation in deviations}
@@ -346,18 +373,22 @@ def _make_trade(run_plan: RunPlan, study: Study, measurement: SettingMeasurement
 def _trade_parameters(
     study: Study, analysis: AbstractAnalysis, sweeps: Sequence[Sweep], effort: Effort
 ) -> Trade:
-    """Return the measured values of the parameters that an analysis declares.
+    """Measure parameters of an analysis that trade speed for accuracy.
+
+    The analysis is run with each value of a parameter. One column of a table is compared
+    with the column for the most accurate value.
 
     Parameters
     ----------
     study
-        The run that is wanted.
+        The study of the run for which values are sought.
     analysis
         The analysis.
     sweeps
-        The parameters with their values. The last value of each is the reference.
+        The parameters with their values and the compared columns. The last value of each is
+        the most accurate one.
     effort
-        How long is measured.
+        Number of repetitions, and the time after which measuring ends.
     """
     all_measured: list[Measured] = []
     reference_names: list[str] = []
@@ -378,10 +409,10 @@ def _trade_parameters(
         all_measured += measure_candidates(
             candidates, compare, sample_ratio=1.0, effort=effort
         )
-        # The reference is compared with itself to learn the scale.
+        # Comparing the reference with itself gives the scale of errors.
         (deviation,) = compare(reference)
-        words = "absolute rad" if sweep.places else "over the largest"
-        columns.setdefault(deviation.column, (words, deviation.scale))
+        scale_words = "absolute rad" if sweep.places else "over the largest"
+        columns.setdefault(deviation.column, (scale_words, deviation.scale))
     finite_errors = [item.error for item in all_measured if np.isfinite(item.error)]
     return Trade(
         mechanism=study.mechanism.name,
@@ -401,23 +432,23 @@ def _trade_parameters(
 def _run_with_value(
     study: Study, analysis: AbstractAnalysis, sweep: Sweep, value: Any, is_compared: bool
 ) -> TimedTables:
-    """Run an analysis with one value of a parameter.
+    """Run an analysis with one value of a parameter, and measure the time.
 
-    The whole time counts as spent before any sample, since it does not grow with the
-    samples of the run that is wanted.
+    The whole time counts as spent before the first sample, because it does not depend on
+    the number of samples of the run for which a value is sought.
 
     Parameters
     ----------
     study
-        The run that is wanted; fewer of its samples are computed.
+        The study of this run. Fewer samples are computed.
     analysis
         The analysis.
     sweep
-        The parameter, and the table that is compared.
+        The parameter, values of other parameters, and the table that is compared.
     value
-        The value of the parameter.
+        The value of the parameter. The parameter "samples" is the number of samples.
     is_compared
-        Not used. It makes this the function of a `Candidate`.
+        Not used here. The function of a `Candidate` has this argument.
     """
     start = time.process_time()
     sample_count = min(study.count, MIN_CHECKED_SAMPLES)
@@ -501,24 +532,24 @@ def _compare_sweep_column(
 
 
 def _group_numbers(sweep: Sweep, data: TableArrays) -> dict[Names, Floats]:
-    """Return the finite numbers of a column, by the texts of their rows.
+    """Return the finite numbers of a column, grouped by the texts in their rows.
 
     Parameters
     ----------
     sweep
-        Names the column, and the columns with the texts. There can be one column of numbers
-        for each input, whose names begin alike.
+        Names of the column of numbers, and of the columns of texts. With several inputs
+        there is one column of numbers for each, such as ``q_21`` and ``q_31`` for ``q``.
     data
-        The table.
+        The columns of the table by name.
 
     Returns
     -------
-    Arrays (n, columns) by the texts.
+    Numbers (n, columns of numbers) by the texts of their rows.
     """
-    names = [
+    number_columns = [
         name for name in data if name == sweep.column or name.startswith(f"{sweep.column}_")
     ]
-    rows = np.stack([data[name] for name in names], axis=1)
+    rows = np.stack([data[name] for name in number_columns], axis=1)
     text_columns = [data[name].astype(str) for name in sweep.match]
     numbers_by_texts: dict[Names, list[Floats]] = {}
     for row, *texts in zip(rows, *text_columns, strict=True):

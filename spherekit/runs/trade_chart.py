@@ -29,16 +29,22 @@ MIN_CHART_MARGIN_DECADES = 0.1
 
 
 def scene(trade: Trade, tolerance: float | None = None) -> Scene:
-    """Return the chart with a numbered mark for each setting, and the table.
+    """Return the work-precision chart of a trade: error against time, with its table.
+
+    A trade consists of the settings of a run (ways to compute it) with their times and
+    errors. Each setting is a mark with a number, which the legend explains. A curve joins
+    the settings than which no other is quicker and as accurate (the front).
 
     Parameters
     ----------
     trade
-        The trade.
+        The measured settings.
     tolerance
-        A tolerance that is drawn as a line, with a mark at its setting.
+        Largest error that is accepted. It is drawn as a line, and the cheapest setting that
+        meets it is marked.
     """
     settings = [candidate for candidate in trade.settings if candidate.counts]
+    # (settings, 2) time (s) and error.
     points = _make_points(settings)
     (left, bottom), (right, top) = _find_frame(points)
     curves = [
@@ -49,10 +55,10 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
         )
     ]
     marks = []
-    # Each setting is a mark with its number, which the legend explains.
     for number, (measured, point) in enumerate(zip(settings, points, strict=True), 1):
         tone = FRONT_TONE if measured in trade.pareto else SETTING_TONE
         marks.append(Mark(str(number), point, tone))
+        # A curve of a single point, for its label in the legend.
         label = f"{number}: {measured.name}, {measured.error:.1e}"
         curves.append(PlaneCurve(point[None], tone, label))
     if tolerance is not None:
@@ -62,7 +68,7 @@ def scene(trade: Trade, tolerance: float | None = None) -> Scene:
         if chosen is not None:
             (point,) = _make_points([chosen])
             marks.append(Mark("taken", point, TOLERANCE_TONE))
-    # The mark that moves with the samples rests at the first setting.
+    # A portrait has a mark that moves with the samples. Here it stays at the first setting.
     chart = Portrait(
         path="trade/chart",
         label="work and precision",

@@ -23,6 +23,7 @@ from spherekit.runs.trade_measurement import measure_run, reads_poles
 from spherekit.runs.trade_record import (
     MARGIN,
     Cost,
+    Measured,
     Trade,
     check_tolerance,
     choose_most_accurate_fast_option,
@@ -144,33 +145,42 @@ def choose(
 def read_stored_trades(
     study: Study, analyses: Analyses, paths: Sequence[str]
 ) -> list[Trade]:
-    """Return the trades of the analyses of a study's run, read from folders or files.
+    """Read the trades that were stored for the analyses of a run, and check them.
+
+    A trade consists of the settings of a run (ways to compute it) with their measured times
+    and errors. It belongs to one analysis.
 
     Parameters
     ----------
     study
-        The run.
+        The study of the run.
     analyses
-        Its analyses.
+        The analyses of the run.
     paths
         Folders or files with one trade each.
+
+    Returns
+    -------
+    One trade for each analysis.
 
     Raises
     ------
     AnalysisError
-        If one was made for another run, or an analysis has none.
+        If a trade was made for another run or analysis, or if an analysis has no trade.
     """
     trades: dict[str, Trade] = {}
     for path in paths:
         stored_trade = read_trade(path)
-        of_name = [item for item in analyses if item.name == stored_trade.analysis]
-        if not of_name:
+        analyses_of_trade = [
+            item for item in analyses if item.name == stored_trade.analysis
+        ]
+        if not analyses_of_trade:
             raise AnalysisError(
                 f"{path}: the trade is of analysis {stored_trade.analysis}, which is not "
                 f"run; the run has {listing(item.name for item in analyses)}: leave this "
                 "--trade out"
             )
-        run_description = describe_run(study, of_name[0])
+        run_description = describe_run(study, analyses_of_trade[0])
         if differing := differences(stored_trade.made_for, run_description):
             raise AnalysisError(
                 f"{path}: the trade was made for another run ({differing}); make it for "
@@ -196,16 +206,16 @@ def read_stored_trades(
 
 @dataclass(frozen=True)
 class SettingChoice:
-    """A setting that was chosen for a run.
+    """A setting (way to compute a run) that was chosen for a run, with the reason.
 
     Attributes
     ----------
     setting
-        The setting.
+        The chosen setting.
     error
-        Largest error that a trade measured; NaN without a trade.
+        Largest error that was measured with it; NaN if none was measured.
     reason
-        Why it was chosen.
+        The reason of the choice, as a phrase for users.
     """
 
     setting: Setting
@@ -218,32 +228,42 @@ def _choose_from_trades(
 ) -> SettingChoice:
     """Return the cheapest setting that meets a tolerance in all trades.
 
+    A trade consists of the settings of a run (ways to compute it) with their measured times
+    and errors, for one analysis. If no setting meets the tolerance, the most accurate one
+    is returned.
+
     Parameters
     ----------
     trades
         One trade for each analysis. Only settings that all of them contain are considered.
     tolerance
-        Largest scaled error.
+        Largest error that is accepted, in units of the scale of each column.
     kind
-        What the trades are called in the reason.
+        Adjective for the trades in the reason, such as ``"stored"``.
     """
-    # For each trade: its usable settings with their times and errors.
-    measured_by_setting = [
-        {item.setting: item for item in record.settings if item.setting and item.counts}
-        for record in trades
-    ]
+    # For each trade, its usable settings with their times and errors.
+    measured_of_trades: list[dict[Setting, Measured]] = []
+    for stored_trade in trades:
+        measured_of_trades.append(
+            {
+                item.setting: item
+                for item in stored_trade.settings
+                if item.setting and item.counts
+            }
+        )
     # The total time and the largest error of each setting over all trades.
     costs: dict[Setting, Cost] = {}
-    for setting in measured_by_setting[0]:
-        if all(setting in measured for measured in measured_by_setting):
-            measured_of_setting = [measured[setting] for measured in measured_by_setting]
+    for setting in measured_of_trades[0]:
+        if all(setting in by_setting for by_setting in measured_of_trades):
+            measured = [by_setting[setting] for by_setting in measured_of_trades]
             costs[setting] = Cost(
-                seconds=sum(item.total for item in measured_of_setting),
-                error=max(item.error for item in measured_of_setting),
+                seconds=sum(item.total for item in measured),
+                error=max(item.error for item in measured),
             )
     origin = f"of a {kind} trade of {listing(item.analysis for item in trades)}"
     if not costs:
         return SettingChoice(ORDINARY, np.nan, f"no setting {origin} gives all rows")
+    # Errors were measured at some samples only, so they need a margin.
     sufficient_costs = {
         setting: cost for setting, cost in costs.items() if MARGIN * cost.error <= tolerance
     }

@@ -22,18 +22,26 @@ TRADE_FILE = "trade.json"
 
 
 def describe_run(study: Study, analysis: AbstractAnalysis) -> Facts:
-    """Return everything that a trade for a run depends on, as data for JSON.
+    """Return the facts about a run on which the measured times and errors depend.
+
+    They are stored with measurements for the run (a trade), so that these are not used for
+    another run. All values can be written as JSON.
 
     Parameters
     ----------
     study
-        The run.
+        The study of the run.
     analysis
-        The analysis of the trade.
+        The analysis whose settings are measured.
     """
     mechanism = driven_at(study.mechanism)
     path = study.path
+    # The description of an analysis is its name, version and parameters.
     ((_, version, analysis_parameters),) = describe_analyses([analysis])
+    # A simulation runs in a single assembly mode, by default the first one.
+    assembly_mode = study.assembly_mode
+    if study.start is not None:
+        assembly_mode = study.assembly_mode or 0
     return {
         "spherekit": __version__,
         "mechanism": mechanism.name,
@@ -44,11 +52,9 @@ def describe_run(study: Study, analysis: AbstractAnalysis) -> Facts:
         "inputs": mechanism.input_pairs,
         "samples": "x".join(map(str, study.shape)),
         "input_values": None if path is None else hash_array(path),
-        "assembly_mode": study.assembly_mode
-        if study.start is None
-        else study.assembly_mode or 0,
+        "assembly_mode": assembly_mode,
         "search": study.search,
-        # Trades of earlier versions have no such key.
+        # The key is left out for the default, because trades of earlier versions lack it.
         **({"crossings": "pass"} if study.crossings == "pass" else {}),
         "laws": {pair: repr(law) for pair, law in study.laws.items()},
         "duration": study.duration,
@@ -58,12 +64,20 @@ def describe_run(study: Study, analysis: AbstractAnalysis) -> Facts:
 
 
 def read_trade(path: AnyPath) -> Trade:
-    """Return the trade that `spherekit trade -o` wrote into a folder.
+    """Read the trade that the command `spherekit trade -o` has written.
+
+    A trade consists of the settings of a run (ways to compute it) with their measured times
+    and errors.
+
+    Parameters
+    ----------
+    path
+        The folder, or the file in it.
 
     Raises
     ------
     AnalysisError
-        If there is none, or it cannot be read.
+        If there is no trade, or if it cannot be read.
     """
     file = Path(path)
     advice = f"write one with: spherekit trade FILE -a NAME -o {path}"

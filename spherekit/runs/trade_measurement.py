@@ -31,26 +31,37 @@ def reads_poles(run_plan: RunPlan) -> bool:
 
 
 def measure_run(run_plan: RunPlan) -> tuple[list[Deviation], int]:
-    """Measure the errors of a run with one analysis at some of its samples.
+    """Measure the errors of a run at some of its samples.
 
-    At most `CHECKED_SAMPLES` samples are spread over the run, without a regular pattern
-    that samples could share.
+    The tables of the analysis are compared with tables from values in many digits.
+
+    Parameters
+    ----------
+    run_plan
+        The run, which has one analysis.
 
     Returns
     -------
-    The deviations of the columns, and the number of rows that are measured.
+    deviations
+        The largest deviation of each column of numbers.
+    row_count
+        Number of rows (samples of all assembly modes) that are compared.
     """
-    total = len(run_plan.sampling)
-    samples = np.arange(total)
-    if total > CHECKED_SAMPLES:
-        # One sample in each of as many equal parts of the run. Its place in the part is the
-        # fractional part of a multiple of the golden ratio.
-        index = samples[:CHECKED_SAMPLES]
-        fractions = (index + index * GOLDEN % 1.0) / CHECKED_SAMPLES
-        samples = np.unique((fractions * total).astype(np.intp))
+    sample_count = len(run_plan.sampling)
+    samples = np.arange(sample_count)
+    if sample_count > CHECKED_SAMPLES:
+        # The run is divided into CHECKED_SAMPLES equal parts, with one sample from each.
+        # Its position in the part is the fractional part of a multiple of the golden ratio.
+        # A regular pattern could coincide with a pattern of the run.
+        parts = samples[:CHECKED_SAMPLES]
+        fractions = (parts + parts * GOLDEN % 1.0) / CHECKED_SAMPLES
+        samples = np.unique((fractions * sample_count).astype(np.intp))
     reference = compute_reference_tables(run_plan, run_plan.sampling.motion_at(samples))
+
+    # The same samples as the run computes them.
     block = run_plan.source.motion_at(samples)
     ((motion, pole_fields, continued_angles),) = run_plan.evaluate_blocks([block])
+    # A pole is a line with two senses. Both tables get the senses of the reference.
     pole_fields = align_directions(
         pole_fields, reference.pole_fields, np.arange(len(motion))
     )
@@ -62,16 +73,17 @@ def measure_run(run_plan: RunPlan) -> tuple[list[Deviation], int]:
 
 @dataclass(frozen=True)
 class ReferenceTables:
-    """The tables of an analysis from configurations and rates in many digits.
+    """The tables of an analysis, computed from configurations and rates in many digits.
 
     Attributes
     ----------
     tables
         The tables, by name.
     pole_fields
-        The poles from which they are computed, for each input that moves.
+        The poles from which they are computed, for each input that moves while the others
+        are locked. A pole is the axis about which one link rotates relative to another.
     lacking
-        Words about rows without reference values; empty if there are none.
+        Phrase with the number of rows that have no reference values; empty if all have.
     """
 
     tables: Tables
@@ -84,25 +96,28 @@ def compute_reference_tables(
 ) -> ReferenceTables:
     """Compute the tables of the analysis of a run from reference values.
 
-    These are the float64 numbers nearest to the solution of the closure equations in 20
-    digits; see `spherekit.proof`.
+    The reference values are solutions of the closure equations in 20 digits, rounded to
+    float64; see `spherekit.proof`. The tables serve to measure the errors of a run.
 
     Parameters
     ----------
     run_plan
         A run with one analysis.
     motion
-        The rows (n,) for which tables are computed.
+        Configurations of the run: n rows, for which tables are computed.
     inputs
-        (n, inputs) exact inputs. By default those of the motion are taken as exact.
+        (n, inputs) inputs in more digits. By default the float64 inputs of the motion are
+        exact.
     """
     (analysis,) = run_plan.analyses
     requests = [request for request in run_plan.requests if request.poles]
     pole_fields = [evaluate(motion, request) for request in requests]
     reference = compute_reference(motion, requests, pole_fields, inputs=inputs)
     reference_motion = replace(reference.motion, samples=motion.samples)
+    # Rows of the run for which no solution in many digits was computed.
     is_lacking = (motion.status == Status.OK) & (reference.exact[0].status != Status.OK)
     lacking_count = np.sum(is_lacking)
+    # There is no block before this one whose angles are continued.
     continued_angles = run_plan.continue_angles(reference_motion, {})
     batch = run_plan.make_batch(
         analysis, reference_motion, reference.pole_fields, continued_angles

@@ -37,20 +37,23 @@ Smaller: the recommendation changes from one measurement to the next.
 class Measured:
     """The times and errors of one setting of a run, or of one value of a parameter.
 
+    A setting is a way to compute a run, such as an engine. Times are those of the run for
+    which a setting is sought, even if fewer samples were measured.
+
     Attributes
     ----------
     name
         Name of the setting.
     setting
-        The setting; None for a parameter of the analysis.
+        The setting; None for a value of a parameter of the analysis.
     seconds, seconds_median
-        Best and median processor time (s) of the run that is wanted, without compiling.
+        Best and median processor time (s) of the run, without compiling.
     first_seconds
-        The part of these times (s) that is spent before any sample.
+        The part of these times (s) that is spent before the first sample.
     compile_seconds
         Time (s) for compiling, which is spent once.
     error
-        Largest scaled deviation of a column.
+        Largest deviation from reference values, in units of the scale of its column.
     worst_column
         The column with this deviation.
     own_estimate
@@ -58,7 +61,8 @@ class Measured:
     missing
         Number of results that the reference has and this setting does not.
     reason
-        Why the setting does not apply; empty if it does. All numbers are then NaN.
+        Reason why the setting does not apply, with NaN for the error and the times. Empty
+        if the setting applies.
     """
 
     name: str
@@ -80,7 +84,7 @@ class Measured:
 
     @property
     def counts(self) -> bool:
-        """Whether it can be chosen: it applies, and gives every number there is."""
+        """Whether it can be chosen: it applies, and gives all numbers of the reference."""
         return not self.reason and not self.missing and bool(np.isfinite(self.error))
 
 
@@ -177,7 +181,9 @@ class Trade:
     def cheapest(self, tolerance: float) -> Measured | None:
         """Return the quickest setting whose error times `MARGIN` is within a tolerance.
 
-        Of those about as quick, the most accurate: times differ from run to run.
+        Times differ from run to run. The most accurate of all settings that are about as
+        quick as the quickest one is therefore returned. None if no setting meets the
+        tolerance.
 
         Raises
         ------
@@ -194,9 +200,15 @@ class Trade:
 
     @check_arguments(AnalysisError)
     def plot(self, tolerance: float | None = None, columns: Columns = 2) -> "Figure":
-        """Return the work-precision figure, for one or two columns of a journal.
+        """Return the work-precision figure: the error of each setting against its time.
 
-        A tolerance is a line in it, and what is taken for that is marked.
+        Parameters
+        ----------
+        tolerance
+            Largest error that is accepted. It is drawn as a line, and the setting that
+            `cheapest` returns for it is marked.
+        columns
+            Width of the figure in columns of a journal, 1 or 2.
 
         Raises
         ------
@@ -223,12 +235,15 @@ class Trade:
         }
 
     def _setting_as_dict(self, measured: Measured) -> Facts:
-        """Return one setting as data for JSON. NaN becomes None."""
-        # Only NaN differs from itself.
-        values = {
-            key: None if value != value else value
-            for key, value in asdict(measured).items()
-        }
+        """Return one setting with its times and errors as data for JSON.
+
+        NaN becomes None, because JSON has no NaN.
+        """
+        values = {}
+        for key, value in asdict(measured).items():
+            # Only NaN differs from itself.
+            is_nan = value != value
+            values[key] = None if is_nan else value
         seconds_per_sample = (measured.seconds - measured.first_seconds) / self.samples
         return {
             **values,

@@ -18,8 +18,20 @@ MIN_LISTED_COMPILE_SECONDS = 1e-3
 
 
 def as_text(trade: Trade, tolerance: float | None = None) -> str:
-    """Return the table for people, the columns' scales, and the recommendation."""
-    # The table of settings.
+    """Return a trade as text for users.
+
+    A trade consists of the settings of a run (ways to compute it) with their measured times
+    and errors. The text has a table of the settings, the scales to which the errors of
+    columns are relative, and the settings that do not apply.
+
+    Parameters
+    ----------
+    trade
+        The measured settings.
+    tolerance
+        Largest error that is accepted. If given, a setting is recommended at the end.
+    """
+    # The table of settings, in columns as wide as their longest cell.
     front = trade.pareto
     rows: list[Names] = [HEADINGS]
     for measured in trade.settings:
@@ -43,11 +55,11 @@ def as_text(trade: Trade, tolerance: float | None = None) -> str:
         for measured in trade.settings
         if np.isfinite(measured.own_estimate)
     ]
-    # A line for all columns whose errors have the same scale.
+    # Columns whose errors have the same scale share a line.
     columns_by_scale: dict[str, list[str]] = {}
     for column, scale_words, scale in trade.columns:
-        size = "" if scale_words.startswith("absolute") else f" ({scale:.3g})"
-        columns_by_scale.setdefault(f"{scale_words}{size}", []).append(column)
+        scale_number = "" if scale_words.startswith("absolute") else f" ({scale:.3g})"
+        columns_by_scale.setdefault(f"{scale_words}{scale_number}", []).append(column)
     lines += [
         f"error of {', '.join(columns)}: {scale_words}"
         for scale_words, columns in columns_by_scale.items()
@@ -71,7 +83,12 @@ def _make_heading(trade: Trade) -> str:
 
 
 def advise(trade: Trade, tolerance: float) -> str:
-    """Return a sentence with the setting to choose for a tolerance."""
+    """Return a sentence that recommends a setting for a tolerance.
+
+    A setting is a way to compute a run. The recommended one is the quickest whose error,
+    with a margin, is within the tolerance. Otherwise the sentence says how accurate the
+    settings are.
+    """
     best = trade.cheapest(tolerance)
     if best is not None:
         return (
@@ -81,6 +98,7 @@ def advise(trade: Trade, tolerance: float) -> str:
         )
     if not trade.pareto:
         return f"for {tolerance:g}: no setting gives all numbers"
+    # The front is sorted by time, so that its last setting is the most accurate.
     most_accurate = trade.pareto[-1]
     return (
         f"for {tolerance:g}: no setting meets it with a margin of {MARGIN:g}; the best "
@@ -97,7 +115,11 @@ def as_csv(trade: Trade) -> str:
 
 
 def _make_cells(measured: Measured, is_on_front: bool) -> Names:
-    """Return the cells of a setting; it has a star if no other setting beats it."""
+    """Return the cells of a setting in the table of a trade.
+
+    They are a star (if no other setting is quicker and as accurate), the name, the largest
+    error and its column, and the best time, the median time and the time for compiling.
+    """
     error = f"{measured.error:.1e}"
     if measured.missing:
         error += f" ({measured.missing} missing)"
@@ -114,11 +136,12 @@ def _make_cells(measured: Measured, is_on_front: bool) -> Names:
 
 
 def _list_inapplicable_settings(trade: Trade) -> list[str]:
-    """Return the settings that do not apply, a line for each reason.
+    """Return lines that list the settings which do not apply, with the reasons.
 
     Reasons that differ only in numbers or in the name of their setting share a line.
     """
-    # By the reason without numbers: the first reason, and the names of its settings.
+    # Reasons are compared without their numbers. Each entry has the first of the equal
+    # reasons, with its numbers, and the names of the settings.
     settings_by_reason: dict[str, tuple[str, list[str]]] = {}
     for measured in trade.settings:
         if measured.reason:

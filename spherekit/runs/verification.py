@@ -81,42 +81,54 @@ class _BlockRows(ArrayRows):
     continued_angles: ContinuedAngles
 
     def select_for_check(self, count: int, sample_count: int) -> "_BlockRows":
-        """Return the worst rows and others spread evenly, at most `count` rows in all.
+        """Return the worst rows, and others spread evenly over the run.
 
-        Rows are sorted by assembly mode and sample. `sample_count` is the number of samples
-        of the run.
+        Parameters
+        ----------
+        count
+            Largest number of rows that are returned.
+        sample_count
+            Number of samples of the run.
+
+        Returns
+        -------
+        The rows, sorted by assembly mode and sample.
         """
         motion = self.motion
-        # The largest error bound of any pole direction in each row; NaN without poles.
+        # (n,) the largest error bound of any pole direction in a row; NaN without poles.
         direction_bound = nans(len(motion))
         for pole_field in self.pole_fields:
             for errors in pole_field.direction_error.values():
                 direction_bound = np.fmax(direction_bound, errors)
+        # The row with the largest closure residual, with the largest error bound, and with
+        # the worst conditioning.
         worst_rows = [
             np.argmax(np.nan_to_num(score, nan=-1.0))
             for score in (motion.residual, direction_bound, motion.conditioning)
         ]
-        # Rows are taken in the order of the fractional part of a multiple of the golden
-        # ratio. It depends only on mode and sample, so rows of different blocks compete
-        # fairly.
+        # The other rows are ordered by the fractional part of a multiple of the golden
+        # ratio. The first rows in this order are spread evenly. The order depends only on
+        # mode and sample, so that rows of different blocks can be compared.
         row_number = motion.assembly_mode * sample_count + motion.sample
         spread_rows = np.argsort((row_number + 1) * GOLDEN % 1.0)
+        # A dictionary removes repeated rows and keeps the order.
         selected = list(dict.fromkeys([*worst_rows, *spread_rows]))[:count]
         return self.rows(np.array(selected)[np.argsort(row_number[selected])])
 
 
 @dataclass(frozen=True)
 class ReferenceRows:
-    """Reference values of the rows of a motion.
+    """Reference values of configurations and poles, computed in many digits.
 
     Attributes
     ----------
     exact
-        Values in many digits, for each input that moves.
+        Values in many digits, for each input that moves while the others are locked.
     motion
-        The motion with the float64 numbers nearest to these values.
+        The configurations, rounded from these values to float64.
     pole_fields
-        Likewise the poles of each input.
+        The poles of each input, rounded in the same way. A pole is the axis about which one
+        link rotates relative to another.
     """
 
     exact: tuple[ExactRows, ...]
@@ -131,35 +143,38 @@ def compute_reference(
     arithmetic: Digits | None = None,
     inputs: Array | None = None,
 ) -> ReferenceRows:
-    """Compute the rows of a motion in many digits.
+    """Compute configurations and poles in many digits, as a reference for a run.
 
     Parameters
     ----------
     motion
-        The motion to check: n rows.
+        The configurations of the run: n rows.
     requests, pole_fields
-        For each input that moves, the poles that are evaluated, and their values. Without
-        requests the first input moves.
+        For each input that moves while the others are locked: the poles that the run has
+        evaluated, and their values. Without requests, the rates of the first input are
+        computed.
     arithmetic
-        The number of digits; see `exact_rows_by_input`, which also lists the errors.
+        The number of digits; see `exact_rows_by_input`, which also lists the errors that
+        can be raised.
     inputs
-        (n, inputs) inputs in more digits than those of the motion.
+        (n, inputs) inputs in more digits than float64. By default those of the motion.
     """
-    every_row = np.ones(len(motion), dtype=bool)
+    all_rows = np.ones(len(motion), dtype=bool)
     input_pairs = [item.plan.input for item in requests] or motion.assembly.inputs[:1]
-    # Some rows of the run were computed from the decimal numbers of the file. The reference
-    # then uses these too, instead of their nearest float64 numbers.
+    # By default the mechanism has the float64 numbers nearest to those of its file. If the
+    # run has computed some rows from the decimal numbers of the file, the reference uses
+    # them too.
     frames = None
     if any(np.any(pole_field.is_decimal) for pole_field in pole_fields):
         arithmetic = arithmetic or Digits()
         with arithmetic.within():
             frames = read_decimals(motion.mechanism).revolute_frames()
     exact = exact_rows_by_input(
-        motion, every_row, input_pairs, arithmetic, inputs=inputs, frames=frames
+        motion, all_rows, input_pairs, arithmetic, inputs=inputs, frames=frames
     )
     return ReferenceRows(
         exact=exact,
-        motion=exact_motion(motion, every_row, exact[0]),
+        motion=exact_motion(motion, all_rows, exact[0]),
         pole_fields=tuple(map(exact_field, exact, requests, pole_fields)),
     )
 
@@ -200,14 +215,26 @@ class Verifier:
         pole_fields: PoleFields,
         continued_angles: ContinuedAngles,
     ) -> None:
-        """Select rows of a block that may be verified.
+        """Select rows of a block that may be verified at the end of the run.
 
-        The selection so far competes with the rows of the block, so that no more than the
-        wanted number of rows is kept in memory.
+        `_count` rows are verified: the worst ones, and others spread evenly. They are
+        selected anew from the selection so far and the rows of this block, so that no more
+        rows are in memory.
+
+        Parameters
+        ----------
+        motion
+            The configurations of the block.
+        pole_fields
+            The poles of the block, for each input that moves while the others are locked.
+        continued_angles
+            Variables (rad) without jumps of whole revolutions, by pair.
         """
         block_rows = _BlockRows(
             motion, tuple(field.as_arrays for field in pole_fields), continued_angles
         )
+        # If an analysis reads all samples at once, there is one block, which is needed at
+        # the end.
         if self._run_plan.whole_analyses:
             self._whole = block_rows
         is_valid = run_status(motion, block_rows.pole_fields) == Status.OK
@@ -215,10 +242,9 @@ class Verifier:
             return
         sample_count = len(self._sampling)
         selected = block_rows.rows(is_valid).select_for_check(self._count, sample_count)
-        earlier = [] if self._selected is None else [self._selected]
-        self._selected = _BlockRows.joined([*earlier, selected]).select_for_check(
-            self._count, sample_count
-        )
+        if self._selected is not None:
+            selected = _BlockRows.joined([self._selected, selected])
+        self._selected = selected.select_for_check(self._count, sample_count)
 
     def verify(self, failed: Collection[str] = ()) -> Facts:
         """Compute the selected rows in many digits, and compare the tables of all analyses.
@@ -307,15 +333,21 @@ class Verifier:
         selected: _BlockRows,
         reference_rows: _BlockRows,
     ) -> list[_TablePair]:
-        """Compute the tables of an analysis from both the run and the reference.
+        """Compute the tables of an analysis from rows of the run and from reference rows.
 
         Parameters
         ----------
         analysis
             The analysis.
-        selected, reference_rows
-            The verified rows as the run has computed them, and in many digits. If the
-            analysis reads all samples at once, they are put into all rows of the run.
+        selected
+            The verified rows as the run has computed them.
+        reference_rows
+            The same rows, computed in many digits. If the analysis reads all samples at
+            once, they replace their counterparts among all rows of the run.
+
+        Returns
+        -------
+        Each table with its columns from both.
         """
         if analysis.at_once and self._whole is not None:
             reference_rows = self._put_into_whole(self._whole, reference_rows)
@@ -436,9 +468,23 @@ class Verifier:
     def _count_within_bounds(
         self, pole_fields: Sequence[PoleField], reference: ReferenceRows
     ) -> dict[str, Facts]:
-        """Count the numbers of each quantity with an error bound, and those within it.
+        """Count for each quantity how many numbers have errors within their error bounds.
 
-        The number that comes nearest to its bound, or exceeds it most, is described too.
+        A run gives error bounds for pole directions, rates and their derivatives. Here the
+        true errors are known from a reference in many digits.
+
+        Parameters
+        ----------
+        pole_fields
+            The poles of the verified rows as the run has computed them, for each input that
+            moves while the others are locked.
+        reference
+            The reference values of these rows.
+
+        Returns
+        -------
+        By name of the quantity: the number of checked numbers, how many of them are within
+        their bound, and the number with the largest ratio of error to bound.
         """
         facts_by_quantity: dict[str, Facts] = {
             name: {"count": 0, "within_bound": 0} for name in BOUNDED_QUANTITIES
@@ -450,7 +496,8 @@ class Verifier:
             self._requests,
             pole_fields,
             reference.pole_fields,
-            strict=False,  # without poles there are exact rows, and no requests
+            # Without poles there are reference values of the first input, but no requests.
+            strict=False,
         ):
             moving = motion.mechanism.pairs[exact.driven].name
             for pole in request.poles:
@@ -461,7 +508,8 @@ class Verifier:
                     is_checked = (
                         self._has_reference & np.isfinite(error) & np.isfinite(bound)
                     )
-                    # A bound of 0 belongs to an error of 0.
+                    # (n,) ratios; -1 in rows that are not checked. A bound of 0 belongs to
+                    # an error of 0. `EPS**2` avoids the division by 0.
                     ratio = error / np.maximum(bound, EPS**2)
                     ratio = np.where(is_checked, ratio, -1.0)
                     facts["count"] += int(np.sum(is_checked))
@@ -486,20 +534,29 @@ class Verifier:
 def _pole_errors(
     exact: ExactRows, pole_field: PoleField, reference_field: PoleField, pole: Pole
 ) -> dict[str, Floats]:
-    """Return the errors (n,) of each quantity of a pole that has an error bound.
+    """Return the true errors of the quantities of a pole in n rows.
 
-    Vectors are compared by the length of their difference.
+    A pole is the axis about which one link rotates relative to another. The error of a
+    vector is the length of the difference from its reference.
 
     Parameters
     ----------
     exact
-        Values in many digits.
-    pole_field, reference_field
-        The poles of the run, and those of the float64 numbers nearest to exact values.
+        Reference values in many digits.
+    pole_field
+        The poles of the run.
+    reference_field
+        The reference values, rounded to float64.
     pole
-        The two links.
+        Numbers of the two links.
+
+    Returns
+    -------
+    Errors (n,) by name of the quantity: directions (rad), rates (velocity coefficients),
+    and derivatives of both by the input (1/rad).
     """
-    # Float64 has not enough digits for the difference of directions.
+    # Errors of directions are about as large as the rounding error of float64, so they are
+    # computed in more digits.
     with exact.arithmetic.within():
         direction = pole_field.direction[pole]
         direction_error = centre_floats(exact_direction(exact, pole, direction) - direction)
@@ -532,7 +589,20 @@ def _add_revolutions(motion: Motion, continued_angles: ContinuedAngles) -> Conti
 
 
 def _summarize_columns(columns: Sequence[Facts]) -> Facts:
-    """Return the compared columns, the names of the others, and the worst row."""
+    """Return the comparison of all columns with reference values, for the summary.
+
+    Parameters
+    ----------
+    columns
+        For each column its table and name, whether it was compared (``compared``), the
+        largest deviation in units of its rounding error (``in_roundings``), the row with
+        this deviation (``worst``), and whether rounding does not explain it (``beyond``).
+
+    Returns
+    -------
+    The compared columns, the names of the other columns, the row with the largest
+    deviation, and the names of the columns that deviate by more than rounding.
+    """
     compared = [item for item in columns if item["compared"]]
     worst = max(compared, key=lambda item: item["in_roundings"])
 

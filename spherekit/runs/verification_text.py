@@ -37,7 +37,15 @@ BOUNDED_QUANTITIES = {
 
 
 def format_verification(verification: Facts) -> list[str]:
-    """Return the lines that tell a user the result of `Verifier.verify`."""
+    """Return the lines that tell a user the result of a verification.
+
+    In a verification some rows of a run are computed again in many digits and compared.
+
+    Parameters
+    ----------
+    verification
+        The result of `Verifier.verify`. It has an entry "problem" if nothing was verified.
+    """
     if "problem" in verification:
         return [f"not verified: {verification['problem']}"]
     if not verification["rows"]:
@@ -89,7 +97,17 @@ def _columns_to_show(columns: list[Facts]) -> list[Facts]:
 
 
 def verification_failures(verification: Facts) -> list[str]:
-    """Return a sentence for each deviation that rounding does not explain."""
+    """Return a sentence for each fault that a verification has shown.
+
+    In a verification some rows of a run are computed again in many digits and compared.
+    Faults are deviations that rounding does not explain, errors that exceed their error
+    bounds, and rows without a solution in many digits.
+
+    Parameters
+    ----------
+    verification
+        The result of `Verifier.verify`. It has an entry "problem" if nothing was verified.
+    """
     sentences = []
     if "problem" in verification:
         sentences.append(f"verify: no row was verified: {verification['problem']}")
