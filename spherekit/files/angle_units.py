@@ -49,19 +49,21 @@ def to_radians(number: float, unit: AngleUnit) -> float:
 
 
 def to_text(angle: float, unit: AngleUnit) -> str:
-    """Return the shortest decimal that `to_radians` converts to exactly this angle (rad).
+    """Return an angle as the shortest decimal number that is read back as the same float.
 
     Parameters
     ----------
     angle
         The angle (rad).
     unit
-        Unit of the decimal.
+        Unit of the decimal number in the file, "rad" or "deg".
     """
     if unit == "rad" or not math.isfinite(angle) or angle == 0.0:
         return repr(float(angle))
+    # Convert to degrees in decimal arithmetic, and find the least number of digits that
+    # suffices. 40 digits distinguish any two floats.
     degrees = _EXACT.divide(Decimal(angle), _DEGREE)
-    for digits in range(1, 40):  # 40 digits distinguish any two floats
+    for digits in range(1, 40):
         text = _decimal_text(Context(prec=digits).plus(degrees))
         if to_radians(LiteralNumber(text), "deg") == angle:
             return text

@@ -27,16 +27,16 @@ STUDY_SUFFIX = ".study.toml"
 
 
 class Pack(NamedTuple):
-    """An installed pack of mechanism and study files.
+    """A pack of mechanism and study files that an installed package ships.
 
     Attributes
     ----------
     name
-        Name of its entry point.
+        Name of the entry point by which the package declares the pack.
     files, studies
-        Paths of mechanism and study files by their names without ending.
+        Paths of the mechanism files and of the study files, by name without ending.
     fault
-        Why the pack cannot be used; empty if it can.
+        Reason why the pack cannot be used; empty if it can.
     """
 
     name: str
@@ -88,13 +88,14 @@ def mechanisms() -> MechanismNames:
 def find(name_or_path: AnyPath) -> Path:
     """Return the path of a mechanism or study file, given as a path or shipped name.
 
-    A plain name is looked up in the packs first, so that a folder of results named
-    after its mechanism does not hide it.
+    A plain name, without folder and ending, is first looked up among the files that
+    installed packages ship (packs). A folder of results that is named after its mechanism
+    therefore does not hide the mechanism.
 
     Raises
     ------
     FileError
-        If there is none, or if two packs ship the name.
+        If there is no such file, or if two packs have a file of this name.
     """
     text = os.fspath(name_or_path)
     if _CONTROL.search(text):
@@ -141,15 +142,20 @@ def _is_name(word: str) -> bool:
 
 
 def _pack(entry: EntryPoint) -> Pack:
-    """Return the pack of an entry point, with the files in the folder of its package."""
+    """Return the pack that an entry point declares: the files in the folder of a package.
+
+    The package is not imported. If the pack cannot be used, the result has no files, and
+    the reason.
+    """
 
     def broken_pack(fault: str) -> Pack:
         """Return the pack without files, with the reason why it cannot be used."""
         return Pack(entry.name, fault=fault)
 
+    # Finding a package runs code of its authors, which may raise any error.
     try:
         spec = find_spec(entry.value)
-    except Exception as error:  # a package of others may raise anything
+    except Exception as error:
         return broken_pack(f"{type(error).__name__}: {error}")
     if spec is None:
         return broken_pack(f'no package is named "{entry.value}"')
@@ -166,14 +172,26 @@ def _pack(entry: EntryPoint) -> Pack:
             name = path.name.removesuffix(STUDY_SUFFIX).removesuffix(_SUFFIX)
             if not _is_name(name):
                 return broken_pack(f"{path.name}: not a name of letters, digits and _")
-            (studies if is_study(path) else files).setdefault(name, path)
+            path_by_name = studies if is_study(path) else files
+            path_by_name.setdefault(name, path)
     if not files:
         return broken_pack(f"{entry.value} holds no {_SUFFIX} files")
     return Pack(entry.name, files, studies)
 
 
 def _not_found_message(path: Path, packs: tuple[Pack, ...]) -> str:
-    """Return the message about a path without a file, with the nearest existing name."""
+    """Return the message about a path at which there is no file.
+
+    It names the most similar existing name, the files in the folder, the shipped
+    mechanisms, and packs that cannot be used.
+
+    Parameters
+    ----------
+    path
+        The path that the user gave.
+    packs
+        The packs of files that installed packages ship.
+    """
     names = sorted(name for pack in packs for name in pack.files)
     studies = [name for pack in packs for name in pack.studies]
     folder = path.parent

@@ -139,17 +139,20 @@ def _pair_table(item: Any) -> Any:
 
 
 def _input_tables(name: str, inputs: TablesOrNames | str) -> Tables:
-    """Return the tables of inputs from names, tables, or the ends of ranges by name.
+    """Return the tables of the inputs, as in a mechanism file, by name of the driven pair.
 
     Parameters
     ----------
     name
         Name of the mechanism, for messages.
     inputs
-        What the user gave.
+        The inputs as the user gave them: the name of a pair, several names, or a mapping of
+        names to tables or to the two ends of the range of the variable.
     """
+    if isinstance(inputs, str):
+        return {inputs: {}}
     if not isinstance(inputs, Mapping):
-        return {pair: {} for pair in ([inputs] if isinstance(inputs, str) else inputs)}
+        return {pair: {} for pair in inputs}
     tables = {}
     for pair, item in inputs.items():
         if isinstance(item, Sequence | np.ndarray):
@@ -165,21 +168,25 @@ def _input_tables(name: str, inputs: TablesOrNames | str) -> Tables:
 
 
 def _to_file_types(name: str, path: KeyPath, value: Any) -> Any:
-    """Return data with the types that a file would have: tables, lists, text, numbers.
+    """Convert Python data to the types of a TOML file: dict, list, text and number.
+
+    Arrays of NumPy become lists, and other numbers become floats. The function calls itself
+    for the values in a mapping or a list.
 
     Parameters
     ----------
     name
         Name of the mechanism, for messages.
     path
-        Path of the value within the data, for messages.
+        Keys and indices that lead to the value in the data, for messages.
     value
-        The value; arrays of NumPy become lists.
+        The value.
 
     Raises
     ------
     ModelError
-        If a name is no text, or a value has no such type. User data may have any type.
+        If a key is no text, or if a value cannot be converted. Values in the table "user"
+        may have any type.
     """
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()

@@ -39,11 +39,19 @@ def dump(mechanism: AnyMechanism, path: AnyPath, angle_unit: AngleUnit = "deg") 
 def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
     """Return the text of a file that reads back as exactly this mechanism.
 
+    Parameters
+    ----------
+    mechanism
+        The mechanism.
+    angle_unit
+        Unit of the angles in the file, "deg" or "rad".
+
     Raises
     ------
     OutputError
-        If the format cannot express the mechanism: an axis that is not a unit vector, a
-        profile with values its kind does not have, user data that TOML lacks.
+        If the format cannot express the mechanism. Examples are an axis that is not a unit
+        vector, a profile with values that its kind does not have, and user data of a type
+        that TOML lacks.
     """
     try:
         text = canonical_text(mechanism, angle_unit)
@@ -55,7 +63,7 @@ def dumps(mechanism: Mechanism, angle_unit: AngleUnit = "deg") -> str:
         raise OutputError(
             f"{mechanism.name}: the file would not be readable: {error}"
         ) from None
-    # Compare the text with that of the mechanism that was read back.
+    # The mechanism that was read back must have the same text.
     lines = text.split("\n")
     lines_read_back = canonical_text(read_back, angle_unit).split("\n")
     for line, line_read_back in zip_longest(lines, lines_read_back):
@@ -96,7 +104,10 @@ def _lines(mechanism: Mechanism, unit: AngleUnit) -> Iterator[str]:
 
 
 def _tables(mechanism: Mechanism) -> dict[str, _Table]:
-    """Return the tables of the file with values of the model; empty ones are left out."""
+    """Return the tables of a mechanism file by name. Empty tables are left out.
+
+    Their values are those of the model: angles in rad.
+    """
     geometry = mechanism.geometry
     source = mechanism.source
     link_sizes = geometry.links if isinstance(geometry, SizeGeometry) else {}
@@ -119,37 +130,43 @@ def _tables(mechanism: Mechanism) -> dict[str, _Table]:
 
 
 def _pair_table(mechanism: Mechanism, pair: Pair) -> _Table:
-    """Return the table of a pair: type, links, its part of the geometry, and profiles.
+    """Return the table of a pair in a mechanism file: type, links, geometry and profiles.
 
-    In a reference pose the part is the axis and the variable. If the geometry is given by
-    sizes, it is the angle at which the variable is zero.
+    If the geometry of the mechanism is a reference pose, the table has the axis of the pair
+    and its variable in this pose. If the geometry is given by sizes of links, the table has
+    the angle at which the variable is zero.
     """
     table: _Table = {"type": pair.type, "links": pair.links}
     geometry = mechanism.geometry
-    geometry_by_key: Mapping[str, Table] = (
-        {"xyz": geometry.axes, "value": geometry.values}
-        if isinstance(geometry, PoseGeometry)
-        else {"zero": geometry.zeros}
-    )
-    for key, value_by_pair in geometry_by_key.items():
+    # By key of the table, the values of all pairs that have one.
+    values_by_key: Mapping[str, Table]
+    if isinstance(geometry, PoseGeometry):
+        values_by_key = {"xyz": geometry.axes, "value": geometry.values}
+    else:
+        values_by_key = {"zero": geometry.zeros}
+    for key, value_by_pair in values_by_key.items():
         if pair.name in value_by_pair:
             table[key] = value_by_pair[pair.name]
     table |= table_of(pair)
     for link, profile in zip(pair.links, pair.profiles or (), strict=False):
-        # A profile through points is closed by default or not, as its kind says, so that
-        # the file always states it.
-        closed = {"closed": profile.closed} if profile.points else {}
-        table.setdefault("profiles", {})[link] = table_of(profile) | closed
+        profile_table = table_of(profile)
+        if profile.points:
+            # The default of this key depends on the kind of the curve. It is always
+            # written.
+            profile_table["closed"] = profile.closed
+        table.setdefault("profiles", {})[link] = profile_table
     return table
 
 
 def _load_table(load: Load) -> _Table:
-    """Return the table of a load, without the kind for a torque at a pair.
+    """Return the table of a load in a mechanism file.
+
+    The key "kind" is left out for a torque at a pair, which is the default kind.
 
     Raises
     ------
     EngineError
-        If the load is a function of Python.
+        If the load is a Python function, which cannot be written to a file.
     """
     table: _Table = {} if load.kind == PairTorque.kind else {"kind": load.kind}
     for key in load.field_kinds:

@@ -38,10 +38,11 @@ _OPTIONAL_PAIR_KEYS = ("zero", "value")
 def document_of(
     mechanism: Mechanism | str | os.PathLike[str], unit: AngleUnit = "deg"
 ) -> Document:
-    """Return the document of a mechanism, in which all directions are two angles.
+    """Return the data of a mechanism file, in which all directions are given by two angles.
 
-    Axes of a reference pose, directions of outputs, and points of profiles are given by
-    longitude and latitude, since their three components cannot vary one by one.
+    These are the axes of a reference pose, the directions of outputs and the points of
+    profiles. Longitude and latitude can vary one by one, unlike the three components of a
+    unit vector.
 
     Parameters
     ----------
@@ -61,11 +62,12 @@ def document_of(
 
 
 def _with_lonlat(document: Document) -> Document:
-    """Return a document whose unit vectors are replaced by longitude and latitude.
+    """Return the data of a mechanism file, with angles in place of unit vectors.
 
-    These are the axes of pairs, the directions of outputs, and the points of profiles. The
-    given document is not changed.
+    The axes of pairs, the directions of outputs and the points of profiles get a longitude
+    and a latitude, in the unit of the file. The given document is not changed.
     """
+    # Only these tables have directions. They are copied, because they are changed below.
     tables = {
         name: copy.deepcopy(document.data[name])
         for name in ("pairs", "outputs")
@@ -74,7 +76,7 @@ def _with_lonlat(document: Document) -> Document:
     to_unit = math.degrees if document.data["angle_unit"] == "deg" else float
 
     def lonlat(direction: Sequence[float]) -> list[LiteralNumber]:
-        """Return longitude and latitude, in the unit of the file, of a vector (3,)."""
+        """Return the longitude and latitude of a vector (3,), in the unit of the file."""
         x, y, z = map(float, direction)
         longitude = math.atan2(y, x)
         latitude = math.atan2(z, math.hypot(x, y))
@@ -84,6 +86,8 @@ def _with_lonlat(document: Document) -> Document:
         for entry in table.values():
             if "xyz" in entry:
                 entry["lonlat"] = lonlat(entry.pop("xyz"))
+    # The key ``points_xyz`` of a profile, for example, becomes ``points``. A single vector,
+    # such as a centre, stays as it is.
     for pair in tables["pairs"].values():
         for profile in pair.get("profiles", {}).values():
             for key, points in list(profile.items()):
@@ -94,27 +98,33 @@ def _with_lonlat(document: Document) -> Document:
 
 
 def number_path(document: Document, key: str) -> KeyPath:
-    """Return the path of the number that a key names.
+    """Return the location in a mechanism file of the number that a key names.
 
     Parameters
     ----------
     document
-        A document with directions as angles, see `document_of`.
+        A mechanism file with directions as angles, see `document_of`.
     key
-        The path of a number in the file. A size of a link may also be named by the pair
-        that it leads to, ``links.3.arcs.43``, or by ``links.3.arc`` if the link has only
-        one. The axis of a pair has a ``longitude`` and a ``latitude``.
+        The name of a number as users write it: its location, with dots between the parts,
+        such as ``pairs.41.zero``. A size of a link may also be named by the pair to which
+        it leads, ``links.3.arcs.43``, or by ``links.3.arc`` if the link has only one. The
+        axis of a pair has a ``longitude`` and a ``latitude``.
+
+    Returns
+    -------
+    Keys and indices that lead to the number, such as ``("links", "3", "arcs", 0)``.
 
     Raises
     ------
     FileError
         If there is no such number.
     """
-    # The empty text stands for the name of the entry if the key has one part only.
+    # The first two parts are a table and an entry. If the key has one part only, the name
+    # of the entry is empty.
     table, name, *_ = *key.split("."), ""
-    paths = _number_paths(document, table, name)
-    if key in paths:
-        return paths[key]
+    path_by_key = _number_paths(document, table, name)
+    if key in path_by_key:
+        return path_by_key[key]
 
     # Find the first part of the key that does not exist, for the message.
     path: KeyPath = ()
@@ -130,7 +140,9 @@ def number_path(document: Document, key: str) -> KeyPath:
         if not isinstance(value, Mapping):
             value = {}
     prefix = ".".join(map(str, path))
-    alternatives = [number for number in reversed(paths) if number.startswith(prefix)]
+    alternatives = [
+        other_key for other_key in reversed(path_by_key) if other_key.startswith(prefix)
+    ]
     raise FileError(
         f"{document.name}: {problem} there are "
         f"{listing(alternatives or [*value]) or 'none'}"
@@ -138,48 +150,54 @@ def number_path(document: Document, key: str) -> KeyPath:
 
 
 def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPath]:
-    """Return the paths of the numbers of one entry of a table, by all their names.
+    """Return the locations of all numbers of one entry of a table, by the user's keys.
+
+    A number can have several keys. An example is the number at ``("links", "2", "arcs",
+    0)``, which has the keys ``links.2.arcs.0``, ``links.2.arcs.32`` (the pair to which the
+    arc leads) and ``links.2.arc``, if the link has only one arc.
 
     Parameters
     ----------
     document
-        The document.
+        A mechanism file with directions as angles.
     table, name
         Name of the table and of the entry, such as ``"links"`` and ``"2"``. If there is no
-        such entry, no path is returned.
+        such entry, the result is empty.
     """
     entry: Any = {}
     with suppress(AttributeError, KeyError, TypeError):
         entry = document.data[table][name]
-    paths: dict[KeyPath, KeyPath] = {}  # by names within the entry
-    # `paths[key,]` has the index (key,): a path of one part.
+    # By the parts of the key within the entry. A key of one part is a tuple (part,).
+    path_by_parts: dict[KeyPath, KeyPath] = {}
+    # Numbers of pairs that the file need not contain.
     if table == "pairs" and entry:
-        for key in _OPTIONAL_PAIR_KEYS:
-            paths[key,] = (table, name, key)
+        for part in _OPTIONAL_PAIR_KEYS:
+            path_by_parts[part,] = (table, name, part)
     for inner_path, value in values_in(entry if isinstance(entry, Mapping) else {}):
         if isinstance(value, bool) or not isinstance(value, int | float):
             continue
-        # The plain name of the number, then its further names.
+        # The key that is the location itself.
         path = (table, name, *inner_path)
-        paths.setdefault(inner_path, path)
+        path_by_parts.setdefault(inner_path, path)
+        # Further keys. An array of two numbers is a direction: longitude and latitude.
         *outer, last = inner_path
         if isinstance(last, int) and len(reduce(getitem, outer, entry)) == 2:
-            # The first or second number of a direction.
-            paths[*outer, _LONLAT_NAMES[last]] = path
+            path_by_parts[*outer, _LONLAT_NAMES[last]] = path
             if outer[-1] == "lonlat":
-                paths[*outer[:-1], _LONLAT_NAMES[last]] = path
+                path_by_parts[*outer[:-1], _LONLAT_NAMES[last]] = path
         match table, inner_path:
-            case "links", ("arcs" | "angles" as key, int(index)):
+            case "links", ("arcs" | "angles" as sizes, int(index)):
                 # arcs[k] leads to axis k + 1 of the link, angles[k] to axis k + 2.
-                axis = index + (1 if key == "arcs" else 2)
+                axis = index + (1 if sizes == "arcs" else 2)
                 axes = entry.get("axes", ())
                 if axis < len(axes):
-                    paths[key, axes[axis]] = path
-                if len(entry[key]) == 1:
-                    paths[key[:-1],] = path  # "arc" or "angle"
+                    path_by_parts[sizes, axes[axis]] = path
+                if len(entry[sizes]) == 1:
+                    # "arc" or "angle"
+                    path_by_parts[sizes[:-1],] = path
     return {
-        ".".join((table, name, *map(str, inner_path))): path
-        for inner_path, path in paths.items()
+        ".".join((table, name, *map(str, parts))): path
+        for parts, path in path_by_parts.items()
     }
 
 
@@ -192,26 +210,27 @@ def number_at(document: Document, path: KeyPath) -> float:
 
 
 def with_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> Document:
-    """Return a document with other numbers at some paths.
+    """Return the data of a file in which some numbers are replaced.
 
-    The given document is not changed. Tables on the way to a new number are copied, the
-    others are shared by both documents.
+    The given document is not changed. Tables and lists that contain a new number are
+    copied, and the others are shared by both documents.
 
     Parameters
     ----------
     document
-        The document.
+        The data of the file.
     numbers
-        The new numbers by their paths.
+        The new numbers by their locations: keys and indices that lead to them.
     """
     data = dict(document.data)
     copied_paths: set[KeyPath] = set()
     for path, number in numbers.items():
+        # Walk from the outermost table to the innermost one, and copy each once.
         container: Any = data
-        for depth, step in enumerate(path[:-1], start=1):
+        for depth, key in enumerate(path[:-1], start=1):
             if path[:depth] not in copied_paths:
-                container[step] = copy.copy(container[step])
+                container[key] = copy.copy(container[key])
                 copied_paths.add(path[:depth])
-            container = container[step]
+            container = container[key]
         container[path[-1]] = LiteralNumber(repr(float(number)))
     return replace(document, data=data)

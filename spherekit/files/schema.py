@@ -99,25 +99,31 @@ def check(document: Document, kind: Kind = "mechanism") -> None:
 
 
 def check_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> None:
-    """Raise `FileError` unless numbers that were changed fit the format.
+    """Raise `FileError` if numbers that were changed do not fit the format.
 
-    The document fitted the format before the change. Only the entries of tables that hold
-    the numbers are checked, since the other rules depend on keys, names and kinds.
+    The document fitted the format before the change. Only the entries of tables with
+    changed numbers are checked, which is faster than a check of the document. The other
+    rules of the format depend on keys, names and kinds.
 
     Parameters
     ----------
     document
         The document with the new numbers.
     numbers
-        The new numbers by their paths: table, name of the entry, key, ...
+        The new numbers by their locations: table, name of the entry, key, and so on.
     """
+    # The changed entries, by table and name.
     entries: dict[str, dict[str, Any]] = {}
-    for table, name, *_ in (map(str, path) for path in numbers):
+    for path in numbers:
+        table, name, *_ = map(str, path)
         entries.setdefault(table, {})[name] = document.data[table][name]
-    are_finite = all(map(math.isfinite, numbers.values()))
+    are_finite = all(math.isfinite(number) for number in numbers.values())
+    # Errors of other parts are due to the missing tables.
     errors = validator().iter_errors(entries)
-    if not are_finite or any(tuple(error.absolute_path) in numbers for error in errors):
-        check(document)  # which raises the error
+    has_error = any(tuple(error.absolute_path) in numbers for error in errors)
+    if not are_finite or has_error:
+        # The check of the whole document raises the error.
+        check(document)
 
 
 def shown(value: object) -> str:
@@ -144,12 +150,13 @@ def mismatch(value: object, allowed: str) -> str:
 
 @cache
 def validator(kind: Kind = "mechanism") -> Any:
-    """Return the validator of `jsonschema` for a kind of file.
+    """Return the object of the library jsonschema that checks data of a kind of file.
 
-    Long arrays of numbers are checked in one pass, because a call of the validator for each
-    number is slow.
+    The rule "items" of jsonschema, which checks every item of an array, is replaced. It is
+    slow for long arrays of numbers. Here such arrays are checked in one pass, and only
+    arrays with a fault, or with other items, are passed to the rule of jsonschema.
     """
-    # jsonschema takes longer to import than a mechanism file takes to read.
+    # The import takes longer than reading a mechanism file, so it comes only now.
     from jsonschema import Draft202012Validator
     from jsonschema.validators import extend
 
@@ -159,11 +166,17 @@ def validator(kind: Kind = "mechanism") -> Any:
     def check_items_quickly(
         validator: Any, item_schema: Any, array: Any, part: Any
     ) -> Iterator[Any]:
-        """Yield the errors of the items of an array, as the rule "items" of jsonschema."""
+        """Yield the errors of the items of an array, as the rule "items" of jsonschema.
+
+        jsonschema passes the validator, the schema of the items, the array, and the part of
+        the schema with this rule.
+        """
+        # The schema of the items may refer to a named definition.
         name = item_schema.get("$ref", "").removeprefix(_DEFINITIONS)
         rules = declaration["$defs"].get(name, item_schema)
         low = rules.get("minimum", -math.inf)
         high = rules.get("maximum", math.inf)
+        # Whether the items are numbers, with no other rules than a minimum and a maximum.
         are_plain_numbers = (
             isinstance(array, list)
             and rules.get("type") == "number"
@@ -182,26 +195,30 @@ def validator(kind: Kind = "mechanism") -> Any:
 
 
 def convert_values(data: Table, converters: Converters, kind: Kind = "mechanism") -> Any:
-    """Return data that fits the format with converted values.
+    """Return data of a file with converted values, for example angles in rad.
 
-    The schema declares what each value is. Data and schema are walked through together,
-    from the outermost table inwards.
+    The schema of the format (a JSON Schema) declares the kind of each value, such as
+    "angle". Data and schema are walked through together, from the outermost table inwards.
 
     Parameters
     ----------
     data
-        Tables of a file, or of the model.
+        Tables that fit the format.
     converters
-        The converter of each named part of the schema. A value whose part has none becomes
-        a plain number, text, truth value or tuple. A table of which the schema says nothing
-        remains as it is.
+        By name of a definition in the schema, such as "angle", the function that converts
+        such a value. Its arguments are the location of the value and the value. Other
+        values become plain numbers, texts, truth values or tuples. Tables whose content the
+        schema does not declare remain as they are.
     kind
-        The kind of file.
+        The kind of file: mechanism or study.
     """
     declaration = schema(kind)
 
     def convert(part: Any, value: Any, path: KeyPath) -> Any:
-        """Return a value, converted by the part of the schema that declares it."""
+        """Return a value, converted by the part of the schema that declares it.
+
+        `path` are the keys and indices that lead to the value.
+        """
         # A part may refer to a named definition, such as "angle".
         name = part.get("$ref", "").removeprefix(_DEFINITIONS)
         if name in converters:
@@ -229,7 +246,8 @@ def convert_values(data: Table, converters: Converters, kind: Kind = "mechanism"
                 convert(item_part, item, (*path, index)) for index, item in enumerate(value)
             )
         if item_part and "$ref" in item_part and isinstance(value, int | float):
-            return convert(item_part, value, path)  # one number in place of an array
+            # The schema allows one number in place of an array of one number.
+            return convert(item_part, value, path)
         if isinstance(value, bool | str):
             return value
         return float(value) if part.get("type") == "number" else int(value)
@@ -275,7 +293,7 @@ def _unusable_numbers(data: Table) -> Iterator[_Fault]:
 
 
 def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
-    """Yield the faults, a key path and a message each, that one error stands for.
+    """Yield the faults in a file that an error of the library jsonschema stands for.
 
     Parameters
     ----------
@@ -283,6 +301,10 @@ def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
         A `jsonschema.ValidationError`: a rule of the schema that a value breaks.
     kind
         The kind of file.
+
+    Yields
+    ------
+    The location of a faulty value (keys and indices), and a message for users.
     """
     # The faulty value, the rule of the schema that it breaks, and what the rule demands.
     path: KeyPath = tuple(error.absolute_path)

@@ -51,14 +51,15 @@ class Start:
 
     @staticmethod
     def of(given: "StartGiven") -> "Start":
-        """Return a start from a text or a mapping.
+        """Return the start of a simulation from a text or a mapping.
 
         Parameters
         ----------
         given
-            ``"q=0.4,dq=1.2"`` or ``{"q": 0.4, "dq": 1.2}``; for several inputs
-            ``"q=0.4+0.2,dq=1+0"`` or a mapping with sequences of numbers. Units are rad and
-            rad/s. Without dq the mechanism is at rest. A `Start` is returned as it is.
+            The variables q (rad) and rates dq (rad/s) of the inputs, as
+            ``"q=0.4,dq=1.2"`` or ``{"q": 0.4, "dq": 1.2}``. For several inputs it is
+            ``"q=0.4+0.2,dq=1+0"``, or a mapping with sequences of numbers. Without dq the
+            mechanism is at rest. A `Start` is returned unchanged.
 
         Raises
         ------
@@ -87,21 +88,30 @@ class Start:
         return Start(**state)
 
     def each(self, inputs: Sequence[str]) -> tuple[Floats, Floats]:
-        """Return the variables (rad) and the rates (rad/s) of inputs, each of shape (i,).
+        """Return the variables and the rates of the inputs at the start.
 
         Parameters
         ----------
         inputs
             The names of the i driven pairs.
 
+        Returns
+        -------
+        q
+            (i,) variables, rad.
+        dq
+            (i,) rates, rad/s.
+
         Raises
         ------
         ModelError
             If there is not one number for each input.
         """
+        # The default rate 0 applies to all inputs.
         rates = np.zeros(len(inputs)) if self.dq == 0.0 else self.dq
         state = []
         for key, values in (("q", self.q), ("dq", rates)):
+            # A single number becomes an array (1,).
             numbers = np.array(values, float, ndmin=1)
             if len(numbers) != len(inputs):
                 raise ModelError(

@@ -85,9 +85,14 @@ class _StudyReader:
     data: Table
 
     def study(self, path: Path) -> Study:
-        """Return the study of the file at a path."""
+        """Return the study in the file, whose path is given.
+
+        The name of the file without ending is the name of the study. The path of the
+        mechanism in the file is relative to the folder of the file.
+        """
         data = self.data
         start = data.get("start", {})
+        # Some pairs of the mechanism may be locked, and other pairs may be driven.
         mechanism = self.with_inputs(self.locked(self.mechanism(path.parent)))
         return Study(
             name=path.name.removesuffix(STUDY_SUFFIX),
@@ -134,8 +139,9 @@ class _StudyReader:
     def with_inputs(self, mechanism: Mechanism) -> Mechanism:
         """Return the mechanism with the inputs of the study and their ranges.
 
-        Inputs of the mechanism stay if the study names no other pairs. A range, or an end
-        of it, that the study does not give is that of the mechanism.
+        If the study names pairs that are no inputs of the mechanism, its pairs become the
+        inputs. Otherwise the inputs of the mechanism remain. The ends of a range that the
+        study does not give are those of the mechanism.
         """
         input_tables = self.data.get("inputs", {})
         for pair in input_tables:
@@ -148,16 +154,15 @@ class _StudyReader:
         if not set(mechanism.input_pairs).issuperset(input_tables):
             mechanism = mechanism.with_inputs(*input_tables)
         inputs = []
-        for item in mechanism.inputs:
-            table = input_tables.get(item.pair, {})
+        for mechanism_input in mechanism.inputs:
+            pair = mechanism_input.pair
+            default_range = {"from": mechanism_input.start, "to": mechanism_input.stop}
             study_input = construct_element(
-                Input,
-                {"from": item.start, "to": item.stop, **table},
-                {"pair": item.pair},
+                Input, {**default_range, **input_tables.get(pair, {})}, {"pair": pair}
             )
-            if item.pair in input_tables and study_input.start == study_input.stop:
+            if pair in input_tables and study_input.start == study_input.stop:
                 raise self.document.fault(
-                    ("inputs", item.pair),
+                    ("inputs", pair),
                     "the range from `from` to `to` is empty, both are "
                     f"{study_input.start:.6g} rad; give another `to`, greater or less",
                 )
@@ -176,10 +181,18 @@ class _StudyReader:
         return samples
 
     def input_path(self, mechanism: Mechanism) -> Floats | None:
-        """Return the inputs at every sample (samples, inputs) in rad.
+        """Return the values of the inputs at every sample, if the study lists them.
 
-        They are the lists ``values`` of the inputs in the study, which have to be equally
-        long. None if no input has such a list.
+        Returns
+        -------
+        (samples, inputs) values in rad: the lists ``values`` of the inputs in the study.
+        None if no input has such a list.
+
+        Raises
+        ------
+        FileError
+            If only some inputs have a list, if the lists differ in length, or if the study
+            also gives ranges or a number of samples.
         """
         input_tables = self.data.get("inputs", {})
         fault = self.document.fault
@@ -199,6 +212,7 @@ class _StudyReader:
                 if key in table:
                     raise fault((*path, key), "excluded by values, which says every sample")
             column = table["values"]
+            # All lists must be as long as that of the first input.
             if columns and len(column) != len(columns[0]):
                 raise fault(
                     (*path, "values"),

@@ -50,7 +50,11 @@ class ConstantSpeed:
 @checked_class(ModelError, "at")
 @dataclass(frozen=True)
 class Polynomial:
-    """The variable as a polynomial: the sum of ``coefficients[k] t**k`` (rad/s^k)."""
+    """A time law in which the variable of an input is a polynomial of the time t.
+
+    The variable (rad) is the sum of ``coefficients[k] t**k``, with t in s and coefficients
+    in rad/s^k.
+    """
 
     coefficients: Numbers
 
@@ -70,10 +74,11 @@ class Polynomial:
 @checked_class(ModelError, "at")
 @dataclass(frozen=True)
 class Cycloidal:
-    """From rest at `start` to rest at `stop` (rad) in `duration` (s), with a cycloid.
+    """A time law that moves an input from rest to rest, along a cycloid.
 
     The variable is ``start + (stop - start) (x - sin(2 pi x) / (2 pi))`` with
-    ``x = t / duration``. Before t = 0 and after the duration it is constant.
+    ``x = t / duration``. Before t = 0 and after the duration it is constant. Its values
+    `start` and `stop` are in rad, the duration in s.
     """
 
     start: float
@@ -87,12 +92,12 @@ class Cycloidal:
 
     def at(self, t: ArrayLike) -> States:
         """Return variable, rate and acceleration at times (s) of any shape."""
-        # Part of the duration; 0 before the start and 1 after the end.
+        # x = t / duration; 0 before the start and 1 after the end.
         x = np.clip(np.asarray(t, dtype=np.float64) / self.duration, 0.0, 1.0)
         rise = self.stop - self.start
         turn = 2 * math.pi
-        # sin(2 pi) is not exactly 0 in float64. The angle 0 in its place makes the rate and
-        # the acceleration at the end exactly 0.
+        # The angle 2 pi x. At the end it is 0 instead of 2 pi, because sin(2 pi) is not
+        # exactly 0 in float64. Rate and acceleration at the end are then exactly 0.
         angle = turn * np.where(x < 1.0, x, 0.0)
         q = self.start + rise * (x - np.sin(angle) / turn)
         dq = rise / self.duration * (1 - np.cos(angle))
@@ -103,10 +108,10 @@ class Cycloidal:
 @checked_class(ModelError, "at")
 @dataclass(frozen=True)
 class Tabulated:
-    """A quintic spline through angles (rad) at increasing times (s).
+    """A time law as a table: a quintic spline through angles (rad) at rising times (s).
 
-    The end condition is not-a-knot: the spline has no knots at the two outermost inner
-    points of either end, so that it is exact for polynomials up to the fifth degree. With
+    Without further conditions the spline has no knots at the two inner points next to
+    either end (not-a-knot). It is then exact for polynomials up to the fifth degree. With
     `rest_at_ends`, rate and acceleration are zero at both ends instead (clamped).
     """
 

@@ -74,16 +74,20 @@ class LiteralNumber(float):
 
 @dataclass(frozen=True)
 class Document:
-    """A parsed TOML file.
+    """A parsed TOML file, which reports faults with file, line and key.
+
+    A key path is a tuple of the keys and indices that lead to a value, such as
+    ``("links", "2", "arcs", 0)``.
 
     Attributes
     ----------
     name
         Name of the file in messages.
     text
-        Its text. Data that a program has made has none, and messages about it no line.
+        Text of the file. None for data that a program has made. Messages about them have no
+        line.
     data
-        The tables of the file. Its floats are `LiteralNumber`.
+        The tables of the file. Floats are `LiteralNumber`, which keep their decimals.
     """
 
     name: str
@@ -97,6 +101,7 @@ class Document:
 
     def line(self, path: KeyPath) -> int:
         """Return the line of a key path, or of the innermost table around it."""
+        # From the whole path to its first key.
         for length in range(len(path), 0, -1):
             if path[:length] in self.lines:
                 return self.lines[path[:length]]
@@ -118,7 +123,7 @@ class Document:
         Parameters
         ----------
         faults
-            Path and message of each. Equal ones are listed once.
+            Key path and message of each fault. Equal faults are listed once.
         """
         unique_faults = dict.fromkeys(sorted(faults, key=lambda item: self.line(item[0])))
         sentences = [self.sentence(path, message) for path, message in unique_faults]
@@ -156,8 +161,15 @@ _pipe_contents: dict[int, bytes] = {}
 def read_pipe(path: Path, max_bytes: int = -1) -> bytes | None:
     """Return the content of a pipe that the shell has opened; None for other files.
 
-    Examples are ``/dev/stdin`` and ``/dev/fd/63``. A pipe can be read once only, so its
-    content is kept for further calls.
+    Examples are ``/dev/stdin`` and ``/dev/fd/63``. A pipe can be read only once. Its
+    content is therefore stored for further calls.
+
+    Parameters
+    ----------
+    path
+        The path of a file or a pipe.
+    max_bytes
+        Largest number of bytes that are read; -1 for all.
 
     Raises
     ------
@@ -169,6 +181,7 @@ def read_pipe(path: Path, max_bytes: int = -1) -> bytes | None:
     if not stat.S_ISFIFO(status.st_mode) or not is_shell_path:
         return None
     with path.open("rb") as stream:
+        # A pipe that was read before gives no bytes; the stored content is returned.
         return _pipe_contents.setdefault(status.st_ino, stream.read(max_bytes))
 
 
@@ -226,6 +239,8 @@ def parse(text: str, name: str) -> Document:
         If the text is not TOML, is too large, has too many keys or values, or is nested too
         deeply.
     """
+    # Refuse texts that would take the parser very long, or exceed its recursion limit. The
+    # counts of "=" and "," are upper bounds, since strings may contain these characters.
     if len(text) > MAX_BYTES:
         raise FileError(f"{name}: has {len(text)} characters, at most {MAX_BYTES}")
     text = text.replace("\r\n", "\n").removeprefix("\ufeff")
@@ -240,11 +255,14 @@ def parse(text: str, name: str) -> Document:
     value_count = text.count(",")
     if value_count > MAX_VALUES:
         raise FileError(f"{name}: has {value_count} values, at most {MAX_VALUES} are read")
+
+    # Parse the text, and convert the errors of the parser to messages with a line.
     try:
         data = tomllib.loads(text, parse_float=LiteralNumber)
     except tomllib.TOMLDecodeError as error:
         raise FileError(_syntax_message(text, name, str(error))) from None
     except RecursionError:
+        # The line with the most opening brackets is probably the faulty one.
         depths = [line.count("[") + line.count("{") for line in text.split("\n")]
         line = depths.index(max(depths)) + 1
         raise FileError(
@@ -254,6 +272,8 @@ def parse(text: str, name: str) -> Document:
         digits = _HUGE_INTEGER.search(text)
         line = text.count("\n", 0, digits.start()) + 1 if digits else 1
         raise FileError(f"{name}:{line}: a value cannot be read: too many digits") from None
+
+    # The nesting of tables and arrays is limited. Items of arrays are no further level.
     document = Document(name, text, data)
     for path, value in values_in(data):
         is_level = isinstance(path[-1], str) or isinstance(value, dict | list)
@@ -302,7 +322,8 @@ def _syntax_message(text: str, name: str, parser_message: str) -> str:
     parser_message
         The message of `tomllib`, which ends with the position of the fault.
     """
-    # The message without its position, and the line and column as numbers.
+    # Divide the message into the problem, the line and the column. Without a position the
+    # fault is at the end of the text.
     lines = text.split("\n")
     match = _PARSER_MESSAGE.fullmatch(parser_message)
     problem = match[1] if match else parser_message
@@ -313,8 +334,8 @@ def _syntax_message(text: str, name: str, parser_message: str) -> str:
         line = len(text.rstrip("\n").split("\n"))
         position = "at the end: "
 
-    # A table that is given twice: name its first line too. The message has the path as a
-    # tuple of quoted keys.
+    # If a table is given twice, the line of the first one is added. The message of the
+    # parser has the path as a tuple of quoted keys.
     repeated = _REPEATED_TABLE.search(problem)
     if repeated:
         path = tuple(re.findall(r"'([^']*)'", repeated[1]))
@@ -324,7 +345,8 @@ def _syntax_message(text: str, name: str, parser_message: str) -> str:
             f"{name}:{line}: {key_path_text(path)}: is given twice{first}; names are "
             f"unique ({problem})"
         )
-    # Strings and comments may hold anything, so they are no evidence of a mistake.
+    # Look for signs of a common mistake in the problem and in the line. Strings and
+    # comments are removed, because they can contain any text.
     without_strings = re.sub(r"\"[^\"]*\"|'[^']*'|#.*", "", f"{problem}\n{lines[line - 1]}")
     hint = ""
     for pattern, text_of_hint in _SYNTAX_HINTS:

@@ -72,9 +72,16 @@ class _KeyScanner:
     line: int = 1
 
     def read_token(self, token: str) -> None:
-        """Read the next token of the text, and change the state accordingly.
+        """Read the next token of a TOML text, in order to find the line of each key.
 
         A token is a string, a comment, a punctuation mark, the end of a line, or a word.
+        The reader records the line of each key and of each item of an array in `lines`.
+
+        Attributes that change here are `line` (the present line), `brackets` (the open
+        brackets of arrays and inline tables, each with the path of its next item or of
+        itself), `key_parts` (the parts of a key so far), `key_path` (the path of the last
+        key or item), `header_depth` (number of brackets that open a table header) and
+        `is_value` (whether a value, instead of a key, is read).
         """
         # The innermost open bracket, and the path of its next item or of itself.
         bracket, path = self.brackets[-1] if self.brackets else ("", self.table)
@@ -83,35 +90,38 @@ class _KeyScanner:
             self.key_path = path
             self.lines.setdefault(path, self.line)
 
-        # Ends of lines, brackets of arrays and inline tables, and commas.
         if token == "\n" and not self.brackets:
+            # The end of a line ends a value or a header.
             self.is_value = False
             self.header_depth = 0
             self.key_parts = []
         elif token in ("[", "{") and (self.is_value or bracket == "["):
+            # An array or an inline table begins.
             inner_path = (*self.key_path, 0) if token == "[" else self.key_path
             self.brackets.append((token, inner_path))
             self.is_value = False
         elif token in ("]", "}") and self.brackets:
+            # An array or an inline table ends.
             self.brackets.pop()
             self.is_value = True
         elif token == "," and self.brackets:
+            # The next item of an array, or the next key of an inline table, follows.
             self.is_value = False
             self.key_parts = []
             if bracket == "[":
                 next_index = int(path[-1]) + 1
                 self.brackets[-1] = (bracket, (*path[:-1], next_index))
-        # Values and comments say nothing about keys.
         elif self.is_value or bracket == "[" or token[0] in "#\n.":
+            # Values, comments and the dots between parts of a key are skipped.
             pass
-        # Headers and keys.
         elif token == "[":
             self.header_depth += 1
         elif token == "=":
             self._start_value(path)
         elif token == "]" and self.header_depth and self.key_parts:
+            # The header of a table ends. The rest of its line is skipped like a value.
             self._enter_table()
-            self.is_value = True  # until the end of the line
+            self.is_value = True
         else:
             self.key_parts.append(_unquote(token))
         self.line += token.count("\n")

@@ -28,17 +28,17 @@ def assignment_text(key: str, value: object) -> str:
 
 
 def table_lines(path: tuple[str, ...], table: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the lines of a table and of the tables within it.
+    """Yield the lines of a TOML file for a table and the tables within it.
 
-    Each table begins with a blank line and its header. A table that holds only other tables
-    gets no header of its own.
+    Each table begins with a blank line and its header, such as ``[links.2]``. A table that
+    contains only other tables gets no header.
 
     Parameters
     ----------
     path
         The keys that lead to the table, for the header.
     table
-        Its content.
+        Values and inner tables by key.
     """
     inner_tables = {key: item for key, item in table.items() if isinstance(item, Mapping)}
     assignments = [
@@ -66,18 +66,19 @@ def key_text(key: object) -> str:
 
 
 def value_text(value: object) -> str:
-    """Return a value on one line.
+    """Return a Python value as TOML text on one line.
 
     Raises
     ------
     TypeError
-        If TOML has no such value.
+        If TOML has no values of this type.
     """
     if isinstance(value, LiteralNumber):
         return value.text
     if isinstance(value, str):
         return toml_string(value)
-    if isinstance(value, int):  # includes True and False
+    if isinstance(value, int):
+        # This includes True and False, which TOML writes in lower case.
         return str(value).lower()
     if isinstance(value, float):
         return repr(float(value))

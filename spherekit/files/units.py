@@ -71,40 +71,42 @@ Two keys for one field are two ways to state it; the first is written.
 def construct_element(
     cls: Callable[..., Element], table: Table, other_fields: Table | None = None
 ) -> Element:
-    """Return an element of a mechanism, such as a pair, from its table in a file.
+    """Construct an element of a mechanism, such as a pair, from its table in a file.
 
     Parameters
     ----------
     cls
-        The class of the element, one of `KEYS`, which maps the keys in files to the names
-        of the fields of the class.
+        The class of the element.
     table
-        Values of the element by key in files, with angles in rad and directions as unit
-        vectors. Keys without a field of the class are left out.
+        Values by key of the file, with angles in rad and directions as unit vectors. Keys
+        that belong to no field of the class are ignored.
     other_fields
         Values of further fields, by field name. They must not be in the table.
     """
-    field_of_key = KEYS[cls]  # type: ignore[index]
-    stated_fields = {
-        field_of_key[key]: value for key, value in table.items() if key in field_of_key
+    # Keys of the file and the fields of the class have different names.
+    field_by_key = KEYS[cls]  # type: ignore[index]
+    table_fields = {
+        field_by_key[key]: value for key, value in table.items() if key in field_by_key
     }
-    return cls(**(other_fields or {}), **stated_fields)
+    return cls(**(other_fields or {}), **table_fields)
 
 
 def table_of(element: Any) -> dict[str, Any]:
-    """Return the table that describes an element in a file, values by key.
+    """Return the table that describes an element of a mechanism in a file.
 
-    Fields with their default value are left out.
+    The table has the values of the fields by key of the file. Fields that have their
+    default value are left out.
     """
-    defaults = {item.name: item.default for item in fields(element)}
+    default_by_field = {item.name: item.default for item in fields(element)}
     table: dict[str, Any] = {}
-    # A field with two keys is written with the first one.
-    written_fields = set()
-    for key, name in KEYS[type(element)].items():
-        value = getattr(element, name)
-        if name not in written_fields and np.any(value != defaults[name]):
+    # A field may have two keys. It is written with the first one.
+    handled_fields = set()
+    for key, field_name in KEYS[type(element)].items():
+        value = getattr(element, field_name)
+        is_default = not np.any(value != default_by_field[field_name])
+        if field_name not in handled_fields and not is_default:
             table[key] = value
-        written_fields.add(name)
+        handled_fields.add(field_name)
     return table
 
 

@@ -13,6 +13,7 @@ SEARCH_STAGE = "search"
 SIMULATION = "simulation"
 TABLES = "tables"
 REST = "rest"
+"""Names of stages of a run, under which the summary lists their times."""
 
 
 def count_evaluations(request: Request) -> dict[str, int]:

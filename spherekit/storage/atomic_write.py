@@ -41,14 +41,14 @@ _REASONS = {
 def _raise_output_error(path: AnyPath, what: str) -> Iterator[None]:
     """Convert the errors `OSError` and `ValueError` of a ``with`` block into `OutputError`.
 
-    Impossible names are refused before the block runs.
+    Impossible file names are refused before the block runs.
 
     Parameters
     ----------
     path
         The file or folder that the block makes.
     what
-        What cannot be done if the block fails: ``made`` or ``written``.
+        Word for the message "cannot be ...": ``made`` or ``written``.
     """
     try:
         _check_name(path)
@@ -125,15 +125,15 @@ def _check_replaceable(target: Path) -> None:
 
 
 def check_made_by_spherekit(path: Path, mark: bytes) -> None:
-    """Check that a path is free, or is a file of spherekit, which may be replaced.
+    """Check that writing a file will not replace a file that spherekit has not made.
 
     Parameters
     ----------
     path
         The file that will be written.
     mark
-        Bytes that such a file contains if spherekit has made it. Empty files are also
-        accepted.
+        Bytes that files of spherekit contain near their beginning. A file with these bytes,
+        or an empty file, may be replaced.
 
     Raises
     ------
@@ -146,6 +146,7 @@ def check_made_by_spherekit(path: Path, mark: bytes) -> None:
                 data = stream.read(MAX_MARK_OFFSET_BYTES)
             if not data or mark in data:
                 return
+    # `lexists` also finds links that lead nowhere.
     if os.path.lexists(path):
         raise OutputError(
             f"{path}: would be replaced, and no command of spherekit has made that, by "
@@ -182,10 +183,11 @@ def write_bytes(path: AnyPath, data: bytes) -> None:
 
 @contextmanager
 def open_for_writing(path: AnyPath) -> Iterator[BinaryIO]:
-    """Open a stream whose bytes become a file when the block ends without error.
+    """Open a stream for writing a file in a ``with`` block, completely or not at all.
 
-    Until then they are in a hidden file in the same folder. An older file is replaced in
-    one step, so other programs see one of the two complete files.
+    The bytes are first written to a hidden file in the same folder. It gets the name of the
+    file when the block ends without error. An older file is replaced in one step, so other
+    programs see one of the two complete files.
 
     Raises
     ------
@@ -195,13 +197,14 @@ def open_for_writing(path: AnyPath) -> Iterator[BinaryIO]:
     with _raise_output_error(path, "written"):
         target = Path(path).resolve()
         _check_replaceable(target)
-        # The random part keeps programs apart that write the same file. The name is cut
-        # because the length of file names is limited.
+        # With the random part, programs that write the same file have different hidden
+        # files. The name is cut because the length of file names is limited.
         unfinished = target.with_name(f".{target.name[:100]}.{os.urandom(4).hex()}.part")
         descriptor = os.open(unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         try:
             with open(descriptor, "wb") as stream:  # noqa: PTH123 (an open descriptor)
                 yield stream
+                # The bytes must be on the disk before the file gets its name.
                 stream.flush()
                 os.fsync(descriptor)
             unfinished.replace(target)
@@ -212,18 +215,19 @@ def open_for_writing(path: AnyPath) -> Iterator[BinaryIO]:
 
 
 def output_error(path: object, what: str, error: OSError | ValueError) -> OutputError:
-    """Return the error for users if a file or folder cannot be made or written.
+    """Return the error to raise if a file or folder cannot be made, written or locked.
 
     Parameters
     ----------
     path
         The file or folder.
     what
-        What cannot be done: ``made``, ``written`` or ``locked``.
+        Word for the message "cannot be ...": ``made``, ``written`` or ``locked``.
     error
         The error of the operating system, or of a check of the name.
     """
     reason = str(error)
     if isinstance(error, OSError):
+        # Some errors have plainer words than those of the operating system.
         reason = _REASONS.get(error.errno or 0, error.strerror or reason)
     return OutputError(f"{str(path)!r}: cannot be {what}: {reason}")

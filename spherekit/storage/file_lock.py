@@ -21,10 +21,10 @@ NO_LOCKS_ERRORS = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP)
 
 
 def acquire_lock(path: Path) -> BaseFileLock | str:
-    """Lock a file, or find out which other program has locked it.
+    """Lock a file against other programs, or find out which program has locked it.
 
-    The program that has the lock writes its process number into the file. A file that is
-    left behind by an ended program locks nothing.
+    The program that has the lock writes its process number into the file. The operating
+    system releases the lock when the program ends, even if the file remains.
 
     Parameters
     ----------
@@ -33,8 +33,8 @@ def acquire_lock(path: Path) -> BaseFileLock | str:
 
     Returns
     -------
-    The lock, which has to be released or ends with the program. If another program has it,
-    a text that names this program.
+    The lock, which ends when it is released or when this program ends. If another program
+    has the lock, the result is a text that names this program.
 
     Raises
     ------
@@ -47,7 +47,8 @@ def acquire_lock(path: Path) -> BaseFileLock | str:
             f"{str(path)!r} is not the lock of spherekit that belongs there; choose "
             "another folder, or move it away"
         )
-    # Another program may have the lock for a moment only, so 0.1 s are waited.
+    # Another program may have the lock for a moment only, so the call waits 0.1 s. Without
+    # `fallback_to_soft` it fails if the disk does not support locks.
     lock = FileLock(path, timeout=0.1, fallback_to_soft=False, on_acquired=_write_owner)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

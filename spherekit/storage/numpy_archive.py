@@ -51,14 +51,14 @@ Content = TypeVar("Content")
 
 @dataclass(frozen=True)
 class ArchiveFormat:
-    """A format of archives.
+    """The name and version of a kind of archive files that spherekit writes.
 
     Attributes
     ----------
     name, version
-        Name and version of the format, which are stored in the heading.
+        Name and version of the format, which are stored in each archive.
     remedy
-        Advice how to make such an archive, for messages.
+        Advice how to make such an archive, for error messages.
     """
 
     name: str
@@ -79,9 +79,9 @@ def write_archive(
     path
         The file, which is replaced as a whole.
     archive_format
-        The format.
+        Name and version of the format, which are added to the heading.
     heading
-        Entries that JSON can store.
+        Entries that JSON can store, by key.
     arrays
         Arrays by their names.
 
@@ -98,8 +98,9 @@ def write_archive(
     stream = io.BytesIO()
     header = np.array(json.dumps(entries, indent=1))
     np.savez_compressed(stream, header=header, **arrays)
-    # The comment is the last part of a zip file. It is written with zeros in the place of
-    # the checksum, so that the length is right, and the zeros are then replaced.
+    # The archive is a zip file, which ends with a comment. The checksum is part of the
+    # comment. It covers the bytes before it, which contain the length of the comment. The
+    # comment is therefore first written with zeros, which the checksum then replaces.
     with zipfile.ZipFile(stream, "a") as archive:
         archive.comment = CHECKSUM_MARK + bytes(CHECKSUM_LENGTH)
     content = stream.getvalue()[:-CHECKSUM_LENGTH]
@@ -116,17 +117,17 @@ def read_archive(
     archive_format: ArchiveFormat,
     construct: Callable[[dict[str, Any], dict[str, Array]], Content],
 ) -> Content:
-    """Return the content of an archive that `write_archive` wrote.
+    """Read an archive that `write_archive` has written, and construct an object from it.
 
     Parameters
     ----------
     path
         The file.
     archive_format
-        The format that it must have.
+        Name and version of the format that the file must have.
     construct
-        Returns the content for the heading, in which lists are tuples, and the arrays by
-        their names. It may raise any of `DAMAGE_ERRORS`.
+        Function of the heading (in which lists are tuples) and the arrays by name, which
+        returns the object. It may raise any of `DAMAGE_ERRORS` if the data are faulty.
 
     Raises
     ------
@@ -136,6 +137,7 @@ def read_archive(
     where = repr(str(path))
     name = archive_format.name
     data = _read_file(path, where)
+    # The file ends with the checksum of the bytes before it.
     content = data[:-CHECKSUM_LENGTH]
     is_whole = content.endswith(CHECKSUM_MARK) and data == content + _checksum(content)
     try:
@@ -162,12 +164,19 @@ def read_archive(
 
 
 def _read_file(path: AnyPath, where: str) -> bytes:
-    """Return the bytes of a regular file; `where` names it in errors.
+    """Return the bytes of a regular file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    where
+        The path in quotes, for error messages.
 
     Raises
     ------
     FileError
-        If it cannot be read.
+        If the file cannot be read, or if it is a pipe or a device.
     """
     try:
         mode = Path(path).stat().st_mode

@@ -30,16 +30,16 @@ _UNIT_IN_HEADER = re.compile(r" \[(deg|rad)\]$")
 
 @dataclass(frozen=True)
 class FileNumbers:
-    """Columns of a file, as numbers.
+    """Columns of numbers that were read from a CSV or Parquet file.
 
     Attributes
     ----------
     values
-        (rows, columns) numbers as in the file.
+        (rows, columns) numbers, in the units of the file.
     places
-        Position of each row in the file, such as ``line 2``.
+        (rows,) position of each row in the file, such as ``line 2``, for messages.
     units
-        Units by the name of the column, as far as the file or its folder states them.
+        Units by name of the column. Columns whose unit is not known are left out.
     """
 
     values: Floats
@@ -62,14 +62,18 @@ def columns_of(path: Path) -> dict[str, str]:
 
 
 def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
-    """Return columns of a CSV or Parquet file.
+    """Read some columns of numbers from a CSV or Parquet file.
+
+    The units of the columns are in a Parquet file itself. Those of a CSV file are in the
+    file ``columns.csv`` of the same folder, or in the header of a column, as in
+    ``q [deg]``.
 
     Parameters
     ----------
     path
         The file.
     names
-        Headers of the columns.
+        Headers of the columns to read.
 
     Raises
     ------
@@ -83,14 +87,15 @@ def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
         first_number = 1
         units = cells.attrs.get("units", {})
     else:
+        # Line 1 is the header.
         row_word = "line"
-        first_number = 2  # after the header
+        first_number = 2
         units = _read_units_of_folder(path)
-    values = np.array(
-        [[_parse_number(x) for x in row] for row in cells.itertuples(index=False)]
-    )
-    values = values.reshape(-1, len(names))  # also if there are no rows
+    rows = [[_parse_number(cell) for cell in row] for row in cells.itertuples(index=False)]
+    # The shape is (0, columns) if there are no rows.
+    values = np.array(rows).reshape(-1, len(names))
     places = [f"{row_word} {index + first_number}" for index in cells.index]
+    # A cell that is no number has become NaN.
     bad_cells = [
         f"{places[row]}, column {names[k]}: {_describe_bad_cell(cells.iat[row, k])}"
         for row, k in np.argwhere(~np.isfinite(values)).tolist()
@@ -136,13 +141,19 @@ def _describe_bad_cell(cell: object) -> str:
 
 
 def _read_cells(path: Path) -> "pd.DataFrame":
-    """Return the cells of a file.
+    """Return the cells of a CSV or Parquet file as a pandas frame.
 
-    Those of a CSV file are text. Their index is the number of the line after the header.
+    The cells of a CSV file are texts, and the index counts its lines after the header.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read.
     """
     if path.suffix == PARQUET_SUFFIX:
         return read_parquet(path)
     try:
+        # The file may be a pipe of the shell, such as /dev/stdin.
         data = read_pipe(path)
         return read_csv(path if data is None else io.BytesIO(data))
     except OSError as error:

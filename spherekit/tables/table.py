@@ -149,12 +149,14 @@ class Table:
     columns: tuple[Column, ...]
 
     def of(self, mechanism: Mechanism) -> "Table":
-        """Return the table as it is for a mechanism.
+        """Return the declaration of this table for a given mechanism.
 
-        A column that is declared `per_input` is replaced by one for each input, with the
-        name of the pair appended, if there are several inputs. A column that is declared
-        `per_passive` is replaced by one for each variable of the pairs that are not driven,
-        called like the variable.
+        Some columns stand for several:
+
+        - If there are several inputs, a column that is declared `per_input` becomes one
+          column for each input, with the name of the driven pair appended.
+        - A column that is declared `per_passive` becomes one column for each variable of
+          the pairs that are not driven, with the name of the variable.
         """
         driven_pairs = mechanism.input_pairs
         pair_of_variable = dict(
@@ -200,16 +202,21 @@ class Table:
     def stacked(
         self, mechanism: Mechanism, parts: Iterable[Mapping[str, Any]] = ()
     ) -> dict[str, Array]:
-        """Return the rows of all parts, one part after another, by column.
+        """Return the columns of the table from parts of its rows.
 
         Parameters
         ----------
         mechanism
-            The mechanism whose columns the table has.
+            The mechanism, which decides about columns for each input.
         parts
-            Values by the name of the column. A value is a column (n,), or one value for all
-            rows of the part. A part without a column (n,) is one row. Numbers and texts
-            that are missing are blank.
+            The rows, part by part in order. A part has values by name of the column: an
+            array (n,), or one value for all rows of the part. A part without an array is
+            one row. Columns of numbers and texts can be left out and are then blank (NaN
+            or empty).
+
+        Returns
+        -------
+        Arrays with all rows, by name of the column.
 
         Raises
         ------
@@ -217,21 +224,25 @@ class Table:
             If a part has a column that is not declared.
         """
         columns = self.of(mechanism).columns
-        blanks = {c.name: BLANK_BY_KIND[c.kind] for c in columns if c.kind in BLANK_BY_KIND}
-        pieces: dict[str, list[Array]] = {
-            c.name: [np.zeros(0, DTYPE_BY_KIND.get(c.kind, str))] for c in columns
-        }
+        blank_by_name: dict[str, Any] = {}
+        arrays_by_name: dict[str, list[Array]] = {}
+        for column in columns:
+            if column.kind in BLANK_BY_KIND:
+                blank_by_name[column.name] = BLANK_BY_KIND[column.kind]
+            # An empty array gives the column its type if there are no parts.
+            dtype = DTYPE_BY_KIND.get(column.kind, str)
+            arrays_by_name[column.name] = [np.zeros(0, dtype)]
         for part in parts:
-            if undeclared := part.keys() - pieces.keys():
+            if undeclared := part.keys() - arrays_by_name.keys():
                 raise AnalysisError(f"table {self.name} has no {listing(undeclared)}")
-            # Number of rows of the part, by its first column that is no single value.
+            # The first array of the part gives its number of rows.
             count = next((len(values) for values in part.values() if np.ndim(values)), 1)
-            complete_part = {**blanks, **part}
-            for c in columns:
-                dtype = DTYPE_BY_KIND.get(c.kind, str)
-                values = np.asarray(complete_part[c.name], dtype=dtype)
-                pieces[c.name].append(np.broadcast_to(values, (count,)))
-        return {name: np.concatenate(arrays) for name, arrays in pieces.items()}
+            complete_part = {**blank_by_name, **part}
+            for column in columns:
+                dtype = DTYPE_BY_KIND.get(column.kind, str)
+                values = np.asarray(complete_part[column.name], dtype=dtype)
+                arrays_by_name[column.name].append(np.broadcast_to(values, (count,)))
+        return {name: np.concatenate(arrays) for name, arrays in arrays_by_name.items()}
 
     def with_names(self, mechanism: Mechanism) -> "Table":
         """Return the table with a column for the names of assembly modes.
@@ -246,24 +257,28 @@ class Table:
         )
 
     def named(self, data: "TableData", names: Mapping[int, str]) -> "TableData":
-        """Return rows with the names of their assembly modes, if the table has that column.
+        """Add the column of the names of assembly modes, if the table declares it.
 
         Parameters
         ----------
         data
-            The other columns of the table.
+            The other columns of the table by name.
         names
-            Names of modes by the number of the mode. Other modes have an empty name.
+            Names of assembly modes by number of the mode. The name of other modes is empty.
         """
         if MODE_NAME not in self.columns:
             return data
-        # A lazy column may repeat each number, for several subjects. The texts are made
-        # once for each number.
+        # A column can repeat each number for several subjects, such as poles. The texts are
+        # then made once for each number, and repeated in the same way.
         mode_numbers, repeats = once(data[ASSEMBLY_MODE.name])
         mode_count = np.max(mode_numbers, initial=-1) + 1
-        texts = np.array([names.get(k, "") for k in range(mode_count)], str)[mode_numbers]
-        column = Interleaved([texts] * repeats) if repeats > 1 else texts
-        return {c.name: column if c == MODE_NAME else data[c.name] for c in self.columns}
+        name_by_mode = np.array([names.get(k, "") for k in range(mode_count)], str)
+        texts = name_by_mode[mode_numbers]
+        mode_names = Interleaved([texts] * repeats) if repeats > 1 else texts
+        return {
+            column.name: mode_names if column == MODE_NAME else data[column.name]
+            for column in self.columns
+        }
 
     @property
     def in_assembly_modes(self) -> bool:

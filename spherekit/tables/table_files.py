@@ -54,7 +54,7 @@ DESIGN_COLUMN = "design"
 
 
 def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.DataFrame":
-    """Return a table as a frame, with its units in ``attrs["units"]``.
+    """Return a table as a pandas frame, with the units of columns in ``attrs["units"]``.
 
     Parameters
     ----------
@@ -63,7 +63,8 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
     data
         Its columns.
     degrees
-        Whether angles and their rates are converted to degrees. Quantities per rad are not.
+        Whether angles, their rates and accelerations are converted to degrees. Quantities
+        per rad are not.
     """
     import pandas as pd
 
@@ -75,14 +76,14 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
         elif column.unit_in(degrees) != column.unit:
             columns[column.name] = np.degrees(values)
     units = {column.name: column.stated_unit(degrees) for column in table.columns}
-    # Joined blocks have made new arrays for the frame.
+    # `JoinedBlocks` makes new arrays each time, which the frame need not copy.
     return make_frame(columns, {"units": units}, copy=not isinstance(data, JoinedBlocks))
 
 
 def make_frame(
     columns: Mapping[str, Any], notes: Mapping[str, Any], copy: bool = True
 ) -> "pd.DataFrame":
-    """Return columns as a frame, with texts as categories.
+    """Return columns as a pandas frame, with texts as categories.
 
     Parameters
     ----------
@@ -95,9 +96,10 @@ def make_frame(
     """
     import pandas as pd
 
+    # "O" and "U" are the kinds of arrays with texts.
     frame_columns = {
-        name: _make_categories(x) if x.dtype.kind in "OU" else x
-        for name, x in columns.items()
+        name: _make_categories(values) if values.dtype.kind in "OU" else values
+        for name, values in columns.items()
     }
     frame = pd.DataFrame(frame_columns, copy=copy)
     frame.attrs.update(notes)
@@ -105,25 +107,29 @@ def make_frame(
 
 
 def _make_categories(texts: Array) -> "pd.Categorical[Any]":
-    """Return texts (n,) as categories in alphabetical order.
+    """Return texts (n,) as a pandas column of categories in alphabetical order.
 
     Texts of fixed width are compared letter by letter, as integers. This is faster than
-    making a string of each.
+    making a Python string of each.
     """
     import pandas as pd
 
+    # Python strings.
     if texts.dtype.kind == "O":
         return pd.Categorical(texts)
-    # Texts get equal codes if all letters so far are equal. Codes count the distinct texts
-    # in the order of their first rows.
+
+    # Number the distinct texts in the order in which they first occur. Rows get the same
+    # code as long as all letters compared so far are equal. A letter has 4 bytes.
     codes = np.zeros(len(texts), dtype=np.int64)
     letters = np.ascontiguousarray(texts).view(np.uint32)
     for letter_column in letters.reshape(len(texts), texts.itemsize // 4).T:
         if np.any(letter_column != letter_column[:1]):
             letter_codes, distinct_letters = pd.factorize(letter_column)
             codes, _ = pd.factorize(codes * len(distinct_letters) + letter_codes)
+    # A code that is larger than all before it is the first row of a distinct text.
     first_rows = np.flatnonzero(np.diff(np.maximum.accumulate(codes), prepend=-1))
     distinct_texts: list[str] = texts[first_rows].tolist()
+    # The rank of each distinct text in alphabetical order.
     alphabetical_index = np.argsort(np.argsort(distinct_texts))
     return pd.Categorical.from_codes(
         alphabetical_index[codes], pd.Index(sorted(distinct_texts), dtype=str)
@@ -131,10 +137,10 @@ def _make_categories(texts: Array) -> "pd.Categorical[Any]":
 
 
 def _make_arrow_table(table: Table, data: Mapping[str, Any], degrees: bool) -> "pa.Table":
-    """Return rows as an Arrow table.
+    """Return rows of a table in the form of the library Arrow, which writes files.
 
-    Columns have their headers in files, numbers that are NaN are null, and a status is a
-    dictionary of names.
+    The columns are named by their headers in files, NaN becomes null (an empty cell), and
+    status codes become names.
 
     Parameters
     ----------
@@ -156,7 +162,8 @@ def _make_arrow_table(table: Table, data: Mapping[str, Any], degrees: bool) -> "
         elif column.kind == "number":
             if column.unit_in(degrees) != column.unit:
                 values = np.degrees(values)
-            values = pa.array(values + 0.0, from_pandas=True)  # without negative zeros
+            # Adding 0.0 makes -0.0 to 0.0. `from_pandas` makes NaN to null.
+            values = pa.array(values + 0.0, from_pandas=True)
         columns[column.header(degrees)] = values
     return pa.table(columns)
 
@@ -241,13 +248,20 @@ def _needs_quotes(rows: "pa.Table") -> bool:
 
 
 def read_chunks(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]:
-    """Yield the columns of row groups in pieces of `CHUNK_ROWS` rows.
+    """Yield the rows of several Parquet files in pieces of `CHUNK_ROWS` rows.
+
+    The rows of a Parquet file are divided into row groups. The groups can be read in any
+    order.
 
     Parameters
     ----------
     groups
-        Path of a file that `write_columns` wrote, and index of a row group in it, for all
-        groups in the order of their rows.
+        For each row group, in the order in which rows are yielded: the path of a file that
+        `write_columns` wrote, and the index of the group in this file.
+
+    Yields
+    ------
+    Columns by name. The last piece has the remaining rows.
 
     Raises
     ------
@@ -257,7 +271,7 @@ def read_chunks(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any
     import pyarrow as pa
 
     def to_arrays(rows: pa.Table) -> Mapping[str, Any]:
-        """Return columns by name: arrays of numbers, texts as columns of Arrow."""
+        """Return columns by name: numbers as NumPy arrays, texts as Arrow columns."""
         return {
             name: column if pa.types.is_string(column.type) else column.to_numpy()
             for name, column in zip(rows.column_names, rows.columns, strict=True)
@@ -292,20 +306,24 @@ def _compute_checksum(names: Sequence[str], notes: bytes) -> bytes:
 def _open_parquet_writer(
     path: Path, schema: "pa.Schema", compression: str = "zstd"
 ) -> "Iterator[pq.ParquetWriter]":
-    """Open a Parquet file for writing; the file appears if the block ends without error.
+    """Open a Parquet file for writing in a ``with`` block.
+
+    The file appears when the block ends without error.
 
     Parameters
     ----------
     path
         The file.
     schema
-        Its columns and notes.
+        Names and types of the columns, and notes.
     compression
-        Compression of the pages.
+        Name of the method by which the pages of the file are compressed.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    # Texts are stored once each, in a dictionary. If floats are compressed, their first
+    # bytes are stored together, then their second bytes, and so on.
     floats = [item.name for item in schema if pa.types.is_floating(item.type)]
     texts = [item.name for item in schema if not pa.types.is_primitive(item.type)]
     with open_for_writing(path) as stream:
@@ -321,13 +339,17 @@ def _open_parquet_writer(
             yield writer
             writer.close()
         finally:
-            # Otherwise the writer would later write its end to a closed file.
+            # After an error the writer is not closed. When it is deleted, it would write
+            # the end of the file to the closed stream. This prevents it.
             writer.is_open = False
 
 
 @contextmanager
 def _open_parquet_file(path: Path) -> Iterator[Any]:
-    """Open a Parquet file for reading and verify its headings, notes and pages.
+    """Open a Parquet file for reading in a ``with`` block, and check that it is undamaged.
+
+    The headings and notes are compared with a checksum. The pages have checksums too, which
+    are verified when they are read.
 
     Raises
     ------
@@ -340,7 +362,8 @@ def _open_parquet_file(path: Path) -> Iterator[Any]:
     try:
         with path.open("rb") as stream:
             file = pq.ParquetFile(stream, page_checksum_verification=True, pre_buffer=False)
-            # The headings are stored twice: for Arrow and for all programs.
+            # The headings are stored twice: for Arrow and for all programs. Files of other
+            # programs have no checksum of the headings and are accepted.
             for schema, metadata in (
                 (file.schema_arrow, file.schema_arrow.metadata),
                 (file.schema, file.metadata.metadata),
@@ -401,11 +424,13 @@ def write_columns(
     columns
         Arrays (n,) by the name of the column.
     notes
-        Notes, which have to be representable in JSON.
+        Facts about the table by name, which are stored in the file. JSON must be able to
+        represent them.
     groups
-        Rows of each row group, by default one group of all rows.
+        The rows of each row group, a part of the file that can be read by itself. By
+        default all rows are one group.
     compression
-        Compression of the pages.
+        Name of the method by which the pages of the file are compressed.
 
     Raises
     ------
@@ -495,27 +520,31 @@ def open_part_tables(
 def read_frame(
     parts: Sequence[Path], notes: Sequence[Mapping[str, Any]] | None = None
 ) -> "pd.DataFrame":
-    """Return the rows of Parquet files one after the other, with notes in `attrs`.
+    """Return the rows of several Parquet files as one pandas frame.
+
+    The `attrs` of the frame are the notes (facts about the table) in the first file.
 
     Parameters
     ----------
     parts
-        The files.
+        The files, in the order of their rows.
     notes
-        Notes that each file must have; by default none.
+        For each file the notes that it must have, so that no wrong file is read. By default
+        no notes are required.
 
     Raises
     ------
     FileError
-        If a file is damaged, lacks its notes, or has other columns than the first.
+        If a file is damaged, lacks its notes, or has other columns than the first file.
     """
     import pyarrow as pa
 
     tables: list[pa.Table] = []
-    for path, required in zip(parts, notes or [{}] * len(parts), strict=True):
+    for path, required_notes in zip(parts, notes or [{}] * len(parts), strict=True):
         table = _read_arrow_table(path)
-        has_notes = required.items() <= _decode_notes(table.schema).items()
-        if not has_notes or (tables and not table.schema.equals(tables[0].schema)):
+        has_notes = required_notes.items() <= _decode_notes(table.schema).items()
+        has_other_columns = tables and not table.schema.equals(tables[0].schema)
+        if not has_notes or has_other_columns:
             raise FileError(
                 f"{path}: is not the file that was written there, by what it says of "
                 "itself; move it away, and the same command makes it again"
@@ -533,9 +562,15 @@ def read_parquet(path: Path) -> "pd.DataFrame":
 
 
 def read_csv(source: Path | io.BytesIO) -> "pd.DataFrame":
-    """Return the cells of a CSV file as text.
+    """Return the cells of a CSV file as texts, in a pandas frame.
 
-    The index is the number of the line after the header. Blank lines are left out.
+    The index counts the lines after the header, from 0. Blank lines are left out, but
+    counted.
+
+    Parameters
+    ----------
+    source
+        The path of the file, or its content.
 
     Raises
     ------
@@ -577,9 +612,10 @@ def format_csv(rows: Iterable[Sequence[str]]) -> bytes:
 
 
 class ParquetColumns(Mapping[str, Array]):
-    """The columns of a Parquet file of `write_table`, which are read when they are used.
+    """The columns of a Parquet file by name, each of which is read when it is used.
 
-    Angles are in rad, whatever the unit in the file is. A status is a code.
+    The file was written by `write_table`. Angles are converted to rad if they are in
+    degrees in the file. The column of a status has its codes.
 
     Parameters
     ----------

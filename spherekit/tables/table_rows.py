@@ -26,11 +26,12 @@ from spherekit.tables.table import (
 class MemoryTables:
     """The tables of a run in memory, as blocks of rows in the order of computation.
 
-    Lazy columns that nobody reads are never computed.
+    Columns of a block can be lazy: their numbers are computed when they are read, and not
+    at all if nobody reads them.
     """
 
     def __init__(self) -> None:
-        # By analysis and table.
+        # The blocks of each table, by names of the analysis and the table.
         self._blocks: dict[tuple[str, str], list[TableData]] = defaultdict(list)
 
     def add(self, analysis: str, table: Table, data: TableData) -> None:
@@ -70,26 +71,38 @@ class JoinedBlocks(Mapping[str, Array]):
         self._spans: list[list[Span]] = []
 
     def join(self, names: Iterable[str]) -> dict[str, Array]:
-        """Return the columns with given names, joined anew and not stored."""
+        """Return columns of all blocks, joined in the order of assembly modes.
+
+        Parameters
+        ----------
+        names
+            Names of the columns.
+
+        Returns
+        -------
+        New arrays by name, which this object does not store.
+        """
         if not self._spans:
             self._order_rows()
         joined: dict[str, Array] = {}
         for name in names:
-            columns = [block[name] for block in self._blocks]
-            joined[name] = np.empty(
-                sum(map(len, columns)),
-                dtype=self._dtypes[name] or np.result_type(*(x.dtype for x in columns)),
-            )
-        # Write the rows of each block to their places in the joined columns.
+            parts = [block[name] for block in self._blocks]
+            # Texts have no declared type: the longest text decides about the width.
+            dtype = self._dtypes[name] or np.result_type(*(part.dtype for part in parts))
+            joined[name] = np.empty(sum(map(len, parts)), dtype=dtype)
+        # Write the rows of each block to their positions in the joined columns. `spans` are
+        # slices of rows with the first position of each. All columns of a block are passed
+        # together, because lazy columns are then computed together.
         for block, spans in zip(self._blocks, self._spans, strict=True):
             put([(block[name], column) for name, column in joined.items()], spans)
         return joined
 
     def _order_rows(self) -> None:
-        """Sort the rows of each block by assembly mode, and find where they belong.
+        """Sort the rows of each block by assembly mode, and find their final positions.
 
-        It sets `_spans`: for each block the slices of its rows and the first row of each in
-        the joined column. The rows of a mode come from one block after another.
+        In the joined columns, the rows of the first mode come first, from one block after
+        another, then the rows of the next mode. This method sets `_spans`: for each block
+        its slices of rows, with the first position of each slice in the joined columns.
         """
         has_several = len(self._blocks) > 1 and self._table.in_assembly_modes
         # Number of the mode, number of the block, and the slice of rows in the block.
@@ -100,6 +113,7 @@ class JoinedBlocks(Mapping[str, Array]):
             mode_spans += [(mode, number, rows) for mode, rows in ordered_rows.mode_rows]
         self._spans = [[] for _ in self._blocks]
         first = 0
+        # Sorted by mode, then by block.
         for _, number, rows in sorted(mode_spans, key=lambda span: span[:2]):
             self._spans[number].append((rows, first))
             first += rows.stop - rows.start
@@ -138,21 +152,26 @@ class ModeRows:
 
 
 def sort_by_mode(block: TableData, by_mode: bool = True) -> ModeRows:
-    """Return the rows of a block by assembly mode, then by sample.
+    """Sort the rows of a block of a table by assembly mode, and each mode by sample.
 
-    Rows of one sample keep their order. The block is not changed if the rows of each mode
-    are together already and their samples rise.
+    Rows of one sample keep their order. If the rows are in this order already, the columns
+    are not changed, so that lazy columns remain lazy.
 
     Parameters
     ----------
     block
-        Columns of the block. With `by_mode` they include the mode and the sample.
+        Columns of the block by name. With `by_mode` they include the mode and the sample.
     by_mode
-        Whether rows are sorted. Otherwise the block counts as rows of one mode, 0.
+        Whether rows are sorted. Otherwise the block is treated as rows of one mode, 0.
+
+    Returns
+    -------
+    The columns, and the slice of rows of each mode.
     """
     if not by_mode:
         return ModeRows(block, [(0, slice(0, row_count(block)))])
-    # Each row of a column may be repeated for several subjects, such as poles.
+    # A column may repeat each number for several subjects, such as poles. `modes` and
+    # `samples` have each number once.
     modes, repeats = once(block[ASSEMBLY_MODE.name])
     samples, sample_repeats = once(block[SAMPLE.name])
     if sample_repeats == repeats:
@@ -168,6 +187,7 @@ def sort_by_mode(block: TableData, by_mode: bool = True) -> ModeRows:
         has_each_mode_once = len(dict(mode_rows)) == len(mode_rows)
         if has_each_mode_once and not np.any(is_falling):
             return ModeRows(block, mode_rows)
+    # The rows are not in order yet. After sorting, the call below finds the slices.
     columns = arrays(block)
     order = np.lexsort((columns[SAMPLE.name], columns[ASSEMBLY_MODE.name]))
     return sort_by_mode({name: column[order] for name, column in columns.items()})
