@@ -147,7 +147,16 @@ class Sweep:
     mode_labels: Names = ()
 
     def __post_init__(self) -> None:
-        """Check that there is something to compute, and that column names differ."""
+        """Check the definition of the sweep.
+
+        There must be something to compute, and all columns need different names.
+
+        Raises
+        ------
+        DesignError
+            If there is no figure of merit, if a number cannot be varied, if two columns
+            have the same name, or if a condition cannot be parsed.
+        """
         if not self.merits and not self.tables:
             raise DesignError(
                 f"{self.mechanism.name}: no figure of merit is asked for: give --reduce, "
@@ -162,6 +171,7 @@ class Sweep:
                 f'{self.mechanism.name}: two columns would be called "{repeated[0]}"; give '
                 "the figure of merit another name: NAME=REDUCTION(EXPRESSION)"
             )
+        # Parsing the conditions raises an error if one is faulty.
         _ = self.conditions
 
     def __getstate__(self) -> Facts:
@@ -195,11 +205,15 @@ class Sweep:
 
     @cached_property
     def evaluator(self) -> DesignEvaluator | DesignRuns:
-        """The object that computes the figures of merit; compiled once in a process.
+        """The object that computes the figures of merit; it is made once in a process.
 
-        It is an `DesignEvaluator` if no design is run, and otherwise a `DesignRuns`.
+        It is a `DesignEvaluator`, which computes many designs at once, if all figures are
+        of quantities at samples. Otherwise it is a `DesignRuns`, which runs the analyses of
+        each design and reduces their tables. It uses a `DesignEvaluator` for figures that
+        need no table.
         """
         kernel_evaluator = None
+        # Without samples no figure is evaluated by a kernel.
         if self.samples is not None:
             merits = [merit for merit in self.merits if not merit.table]
             kernel_evaluator = DesignEvaluator(
@@ -389,21 +403,22 @@ class Sweep:
     def _as_columns(
         self, designs: Floats, numbers: Indices, design_table: DesignTable
     ) -> Columns:
-        """Return computed figures as the columns of the table of designs.
+        """Return computed figures of merit as the columns of the table of designs.
 
         Parameters
         ----------
         designs
-            (variables, n) values of the variables, in the units of the file.
+            (variables, n) values of the design variables, in the units of the file.
         numbers
             (n,) number of each design in the design space.
         design_table
-            Rows of these designs; `DesignTable.design` is an index from 0 to n - 1.
+            Rows of these designs, one for each assembly mode (way to assemble the
+            mechanism). `DesignTable.design` is an index from 0 to n - 1.
 
         Returns
         -------
-        The columns by name, with angles in the unit of the file. If `mode_labels` is given,
-        only rows of that mode are included.
+        The columns by name, with angles in the unit of the file. If the sweep wants one
+        assembly mode only, the rows of other modes are left out.
         """
         if self.mode_labels:
             design_table = self._rows_of_wanted_mode(design_table)
@@ -417,6 +432,8 @@ class Sweep:
         columns["status"] = design_table.status
         columns["closes"] = design_table.closes
         columns["claim"] = design_table.claim
+        # A four-bar has a Grashof class: which of its links turn fully. Impossible designs
+        # have none.
         if grashof_classes is not None:
             has_class = np.isin(design_table.status, [OK, NEVER_CLOSES])
             columns["grashof"] = np.where(has_class, grashof_classes, "").astype(object)
@@ -425,12 +442,14 @@ class Sweep:
         return columns
 
     def _rows_of_wanted_mode(self, design_table: DesignTable) -> DesignTable:
-        """Return the rows of the only assembly mode that is wanted.
+        """Return the rows of the assembly mode that the sweep is about.
 
-        A design that closes, but not in this mode, gets one row with the status
-        `NEVER_CLOSES`, the reason, and NaN for all figures of merit.
+        An assembly mode is one of the ways to assemble the mechanism. A design that can be
+        assembled, but not in this mode, gets one row with the status `NEVER_CLOSES`, the
+        reason, and NaN for all figures of merit.
         """
-        # A row with an empty mode belongs to a design that fails in all modes.
+        # `mode_labels` are the spellings of this mode. A row with an empty mode belongs to
+        # a design that fails in all modes.
         is_wanted = np.isin(design_table.mode, ["", *self.mode_labels])
         remaining = design_table.rows(is_wanted)
         figure_names = list(design_table.merits)
@@ -536,19 +555,21 @@ class Sweep:
         return notes
 
     def _worth_running(self, design: Floats, rows: DesignTable) -> bool:
-        """Return whether a design may have a row, so that it has to be run.
+        """Return whether the analyses of a design have to be run.
+
+        A kernel has computed some figures of merit already. If they violate the conditions
+        of the sweep, the design has no row in the table and need not be run.
 
         Parameters
         ----------
         design
-            (variables,) values of the variables, in the units of the file.
+            (variables,) values of the design variables, in the units of the file.
         rows
-            The figures of merit of the design that kernels have computed.
+            The rows of the design, with the figures of merit that a kernel has computed.
 
         Returns
         -------
-        True if at least one row meets all conditions that use only variables and these
-        figures.
+        True if at least one row meets all conditions on variables and on these figures.
         """
         columns = self._variable_columns(design) | self._in_file_units(rows)
         return bool(np.any(self._meet_conditions(columns, len(rows.design))))

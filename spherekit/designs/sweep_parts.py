@@ -74,11 +74,11 @@ class SweepResult:
     _store: Path = field(repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state to pickle.
+        """Return the state of this result for pickle.
 
-        If the parts are in a temporary folder, the state contains the bytes of the files by
-        relative path instead of the folder, because the folder may not outlive this
-        process.
+        If the parts are in a temporary folder, the state contains their files (bytes by
+        relative path) instead of the path of the folder, because the folder is deleted with
+        this process.
         """
         state = dict(vars(self))
         if self.folder is None:
@@ -269,7 +269,7 @@ def run_sweep(
         if user_folder is None
         else user_folder.absolute()
     )
-    # If an error occurs, the temporary folder is deleted when the block is left. Otherwise
+    # If an error occurs, the temporary folder is deleted at the end of the block. Otherwise
     # `pop_all` moves this task to the finalizer, which runs when the result is deleted.
     with ExitStack() as cleanup:
         if user_folder is None:
@@ -405,7 +405,9 @@ class _Progress:
             )
 
     def _count(self, number: int, size: int) -> None:
-        """Record that a part is in `parts_folder`, and which processor has computed it.
+        """Record that a part is stored, and which kind of processor has computed it.
+
+        Results of different processors can differ by rounding.
 
         Parameters
         ----------
@@ -425,9 +427,9 @@ class _Progress:
             PROCESSOR_NOTE, {}
         )
         processor_text = ", ".join(f"{key} {value}" for key, value in processor.items())
-        bisect.insort(
-            self.processors.setdefault(processor_text or "an unknown one", []), number
-        )
+        # The numbers of the parts of each processor are sorted.
+        part_numbers = self.processors.setdefault(processor_text or "an unknown one", [])
+        bisect.insort(part_numbers, number)
 
     def _need_disk(self) -> None:
         """Raise `OutputError` if the disk has too little room for the missing parts.

@@ -158,18 +158,21 @@ def read(document: Document) -> Mechanism:
 
 
 def mechanism_from_document(document: Document) -> Mechanism:
-    """Return the mechanism of a document that fits the format.
+    """Construct the mechanism from a parsed file that fits the format.
 
     Raises
     ------
     FileError
-        If its values contradict each other. For data without a text it is a `ModelError`.
+        If the values of the file contradict each other. The message has the line and the
+        key. For data without a text it is a `ModelError`.
     """
     try:
+        # Angles are converted to rad, directions to unit vectors.
         reader = _MechanismReader(document, convert_to_model(document, document.data))
         return reader.add_actions(reader.mechanism())
     except ModelError as error:
-        # The classes of the model know the key, as "pairs.21.links: ...", but not its line.
+        # Errors of the model begin with the key, as "pairs.21.links: ...", but have no
+        # line. The text of the key becomes a path such as ("pairs", "21", "links").
         message = str(error).removeprefix(f"{document.data['name']}: ")
         if key_message := _KEY_MESSAGE.fullmatch(message):
             path = tuple(
@@ -214,19 +217,26 @@ class _MechanismReader:
     def call_model(
         self, path: KeyPath, function: Callable[..., Answer], *arguments: Any
     ) -> Answer:
-        """Return the result of a function of the model.
+        """Call a function of the model, and add file, line and key to its errors.
+
+        Functions of the model do not know the file. They raise a `ModelError`.
 
         Parameters
         ----------
         path
-            Path of the key in the file that an error of the function is about.
+            Keys that lead to the value in the file that an error is about.
         function, arguments
             The function and its positional arguments.
+
+        Returns
+        -------
+        The result of the function.
 
         Raises
         ------
         FileError
-            If the function raises a `ModelError`, with the same message, the line and key.
+            If the function raises a `ModelError`. It has the same message, with the line
+            and the key.
         """
         try:
             return function(*arguments)
@@ -234,8 +244,13 @@ class _MechanismReader:
             self.fail(path, str(error))
 
     def mechanism(self) -> Mechanism:
-        """Return the mechanism without masses, loads and joint limits."""
+        """Return the mechanism in the file, without masses, loads and joint limits.
+
+        `add_actions` adds these.
+        """
         data = self.data
+        # Entries of a table in the file become objects of the model. An input without a
+        # range moves through a full revolution.
         mechanism = Mechanism(
             name=data["name"],
             ground=data["ground"],
@@ -253,12 +268,24 @@ class _MechanismReader:
             source=construct_element(Source, data["source"]) if "source" in data else None,
             user=_plain(data.get("user", {})),
         )
-        # The start of a contact follows from a phase and the rest of the mechanism.
+        # Some wheels have a phase in the file: angles of their shafts at which they mesh.
+        # The start of the contact follows from it and from the rest of the mechanism.
         pairs = tuple(self.with_start(mechanism, pair) for pair in mechanism.pairs)
         return replace(mechanism, pairs=pairs) if pairs != mechanism.pairs else mechanism
 
     def add_actions(self, mechanism: Mechanism) -> Mechanism:
-        """Return a mechanism with the masses, loads and joint limits of the data."""
+        """Return a mechanism with the masses, loads and joint limits of the file.
+
+        Parameters
+        ----------
+        mechanism
+            The mechanism, whose links and pairs the masses and loads refer to.
+
+        Raises
+        ------
+        FileError
+            If there is no link of a given name, or if values contradict each other.
+        """
         masses = self.data.get("mass", {})
         loads = self.data.get("loads", {})
         limits = self.data.get("joint_limits", {})
@@ -268,7 +295,9 @@ class _MechanismReader:
                     ("mass", link),
                     f'no link is named "{link}"{choices(link, mechanism.links, "Links")}',
                 )
-        axes_in_links = cache(partial(link_axes, mechanism))  # computed if a mass needs it
+        # A function that computes the axes of all pairs in their links once, when the first
+        # mass needs them.
+        axes_in_links = cache(partial(link_axes, mechanism))
         return replace(
             mechanism,
             masses=tuple(
@@ -301,12 +330,17 @@ class _MechanismReader:
         link
             Name of the link.
         item
-            The table of the link. It has the keys "arc" (two R pairs at the ends of a
-            uniform arc) and "radius"; or "tensor" (about the centre of the sphere) or
-            "tensor_at_centre" (about the centre of mass), in the axes of the link or, with
-            the key "frame", in a frame of the axes of two R pairs.
+            The table of the link in the file. It has one of these keys:
+
+            - "arc", the names of two R pairs: the link is a uniform arc between their axes,
+              with the key "radius" (m),
+            - "tensor", the inertia tensor (kg m2) about the centre of the sphere,
+            - "tensor_at_centre", the inertia tensor (kg m2) about the centre of mass.
+
+            Tensors are in the axes of the link. With the key "frame", the names of two R
+            pairs, they are in a frame that the axes of these pairs define.
         axes_in_links
-            Returns the axes of pairs in their links.
+            Function that returns the axes of pairs in their links.
 
         Raises
         ------
@@ -321,19 +355,17 @@ class _MechanismReader:
         centre = item.get("centre")
 
         def from_two_axes(key: str, function: Callable[..., Answer], *args: Any) -> Answer:
-            """Call a function with the axes of the two R pairs that a key names.
+            """Call a function with the axes of two R pairs, which a key of the table names.
 
             The axes come first, then `args`. Errors name the key.
             """
             path = ("mass", link, key)
-            axes = [
-                np.array(
-                    self.call_model(
-                        (*path, index), axis_in_link, axes_in_links(), link, pair
-                    )
+            axes = []
+            for index, pair in enumerate(item[key]):
+                axis = self.call_model(
+                    (*path, index), axis_in_link, axes_in_links(), link, pair
                 )
-                for index, pair in enumerate(item[key])
-            ]
+                axes.append(np.array(axis))
             return self.call_model(path, function, *axes, *args)
 
         if "arc" in item:
@@ -342,7 +374,7 @@ class _MechanismReader:
                     ("mass", link, "radius"),
                     f"found {item['radius']:g} m, needs more than 0",
                 )
-            # A uniform arc gives its tensor about the centre of the sphere.
+            # The tensor of a uniform arc is about the centre of the sphere.
             tensor, centre = from_two_axes("arc", uniform_arc, mass, item["radius"])
         else:
             key = "tensor" if "tensor" in item else "tensor_at_centre"
@@ -357,16 +389,24 @@ class _MechanismReader:
                 centre = None if centre is None else frame @ centre
         if centre is not None:
             centre = as_vector(centre)
-        # The products above round entries (i, j) and (j, i) differently.
+        # The products above round entries (i, j) and (j, i) differently. Their mean makes
+        # the tensor exactly symmetric.
         symmetric_tensor = as_tensor((tensor + tensor.T) / 2)
         return Mass(link, symmetric_tensor, mass, centre)
 
     def with_start(self, mechanism: Mechanism, pair: Pair) -> Pair:
-        """Return a pair; a phase in its table becomes the start of the contact.
+        """Return a pair of wheels with the start of their contact, which a phase gives.
 
-        The phase is the angles of the shafts of two wheels in a configuration in which they
-        mesh. The start is the arc lengths along both circles at which they then touch.
-        Pairs without a phase are returned unchanged.
+        The phase in the file is the angles of the shafts of two wheels in a configuration
+        in which they mesh. The start is the arc lengths along both circles at which they
+        then touch. Pairs without a phase are returned unchanged.
+
+        Parameters
+        ----------
+        mechanism
+            The mechanism without starts.
+        pair
+            One of its pairs.
         """
         item = self.data["pairs"][pair.name]
         path = ("pairs", pair.name, "phase")
@@ -379,12 +419,13 @@ class _MechanismReader:
 
     @cached_property
     def geometry(self) -> SizeGeometry | PoseGeometry:
-        """The sizes of links, or the axes of all pairs in one pose.
+        """The geometry in the file: sizes of links, or the axes of all pairs in one pose.
 
-        A file gives one of the two forms. Keys of both, or of none, are refused.
+        A file has keys of one of the two forms. Keys of both, or of none, are refused.
         """
         pairs = self.data["pairs"]
         links = self.data["links"]
+        # All keys of both forms in the file, as paths (table, entry, key).
         size_paths = self.paths_of("links", _SIZE_KEYS) + self.paths_of("pairs", ("zero",))
         pose_paths = self.paths_of("pairs", _POSE_KEYS)
         if size_paths and pose_paths:
@@ -397,7 +438,7 @@ class _MechanismReader:
                 "the other; keep the sizes (axes, arcs, angles in links, zero in "
                 "pairs) or the reference pose (xyz or lonlat and value in pairs)",
             )
-        # Reference pose: the axes of the pairs that have one, and their variables.
+        # A reference pose: the axes of pairs, and the variables that they have in the pose.
         if pose_paths:
             axes: dict[str, Vector] = {}
             for name, item in pairs.items():
@@ -411,7 +452,7 @@ class _MechanismReader:
                 "no geometry: give axes and arcs in every link, or xyz or lonlat in "
                 "every R pair",
             )
-        # Sizes of links. A link has one path for each of its keys, and may come repeatedly.
+        # Sizes of links. A link occurs once for each of its keys; the result is the same.
         sizes: dict[Any, LinkSizes] = {}
         for _, link, _ in self.paths_of("links", _SIZE_KEYS):
             if "axes" not in links[link]:
@@ -453,47 +494,62 @@ class _MechanismReader:
 
     @cached_property
     def axes_in_links(self) -> LinkAxes:
-        """The axes of the pairs that have one, in axes of their links."""
+        """The axes of all R pairs, in the axes of both of their links.
+
+        They are needed before all pairs of the mechanism are known, for example for the
+        circles of wheels. Therefore they are computed from a mechanism that has only the R
+        pairs of the file.
+        """
         pairs = tuple(Pair(name, "R", links) for name, links in self.joined_links.items())
         mechanism = Mechanism(
-            self.data["name"],
-            self.data["ground"],
-            tuple(self.data["links"]),
-            pairs,
-            self.geometry,
+            name=self.data["name"],
+            ground=self.data["ground"],
+            links=tuple(self.data["links"]),
+            pairs=pairs,
+            geometry=self.geometry,
         )
         return link_axes(mechanism)
 
     def output(self, name: str, item: Table) -> Output:
-        """Return an output with its direction in axes of its link.
+        """Return an output: a link whose motion relative to another link is of interest.
 
-        The direction is that of a pair ("axis"), a vector ("xyz") or two angles ("lonlat");
-        without any of these keys it is None.
+        Parameters
+        ----------
+        name
+            Name of the output.
+        item
+            The table of the output in the file. The direction in which the link points is
+            the axis of a pair ("axis"), a vector ("xyz") or two angles ("lonlat"). Without
+            these keys the output has no direction. The motion is relative to the ground,
+            unless "relative_to" names another link.
         """
         path: KeyPath = ("outputs", name)
-        stated_keys = [key for key in ("axis", "xyz", "lonlat") if key in item]
-        if len(stated_keys) > 1:
+        direction_keys = [key for key in ("axis", "xyz", "lonlat") if key in item]
+        if len(direction_keys) > 1:
             self.fail(
-                (*path, stated_keys[1]),
-                f"the direction is given by {stated_keys[0]} already",
+                (*path, direction_keys[1]),
+                f"the direction is given by {direction_keys[0]} already",
             )
         direction = self.axis_or_vector((*path, "axis"), item)
         relative_to = item.get("relative_to", self.data["ground"])
         return Output(name, item["link"], relative_to, direction)
 
     def axis_or_vector(self, path: KeyPath, item: Table, prefix: str = "") -> Vector | None:
-        """Return a direction in axes of a link: the axis of an R pair, or a vector.
-
-        None if the table has neither.
+        """Return the direction in a table of the file, in the axes of a link.
 
         Parameters
         ----------
         path
-            Path of the key ``axis``, for messages.
+            Keys that lead to the key ``axis``, for messages.
         item
-            A table with the key ``link``, and ``axis`` or a vector.
+            The table. It has the key ``link``, and ``axis`` (the name of an R pair) or a
+            vector.
         prefix
             Beginning of the keys of a vector, such as "centre_" for ``centre_xyz``.
+
+        Returns
+        -------
+        The unit vector, or None if the table has neither an axis nor a vector.
         """
         if "axis" not in item:
             return _vector(item, prefix)
@@ -502,12 +558,15 @@ class _MechanismReader:
         )
 
     def pair(self, name: str) -> Pair:
-        """Return a pair from its table; a contact has the curves of both its links.
+        """Return a pair from its table in the file.
 
-        P pairs become R pairs: sliding along a great circle is turning about its pole.
+        R and P pairs have an axis. P pairs become R pairs, because sliding along a great
+        circle is turning about its pole. Other pairs are contacts, which have the curves of
+        both of their links.
         """
         item = self.data["pairs"][name]
         path = ("pairs", name)
+        # `joined_links` has the two links of every pair with an axis.
         if name in self.joined_links:
             return Pair(name, "R", self.joined_links[name])
         if "teeth" in item or "half_angles" in item:
@@ -517,20 +576,31 @@ class _MechanismReader:
         return construct_element(Pair, item, {"name": name, "profiles": profiles})
 
     def cones(self, path: KeyPath, item: Table) -> tuple[Profile, ...]:
-        """Return the circles in which two cones, or the pitch cones of gears, roll.
+        """Return the two circles of a contact of cones, or of bevel gears.
+
+        A cone with its apex in the centre of the sphere intersects the sphere in a circle.
+        Bevel gears roll on each other like their pitch cones.
 
         Parameters
         ----------
         path
-            Path of the pair, for messages.
+            Keys that lead to the pair, for messages.
         item
-            Its table: links, their axes, and half angles (rad) or numbers of teeth.
+            The table of the pair: its links, the axes of the cones, and their half angles
+            (rad) or numbers of teeth.
+
+        Returns
+        -------
+        A circle for each link, with its centre (axis of the cone) in the axes of the link.
         """
         links = item["links"]
         axes = item["axes"]
 
         def find_centres() -> tuple[list[Vector], float]:
-            """Return the axes of both cones in their links, and the angle between them."""
+            """Return the axes of both cones in their links, and the angle between them.
+
+            The carrier is the link in which both axes are fixed.
+            """
             carrier = find_gear_carrier(self.joined_links, self.axes_in_links, links, axes)
             centres = [
                 axis_in_link(self.axes_in_links, link, axis)
@@ -539,6 +609,7 @@ class _MechanismReader:
             return centres, carrier.shaft_angle
 
         centres, shaft_angle = self.call_model((*path, "axes"), find_centres)
+        # The radius of a circle is the half angle of its cone.
         contact = item.get("contact", "external")
         if "teeth" in item:
             radii = self.call_model(
@@ -558,15 +629,19 @@ class _MechanismReader:
         )
 
     def profiles(self, path: KeyPath, item: Table) -> tuple[Profile, ...]:
-        """Return the curves under ``profiles`` and ``follower``, in the order of links.
+        """Return the two curves of a contact, in the order of its links.
+
+        The table ``profiles`` has curves by link. The table ``follower`` describes one
+        curve in another way: the roller or the flat face of a cam follower.
 
         Parameters
         ----------
         path
-            Path of the pair, for messages.
+            Keys that lead to the pair, for messages.
         item
-            Its table.
+            The table of the pair.
         """
+        # The curve of each link, and the location where the file gives it.
         path_of_link: dict[str, KeyPath] = {}
         curve_of_link: dict[str, Profile] = {}
         for link, profile in item["profiles"].items():
@@ -585,6 +660,7 @@ class _MechanismReader:
                 )
             path_of_link[link] = follower_path
             curve_of_link[link] = self.follower((*path, "follower"), follower)
+        # There must be one curve for each of the two links, and no other.
         links = item["links"]
         for link, link_path in path_of_link.items():
             if link not in links:
@@ -603,15 +679,17 @@ class _MechanismReader:
         return tuple(curve_of_link[link] for link in links)
 
     def follower(self, path: KeyPath, item: Table) -> Profile:
-        """Return the curve of a follower: a circle of a roller, a great circle of a face.
+        """Return the curve of a cam follower.
+
+        The curve of a roller is a circle. The curve of a flat face is a great circle.
 
         Parameters
         ----------
         path
-            Path of the table, for messages.
+            Keys that lead to the table of the follower, for messages.
         item
-            The table of the follower, with the key "flat", or with "roller" (angular
-            radius, rad) and a centre.
+            The table of the follower. It has the key "flat" and the pole of the great
+            circle, or the key "roller" (angular radius, rad) and the centre of the circle.
         """
         if "flat" in item:
             return Profile("great_circle", _vector(item, "pole_"))

@@ -64,9 +64,8 @@ def columns_of(path: Path) -> dict[str, str]:
 def read_numbers(path: Path, names: Sequence[str]) -> FileNumbers:
     """Read some columns of numbers from a CSV or Parquet file.
 
-    The units of the columns are in a Parquet file itself. Those of a CSV file are in the
-    file ``columns.csv`` of the same folder, or in the header of a column, as in
-    ``q [deg]``.
+    The units of the columns are stated in the Parquet file, or in a file in the folder of
+    the CSV file. A unit in the header of a column, as in ``q [deg]``, replaces them.
 
     Parameters
     ----------
