@@ -269,7 +269,9 @@ class DesignEvaluator:
         )
 
     def grashof_classes(self, values: Floats) -> NDArray[np.str_] | None:
-        """Return the Grashof class of each design: which links of the four-bar turn fully.
+        """Return the Grashof class of each design of a four-bar.
+
+        The class says which links turn through full revolutions.
 
         Parameters
         ----------

@@ -372,7 +372,7 @@ class KernelFigures:
         self.rows = np.concatenate([samples.rows, self.points])
 
     def _check_inputs(self, mechanism: Mechanism) -> None:
-        """Raise `DesignError` if a figure refers to inputs that the mechanism lacks."""
+        """Raise `DesignError` if a figure of merit does not fit the inputs and samples."""
         count = len(self.inputs)
         for merit in self.merits:
             # `merit.point` are the given inputs of "at", `merit.place` is the name of the

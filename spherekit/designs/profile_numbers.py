@@ -286,16 +286,18 @@ class DesignProfiles:
 def make_contact_profiles(
     mechanism: Mechanism, max_gap: float = PROFILE_GAP_RAD
 ) -> list[ContactProfile]:
-    """Return the profiles of all contacts, two for each contact.
+    """Return the profiles (curves) of all contacts, two for each contact.
 
-    They have the order of `PairRotations.sides_with_columns`.
+    Equations of designs use the profiles in this order
+    (`PairRotations.sides_with_columns`).
 
     Parameters
     ----------
     mechanism
-        The mechanism.
+        The mechanism with the contacts.
     max_gap
-        Largest gap (rad) between the profiles of a contact in the reference pose.
+        Largest gap (rad) between the profiles of a contact in the reference pose. A larger
+        gap is an error.
     """
     joints = make_joints(mechanism, max_gap)
     return [

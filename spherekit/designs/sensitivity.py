@@ -338,21 +338,28 @@ class Sensitivity:
 
     @cached_property
     def links(self) -> frozenset[int]:
-        """Numbers of the links on which quantities depend, or whose sizes are named."""
+        """Numbers of the links that are needed for the quantities and the named sizes.
+
+        Other links can be left out of the mechanism, which saves time.
+        """
         pairs = self.mechanism.pairs
         names = self.mechanism.links
-        # Links of quantities that depend on two links only. All other quantities count as
-        # depending on all links.
+        # Quantities that depend on two links only, by their names. All other quantities
+        # are assumed to depend on all links.
         links_of_quantity = {
             f"{kind}_{pair.name}": pair.links
             for kind in ("theta", "rate", "transmission_angle")
             for pair in pairs
         }
         for kind in ("velocity_coefficient", "acceleration_coefficient"):
-            links_of_quantity |= {f"{kind}_{a}_{b}": (a, b) for a in names for b in names}
+            for link in names:
+                for reference_link in names:
+                    quantity = f"{kind}_{link}_{reference_link}"
+                    links_of_quantity[quantity] = (link, reference_link)
         link_names: set[str] = set()
         for quantity in self.quantities:
-            # Masses and loads have links of their own, which are added below.
+            # Quantities of masses and loads need the links on which these act. They are
+            # added below.
             default = () if quantity.startswith(INERTIAL) else names
             # With several inputs, quantities end with "_by_" and the input that moves.
             without_input, *_ = quantity.split("_by_")

@@ -385,18 +385,19 @@ class Sweep:
         return {name: values[is_met] for name, values in columns.items()}
 
     def tabulate_designs(self, designs: Floats, numbers: Indices) -> Columns:
-        """Compute the table of some designs, in all wanted modes, regardless of `where`.
+        """Compute the table of some designs, without checking the conditions of the sweep.
 
         Parameters
         ----------
         designs
-            (variables, n) values of the variables, in the units of the file.
+            (variables, n) values of the design variables, in the units of the file.
         numbers
             (n,) number of each design.
 
         Returns
         -------
-        The columns by name; each row is one design in one assembly mode.
+        The columns by name. Each row is one design in one assembly mode (way to assemble
+        the mechanism).
         """
         return self._as_columns(designs, numbers, self.evaluator.evaluate(designs))
 

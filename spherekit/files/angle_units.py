@@ -71,10 +71,10 @@ def to_text(angle: float, unit: AngleUnit) -> str:
 
 
 def unit_vector(xyz: Vector) -> Vector:
-    """Return a vector of nearly unit length, as given in a file, with the length 1.
+    """Scale a vector of a file, whose length is nearly 1, to the length 1.
 
-    A vector whose length is 1 up to rounding is returned unchanged. A file therefore reads
-    back as exactly the mechanism that was written.
+    A vector whose length is 1 up to rounding is returned unchanged. A mechanism that was
+    written to a file is therefore read back with exactly the same vectors.
 
     Raises
     ------

@@ -179,14 +179,14 @@ def convert_to_model(document: Document, data: Table, kind: Kind = "mechanism") 
 
 
 def convert_to_file(data: Table, unit: AngleUnit) -> Any:
-    """Return data of the model with angles and rates in the unit of a mechanism file.
+    """Convert the angles and rates in data of the model to the unit of a mechanism file.
 
     Parameters
     ----------
     data
-        Tables with angles in rad.
+        Tables as in a mechanism file, with angles in rad.
     unit
-        The unit of angles in the file.
+        The unit of angles in the file, "deg" or "rad".
     """
 
     def convert_angle(path: KeyPath, angle: float) -> LiteralNumber:

@@ -76,11 +76,11 @@ class Findings:
     Attributes
     ----------
     figures
-        Values for the summary, by name. They must be ready for JSON.
+        Values for the summary of the run, by name. They must be data that JSON can store.
     warnings
-        Whole sentences that are shown to the user.
+        Warnings for the user, as whole sentences.
     remarks
-        The results in a line or two, which are shown to the user.
+        The main results for the user, in a line or two.
     """
 
     figures: Mapping[str, Any] = field(default_factory=dict)

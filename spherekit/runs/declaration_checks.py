@@ -33,11 +33,16 @@ def find_class_fault(cls: Any) -> str:
 
 
 def _find_class_faults(cls: Any) -> Iterator[str]:
-    """Yield a phrase for everything that is wrong with the class of an analysis."""
+    """Yield a phrase for each fault in the class of an analysis.
+
+    An analysis is a frozen dataclass derived from `AbstractAnalysis`. Other people can
+    write one, so that its class attributes, methods, parameters and tables are checked.
+    """
     if not (isinstance(cls, type) and issubclass(cls, AbstractAnalysis)):
         yield f"{cls!r} is not a subclass of AbstractAnalysis"
         return
-    # The class attributes. Their annotations are ClassVar[type].
+    # The class attributes, such as `name`. Their annotations are ClassVar[type], of which
+    # `get_args` returns the type.
     for key, hint in get_type_hints(AbstractAnalysis).items():
         if not hasattr(cls, key):
             yield f"the class attribute `{key}` is missing"
@@ -65,7 +70,10 @@ def _find_class_faults(cls: Any) -> Iterator[str]:
 
 
 def _find_table_faults(tables: Sequence[Table]) -> Iterator[str]:
-    """Yield everything that is wrong with the declared tables of an analysis."""
+    """Yield a phrase for each fault in the tables that an analysis declares.
+
+    Names, units and the order of the columns are checked.
+    """
     for table in tables:
         if not NAME_PATTERN.fullmatch(table.name):
             yield f"the name {table.name!r} of a table is not letters, digits, underscores"
@@ -82,7 +90,8 @@ def _find_table_faults(tables: Sequence[Table]) -> Iterator[str]:
                     f"{listing(sorted(UNIT_SYMBOLS), len(UNIT_SYMBOLS))} "
                     "(--deg converts angles)"
                 )
-        # Successive columns that turn with the axes as components of vectors, three each.
+        # `turns` says how the numbers of a column change if all axes are rotated. Columns
+        # that change like the components of a vector must be next to each other: x, y, z.
         for behaviour, group in groupby(column.turns for column in table.columns):
             if behaviour == "vector" and len(list(group)) % 3:
                 yield f"table {table.name}: the columns of a vector come in threes: x, y, z"

@@ -19,9 +19,10 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Execution:
-    """How a run is done. The motion that it analyses is a `Study`.
+    """The options of a run that do not change which motion is analysed.
 
-    Raises `AnalysisError` if a value has another type than its field.
+    The motion is described by a `Study`. `AnalysisError` is raised if a value has another
+    type than its field.
 
     Attributes
     ----------
@@ -29,8 +30,9 @@ class Execution:
         Folder of the results. Tables are stored there block by block, so memory does not
         grow with the number of samples. Without it, tables stay in memory.
     unfinished
-        What to do with the work of a run that was stopped in the folder: ``"refuse"`` to
-        start, ``"resume"`` it (or start, if there is none), or ``"discard"`` it.
+        Treatment of a folder with the unfinished work of a stopped run: ``"refuse"`` to
+        start, ``"resume"`` the stopped run (or start, if there is none), or ``"discard"``
+        the work.
     formats
         Formats of the table files. By default Parquet, and CSV up to 100 MB.
     tables
@@ -41,7 +43,7 @@ class Execution:
         Whether to leave out the groups of links that no analysis needs. Assembly modes are
         then those of the remaining part, and only that part has to close.
     recorder
-        Receives the scenes of each block.
+        Receives the drawings (scenes) of each block of samples.
     log_every
         Number of successive samples of which one is recorded. By default it is chosen for
         at most `MAX_RECORDED_SAMPLES` in each assembly mode.
@@ -51,7 +53,7 @@ class Execution:
         Number of samples in a block. By default it is chosen for speed. It has no effect if
         an analysis reads all samples at once.
     setting
-        How velocities are computed.
+        The way in which velocities are computed.
     accuracy
         Known errors of the setting, which are added to the summary.
     """

@@ -236,7 +236,7 @@ class RunFolder:
         """
         finished_folder = self.work / FINISHED
         listed_names = _signed_summary(finished_folder / SUMMARY)[FILE_BYTES]
-        # Names with a folder in them cannot be from a run.
+        # The summary lists the files. A name with a folder in it cannot be from a run.
         names = [*(name for name in listed_names if Path(name).name == name), SUMMARY]
         self.refuse_foreign_results(names)
         try:

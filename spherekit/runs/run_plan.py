@@ -288,10 +288,11 @@ class RunPlan:
 
     @cached_property
     def identity(self) -> Facts:
-        """Everything on which the results of the run depend, ready for JSON.
+        """Everything on which the results of the run depend, as data that JSON can store.
 
-        Runs with the same identity give the same bits on one machine. A stopped run is
-        resumed only with the same identity.
+        Runs with the same identity give the same results, bit for bit, on one machine. A
+        stopped run is resumed only by a run with the same identity. Long arrays are
+        represented by checksums.
         """
         sampling = self.sampling
         position_analysis = sampling.position_analysis
@@ -306,9 +307,13 @@ class RunPlan:
             "samples": "x".join(map(str, sampling.shape)),
             "assembly_modes": [[mode.number, mode.label] for mode in modes],
         }
-        # Journals of earlier versions, which had no other crossings, have no such key.
+        # The key is left out for the default, because the journals of earlier versions lack
+        # it.
         if position_analysis.crossings == "pass":
             identity["crossings"] = "pass"
+        time_checksums = []
+        if timing is not None:
+            time_checksums = [hash_array(values) for values in vars(timing).values()]
         return identity | {
             "analyses": describe_analyses(self.analyses),
             "engine": None if simulation is None else simulation.engine.name,
@@ -316,9 +321,7 @@ class RunPlan:
             "setting": asdict(self.setting),
             "over_time": sampling.is_over_time,
             "input_values": hash_array(sampling.inputs),
-            "times": []
-            if timing is None
-            else [hash_array(values) for values in vars(timing).values()],
+            "times": time_checksums,
             "samples_in_a_block": self.block_size,
             "kernel": source.kernel.engine if isinstance(source, BatchRunner) else None,
         }
@@ -475,7 +478,11 @@ def make_run_plan(
 
 
 def motion_table(sampling: Sampling) -> Table:
-    """Return the table of configurations, with a column for each pair variable."""
+    """Return the declaration of the table of configurations of a run.
+
+    It has a column for each variable of a pair, and one for the time if the samples are
+    times.
+    """
     mechanism = sampling.position_analysis.mechanism
     variables = [
         Column(name, "rad", f"variable of pair {pair}")

@@ -144,9 +144,10 @@ class RunResult:
         Parameters
         ----------
         analysis
-            Name of the analysis, or ``"motion"``; by default the first one asked for.
+            Name of the analysis, or ``"motion"`` for the configurations. By default the
+            first analysis of the run.
         table
-            Name of its table; by default its main (first) one.
+            Name of the table. By default the first table of the analysis.
         degrees
             Whether angles are given in degrees instead of rad.
 
@@ -188,8 +189,8 @@ class RunResult:
     def save(self, path: str | Path) -> Path:
         """Write a recording for the viewer, and return its path.
 
-        The run is repeated, since a recording contains more than the tables, unless `plot`
-        or `show` has done that.
+        A recording contains more than the tables. The run is therefore repeated, unless
+        `plot` or `show` has repeated it before.
 
         Raises
         ------

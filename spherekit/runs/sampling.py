@@ -206,11 +206,14 @@ class Sampling:
 
     @property
     def mode_titles(self) -> dict[int, str]:
-        """A page title for each assembly mode, by its number.
+        """A page title for each assembly mode, by number of the mode.
 
-        It has the name of the mode, and the signs of its dyads if there are any.
+        An assembly mode is one of the ways to assemble the mechanism. The title has the
+        number, the name if there is one, and the signs of its dyads (groups of two links
+        with three R pairs) if there are any.
         """
         assembly_modes = self.position_analysis.assembly_modes
+        # Groups of links that are no dyads have the sign "~".
         has_signs = any(set(mode.label) != {"~"} for mode in assembly_modes)
         # A simulation can leave the mode in which it starts.
         prefix = "From mode" if self.simulation is not None else "Mode"
@@ -296,20 +299,22 @@ def make_sampling(
     follow: bool = True,
     on_progress: Callable[[Sampling], None] | None = None,
 ) -> Sampling:
-    """Find the assembly modes of a study, or solve its simulation, and return its samples.
+    """Return the samples of a study, with its assembly modes or its solved simulation.
+
+    The samples are values of the inputs, times of time laws, or times of a simulation.
 
     Parameters
     ----------
     study
-        The mechanism, and the samples, laws or start of its motion.
+        The mechanism, and the samples, the time laws or the start of its motion.
     engine
         The solver of a simulation; see `simulate`.
     follow
-        Whether assembly modes are searched if the samples are no times. Without them there
-        are no configurations.
+        Whether assembly modes (ways to assemble the mechanism) are searched if the samples
+        are no times. Without assembly modes there are no configurations.
     on_progress
-        Called while a simulation is solved, with all samples and with the part of the
-        simulation that is solved.
+        Function that is called while a simulation is solved. Its argument has all samples
+        and the part of the simulation that is solved.
 
     Raises
     ------
@@ -322,6 +327,7 @@ def make_sampling(
     mechanism = driven_at(study.mechanism)
     if study.duration is None:
         return _sample_inputs(study, mechanism, follow)
+    # With a duration the samples are times. With a start the motion is a simulation.
     assert isinstance(study.samples, int)
     t = np.linspace(0.0, study.duration, study.samples)
     if study.start is not None:
@@ -441,7 +447,8 @@ def _simulate_study(
     )
 
     def show_progress(partial_simulation: Simulation) -> None:
-        # The inputs of samples that are not simulated yet are unknown.
+        """Pass all samples to `on_progress`, with the part that is simulated already."""
+        # Inputs and rates are not filled in (NaN): they are known for a part only.
         unknown = nans((len(t), 1))
         assert on_progress is not None
         on_progress(
@@ -477,12 +484,12 @@ def sample_simulation(
     t: Floats,
     tolerance: float,
 ) -> Sampling:
-    """Return the samples of a solved simulation.
+    """Return the samples of a solved simulation, with inputs, rates and accelerations.
 
     Parameters
     ----------
     position_analysis
-        The assembly mode in which the simulation starts.
+        The position analysis with the assembly mode in which the simulation starts.
     simulation
         The solved simulation.
     t
@@ -495,7 +502,8 @@ def sample_simulation(
     end_time = simulation.end.t
     if end_time < duration:
         t = np.append(t[t < end_time], end_time)
-    # Evaluated in blocks, because a state has the rotation of every link.
+    # The states are evaluated in blocks, because a state has the rotations of all links,
+    # which need much memory.
     inputs = []
     rates = []
     accelerations = []
