@@ -75,7 +75,7 @@ class IndeterminateForces:
 
     @property
     def wanted(self) -> list[str]:
-        """The missing statements in words."""
+        """The missing information, as phrases of a message for users."""
         wanted = []
         if self.centres:
             wanted.append(f"mass and centre of the links {listing(self.centres)}")
@@ -296,12 +296,13 @@ def _check_determined(
     driven
         The motion with its driving torques.
     balance
-        The equations of the reactions in this motion.
+        The equations of the reactions in this motion, and their solution.
     frictions
-        The friction of bearings.
+        All loads that are friction of bearings or contacts.
     """
     mechanism = driven.mechanism
     equations = balance.equations
+    # (n, pairs, 6) whether a moment (0 to 2) or force (3 to 5) of a pair is not determined.
     open_components = equations.open_components
     for friction in frictions:
         is_open = open_components[:, mechanism.pair_number[friction.pair]]

@@ -177,8 +177,10 @@ def compile_equation(
     was_compiled = True
 
     def compile_now() -> CompiledEquation:
+        """Compile the equation, because the cache does not have it."""
         nonlocal was_compiled
         was_compiled = False
+        # A configuration is only given with several degrees of freedom.
         if values is None:
             expressions = derive_single_dof_equation(common_mechanism)
         else:

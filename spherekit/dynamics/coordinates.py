@@ -99,7 +99,8 @@ def motion_by_arc_length(
     """
     linearisation = closure.at(values)
     null_motion = solve_null_motion(closure.tree, linearisation.vectors)
-    # The last column of the inverse belongs to the equation that fixes the scale.
+    # The inverse is that of the velocity equations and of one more equation, which fixes
+    # the length of the tangent. The last column belongs to the latter.
     closing_inverse = null_motion.inverse[:, :, :-1]
     return _complete_motion(
         linearisation, null_motion.rates[:, None], closing_inverse, order
@@ -147,8 +148,8 @@ def motion_by_variables(
 ) -> CoordinateMotion:
     """Return configurations with some of the pair variables as coordinates.
 
-    Rates are not finite if these variables do not move independently: at dead centres of a
-    single one, and at singularities of type II of several.
+    Rates are not finite if these variables do not determine the motion: at dead centres of
+    a single variable, and at singularities of type II of several variables.
 
     Parameters
     ----------
@@ -157,10 +158,11 @@ def motion_by_variables(
     values
         (n, variables) closed configurations (rad).
     variables
-        Numbers of the m variables.
+        Indices of the m variables that are the coordinates.
     order
         1 leaves out the second derivatives.
     """
+    # Each coordinate is a sum of pair variables in which one variable has the factor 1.
     frame = np.eye(values.shape[1])[list(variables)]
     return motion_by_combinations(closure, values, frame, order)
 
@@ -233,8 +235,8 @@ def determinacy(rates: Floats) -> Floats:
 
     Returns
     -------
-    (n,) 1 if no other variable moves, 0 if other variables move while the coordinates rest,
-    so that rates are not finite.
+    (n,) between 1, if no other variable moves, and 0, if other variables move while the
+    coordinates rest. It is 0 in rows in which rates are not finite.
     """
     is_finite = all_finite(rates, (1, 2))
     measure = np.zeros(len(rates))

@@ -228,7 +228,7 @@ class EquationOfMotion:
         self.works = slice(self.variable_count + freedoms, None)
 
     def make_state(self, values: Floats, speed: Floats, frame: Floats) -> Floats:
-        """Return the state (states,) in which no load has done any work.
+        """Return the state at given positions and rates, before loads do any work.
 
         Parameters
         ----------
@@ -237,7 +237,13 @@ class EquationOfMotion:
         speed
             (m,) rates of the coordinates.
         frame
-            (m, variables) see `compute_motion`.
+            (m, variables) coefficients of the pair variables in each coordinate; see
+            `compute_motion`.
+
+        Returns
+        -------
+        (states,) the pair variables, the momenta R speed with the root R of the inertia
+        matrix, and zeros for the works of the loads.
         """
         motion = self.compute_motion(values[None], frame)
         roots = InertiaRoots.from_inertia(inertia_matrix(self.mechanism, motion))

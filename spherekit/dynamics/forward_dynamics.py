@@ -159,12 +159,9 @@ def simulate(
 
 
 def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: float) -> None:
-    """Refuse an unknown engine, and a tolerance that it does not reach.
+    """Raise `SolveError` if an engine is unknown or a tolerance is out of its range.
 
-    Raises
-    ------
-    SolveError
-        If one of them is refused.
+    The range of tolerances (rad) depends on the engine.
     """
     if engine not in ENGINE_CHOICES:
         raise SolveError(

@@ -30,9 +30,9 @@ class UnitWrench:
     link
         Number of the link.
     moment
-        (n, 3) or (3,) moment about the centre, per unit of the magnitude.
+        (n, 3) or (3,) moment about the centre of the sphere, per unit of the magnitude.
     force
-        (n, 3) or (3,) force of which this is the moment; 0 for a couple.
+        (n, 3) or (3,) force that has this moment; 0 if the component is a couple.
     """
 
     link: int
@@ -68,7 +68,10 @@ class Loads:
     """
 
     def __init__(self, mechanism: Mechanism) -> None:
-        """List the components of all loads, and those that are friction of bearings."""
+        """List the components of all loads, and which of them are friction.
+
+        The class explains the attributes.
+        """
         self.mechanism = mechanism
         self.names = tuple(load.name for load in mechanism.loads)
         components: list[LoadComponent] = []
@@ -79,6 +82,7 @@ class Loads:
             self.owners += [load_index] * len(load_components)
         self.components = tuple(components)
         self.steep_arguments = find_steep_arguments(mechanism)
+        # Friction that follows from reactions, with its coefficients.
         self.friction_components: list[int] = []
         coefficients: list[float] = []
         for index, component in enumerate(self.components):
@@ -89,6 +93,8 @@ class Loads:
                 self.friction_components.append(index)
                 coefficients.append(component.bearing_friction.friction_coefficient)
         self.friction_coefficients = np.array(coefficients)
+        # Loads that may change abruptly between the nodes of an integration step: steep
+        # functions, and Python functions of which nothing is known.
         self.needs_step_probes = bool(self.steep_arguments) or any(
             isinstance(component.magnitude, TorqueCallback) for component in self.components
         )

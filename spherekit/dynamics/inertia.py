@@ -99,8 +99,9 @@ def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
 
         w_i . I_k w_j = (w_i x w_k) . I w_j + (I w_i) . (w_j x w_k).
 
-    This is zero for i = j = k. With one coordinate, dB = 2 sum of w . I dw is eq. (19)
-    there, without its derivatives of rotations.
+    Here I_k is the derivative of I by coordinate k. The expression is zero for i = j = k.
+    With one coordinate, dB = 2 sum of w . I dw; this is eq. (19) of Di Gregorio (2024)
+    without its derivatives of rotations.
     """
     # All vectors are in link axes, in which the inertia tensors are constant.
     tensors, w = _link_components(mechanism, motion, motion.w)

@@ -43,10 +43,10 @@ class InputMotion:
 
     @property
     def dq(self) -> Floats:
-        """(n,) its rate, rad/s."""
+        """(n,) rate of the only input, rad/s."""
         return only_column(self.input_rates)
 
     @property
     def ddq(self) -> Floats:
-        """(n,) its acceleration, rad/s2."""
+        """(n,) acceleration of the only input, rad/s2."""
         return only_column(self.input_accelerations)

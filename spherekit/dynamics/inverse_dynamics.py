@@ -287,13 +287,14 @@ def inverse_dynamics(
     mechanism
         A mechanism with masses, loads or both.
     law
-        Variable, rate and acceleration of the input as functions of time. With several
-        inputs a mapping from their names to laws, or a rotation of an output in time
-        (`spherekit.time_optimal`), which has its own assembly mode.
+        The time law of the input: its variable, rate and acceleration as functions of time.
+        With several inputs, a mapping from their names to laws, or a rotation of an output
+        in time (`spherekit.time_optimal`), which has its own assembly mode.
     times
         (k,) increasing times, s.
     input_pair, assembly_mode, search
-        As in `spherekit.trace`. They have no effect on a rotation.
+        Name of the driven pair, number of the assembly mode (None for all), and whether all
+        modes are searched for, as in `spherekit.trace`. They have no effect on a rotation.
 
     Raises
     ------
@@ -317,9 +318,11 @@ def inverse_dynamics(
     need_terms(mechanism)
     if isinstance(law, TimeScaling):
         return needed_torques(_motion_of_rotation(mechanism, law, t))
+    # The configurations of all modes at the inputs of these times.
     mechanism, laws = _driven(mechanism, law, input_pair)
     q, timing = evaluate_time_laws(mechanism.input_pairs, laws, t)
     position_analysis, motion = compute_modes_at_inputs(mechanism, q, assembly_mode, search)
+    # The rows of the motion are all times of the first mode, then of the next one.
     mode_count = len(position_analysis.assembly_modes)
     motion = replace(motion, timing=timing.repeated(mode_count))
     return needed_torques(unwrap_motion(motion, position_analysis.angle_unwrapping))

@@ -303,12 +303,14 @@ class Collocation:
         return t
 
     def simulation(self, reason: str, forecast: Forecast | None = None) -> Simulation:
-        """Return the motion as far as it is known.
+        """Return the motion up to the last accepted step, as a simulation.
 
         Parameters
         ----------
-        reason, forecast
-            As in `EngineReport`.
+        reason
+            The reason why this engine was chosen, in words.
+        forecast
+            The expected computing times by which the engine was chosen, or None.
 
         Raises
         ------
@@ -416,7 +418,9 @@ class Collocation:
     def _choose_first_length(self) -> float:
         """Return the length (s) of the first step, from speed and acceleration.
 
-        The motion moves along about `FIRST_STEP_ARC` in it, in at most 1 s.
+        It is chosen so that the mechanism moves along about `FIRST_STEP_ARC` in the step,
+        and is at most 1 s: the smallest of FIRST_STEP_ARC / speed,
+        sqrt(FIRST_STEP_ARC / acceleration) and 1.
         """
         until = self.problem.until
         dynamics = self._evaluate_dynamics(np.zeros(1), self.start_state[None])

@@ -142,8 +142,8 @@ class Reactions(JointReactions):
         """Return x and y components of vectors at R pairs, in axes fixed in the first link.
 
         The given components are along the axes of each pair, which are fixed in its second
-        link. These axes coincide with those in the first link if the pair's angle is zero,
-        and are turned about z by this angle otherwise.
+        link. Relative to the axes fixed in the first link, they are turned about z by the
+        angle of the pair.
 
         Parameters
         ----------

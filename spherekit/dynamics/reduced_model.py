@@ -287,8 +287,9 @@ class StoredModel:
     def rate(self, name: str, x: Coordinate) -> Coordinate:
         """Return the velocity coefficient of a pole along a curve.
 
-        Multiplied by the unit vector of the pole, it is the angular velocity of the first
-        link relative to the second, per unit rate of x.
+        A pole is the axis about which two links rotate relative to each other. The velocity
+        coefficient times the unit vector of the pole is the angular velocity of the first
+        link relative to the second, per unit rate of the coordinate x.
 
         Parameters
         ----------
@@ -417,6 +418,9 @@ class StoredModel:
     def save(self, path: AnyPath) -> None:
         """Write the model to a NumPy archive (.npz) that describes itself.
 
+        The archive has the heading as text, with a description of the arrays, and for each
+        group k of functions arrays such as "coefficients_k".
+
         Raises
         ------
         OutputError
@@ -462,8 +466,11 @@ class StoredModel:
         ----------
         functions
             Result of the first function of `dynamics` at this point.
-        x, dx, ddx, t
-            As in `torque`.
+        x, dx, ddx
+            Coordinates (rad) and their first and second rates by time: numbers along a
+            curve, sequences (m,) over a box.
+        t
+            Time (s) for loads that depend on it.
         """
         heading = self.heading
         _, torque_function = self.dynamics

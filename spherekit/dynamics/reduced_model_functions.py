@@ -23,7 +23,10 @@ functions are stored less accurately.
 
 
 class FunctionKind(Enum):
-    """The kinds of stored functions. The scales of functions of one kind are compared."""
+    """The kinds of functions that a reduced model stores.
+
+    The scales of functions of one kind, by which their errors are judged, are compared.
+    """
 
     ANGLE = auto()
     ANGLE_DERIVATIVE = auto()
@@ -41,14 +44,15 @@ class FunctionKind(Enum):
 
 @dataclass(frozen=True)
 class FunctionLabel:
-    """The name, the unit and the kind of a stored function.
+    """The name, the unit and the kind of a function that a reduced model stores.
 
     Attributes
     ----------
     name, unit
         Name and unit in the heading of the model.
     kind
-        What the function is.
+        Kind of the function, such as an angle or an inertia. Functions of one kind are
+        compared in size.
     vector
         Name that the components of a vector share; empty if the function has its own scale.
     derivative_of

@@ -28,16 +28,16 @@ Larger: models are extrapolated. Smaller: computed ends of the range can be refu
 
 @dataclass(frozen=True)
 class StoredFunction:
-    """A stored function of the coordinates.
+    """Name, unit and accuracy of a function that a reduced model stores.
 
     Attributes
     ----------
     name, unit
-        Its name and unit.
+        Name and unit of the function.
     largest
-        Its largest absolute value. The components of a vector share one value.
+        Largest absolute value of the function. The components of a vector share one value.
     error
-        Measured error, relative to `largest`.
+        Largest measured error of the stored series, relative to `largest`.
     """
 
     name: str
@@ -350,7 +350,8 @@ class StoredHeading:
     def reduce_to_range(self, x: float) -> tuple[float, int]:
         """Return the coordinate of a curve within its range, and the number of laps.
 
-        The laps are those that were subtracted, if the curve is periodic.
+        If the curve is periodic, whole laps are subtracted from the coordinate x (rad). The
+        second value is the number of these laps, otherwise 0.
 
         Raises
         ------

@@ -274,7 +274,17 @@ def _check_request(
 ) -> Mechanism:
     """Return the mechanism, or raise `SolveError` if no reduced model can be made of it.
 
-    `tolerance` is the requested one, and `min_tolerance` the smallest that is allowed.
+    Parameters
+    ----------
+    mechanism
+        The mechanism, or its name or file.
+    tolerance, min_tolerance
+        Requested relative error of the functions, and the smallest allowed one.
+
+    Raises
+    ------
+    SolveError
+        If the tolerance is out of its range.
     """
     mechanism = mechanism_of(mechanism)
     if not min_tolerance <= tolerance <= MAX_TOLERANCE:
@@ -282,6 +292,7 @@ def _check_request(
             f"{mechanism.name}: tolerance is {tolerance:g}, allowed is "
             f"{min_tolerance:g} to 1e-2"
         )
+    # Raises an error for friction that depends on reactions, which are not stored.
     check_no_reaction_friction(mechanism, "a stored model has not")
     return mechanism
 

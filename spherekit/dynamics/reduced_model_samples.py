@@ -194,7 +194,11 @@ class Sampler:
         self.has_dynamics = bool(self.mechanism.masses or self.mechanism.loads)
 
     def make_heading(self, assembly_mode: int) -> StoredHeading:
-        """Return the heading of the model of an assembly mode, without its functions."""
+        """Return the heading of the model of an assembly mode, without its functions.
+
+        The heading describes a reduced model: the mechanism, its loads, and the coordinates
+        with their ranges. The functions are added after they were fitted.
+        """
         mechanism = self.mechanism
         return StoredHeading(
             mechanism=mechanism.name,
@@ -250,7 +254,10 @@ class Sampler:
         return variable in self.mechanism.angles.values()
 
     def _label_inertia(self, heading: StoredHeading) -> list[FunctionLabel]:
-        """Return the labels of the inertia matrix and of its Christoffel symbols."""
+        """Return the labels of the inertia matrix and of its Christoffel symbols.
+
+        Along a curve these are only the inertia B and its derivative dB/dx.
+        """
         labels = [
             FunctionLabel(name, "kg m2", FunctionKind.INERTIA) for name in heading.inertia
         ]
@@ -358,8 +365,12 @@ class CurveSampler(Sampler):
     def __init__(
         self, position_analysis: PositionAnalysis, poles: tuple[Pole, ...]
     ) -> None:
-        """Follow the configuration curve, and choose its coordinate and period."""
+        """Follow the configuration curve, and choose its coordinate and period.
+
+        The parameters are those of `Sampler`.
+        """
         super().__init__(position_analysis, poles)
+        # `values` is a configuration on the curve.
         self.curve, values = _follow_curve(position_analysis)
         curve = self.curve
         driven = position_analysis.solver.input_variable
@@ -374,9 +385,10 @@ class CurveSampler(Sampler):
         # and never almost stops, otherwise the arc length s.
         input_rates = curve.nodes.tangents[:, driven]
         revolutions = int(curve.winding[driven])
+        never_almost_stops = np.all(input_rates * np.sign(revolutions) > MIN_CRANK_RATE)
         self.is_by_input = bool(
             curve.closed
-            and np.all(input_rates * np.sign(revolutions) > MIN_CRANK_RATE)
+            and never_almost_stops
             and not len(curve.dead_points(driven).places)
         )
         self.input_sense = 1.0
@@ -403,8 +415,10 @@ class CurveSampler(Sampler):
     ) -> list[FunctionLabel]:
         """Return the labels of the five functions of a pole.
 
-        They are the components of its unit vector in ground axes, its velocity
-        coefficient, and the derivative of this coefficient.
+        A pole is the axis about which two links rotate relative to each other. The
+        functions are the three components of its unit vector in ground axes, its velocity
+        coefficient (relative angular velocity per unit rate of the coordinate), and the
+        derivative of this coefficient.
 
         Parameters
         ----------
@@ -413,22 +427,17 @@ class CurveSampler(Sampler):
         heading
             The heading of the model, which forms the names of derivatives.
         """
-        labels = [
-            FunctionLabel(
-                f"pole {pole} {axis}", "", FunctionKind.POLE_AXIS, vector=f"pole {pole}"
+        labels: list[FunctionLabel] = []
+        for axis in "xyz":
+            name = f"pole {pole} {axis}"
+            labels.append(
+                FunctionLabel(name, "", FunctionKind.POLE_AXIS, vector=f"pole {pole}")
             )
-            for axis in "xyz"
-        ]
         coefficient = f"rate {pole}"
         labels.append(FunctionLabel(coefficient, "", FunctionKind.VELOCITY_COEFFICIENT))
-        labels.append(
-            FunctionLabel(
-                heading.derivative(coefficient),
-                "1/rad",
-                FunctionKind.ACCELERATION_COEFFICIENT,
-                derivative_of=coefficient,
-            )
-        )
+        derivative = heading.derivative(coefficient)
+        kind = FunctionKind.ACCELERATION_COEFFICIENT
+        labels.append(FunctionLabel(derivative, "1/rad", kind, derivative_of=coefficient))
         return labels
 
     def evaluate_groups(self, groups: Sequence[int], x: Floats) -> Floats:

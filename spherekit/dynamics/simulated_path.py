@@ -229,10 +229,9 @@ class CoordinateFrames:
         roots = InertiaRoots.from_inertia(masses.M)
         # Momenta are p = R u with the root R of M and the rates u of the coordinates.
         states[:, momenta] = roots.multiply(speeds)
-        # The product rule for the momenta, the root of M times the rates of coordinates.
-        rates[:, momenta] = roots.multiply_derivative(masses.dM, speeds) + roots.multiply(
-            accelerations
-        )
+        # By the product rule, dp/dt = (dR/dt) u + R du/dt.
+        root_part = roots.multiply_derivative(masses.dM, speeds)
+        rates[:, momenta] = root_part + roots.multiply(accelerations)
         return np.broadcast_to(self.frame, (len(states), *self.frame.shape))
 
 

@@ -73,7 +73,7 @@ class Event:
     inputs
         Variables of the inputs, rad.
     pair
-        Name of the pair that the event belongs to, or empty.
+        Name of the pair to which the event belongs, or empty.
     """
 
     kind: EventKind
@@ -89,22 +89,24 @@ class Event:
 
 @dataclass(frozen=True)
 class EngineReport:
-    """The engine of a simulation, and its cost.
+    """The engine that computed a simulation, and the computing time.
 
     Attributes
     ----------
     name
-        The engine.
+        "numpy" for collocation with NumPy, "compiled" for Taylor series by heyoka.
     reason
-        The reason why this engine was taken.
+        The reason why this engine was chosen, in words.
     compile_seconds
-        Time that compiling took now, s. It is 0 if the equation was compiled before.
+        Computing time for compiling the equation of motion, s. It is 0 if the equation had
+        been compiled before.
     seconds
-        Time that solving took, s.
+        Computing time for solving it, s.
     steps
-        Number of steps.
+        Number of integration steps.
     forecast
-        The expected times by which the engine was chosen. None if there was no choice.
+        The expected computing times by which the engine was chosen. None if there was no
+        choice.
     """
 
     name: Literal["numpy", "compiled"]
@@ -241,10 +243,11 @@ class Simulation:
 
     @property
     def missed(self) -> str | None:
-        """A message if the tolerance is missed, otherwise None.
+        """A message if the simulation misses its tolerance, otherwise None.
 
-        The balance of power can always show that it is missed. The error can show it only
-        if the simulation was compared with another one.
+        There are two kinds of evidence: the difference from a more accurate simulation, if
+        there is one, and the difference between the power of the loads and the rate of the
+        kinetic energy.
         """
         if self.tolerance is None:
             return None

@@ -61,16 +61,17 @@ Larger: simulations that fail for another reason are said to end without inertia
 
 @dataclass(frozen=True)
 class SimulationEnd:
-    """The reason for which a simulation ended.
+    """Time and reason of the end of a simulation.
 
     Attributes
     ----------
     kind
-        The kind of the end.
+        Kind of the end: "time" if the requested time is over, otherwise for example
+        "joint_limit" or "singularity".
     t
-        The time of the end, s.
+        Time of the end, s.
     message
-        The reason in words.
+        The reason in words, for users.
     """
 
     kind: EndKind

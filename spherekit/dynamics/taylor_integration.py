@@ -234,10 +234,12 @@ class RunStart:
     turns
         (variables,) numbers of these whole revolutions.
     momenta
-        (m,) momenta: with one degree of freedom sqrt(B) u, positive in the sense of the
-        homogeneous rates.
+        (m,) momenta as in the compiled equation. With one degree of freedom the momentum is
+        sqrt(B) u, with the inertia B and the rate u along the curve, positive in the sense
+        of the homogeneous rates.
     momentum_unit
-        A momentum of usual size, not zero.
+        A momentum of typical size, not zero. It is the unit of momentum unless the momenta
+        are larger.
     previous_run
         The run that is continued with other coordinates, if any.
     closure_residual
@@ -458,7 +460,11 @@ class TaylorIntegration:
         return steps_tried, end
 
     def _store_segment(self, steps: Sequence[TaylorStep]) -> None:
-        """Add a segment of these steps, and update the largest measure of independence."""
+        """Store steps as a segment, and update the largest measure of independence.
+
+        The measure is zero where sets of configurations cross. It is evaluated at the start
+        of each step.
+        """
         series = np.array([step.series for step in steps])
         self.segments.append(
             Segment(
@@ -471,6 +477,7 @@ class TaylorIntegration:
                 work=self.work,
             )
         )
+        # The terms of order 0 are the state at the start of a step.
         start_values = series[:, : self.variable_count, 0]
         independence = self.equation.measure_independence(start_values)
         self.max_independence = max(self.max_independence, float(np.max(independence)))

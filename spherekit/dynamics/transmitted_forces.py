@@ -421,19 +421,21 @@ def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
 
 
 def _outside_span(is_regular: Bools, vectors: Floats) -> Bools:
-    """Return which coordinate axes have a part outside the span of some unit vectors.
+    """Return which coordinate axes of a space are not in the span of some unit vectors.
 
     Parameters
     ----------
     is_regular
-        (n, r) the vectors that span the space.
+        (n, r) whether a vector is one of those that span the subspace.
     vectors
-        (n, r, k) orthonormal vectors in rows.
+        (n, r, k) orthonormal vectors in rows, with k coordinates.
 
     Returns
     -------
-    (n, k) whether the squared part outside exceeds `DETERMINED_PART`.
+    (n, k) whether the squared part of a coordinate axis outside the subspace exceeds
+    `DETERMINED_PART`.
     """
+    # The squared length of the projection of each coordinate axis onto the subspace.
     inside = np.sum(is_regular[..., None] * vectors**2, axis=1)
     return 1.0 - inside > DETERMINED_PART
 

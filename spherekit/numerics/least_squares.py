@@ -100,11 +100,12 @@ def minimize_squares(
         damping_factor = np.where(is_better, DAMPING_DECREASE, DAMPING_INCREASE)
         damping[active] = np.maximum(damping[active] * damping_factor, MIN_DAMPING)
 
-        goes_on = (squares[active] >= sufficient_root**2) & (damping[active] < MAX_DAMPING)
-        goes_on &= step_size > MIN_STEP
-        active = active[goes_on]
-        residual = residual[goes_on]
-        jacobian = jacobian[goes_on]
+        is_unfinished = squares[active] >= sufficient_root**2
+        is_unfinished &= damping[active] < MAX_DAMPING
+        is_unfinished &= step_size > MIN_STEP
+        active = active[is_unfinished]
+        residual = residual[is_unfinished]
+        jacobian = jacobian[is_unfinished]
         if not len(active):
             break
     return values, squares

@@ -204,17 +204,20 @@ def find_sign_changes(
 
 @dataclass(frozen=True)
 class _CellContent:
-    """Zeros and doubtful intervals of a function in a cell, which is [-1, 1] here.
+    """Zeros and doubtful intervals of a function in one cell of its range.
+
+    The function is replaced by a polynomial in the cell. Positions are reduced to the
+    interval from -1 to 1.
 
     Attributes
     ----------
     zeros, slopes
-        (k,) sign changes of the polynomial, and its derivatives there.
+        (k,) positions of sign changes of the polynomial, and its derivatives at them.
     doubtful
         (d, 2) intervals about extrema that may be zero; the whole cell if the polynomial
         does not fit.
     needs_halving
-        Whether smaller cells may tell more.
+        Whether the halves of the cell may give a clearer result.
     rounding_error
         Error of the polynomial if it is caused by rounding only, otherwise 0.
     """

@@ -240,9 +240,9 @@ class CellSums:
         `cell` is its number, as `TensorChebyshev.find_cell` returns it. A position outside
         the cell gets the value at its edge.
         """
-        # Each pass sums over the orders of one variable, which is the first axis. The sum
-        # is a dot product with T_k = cos(k angle), where cos(angle) is the reduced
-        # position.
+        # The coefficients have one axis of orders per variable. Each pass sums over the
+        # first remaining axis, by a dot product with T_k = cos(k angle), where cos(angle)
+        # is the reduced position, limited to [-1, 1].
         sums = self._coefficients[cell]
         orders = self._orders
         cos = np.cos

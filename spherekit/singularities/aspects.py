@@ -50,12 +50,16 @@ NO_CONFIGURATION = -1
 class Aspects:
     """n configurations over an input grid, and the aspect of each.
 
+    An aspect is a part of the configurations that is connected without a singularity. At
+    singularities of type II the output can move while the inputs rest, at those of type I
+    inputs can move while the output rests.
+
     Attributes
     ----------
     input_grid
-        The samples of the inputs.
+        The grid of samples of the inputs.
     row
-        (n,) sample of each configuration.
+        (n,) number of the sample of the grid at which each configuration is.
     values, inputs
         The variables (n, V) and inputs (n, g), rad.
     label
@@ -63,19 +67,21 @@ class Aspects:
     sizes
         (aspects,) numbers of configurations.
     sign_two, sign_one
-        (aspects,) sign of the determinant of type II and of that of type I. 0 if there is
-        no sign, because J does not determine the sense of the motions or the output has
-        more degrees of freedom than there are inputs. Also 0 if an aspect holds both signs
-        of type I, which is possible if only type II divides aspects.
+        (aspects,) sign of the determinant that vanishes at type II, and of that of type I.
+        0 if there is no sign: because the closure Jacobian does not determine the sense of
+        the motions, or because the output has more degrees of freedom than there are
+        inputs. Also 0 if an aspect has both signs of type I, which is possible if only type
+        II divides aspects.
     modes
-        (aspects,) greatest number of configurations at one sample. If it is more than one,
-        the mechanism can change its assembly mode within the aspect, without a singularity.
+        (aspects,) largest number of configurations at one sample. If it exceeds one, the
+        mechanism can change its assembly mode (the way in which it is assembled at the same
+        inputs) within the aspect, without a singularity.
     free_of
         The types of singularity that divide aspects.
     singular
-        Number of configurations met that are singular themselves, and so in no aspect.
+        Number of configurations that are singular themselves, and so in no aspect.
     note
-        What was not done because the time was spent, or empty.
+        The part of the work that was left out because the time limit was reached, or empty.
     """
 
     input_grid: InputGrid
@@ -179,8 +185,8 @@ def _start_configurations(
 ) -> tuple[Floats, Indices]:
     """Return configurations at samples of the inputs from which the search starts.
 
-    For mechanisms of dyads, whose assembly modes have a closed form, they are those of all
-    modes at all samples. For others, whose modes take longer to find, they are those of all
+    For mechanisms of dyads, whose assembly modes have a closed form, the result has all
+    modes at all samples. For other mechanisms, whose modes take longer to find, it has all
     modes at a few samples, evenly spread over the grid.
 
     Returns
@@ -191,6 +197,7 @@ def _start_configurations(
     if solver.assembly.has_closed_form:
         rows = np.arange(len(input_grid))
     else:
+        # The rows of a coarse grid within the grid.
         indices_by_input = []
         for count in input_grid.shape:
             indices = np.linspace(0, count - 1, min(START_SAMPLES_PER_INPUT, count))
@@ -204,17 +211,21 @@ def _start_configurations(
 class _AspectNodes(ArrayRows):
     """n configurations at samples of an input grid, and the signs that separate aspects.
 
+    An aspect is a part of the configurations that is connected without a singularity. At
+    type II the output can move while the inputs rest, at type I inputs can move while the
+    output rests.
+
     Attributes
     ----------
     values
         (n, V) variables (rad).
     sample
-        (n,) sample of each configuration.
+        (n,) number of the sample at which each configuration is.
     is_regular
-        (n,) whether the configuration is singular of no type that divides aspects.
+        (n,) whether the configuration has no singularity of a type that divides aspects.
     determinant_two, determinant_one
-        (n,) determinants that vanish at types II and I; 0 without a meaningful sign of
-        type II, or without an output.
+        (n,) determinants that vanish at types II and I. The first one is 0 if its sign has
+        no meaning, the second one if there is no output.
     slope_one
         (n, g) derivatives of `determinant_one` by the inputs, 0 if type I does not divide.
     """
@@ -234,7 +245,9 @@ class _AspectGraph:
     """A graph of configurations at the samples of an input grid.
 
     Two configurations at neighbouring samples are connected if a straight path of the
-    inputs leads from one to the other without a singularity that divides aspects.
+    inputs leads from one to the other without a singularity. Connected parts of the graph
+    are the aspects. At singularities of type II the output can move while the inputs rest,
+    at those of type I inputs can move while the output rests.
 
     Parameters
     ----------
@@ -250,16 +263,16 @@ class _AspectGraph:
     Attributes
     ----------
     neighbours
-        (directions, samples) neighbouring sample in each direction of the grid, -1 where
-        there is none. Directions 2 k and 2 k + 1 are opposite.
+        (directions, samples) number of the neighbouring sample in each direction of the
+        grid, -1 without one. Direction 2 k leads upwards along input k, 2 k + 1 downwards.
     nodes
         The configurations.
     numbers_at_sample
         (samples, k) numbers of the configurations at each sample, `NO_CONFIGURATION` where
         there are no more.
     is_path_known
-        (n, directions) whether the path from a configuration in a direction needs not be
-        followed, because it was followed from its other end.
+        (n, directions) whether the path from a configuration in a direction was followed
+        from its other end, so that it need not be followed again.
     connections
         Arrays (m, 2) of the numbers of connected configurations.
     """
@@ -272,6 +285,7 @@ class _AspectGraph:
         divides_by_type_one: bool,
         time_limit: TimeLimit,
     ) -> None:
+        """Make a graph without configurations; the class explains the parameters."""
         self.time_limit = time_limit
         self.solver = solver
         self.input_grid = input_grid
@@ -306,6 +320,7 @@ class _AspectGraph:
         closure = self.solver.closure
         input_count = len(self.driven)
         locus_two = SingularityLocus(closure, input_count, InputsLocked(self.solver.driven))
+        # All rates that close the loops, and the least motion of the inputs among them.
         space = locus_two.tangent_space(values)
         measure_two = locus_two.measure(space)
         smallest_value = np.minimum(
@@ -342,10 +357,11 @@ class _AspectGraph:
         )
 
     def add_configurations(self, values: Floats, samples: Indices) -> Indices:
-        """Add configurations at samples, unless the graph has them.
+        """Add configurations at samples of the grid, unless the graph has them already.
 
         Configurations of one sample are the same if their variables differ by whole periods
-        only, within a tolerance. `nodes`, `numbers_at_sample` and `is_path_known` grow.
+        only, within a tolerance. New ones are appended to `nodes`, `numbers_at_sample` and
+        `is_path_known`.
 
         Parameters
         ----------
@@ -360,8 +376,9 @@ class _AspectGraph:
         """
         numbers = np.full(len(values), NO_CONFIGURATION)
         remaining = np.arange(len(values))
-        # Column after column, each remaining configuration is compared with the one that is
-        # stored at its sample, or is stored there if the column is empty.
+        # `numbers_at_sample` has one row per sample. Column after column, each remaining
+        # configuration is compared with the one stored in its row. If the column is still
+        # empty in this row, it is stored there.
         column = 0
         while len(remaining):
             if column == self.numbers_at_sample.shape[1]:
@@ -380,8 +397,8 @@ class _AspectGraph:
             new_nodes = self._make_nodes(values[new], empty_samples)
             self.nodes = _AspectNodes.joined([self.nodes, new_nodes])
 
-            # Configurations that are the stored one get its number. The others remain for
-            # the next column.
+            # Configurations that equal the stored one get its number. The others are
+            # compared with the next column.
             stored = self.numbers_at_sample[samples[remaining], column]
             differences = less_periods(
                 values[remaining] - self.nodes.values[stored], self.periods
@@ -398,7 +415,8 @@ class _AspectGraph:
         """Follow the paths from all configurations to neighbouring samples.
 
         Configurations that are met for the first time are added and continued in turn,
-        until none is new, or until the limit of time or of their number is reached.
+        until none is new, or until the limit of time or of their number is reached. All
+        results are stored in the graph.
         """
         processed = 0
         while processed < len(self.nodes) < MAX_ASPECT_CONFIGURATIONS:
@@ -407,7 +425,8 @@ class _AspectGraph:
                 return
             new = processed + np.flatnonzero(self.nodes.is_regular[processed:])
             processed = len(self.nodes)
-            # First forwards along all inputs, then backwards where no path led forwards.
+            # Paths forwards along all inputs (even directions), then backwards (odd ones)
+            # unless the same path was followed forwards from its other end.
             for sense in (0, 1):
                 needs_path = ~self.is_path_known[new, sense::2]
                 start, input_number = np.nonzero(needs_path)
@@ -416,9 +435,10 @@ class _AspectGraph:
     def _follow_paths(self, starts: Indices, directions: Indices) -> None:
         """Follow straight paths of the inputs, and connect configurations at their ends.
 
-        A path is followed by verified steps, which do not pass a singularity of type II. A
-        configuration at its end that is new is added. Both ends are connected if they are
-        regular and, if type I divides aspects, its determinant keeps its sign.
+        A path is followed by verified steps, which do not pass a singularity of type II. If
+        the configuration at its end is new, it is added to the graph. Both ends are
+        connected if they are regular and, if type I divides aspects, the determinant of
+        type I keeps its sign on the path.
 
         Parameters
         ----------
@@ -435,14 +455,14 @@ class _AspectGraph:
         goal_samples = goal_samples[has_goal]
         values = self.nodes.values[starts]
         goals = self.input_grid.q[goal_samples]
-        # The variables may have grown by whole revolutions.
+        # The goals are shifted to the revolutions on which the variables are.
         goals += TURN * np.round((values[:, self.driven] - goals) / TURN)
         followed = follow_inputs(self.solver.closure, self.driven, values, goals)
         end_nodes = followed.nodes
         arrived = followed.status == Status.OK
         ends = self.add_configurations(end_nodes.values[arrived], goal_samples[arrived])
-        # The path back needs not be followed. The opposite direction of 2 k is 2 k + 1, and
-        # the reverse (exclusive or with 1).
+        # The path back need not be followed. Exclusive or with 1 gives the opposite
+        # direction: 2 k + 1 for 2 k, and 2 k for 2 k + 1.
         self.is_path_known[ends, directions[arrived] ^ 1] = True
         pairs = np.stack([starts[arrived], ends], axis=1)
         is_connected = np.all(self.nodes.is_regular[pairs], axis=1)
@@ -465,9 +485,9 @@ class _AspectGraph:
         input_changes
             (n, g) changes of the inputs along the path (rad).
         """
-        # (n, 2) values at both ends, and derivatives by the part of the path, 0 to 1. The
-        # outer Bernstein coefficients are the values, the inner ones are value + slope / 3
-        # at the start, and value - slope / 3 at the end.
+        # (n, 2) values at both ends, and derivatives by the position on the path, from 0 to
+        # 1. The outer Bernstein coefficients are the values, the inner ones are value +
+        # slope / 3 at the start, and value - slope / 3 at the end.
         slopes = np.matvec(self.nodes.slope_one[pairs], input_changes)
         values = self.nodes.determinant_one[pairs]
         inner_coefficients = values + slopes * [1.0, -1.0] / 3.0
@@ -477,7 +497,8 @@ class _AspectGraph:
     def label_aspects(self, free_of: tuple[LocusName, ...]) -> Aspects:
         """Return the regular configurations with their aspects.
 
-        `free_of` are the types that divide aspects, for the result.
+        Aspects are the connected components of the graph. `free_of`, the types of
+        singularity that divide aspects, is passed to the result.
         """
         regular_numbers = np.flatnonzero(self.nodes.is_regular)
         nodes = self.nodes.rows(regular_numbers)
@@ -485,7 +506,7 @@ class _AspectGraph:
         edges = np.searchsorted(regular_numbers, np.concatenate(self.connections))
         label = label_components(len(regular_numbers), edges)
 
-        # Aspects are numbered by size, the largest one first.
+        # Aspects are numbered anew by their size, the largest one first.
         sizes = np.bincount(label)
         order = np.argsort(-sizes, kind="stable")
         label = np.argsort(order)[label]

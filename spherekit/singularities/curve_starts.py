@@ -103,6 +103,10 @@ class LocusPointSearch:
         slices_of_each: int,
         time_limit: TimeLimit | None,
     ) -> None:
+        """Check the request, and follow slices if they are needed.
+
+        The class explains the parameters.
+        """
         stationary_output = output_of(mechanism, output, pointing)
         solver = solver_of(mechanism)
         if len(solver.driven) != input_count:
@@ -172,13 +176,13 @@ class LocusPointSearch:
     def completeness(self, item: str) -> Completeness:
         """Return what is known of curves or surfaces that the search may have missed.
 
-        If all slices were searched, only results within a box between neighbouring slices
-        are missed. Otherwise the search is a sample.
+        If all slices were searched, a missed curve or surface is within a box between
+        neighbouring slices. Otherwise the search is a sample without such a bound.
 
         Parameters
         ----------
         item
-            What was searched, in the singular: ``"curve"`` or ``"surface"``.
+            The kind of result, in the singular: ``"curve"`` or ``"surface"``.
         """
         if self.is_everywhere:
             reason = (
@@ -216,8 +220,8 @@ def closed_configurations(
     """Return closed configurations that Newton's method reaches from random starts.
 
     Inputs are distributed uniformly over their ranges and are not changed by Newton's
-    method. Where the phases of all gears are known, that is which teeth are in mesh at the
-    start, rotations of wheels follow from the inputs and are not changed either.
+    method. If the phases of all gears are known (which teeth are in mesh at the start),
+    rotations of wheels follow from the inputs and are not changed either.
 
     Parameters
     ----------
@@ -265,8 +269,8 @@ def points_from(
     """Return the singular configurations that Newton's method reaches from given ones.
 
     In most rows all inputs but one keep their values, so that they stay in their ranges.
-    The free input changes from row to row. In some rows no input keeps its value: only the
-    shortest steps reach configurations at which curves or surfaces of the locus cross.
+    The rows take turns in which input is free. In some rows no input keeps its value:
+    Newton's shortest steps also reach configurations at which curves or surfaces cross.
 
     Parameters
     ----------

@@ -53,8 +53,8 @@ def trace_curves(
     starts
         n singular configurations, one on each curve.
     time_limit
-        Processor time, unlimited by default. Curves that are not complete when it is spent
-        end with status MODE_LOST.
+        Processor time, unlimited by default. When it is reached, curves that are not
+        complete end with status MODE_LOST.
 
     Returns
     -------
@@ -86,9 +86,10 @@ def trace_curves(
 
 @dataclass(frozen=True)
 class _LocusNodes(CurvePoints):
-    """n nodes of curves, with tangents in the direction of the path.
+    """n nodes of curves of singular configurations.
 
-    The second derivatives are those of the last step, zero at the start.
+    The tangents point in the direction in which the curve is followed. The second
+    derivatives are estimated from the last step, and are zero at the start.
 
     Attributes
     ----------
@@ -100,10 +101,22 @@ class _LocusNodes(CurvePoints):
 
 
 def _bordered_equations(points: LocusPoints, tangents: Floats) -> Floats:
-    """Return the equations (n, m + 2, g + k) of points with a border along tangents.
+    """Return the equations of points of the locus, with the tangent as a further row.
 
-    `tangents` (n, V) are given in the variables; the border has zeros for the coordinates
-    of the motion.
+    The further row makes the matrix regular as long as curves do not cross.
+
+    Parameters
+    ----------
+    points
+        n points with their linearised equations (n, m + 1, g + k). The unknowns are g
+        coordinates of the configuration, then k of the singular motion.
+    tangents
+        (n, V) tangents of the curve in the variables. The row has zeros for the coordinates
+        of the motion.
+
+    Returns
+    -------
+    (n, m + 2, g + k) matrices.
     """
     border = np.einsum("nv,nvg->ng", tangents, points.basis)
     border[:, CURVE_FREEDOMS:] = 0.0
@@ -136,8 +149,8 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def end_finished_curves(self, rows: Indices) -> None:
         """End curves that are complete, and all curves when the time limit is reached.
 
-        A curve that closed in the first direction is complete, so that its second direction
-        ends with status OK. Curves that are ended for time have status MODE_LOST.
+        A curve that closed in the first direction is complete, so its second direction ends
+        with status OK. At the time limit, curves end with status MODE_LOST.
 
         Parameters
         ----------
@@ -176,8 +189,8 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         The nodes at the ends of the steps, and whether each step is verified.
         """
         start = nodes.points
-        # Each step is verified at its middle and at its end; rows 2 j and 2 j + 1 belong
-        # to step j.
+        # Each step is verified at its middle and at its end. Rows 2 j and 2 j + 1 of the
+        # arrays below are the middle and the end of step j.
         parts = distances[:, None] * STEP_PARTS
         # The component of a point along the tangent at the start selects it on the curve.
         borders = np.repeat(nodes.tangents, 2, axis=0)
@@ -238,9 +251,10 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     ) -> _LocusNodes:
         """Return the starts of curves, moved by whole periods, to test whether laps close.
 
-        A lap closes at its start if the singular motion is the same, too. Its sign is
-        arbitrary, so that the motion at the start gets the sign of that at the last node.
-        If the two motions differ, the start is set to NaN, and the lap does not close.
+        A lap only closes at its start if the singular motion is the same too. The sign of a
+        singular motion is arbitrary, so the motion at the start gets the sign of the motion
+        at the last node. If the two motions differ, the start is set to NaN, and the lap
+        does not close.
 
         Parameters
         ----------
@@ -287,8 +301,13 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
     def join_halves(self, ahead: int, behind: int) -> SingularCurve | None:
         """Return the curve that was followed in both directions from one start.
 
-        `ahead` and `behind` are the rows of the two directions. A closed curve is complete
-        in one direction. None is returned if no step succeeded in either direction.
+        A closed curve is complete in one direction. The result is None if no step succeeded
+        in either direction.
+
+        Parameters
+        ----------
+        ahead, behind
+            Rows of the two directions among the followed curves.
         """
         for row in (ahead, behind):
             if self.is_closed[row]:

@@ -47,8 +47,9 @@ ZERO_ROUNDING_FACTOR = 16.0
 class PoleAxes:
     """Axes of poles at n configurations.
 
-    A pole axis is unknown if its links do not move relative to each other and no plan of
-    poles gives it. Its vector is then NaN and its error 1.
+    The axis of a pole is the axis about which two links rotate relative to each other. It
+    is unknown if the links do not move relative to each other and no plan of poles gives
+    it. Its vector is then NaN and its error 1.
 
     Attributes
     ----------
@@ -73,11 +74,12 @@ class LinkMotion:
         The configurations.
     w, dw
         (n, bodies, 3) angular velocity relative to body 0, and its derivative by the
-        parameter of the motion; `dw` is NaN where second derivatives of the variables are.
+        parameter of the motion. `dw` is NaN in rows in which the second derivatives of the
+        variables are NaN.
     rounding
-        (n,) bounds of the rounding errors of w. Beside a crossing of curves the
-        configuration itself is known to EPS / k only, where k is the reciprocal condition
-        number, and what follows from it to EPS / k^2.
+        (n,) bounds of the rounding errors of w. Near a crossing of curves, with the
+        reciprocal condition number k of the equations, the configuration itself has an
+        error of about EPS / k, and quantities that follow from it EPS / k^2.
 
     Parameters
     ----------
@@ -96,14 +98,21 @@ class LinkMotion:
         tangents: Floats,
         bends: Floats,
     ) -> None:
+        """Compute the angular velocities of all links.
+
+        The class explains the parameters.
+        """
         self.values = values
         self.motion = make_motion(position_analysis.solver, values)
         linearisation = self.motion.linearisation
         self.w = linearisation.body_rates(tangents)
-        # w = sum of vectors times rates: the rates change, and the vectors do.
+        # w is a sum of vectors times rates. By the product rule its derivative has two
+        # terms: the rates change (`bends`), and the vectors change.
         self.dw = linearisation.body_rates(bends)
         vector_derivatives = linearisation.vector_rates(self.w)
         self.dw += linearisation.tree.body_rates(vector_derivatives, tangents)
+        # The loop equations with the tangent as a further row are square and regular,
+        # except at crossings of curves.
         equations = bordered(linearisation.jacobian, tangents)
         reciprocal_condition = np.maximum(
             bordered_reciprocal_condition(equations, left_inverse(equations)), EPS
@@ -127,8 +136,9 @@ class LinkMotion:
         """Return the axes of poles with bounds of their errors.
 
         The axis of a pole is the axis about which its two links turn relative to each
-        other. At each configuration it is taken from the source with the least error bound:
-        a construction by great circles, the relative angular velocity, or its derivative.
+        other. There are up to three sources: a construction by great circles, the relative
+        angular velocity, and its derivative. At each configuration the axis with the
+        smallest error bound is taken.
 
         Parameters
         ----------
@@ -147,7 +157,7 @@ class LinkMotion:
                 if planned_poles is not None:
                     planned_direction = planned_poles.directions[pole].T
                     candidates.insert(0, (planned_direction, planned_poles.errors[pole]))
-                # Axes: source, configuration and, for directions, component.
+                # (sources, n, 3) directions and (sources, n) errors.
                 candidate_directions = np.stack([axis for axis, _ in candidates])
                 candidate_errors = np.stack([error for _, error in candidates])
                 candidate_errors = np.nan_to_num(candidate_errors, nan=1.0)
@@ -167,9 +177,10 @@ class LinkMotion:
         """Return the axis (n, 3) along the derivative of w, and its error bound (n,).
 
         w is the angular velocity of the pole's second link relative to the first, along the
-        unit vector u of the axis. Its derivative w' has the direction of u where w = 0. At
-        a distance x from there, w' deviates from u by about x |u'|, and |w| = x |w'|. The
-        error is therefore bounded by |w| (1 + |u'|) / |w'|, in addition to rounding.
+        unit vector u of the axis. At a zero of w, its derivative w' has the direction of u.
+        At a distance x from the zero, the direction of w' deviates from u by about x |u'|,
+        and |w| is about x |w'|. In addition to rounding, the error is therefore bounded by
+        |w| (1 + |u'|) / |w'|.
         """
         _, dw = self.relative(*pole)
         speed, growth = self.speeds(pole)
@@ -192,8 +203,8 @@ class RestPoints:
     s
         (k,) arc lengths (rad).
     is_double
-        (k,) whether the relative rate touches zero without a change of sign, or has two
-        zeros that cannot be separated.
+        (k,) whether the zero is double: the relative rate touches zero without a change of
+        sign, or has two zeros that cannot be separated.
     errors
         (k,) bounds of the errors of s (rad).
     """
@@ -228,6 +239,7 @@ class CurveMotion:
         curve: ArcCurve,
         plan_poles: Callable[[tuple[Pole, ...]], Plan | None],
     ) -> None:
+        """Prepare cached functions of the curve; the class explains the parameters."""
         self.position_analysis = position_analysis
         self.curve = curve
         self.plan_poles = plan_poles
@@ -255,8 +267,8 @@ class CurveMotion:
     def oriented_axes(self, s: Floats, poles: Sequence[Pole]) -> dict[Pole, Floats]:
         """Return the axes (n, 3) of poles with senses that are continuous along the curve.
 
-        `pole_axes` gives each axis with an arbitrary sense. The sense that it gives at the
-        start of the curve is kept along the whole curve.
+        `pole_axes` returns each axis with an arbitrary sense. Here the sense at the start
+        of the curve is continued along the whole curve.
 
         Parameters
         ----------
@@ -288,9 +300,9 @@ class CurveMotion:
         """Return unit vectors (n, 3) along a pole, continuous on the whole curve.
 
         They have the direction of w, the angular velocity of the pole's second link
-        relative to the first, reversed after each zero at which w changes its sign. Near
-        zeros they have the direction of the derivative of w. They are zero if the links
-        move as one.
+        relative to the first. After each zero at which w reverses, they have the opposite
+        direction, so that they are continuous. Near zeros they have the direction of the
+        derivative of w. They are zero if the links never move relative to each other.
 
         Parameters
         ----------
@@ -309,11 +321,11 @@ class CurveMotion:
         sign_changes = rest_points.s[~rest_points.is_double]
         # On a closed curve s may be in the next lap.
         sign_changes = np.append(sign_changes, sign_changes + self.curve.length)
-        # At a zero the derivative has the sense of w after the zero, so the zero counts as
-        # passed.
+        # At a zero the derivative has the sense of w after the zero. So points near a zero
+        # count as if they were behind it.
         compared_s = s + 2.0 * NEAR_REST_RAD * is_near_rest
-        passed = np.searchsorted(sign_changes, compared_s, side="right")
-        sense = np.where(passed % 2 == 1, -1.0, 1.0)
+        passed_zeros = np.searchsorted(sign_changes, compared_s, side="right")
+        sense = np.where(passed_zeros % 2 == 1, -1.0, 1.0)
         divisor = np.where(is_near_rest, growth, speed) * sense
         with np.errstate(invalid="ignore", divide="ignore"):
             direction = np.where(is_near_rest[:, None], dw, w) / divisor[:, None]
@@ -322,9 +334,9 @@ class CurveMotion:
     def _find_rest_points(self, pole: Pole) -> RestPoints | None:
         """Return all points at which the two links of a pole rest relative to each other.
 
-        Zeros of one component of the relative angular velocity are located first. Those at
-        which the whole vector vanishes within its rounding error are the result. It is None
-        if the links rest on the whole curve.
+        First the zeros of one component of the relative angular velocity are located. The
+        result has those zeros at which the whole vector vanishes within its rounding error.
+        It is None if the links rest on the whole curve.
         """
         curve = self.curve
         node_links = self.links_at(curve.s)
@@ -343,6 +355,7 @@ class CurveMotion:
             zeros = zeros.merge_seam(curve.length)
         is_double = zeros.double
         s = self._refine_zeros(zeros.places, is_double, pole)
+        # Bounds of the errors of the arc lengths.
         links = self.links_at(s)
         speed, slope = links.speeds(pole)
         rounding_of_s = ZERO_ROUNDING_FACTOR * EPS * curve.length
@@ -366,7 +379,11 @@ class CurveMotion:
         return RestPoints(s[is_rest], is_double[is_rest], errors[is_rest])
 
     def _refine_zeros(self, s: Floats, is_double: Bools, pole: Pole) -> Floats:
-        """Return the points of least relative rate near simple zeros of its projection.
+        """Return the points with the smallest relative rate near simple zeros.
+
+        The given zeros are those of one component of the relative angular velocity w.
+        Gauss-Newton steps lead to the minimum of the length of w: each changes the arc
+        length by -(w . w') / (w' . w').
 
         Parameters
         ----------
@@ -379,7 +396,7 @@ class CurveMotion:
         for _ in range(REST_NEWTON_STEPS):
             w, dw = self.links_at(s).relative(*pole)
             step = np.vecdot(w, dw) / np.maximum(np.vecdot(dw, dw), EPS**2)
-            # A longer step shows that only the projection of the rate vanishes.
-            is_kept = is_double | (np.abs(step) > NEAR_REST_RAD)
-            s = np.where(is_kept, s, s - step)
+            # A longer step shows that only the component vanishes, and not the vector.
+            is_unchanged = is_double | (np.abs(step) > NEAR_REST_RAD)
+            s = np.where(is_unchanged, s, s - step)
         return np.maximum(s, 0.0)

@@ -43,11 +43,11 @@ class FulfilledCondition:
     Attributes
     ----------
     label
-        Its name, such as ``III.4``.
+        Name of the condition, such as ``III.4``.
     words
-        What coincides, with the names of the links.
+        The condition in words, with the names of the links.
     residual
-        The largest sine of the angles between what should coincide.
+        The largest sine of the angles between axes or planes that should coincide.
     certain
         Whether the residual is within the tolerance. False if it exceeds the tolerance by
         less than `UNDECIDED_FACTOR`.
@@ -61,7 +61,10 @@ class FulfilledCondition:
 
 @dataclass(frozen=True)
 class ParallelAxes:
-    """The condition that axes, named as in `SixPoles`, are parallel."""
+    """The condition that some of the pole axes of four links are parallel.
+
+    `axes` are names of fields of `SixPoles`, such as "os" for links o and s.
+    """
 
     axes: tuple[str, ...]
 
@@ -79,7 +82,7 @@ class ParallelAxes:
 
 @dataclass(frozen=True)
 class CoincidentPlanes:
-    """The condition that the planes of twice three axes, as in `SixPoles`, coincide."""
+    """The condition that two planes coincide, each given by three axes of `SixPoles`."""
 
     first: tuple[str, ...]
     second: tuple[str, ...]
@@ -211,7 +214,8 @@ def find_conditions(
     """
     links = relation.links
     # The possible conditions by their labels. All conditions of a label have to be
-    # fulfilled. Two different links have none: the relation never vanishes.
+    # fulfilled. If the four links are only two different links, c and d never vanish, and
+    # there are no conditions.
     listed: Mapping[str, tuple[Condition, ...]] = {}
     if len(links.different) == 4:
         listed = FOUR_LINKS[relation.form, kind]
@@ -220,6 +224,7 @@ def find_conditions(
 
     conditions_by_row: list[list[FulfilledCondition]] = [[] for _ in tolerances]
     for label, conditions in listed.items():
+        # The residual of a label is the largest sine of its conditions.
         sines = [condition.sine(relation.poles) for condition in conditions]
         residuals = np.max(sines, axis=0).tolist()
         words = " and ".join(condition.describe(links, names) for condition in conditions)
@@ -240,11 +245,23 @@ def find_conditions(
 def _condition_of_three_links(
     relation: Relation, kind: str
 ) -> dict[str, tuple[Condition, ...]]:
-    """Return the condition of a type of singularity if two of the four links are one.
+    """Return the condition of a type of singularity for a relation of three links.
 
-    `kind` is the type: I, II or III. The result has the condition by its label.
-    Three axes in a plane leave one condition for each type. If r = s or o = i, it has a
-    number in the lecture; the others are called by the type alone.
+    Two of the four links i, r, o, s are then the same link. The three pole axes are in one
+    plane, so that there is one condition for each type: two axes coincide, or all three. If
+    r = s or o = i, the lecture of Di Gregorio numbers the condition. Otherwise its label is
+    the type alone.
+
+    Parameters
+    ----------
+    relation
+        The relation c y' = d q' of the links.
+    kind
+        The type: I, II or III.
+
+    Returns
+    -------
+    The condition, by its label.
     """
     third_axis = find_third_axis(relation.form, relation.links)
     output_axis = "os" if relation.form == "i" else "or_"
@@ -258,18 +275,20 @@ def _condition_of_three_links(
 
 @dataclass(frozen=True)
 class RelationAt:
-    """The input-output relation at one singularity.
+    """The input-output relation c y' = d q' at one singularity.
+
+    y' is the rate of the output and q' that of the input.
 
     Attributes
     ----------
     form
-        See `Relation`.
+        "i" or "ii", see `Relation`.
     c, d
-        Its coefficients.
+        The coefficients.
     residual
-        By how much the rates on the curve violate c y' = d q', relative to them.
+        Difference c y' - d q' at the rates on the curve, relative to the size of the rates.
     type
-        The type by its own coefficients: I (d = 0), II (c = 0), III (both), or None.
+        The type according to the coefficients: I (d = 0), II (c = 0), III (both), or None.
     conditions
         The geometric conditions that are fulfilled, the most special ones first.
     note
@@ -310,8 +329,10 @@ def compare_with_rates(
 ) -> list[RelationAt]:
     """Return a relation c y' = d q' at n singularities, compared with the rates.
 
-    Type I is d = 0 by the relation, and an output at rest by the rates; type II is c = 0,
-    and an input at rest. A note explains where the two types differ.
+    The type of a singularity can be decided in two ways. According to the relation, it is
+    type I if d = 0, and type II if c = 0. According to the rates, it is type I if the
+    output rests (y' = 0), and type II if the input rests (q' = 0). A note explains the
+    difference if the two types differ.
 
     Parameters
     ----------

@@ -24,13 +24,14 @@ four-bars are change-point; smaller: rounding of the arcs decides the class."""
 
 @dataclass(frozen=True)
 class Grashof:
-    """The class of a four-bar, and the names of its input and output links.
+    """The class of a four-bar by Grashof's criterion, and its input and output links.
 
     Attributes
     ----------
     name
-        crank-rocker, rocker-crank, double-crank, double-rocker (the coupler turns fully),
-        triple-rocker (no link does: not of Grashof's kind) or change-point.
+        crank-rocker, rocker-crank, double-crank, double-rocker (only the coupler turns
+        fully), triple-rocker (no link turns fully, so it is not of Grashof's kind) or
+        change-point (all links can lie in one great circle).
     input, output
         Names of the input link and of the output link.
     """
@@ -56,8 +57,8 @@ class Grashof:
 def grashof(mechanism: Mechanism) -> Grashof | None:
     """Return the class of a four-bar of R pairs that is driven at one of its pairs.
 
-    None for other mechanisms. The fixed link is the ground if the driven pair is on it,
-    else the pair's first link.
+    The result is None for other mechanisms. The fixed link is the ground if the driven pair
+    is on it, otherwise the first link of the driven pair.
     """
     links = four_bar_links(mechanism)
     if links is None:
@@ -88,7 +89,8 @@ def four_bar_links(mechanism: Mechanism) -> tuple[int, int, int, int] | None:
     fixed, input_link = ends[mechanism.pair_number[mechanism.inputs[0].pair]]
     if input_link == 0:
         fixed, input_link = input_link, fixed
-    # The output link is joined to the fixed link by the pair that is not driven.
+    # The output link is joined to the fixed link by the pair that is not driven. The sum of
+    # the two links of this pair, minus the fixed link, is the output link.
     (output,) = (
         sum(links) - fixed for links in ends if fixed in links and input_link not in links
     )
@@ -114,6 +116,7 @@ def class_of(g: ArrayLike, a: ArrayLike, h: ArrayLike, b: ArrayLike) -> NDArray[
     (n,) names of classes, as in `Grashof`.
     """
     g, a, h, b = (np.asarray(arc, dtype=float) for arc in (g, a, h, b))
+    # The sums T1 to T4 of McCarthy and Soh.
     t1 = g - a + h - b
     t2 = g - a - h + b
     t3 = h + b - g - a

@@ -53,7 +53,8 @@ Form = Literal["i", "ii"]
 class FourLinks:
     """Numbers of the links of an input and an output.
 
-    i and r differ, and so do o and s. Others may be the same link.
+    i and r are different links, and so are o and s. Apart from that, two of the four may be
+    the same link.
 
     Attributes
     ----------
@@ -91,11 +92,13 @@ class FourLinks:
 
 @dataclass(frozen=True)
 class SixPoles:
-    """Unit vectors (n, 3) along the poles of four links, in one set of axes.
+    """Unit vectors (n, 3) along the pole axes of four links, in common axes.
 
-    The vector of a pole is the same in both orders of its links, and the rate changes
-    its sign: w_ab u_ab, the angular velocity of a relative to b, is -w_ba u_ab. It is NaN
-    if the two links are one.
+    The pole axis of two links is the axis about which they rotate relative to each other.
+    The links are i, r (input and its reference), o, s (output and its reference). The field
+    `os` is the axis of links o and s, and so on. A vector is the same for both orders of
+    its links, and the rate changes its sign: the angular velocity of a relative to b is
+    w_ab u_ab = -w_ba u_ab. A vector is NaN if its two links are the same link.
     """
 
     os: Floats
@@ -117,7 +120,7 @@ class SixPoles:
         Parameters
         ----------
         axes
-            Three field names.
+            Three field names, such as "os".
 
         Returns
         -------
@@ -137,7 +140,7 @@ class SixPoles:
 
 
 def make_six_poles(links: FourLinks, pole_axis: Callable[[Pole], Floats]) -> SixPoles:
-    """Return the vectors of four links.
+    """Return the pole axes of any two of four links.
 
     Parameters
     ----------
@@ -157,14 +160,15 @@ def make_six_poles(links: FourLinks, pole_axis: Callable[[Pole], Floats]) -> Six
 
 @dataclass(frozen=True)
 class Relation:
-    """c y' = d q' at n configurations.
+    """The relation c y' = d q' between the rates of output and input, at n configurations.
 
     Attributes
     ----------
     form
-        Which relation.
+        "i" if the output is link o relative to s, "ii" if it is o relative to r.
     links, poles
-        The links and poles from which it is formed.
+        The four links, and the pole axes (axes of relative rotation) of any two of them,
+        from which c and d are computed.
     output
         The links whose relative rate is y': (o, s) in form i, (o, r) in form ii.
     c, d
@@ -196,8 +200,9 @@ class Relation:
 class ThirdAxis:
     """The third pole axis of a relation c y' = d q' of three links.
 
-    The pole axes of three links are in one plane. Two of them are those of the input rate
-    q' and of the output rate y'; this is the other one.
+    The pole axes (axes of relative rotation) of any two of three links are in one plane.
+    Two of them are those of the input rate q' and of the output rate y'. The third axis is
+    the remaining one.
 
     Attributes
     ----------
@@ -216,7 +221,10 @@ class ThirdAxis:
 
 
 def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
-    """Return the third axis of four links of which two are one."""
+    """Return the third axis of a relation if two of its four links are the same link.
+
+    Three links have three pole axes in one plane: those of input and output, and this one.
+    """
     if form == "ii":
         return ThirdAxis("os" if links.s == links.i else "io", 1.0, "")
     if links.i == links.s:
@@ -237,15 +245,15 @@ def make_relation(
     c = u_or . (u_os x u_is) and d = u_ir . (u_os x u_is), with any link other than i, r and
     o for s (Di Gregorio 2012).
 
-    If two of the links are one, three poles are in a plane with unit normal n. Let u be the
-    axis of the output and p the third axis. Then c = n . (u x p) and d = +-n . (u_ir x p).
-    If (o, s) are i and r, the relation is y' = q' or y' = -q'. There is no form ii if o is
-    r or i.
+    u_ab is the pole axis of links a and b. If two of the four links are the same link,
+    three pole axes are in a plane with unit normal n. Let u be the axis of the output and p
+    the third axis. Then c = n . (u x p) and d = +-n . (u_ir x p). If o and s are i and r,
+    the relation is y' = q' or y' = -q'. There is no form ii if o is r or i.
 
     Parameters
     ----------
     form, links
-        Which relation, and between which links.
+        The form of the relation, and its links.
     pole_axis
         Function that returns the unit vectors (n, 3) of a pole.
     """
@@ -277,7 +285,7 @@ def make_relation(
 
 
 def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) -> Floats:
-    """Return vectors in the plane of three axes and at right angles to the third one.
+    """Return unit vectors in the plane of three axes, at right angles to the third axis.
 
     Parameters
     ----------
@@ -288,8 +296,9 @@ def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) ->
 
     Returns
     -------
-    (n, 3) unit vectors, NaN if all three axes are on one line. Their side is that of the
-    row before, so that they are continuous along a curve of configurations.
+    (n, 3) unit vectors, NaN if all three axes are on one line. Each vector points to the
+    side of that of the row before, so that they are continuous along a curve of
+    configurations.
     """
     normals, sine = poles.plane((output_name, "ir", third_name))
     normals[~(sine > ONE_LINE_SINE)] = np.nan

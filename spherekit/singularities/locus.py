@@ -50,7 +50,10 @@ shortened. Larger: faster, but points of remote parts of the locus may be reache
 
 @dataclass(frozen=True)
 class SingularityMeasure:
-    """How near n configurations are to the locus, from E on a basis of motions.
+    """How near n configurations are to the locus, the set of singular configurations.
+
+    A configuration is singular if unit rates x close the loops and satisfy E x = 0. For
+    type II, E x are the rates of the inputs, for type I those of the output.
 
     Attributes
     ----------
@@ -102,22 +105,28 @@ class SingularityMeasure:
         """
         degrees_of_freedom = self.space.dimension
         basis = self.motion_space.basis[:, None]
-        # B changes because E does, and because the motions have to go on closing the loops.
+        # B changes because E changes, and because the motions must continue to close the
+        # loops.
         derivatives = self.constraint.equation_derivatives(self.space)
         derivatives = derivatives[:, :degrees_of_freedom] @ basis
         corrections = self.motion_space.rate_corrections[:, :degrees_of_freedom]
         equations = self.constraint.equations(self.space.linearisation)
         derivatives += equations[:, None] @ corrections @ basis
         if not self.changes_sign:
+            # The derivative of B^T B.
             half = np.swapaxes(derivatives, 2, 3) @ self.constraint_on_basis[:, None]
             derivatives = half + np.swapaxes(half, 2, 3)
-        # n: configuration, j: direction of change, a and b: rows and columns
+        # The letters are: n configuration, j direction of change, a and b rows and columns.
         return np.einsum("nab,njba->nj", adjugate(self._square_matrix), derivatives)
 
 
 @dataclass(frozen=True)
 class LocusPoints(ArrayRows):
-    """n points of a locus of g - 1 dimensions; NaN where Newton's method failed.
+    """n singular configurations: points of a locus of g - 1 dimensions.
+
+    The locus of a mechanism with g degrees of freedom is the set of configurations in which
+    unit rates x close the loops and satisfy E x = 0 (inputs or output at rest). Rows in
+    which Newton's method failed are NaN.
 
     Attributes
     ----------
@@ -164,18 +173,19 @@ class LocusPoints(ArrayRows):
 
 @dataclass(frozen=True)
 class _LinearisedLocus:
-    """The system of a locus, linearised at n pairs of a configuration and a motion.
+    """The equations of a locus, linearised at n pairs of a configuration and a motion.
 
-    The unknowns of `equations` are coordinates of the change of the configuration in the
-    basis of `space` (g), then coordinates of the change of the motion in the basis of
-    `motion_space` (k).
+    The equations are: the loops are closed, J x = 0, E x = 0 and |x| = 1 for the rates x of
+    the motion. The unknowns of `equations` are coordinates of the change of the
+    configuration in the basis of `space` (g), then coordinates of the change of the motion
+    in the basis of `motion_space` (k).
 
     Attributes
     ----------
     space, motion_space
         Rates that close the loops of the mechanism, and those among which x is looked for.
     unit_motions
-        (n, V) the motions, projected onto `motion_space` and normed.
+        (n, V) the motions x, projected onto `motion_space` and scaled to length 1.
     constraint_residual
         (n, m) E x.
     closing_change
@@ -197,19 +207,23 @@ class _LinearisedLocus:
 
 @dataclass(frozen=True)
 class SingularityLocus:
-    """The singular configurations of one type.
+    """The singular configurations of one type, as solutions of a system of equations.
+
+    A configuration is singular if unit rates x of the pair variables exist that close the
+    loops and satisfy E x = 0: the singular motion. E x are the rates of the inputs (type
+    II) or of the output (type I).
 
     Attributes
     ----------
     closure
-        Loop closure of the mechanism.
+        Loop-closure equations of the mechanism.
     degrees_of_freedom
-        Their number g.
+        Number g of the degrees of freedom.
     constraint
-        What stands still in the singular motion: the inputs or the output.
+        The condition E x = 0: the inputs or the output rest.
     part
-        If given, the singular motion is one of this part of the mechanism alone. It closes
-        the loops of the part.
+        If it is given, only pairs of this part of the mechanism move in the singular
+        motion, which closes the loops of the part. None for the whole mechanism.
     """
 
     closure: Closure
@@ -237,10 +251,17 @@ class SingularityLocus:
     def motion_space(
         self, space: TangentSpace, reference_basis: Floats | None = None
     ) -> TangentSpace:
-        """Return the motions in which singular ones are looked for.
+        """Return the space of motions among which singular motions are sought.
 
-        They are those of `space`, or those of the part alone. `reference_basis`
-        (n, V, g + k) aligns the basis, see `LocusPoints.basis`.
+        It is `space`, or for a part of the mechanism the motions of the part alone.
+
+        Parameters
+        ----------
+        space
+            All rates that close the loops of the mechanism.
+        reference_basis
+            (n, V, g + k) bases to which that of the result is aligned, see
+            `LocusPoints.basis`.
         """
         if self.part is None:
             return space
@@ -265,7 +286,12 @@ class SingularityLocus:
         smallest = np.where(svd.is_finite, svd.values[:, last], np.nan)
         motion = motion_space.to_rates(svd.right[:, last])
         return SingularityMeasure(
-            self.constraint, space, motion_space, constraint_on_basis, smallest, motion
+            constraint=self.constraint,
+            space=space,
+            motion_space=motion_space,
+            constraint_on_basis=constraint_on_basis,
+            smallest_singular_value=smallest,
+            motion=motion,
         )
 
     @np.errstate(invalid="ignore", divide="ignore", over="ignore")
@@ -317,6 +343,7 @@ class SingularityLocus:
         variable_count = values.shape[1]
 
         def newton_step(unknowns: Floats, rows: Indices) -> Floats:
+            """Return the steps (k, 2 V) of the unknowns of k of the n rows."""
             reference = None if reference_basis is None else reference_basis[rows]
             return self._newton_step(unknowns, borders[rows], targets[rows], reference)
 
@@ -403,8 +430,8 @@ class SingularityLocus:
         )
         # The variables change by the step that closes the loops, and along the locus.
         value_steps = space.closing_step + space.to_rates(value_coordinates)
-        # The motion is normed, changes within the space of motions, and has to go on
-        # closing the loops when the variables change.
+        # The motion is scaled to length 1, changes within the space of motions, and must
+        # continue to close the loops when the variables change.
         motion_steps = linearised.unit_motions - motions
         motion_steps = motion_steps + linearised.motion_space.to_rates(motion_coordinates)
         along_basis = linearised.motion_corrections[..., :-1]
@@ -441,7 +468,8 @@ class SingularityLocus:
         coordinates = unit_rows(np.vecmat(motions, motion_space.basis))
         unit_motions = motion_space.to_rates(coordinates)
         constraint = self.constraint.equations(space.linearisation)
-        # n: configuration, g: direction of change, v and w: variables, m: equations E x
+        # The letters are: n configuration, g direction of change, v and w variables, m
+        # equations E x.
         motion_corrections = np.einsum(
             "ngvw,nw->nvg", motion_space.rate_corrections, unit_motions
         )
@@ -451,6 +479,7 @@ class SingularityLocus:
         slopes = np.einsum("ngmv,nv->nmg", constraint_derivatives, unit_motions)
         slopes += constraint @ motion_corrections
 
+        # The rows of the equations, over the g + k unknowns.
         g = self.degrees_of_freedom
         constraint_rows = np.concatenate(
             [slopes[:, :, :g], constraint @ motion_space.basis], axis=2
@@ -500,9 +529,9 @@ class SingularityLocus:
         value_part = null_space[:, :g]
         motion_changes = linearised.motion_space.basis @ null_space[:, g:]
         motion_changes += linearised.motion_corrections[..., :g] @ value_part
-        # A basis of the null space whose changes of the variables are orthonormal. A length
-        # of zero belongs to a null vector that changes the motion only: the locus is not
-        # regular there.
+        # The basis of the null space is replaced by one whose changes of the variables are
+        # orthonormal. A null vector with length zero only changes the motion. The locus is
+        # not regular at such a point.
         left, lengths, mixing = np.linalg.svd(value_part, full_matrices=False)
         divisors = np.maximum(lengths, REDUNDANT_EQUATION_RATIO)[:, None]
         tangents = linearised.space.basis @ left
@@ -518,7 +547,8 @@ def adjugate(matrices: Floats) -> Floats:
     """Return the adjugates of square matrices (n, k, k), zero for those not finite.
 
     adj(M) = det(M) M^-1 for regular matrices. From the singular value decomposition
-    M = U S V^T it is det(U) det(V) V adj(S) U^T, which needs no division.
+    M = U S V^T it is det(U) det(V) V adj(S) U^T, which needs no division. The diagonal
+    matrix adj(S) has the products of all singular values but one.
     """
     svd = decompose(matrices)
     count = svd.values.shape[1]

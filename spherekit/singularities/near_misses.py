@@ -39,24 +39,24 @@ AngleFunction = Callable[[Floats], Floats]
 
 @dataclass(frozen=True)
 class NearMiss:
-    """A point at which an output is nearest to a type of singularity without reaching it.
+    """A point at which an output comes near a type of singularity without reaching it.
 
     Attributes
     ----------
     type, output
-        The type, I (the output rests) or II (the input rests), and the position of the
-        output in the list of outputs.
+        The type, I (the output rests) or II (the input rests), and the index of the output
+        among the outputs.
     curve, s
-        Number of the configuration curve, and arc length on it (rad).
+        Number of the configuration curve, and arc length of the point on it (rad).
     q
-        The input there, in its range (rad).
+        The input at the point, in its range (rad).
     assembly_modes
-        Numbers of the assembly modes there.
+        Numbers of the assembly modes of the configuration.
     angle
-        The distance (rad): of type I the arctangent of the velocity coefficient, of type II
-        the arcsine of the transmission measure.
+        The distance (rad) from the singularity. For type I it is the arctangent of the
+        velocity coefficient, for type II the arcsine of the transmission measure.
     velocity_coefficient
-        The size of y'/q' there, the rate of the output over that of the input.
+        The absolute value of y'/q', the rate of the output divided by that of the input.
     """
 
     type: Type
@@ -70,13 +70,15 @@ class NearMiss:
 
 
 def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
-    """Return where outputs come within an angle of types I and II in the range.
+    """Return the points at which outputs come near singularities of types I and II.
 
-    Configurations that are singular themselves, to a millionth, are not included. The
-    velocity coefficient is compared with the greatest one on the curve if that is less than
-    1, because the output of a reducer is slow throughout. The transmission measure is
-    compared with the largest sine of an arc, because it is small for all mechanisms with
-    small arcs. If dyads place the output, one of them must also be within `near` of being
+    At type I the output rests, and the distance is measured by the velocity coefficient. At
+    type II the input rests, and the distance is measured by the transmission measure.
+    Configurations that are singular themselves are not included. The velocity coefficient
+    is compared with the largest one on the curve if that is less than 1, because the output
+    of a reducer is slow throughout. The transmission measure is compared with the largest
+    sine of an arc, because it is small for all mechanisms with small arcs. If dyads (two
+    links in series) place the output, one of them must also be within `near` of being
     stretched or folded.
 
     Parameters
@@ -97,16 +99,20 @@ def near_misses(sampled: SampledSingularities, near: float) -> list[NearMiss]:
 def _near_misses_on_curve(
     sampled: SampledSingularities, kind: Type, output: int, number: int, near: float
 ) -> list[NearMiss]:
-    """Return where an output comes near one type without reaching it, on one curve.
+    """Return the points of one curve at which an output comes near one type.
 
     The distance from the type is an angle. Its sine is searched for minima below a limit.
 
     Parameters
     ----------
-    sampled, near
-        The singularities on all curves, and the largest angle of a near miss (rad).
-    kind, output, number
-        Type I or II, position of the output, and number of the curve.
+    sampled
+        The singularities on all curves.
+    kind
+        Type I (the output rests) or II (the input rests).
+    output, number
+        Index of the output, and number of the curve.
+    near
+        Largest angle of a near miss (rad).
     """
     angle = partial(sampled.angle, kind, number, output=output)
     curve = sampled.curves[number]
@@ -128,6 +134,7 @@ def _near_misses_on_curve(
         if kind is Type.II and sampled.least_dyad_angle(values, output)[0] > near:
             continue
         (distance,) = sampled.angle(kind, number, s[None], output)
+        # The tangent of the angle of type I is the velocity coefficient.
         (slope_angle,) = sampled.angle(Type.I, number, s[None], output)
         for q, modes in _inputs_and_modes(sampled, number, float(s), values[0]):
             misses.append(
@@ -148,10 +155,10 @@ def _near_misses_on_curve(
 def least_transmission(
     sampled: SampledSingularities, output: int
 ) -> tuple[float, float, tuple[int, ...]] | None:
-    """Return the least transmission angle of an output in the range of the input.
+    """Return the smallest transmission angle of an output in the range of the input.
 
-    It is the angle between the two arcs of the dyad (two links) that places the output. It
-    is searched between samples too, and where curves cross.
+    It is the angle between the two arcs of the dyad (two links in series) that places the
+    output. Minima between samples and crossings of curves are included.
 
     Parameters
     ----------
@@ -165,6 +172,7 @@ def least_transmission(
     The angle (rad), the input (rad) at which it occurs, and the assembly modes in which it
     occurs at any input. None if no dyad places the output.
     """
+    # Angle, input and assembly modes of each local minimum and each crossing.
     candidates: list[tuple[float, float, tuple[int, ...]]] = []
     for number, curve in enumerate(sampled.curves):
 
@@ -197,7 +205,9 @@ def least_transmission(
 def _inputs_and_modes(
     sampled: SampledSingularities, curve: int, s: float, values: Floats
 ) -> list[tuple[float, tuple[int, ...]]]:
-    """Return the inputs (rad) of the range at which a configuration occurs, with its modes.
+    """Return the inputs in the range at which a configuration occurs, with its modes.
+
+    The configuration occurs again after each period of the input.
 
     Parameters
     ----------
@@ -207,8 +217,12 @@ def _inputs_and_modes(
         Number of the curve, and arc length on it (rad).
     values
         (variables,) the configuration (rad).
+
+    Returns
+    -------
+    Each input (rad), with the numbers of the assembly modes.
     """
-    occurrences = sampled.met([(curve, s)], values, EQUAL_EXTREMUM_INPUT_RAD)
+    occurrences = sampled.met([(curve, s)], values, margin=EQUAL_EXTREMUM_INPUT_RAD)
     return [(q, tuple(modes)) for q, modes, is_inside in occurrences if modes and is_inside]
 
 
@@ -220,8 +234,9 @@ def local_minima(
 ) -> tuple[Floats, Floats]:
     """Return the local minima of the sine of an angle along a configuration curve.
 
-    An end of the range of the input is included if the angle increases from there inwards.
-    So is an end of the curve, unless other curves cross it at one of its ends.
+    An end of the range of the input is included if the angle increases inwards from the
+    end. The same applies to an end of the curve, unless other curves cross the curve at one
+    of its ends.
 
     Parameters
     ----------
@@ -255,6 +270,7 @@ def local_minima(
         is_in_one_lap = (positions >= grid[1]) & (positions < grid[1] + curve.length)
         positions = np.mod(positions[is_in_one_lap], curve.length)
         squares = squares[is_in_one_lap]
+    # Ends at which the value is not larger than a little inwards.
     ends, inward = _ends_in_range(sampled, number)
     end_squares = squared_sine(ends)
     is_minimum = end_squares <= np.minimum(squared_sine(inward), limit**2)
@@ -281,12 +297,13 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
     Returns
     -------
     ends, inward
-        (k,) arc lengths (rad).
+        (k,) arc lengths (rad) of the ends, and of a point a little inward from each.
     """
     curve = sampled.curves[number]
     pieces = sampled.configurations.curves[number].pieces
+    # (pieces, 2) arc lengths of start and stop, and (pieces, 1) differences between the
+    # input on the piece and that on the curve.
     rows = [(piece.start, piece.stop, piece.shift) for piece in pieces]
-    # Axes: piece, start and stop.
     ends, shifts = np.split(np.reshape(rows, (-1, 3)), [2], axis=1)
     input_variable = sampled.tracer.solver.input_variable
     inputs_on_curve = curve.at(ends.ravel()).values[:, input_variable]

@@ -33,7 +33,10 @@ the part."""
 
 @dataclass(frozen=True)
 class PlacingPart:
-    """A part of a mechanism, or the whole mechanism if nothing can be left out.
+    """The part of a mechanism that determines the positions of some links.
+
+    It is the whole mechanism if nothing can be left out. An assembly mode is one of the
+    ways to assemble the links at the same input.
 
     Attributes
     ----------
@@ -66,8 +69,8 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
         Numbers of the links.
     """
     mechanism = whole.mechanism
-    # By rank, degrees of freedom belong to the whole mechanism. Phases of wheels in mesh
-    # also depend on all wheels.
+    # Degrees of freedom that are determined by rank are those of the whole mechanism, and
+    # phases of wheels in mesh depend on all wheels. No part is used in these cases.
     if not whole.by_rank:
         part_mechanism = part_for(mechanism, links)
         if part_mechanism is not mechanism and whole.solver.gear_phases is None:
@@ -90,10 +93,11 @@ def find_placing_part(whole: PositionAnalysis, links: Iterable[int]) -> PlacingP
 def _have_same_turning_points(whole: PositionAnalysis, part: PositionAnalysis) -> bool:
     """Return whether assembly modes of the whole and of the part meet at the same inputs.
 
-    Modes meet at dead centres, where the input turns back. All inputs of one revolution are
-    compared, because the links that are left out may have a dead centre outside the range.
-    The answer is no if some dead centres of the whole are doubtful.
+    Assembly modes meet at dead centres, where the input turns back. All inputs of one
+    revolution are compared, because the links that are left out may have a dead centre
+    outside the range. The result is False if some dead centres of the whole are doubtful.
     """
+    # The search takes a limited time: see the two constants.
     whole_points, part_points = (
         find_input_turning_points(analysis.solver, -np.pi, np.pi, RUN_COST_S, RUN_TIME_S)
         for analysis in (whole, part)
@@ -126,6 +130,7 @@ def _match_modes(
     """
     motion = whole.sparse(COMPARED_SAMPLES)
     sample_count = motion.samples
+    # By mode of the part, its configurations at the samples.
     part_values = {
         mode.number: part.solver.evaluate(mode, motion.inputs[:sample_count]).values
         for mode in part.assembly_modes
@@ -141,6 +146,7 @@ def _match_modes(
         has_configuration = status == Status.OK
         if not np.any(has_configuration):
             return None
+        # The first mode of the part that agrees.
         part_number = None
         for number, values_of_part in part_values.items():
             differences = wrap((values_of_part - values)[has_configuration])

@@ -43,6 +43,10 @@ PIECE_END_TOLERANCE_RAD = 1e-6
 class SampledSingularities:
     """The singularities on all configuration curves, and measures at given rows.
 
+    A configuration curve consists of all configurations that a mechanism with one input
+    reaches from one of them. A row is one sample of a motion. At singularities of type I
+    the output rests while the input moves, at those of type II the input rests.
+
     Parameters
     ----------
     tracer
@@ -84,6 +88,10 @@ class SampledSingularities:
         assembly_mode: Integers,
         passed: Floats | None = None,
     ) -> None:
+        """Follow the curves of the part that places the outputs, and locate all rows.
+
+        The class explains the parameters.
+        """
         names = tracer.mechanism.links
         self.whole = tracer
         self._values = values
@@ -118,11 +126,13 @@ class SampledSingularities:
         curve_numbers = np.full(len(values), -1)
         s = nans(len(values))
         is_finite = all_finite(values, 1)
-        # First the curves that hold the mode of the row, then, if none does, all others.
+        # First the curves that have pieces of the assembly mode of the row. If the row is
+        # on none of them, all other curves.
         for is_other_mode in (False, True):
             for number, item in enumerate(self.configurations.curves):
                 has_mode = np.isin(assembly_mode, self.modes_of(item.pieces))
-                is_candidate = is_finite & (curve_numbers < 0) & (has_mode != is_other_mode)
+                has_no_curve = curve_numbers < 0
+                is_candidate = is_finite & has_no_curve & (has_mode != is_other_mode)
                 (rows,) = np.nonzero(is_candidate)
                 positions = item.curve.find(values[rows])
                 is_on_curve = np.isfinite(positions)
@@ -143,7 +153,12 @@ class SampledSingularities:
         self.crossed = is_crossing
 
     def modes_of(self, pieces: Iterable[Piece]) -> list[int]:
-        """Return the numbers of the assembly modes of the whole on pieces of curves."""
+        """Return the numbers of the assembly modes of pieces of curves.
+
+        A piece is a part of a curve that is one assembly mode. The pieces are those of the
+        part of the mechanism that places the outputs. A mode of the part belongs to one or
+        several modes of the whole mechanism, whose numbers are returned.
+        """
         modes: list[int] = []
         for part_mode in {piece.assembly_mode for piece in pieces}:
             if part_mode is not None:
@@ -155,10 +170,10 @@ class SampledSingularities:
     ) -> Iterator[tuple[float, list[int], bool]]:
         """Yield the inputs in the range at which a configuration occurs.
 
-        A configuration occurs at several inputs if the range has several periods, after
-        which the mechanism is in the same configuration. If it does not occur in the range,
-        the input nearest to the range is yielded once. For a configuration on a curve that
-        a simulation does not pass, one input is yielded, too.
+        After a period of the input the mechanism is in the same configuration again. So a
+        configuration occurs at several inputs if the range has several periods. If it does
+        not occur in the range, the input nearest to the range is yielded once. One input is
+        also yielded for a configuration on a curve that a simulation does not pass.
 
         Parameters
         ----------
@@ -176,9 +191,11 @@ class SampledSingularities:
         q
             The input (rad).
         modes
-            The assembly modes of the pieces of curves that include the configuration.
+            Numbers of the assembly modes of the pieces of curves that include the
+            configuration.
         is_inside
-            Whether it is in the range and, in a simulation, passed.
+            Whether the input is in the range and, if the rows are a simulation, the
+            configuration is passed.
         """
         first_curve, _ = places[0]
         low, high = self.range
@@ -213,18 +230,18 @@ class SampledSingularities:
             The input (rad).
         """
         arc_curve = self.curves[curve]
-        # If the range consists of k whole periods, inputs that differ by k periods are the
-        # same. Otherwise (infinity) only q itself is. The range of a simulation is not that
-        # of the pieces, so that any number of periods is allowed.
+        # If the range consists of k whole periods, inputs that differ by k periods count as
+        # the same. Otherwise (k infinite) only q itself counts. The range of a simulation
+        # is not the range of the pieces, so that any number of periods is allowed (k = 1).
         periods_of_range = 1 if self.is_simulation else self.whole_range(curve) or np.inf
         input_offset = float(arc_curve.at(s).values[0, self._driven]) - q
         # A piece of a closed curve may begin in the lap before and end in the lap after.
         laps = (0, 1, -1) if arc_curve.closed else (0,)
         for lap in laps:
             for piece in self.configurations.curves[curve].pieces:
-                # The input of the piece at s, less q, is a whole number of periods: the
-                # input grows by `rise` in each lap of the curve, and is greater by `shift`
-                # on the piece than on the curve.
+                # The difference between the input of the piece at s and q is a whole number
+                # of periods. The input grows by `rise` in each lap of the curve, and the
+                # input on the piece is that on the curve plus `shift`.
                 rise = lap * arc_curve.rise[self._driven]
                 difference = input_offset + rise + piece.shift
                 periods = round(difference / self._period(curve))
@@ -245,6 +262,7 @@ class SampledSingularities:
         low, high = self._passed_ranges[curve]
         arc_curve = self.curves[curve]
         lap = arc_curve.length if arc_curve.closed else np.inf
+        # Distance from the start of the passed part, within one lap of a closed curve.
         distance = (s - low + PIECE_END_TOLERANCE_RAD) % lap
         return bool(distance <= high - low + 2.0 * PIECE_END_TOLERANCE_RAD)
 
@@ -267,8 +285,9 @@ class SampledSingularities:
 
         Returns
         -------
-        The least and the greatest arc length (rad) by the number of the curve. On closed
-        curves arc lengths go on growing from lap to lap. Curves without a row are left out.
+        The smallest and the largest arc length (rad), by the number of the curve. On closed
+        curves arc lengths continue to grow from lap to lap. Curves without a row are left
+        out.
         """
         passed_ranges: dict[int, tuple[float, float]] = {}
         for number in np.unique(self.curve[self.curve >= 0]).tolist():
@@ -277,8 +296,9 @@ class SampledSingularities:
             s = self.s[rows]
             if curve.closed:
                 # Arc lengths of the rows are within one lap. The number of laps between
-                # successive rows follows from the growth of the input, `rise` in each lap;
-                # it is unknown, and taken for 0, if the input does not grow.
+                # successive rows follows from the growth of the input, which is `rise` in
+                # each lap. If the input does not grow, the number is unknown and counts as
+                # 0.
                 rise = curve.rise[self._driven] or np.inf
                 laps = np.diff(q[rows]) / rise - np.diff(s) / curve.length
                 s = s + curve.length * np.append(0.0, np.cumsum(np.round(laps)))
@@ -304,10 +324,10 @@ class SampledSingularities:
     def angle(self, kind: Type, curve: int, s: Floats, output: int) -> Floats:
         """Return the angular distance of an output from type I or II along a curve.
 
-        Type I: the output rests while the input moves; the tangent of the angle is the size
-        of the velocity coefficient y'/q', the rate of the output over that of the input.
-        Type II: the input rests while the output moves; the sine of the angle is the
-        transmission measure. The angles vanish at these singularities and nowhere else.
+        At type I the output rests while the input moves. The tangent of the angle is the
+        absolute value of the velocity coefficient y'/q', the rate of the output divided by
+        that of the input. At type II the input rests while the output moves. The sine is
+        the transmission measure. The angles vanish at these singularities and nowhere else.
 
         Parameters
         ----------
@@ -316,7 +336,7 @@ class SampledSingularities:
         curve, s
             Number of the curve, and arc lengths (n,) on it (rad).
         output
-            Position of the output.
+            Index of the output among the outputs.
 
         Returns
         -------
@@ -337,14 +357,20 @@ class SampledSingularities:
     def measures(self) -> dict[tuple[int, Form], dict[str, Floats]]:
         """Return how near the rows are to singularities, for each output.
 
+        The relation c y' = d q' connects the rates of output and input. It has up to two
+        forms.
+
         Returns
         -------
-        Columns (n,) by name, for each position of an output and each form of its relation
-        c y' = d q' between the rates of output and input; NaN in rows on no curve.
-        ``c`` and ``d``; ``output_rate`` and ``input_rate`` by the arc length of all
-        variables; ``distance_I`` and ``distance_II`` (rad), see `angle`; ``transmission``
-        (rad), see `transmission_angles`; ``input_margin_I``, ``input_margin_II`` (rad), by
-        how much the input changes along the curve to the nearest singularity.
+        The keys are the index of an output and a form of its relation. The values are
+        columns (n,) by name, NaN in rows on no curve:
+
+        - ``c`` and ``d``: the coefficients,
+        - ``output_rate`` and ``input_rate``: rates by the arc length of all variables,
+        - ``distance_I`` and ``distance_II`` (rad): see `angle`,
+        - ``transmission`` (rad): see `transmission_angles`,
+        - ``input_margin_I`` and ``input_margin_II`` (rad): change of the input along the
+          curve to the nearest singularity of the type.
         """
         columns: dict[tuple[int, Form], dict[str, Floats]] = {}
         for number in np.unique(self.curve[self.curve >= 0]).tolist():
@@ -363,23 +389,24 @@ class SampledSingularities:
                     values[f"input_margin_{kind}"] = self._input_margin(
                         number, output, kind, s
                     )
-                # The forms differ by c and d only. Other columns are the same in both.
+                # The forms only differ by c and d. Other columns are the same in both.
                 for relation in curve_relations.relations:
                     values["c"] = relation.c
                     values["d"] = relation.d
                     output_columns = columns.setdefault((output, relation.form), {})
-                    for name, part in values.items():
+                    for name, values_of_rows in values.items():
                         if name not in output_columns:
                             output_columns[name] = nans(len(self.s))
-                        output_columns[name][rows] = part
+                        output_columns[name][rows] = values_of_rows
         return dict(sorted(columns.items()))
 
     def transmission_angles(self, values: Floats) -> list[Floats]:
         """Return the transmission angle of each output at configurations.
 
-        A dyad is a group of two links with three pairs. The angle, in [0, pi/2], is that
-        between the great circles of the two arcs of the dyad that places the output, at its
-        middle pair.
+        A dyad is a group of two links in series with three pairs. Each of its links is an
+        arc between two axes. The transmission angle, in [0, pi/2], is the angle between the
+        great circles of the two arcs at the middle pair. It is that of the dyad that places
+        the output.
 
         Parameters
         ----------
@@ -393,7 +420,8 @@ class SampledSingularities:
         axes = self.tracer.solver.closure.at(values).axes
         angles = []
         for output in self.report.outputs:
-            # The first group that has links of the output in two of its bodies joins them.
+            # The links of the output are joined by the first group that has them in two
+            # different bodies.
             joining_group = None
             for group in self.tracer.solver.assembly.groups:
                 bodies_of_output = sum(
@@ -413,10 +441,10 @@ class SampledSingularities:
         return angles
 
     def least_dyad_angle(self, values: Floats, output: int) -> Floats:
-        """Return the least transmission angle of the dyads that place an output.
+        """Return the smallest transmission angle of the dyads that place an output.
 
-        It vanishes at singularities of type II only, and does not depend on the size of
-        the arcs, as the transmission measure does.
+        It vanishes at singularities of type II only. Unlike the transmission measure, it
+        does not become small if all arcs are small.
 
         Parameters
         ----------
@@ -458,15 +486,19 @@ class SampledSingularities:
         for axes in link_axes(mechanism).values():
             if not axes:
                 continue
+            # Unit vectors (axes of the link, 3). The sine is the size of a cross product.
             directions = np.array(list(axes.values()))
             for direction in directions:
                 sines.extend(np.linalg.norm(np.cross(direction, directions), axis=1))
+        # If all axes coincide, 1 prevents a division by zero.
         return float(max(sines)) or 1.0
 
     def singular_values(self) -> Floats:
-        """Return (2, n) how firmly the locked input holds all links, absolute and relative.
+        """Return two measures (2, n) of how firmly the locked input holds all links.
 
-        See `spherekit.velocities.transmission.input_authority`. Rows on no curve are NaN.
+        They are the smallest singular value of the loop equations with the input locked,
+        and its ratio to the largest one; see
+        `spherekit.velocities.transmission.input_authority`. Rows on no curve are NaN.
         """
         solver = self.whole.solver
         values = np.where(self.curve[:, None] >= 0, self._values, np.nan)
@@ -474,10 +506,10 @@ class SampledSingularities:
         return input_authority(solver.closure.tree, [solver.input_variable], vectors)
 
     def output_angle(self, curve: int, output: int, s: Floats) -> Floats:
-        """Return the angle (rad) of an output along a curve.
+        """Return the angle (n,), in rad, of an output along a curve.
 
-        It is the variable of the R pair that joins the links of the output. If there is
-        none, it is the rotation about the pole since the first arc length.
+        If an R pair joins the links of the output, the angle is the variable of this pair.
+        Otherwise it is the integral of their relative rate since the first arc length.
 
         Parameters
         ----------
@@ -500,10 +532,15 @@ class SampledSingularities:
         return arc_curve.closure.at(arc_curve.at(s).values).rotations[0]
 
     def crossing_ends(self, curve: int) -> list[tuple[float, Floats]]:
-        """Return the ends of a curve at crossings: arc length, and the crossing.
+        """Return the ends of a curve at crossings with other curves.
 
-        A curve ends a little before the crossing. The variables (variables,) of the
-        crossing are on the same revolutions as those of the end of the curve.
+        A curve ends a little before the crossing.
+
+        Returns
+        -------
+        For each such end its arc length (rad), and the variables (variables,) of the
+        crossing (rad). They differ from those at the end of the curve by no whole
+        revolutions.
         """
         arc_curve = self.curves[curve]
         first_output = self.report.outputs[0]
@@ -537,6 +574,7 @@ class SampledSingularities:
         """
         curve = self.curves[number]
         links = self.report.outputs[output]
+        # Arc length and configuration of each singularity.
         singularities = [
             (point.s, point.values)
             for point in self.report.points
@@ -554,7 +592,8 @@ class SampledSingularities:
             positions = np.concatenate([positions - lap, positions, positions + lap])
         positions = positions[np.argsort(positions[:, 0])]
         next_number = np.searchsorted(positions[:, 0], s)
-        # NaN at both ends stands for no singularity before the first or after the last.
+        # Inputs of the singularities before and after each arc length. NaN at both ends
+        # means that there is none before the first or after the last one.
         singular_inputs = np.pad(positions[:, 1], 1, constant_values=np.nan)
         neighbours = singular_inputs[[next_number, next_number + 1]]
         inputs = curve.at(s).values[:, self._driven]
@@ -566,6 +605,7 @@ def _transmission_angle(
 ) -> Floats:
     """Return the angle (n,) in [0, pi/2] between the planes of the arcs of a dyad.
 
+    A dyad is two links in series with three pairs. The result is its transmission angle.
     `DesignExpressions.transmission_angle` is the same formula as an expression.
 
     Parameters

@@ -41,12 +41,13 @@ conditions are reported as fulfilled; smaller: rounding hides those that are."""
 
 
 class RowType(IntEnum):
-    """Gosselin and Angeles's types; type III is I and II at once.
+    """Types of singularity by Gosselin and Angeles, of one configuration (row).
 
-    SELF_MOTION: there is a motion in which the inputs and the output rest, and none in
-    which only one of them does. If the loops lose rank, because sheets of configurations
-    cross, the row is of type II or a self-motion: type I is not determined there. UNKNOWN:
-    the row has no configuration.
+    At type I inputs can move while the output rests. At type II the output can move while
+    the inputs rest. Type III is both at once. At a SELF_MOTION other links can move while
+    inputs and output rest, and the configuration is of no other type. If the loops lose
+    rank, because surfaces of configurations cross, the row is of type II or a self-motion:
+    type I is not determined then. UNKNOWN means that the row has no configuration.
     """
 
     REGULAR = 0
@@ -74,8 +75,9 @@ ROW_TYPE_LABELS = {
 class RowClassification:
     """Types of singularity of n configurations with g inputs.
 
-    They follow from the rates that close the loops. Input i "moves alone" in the motion in
-    which all other inputs are locked.
+    At type I inputs can move while the output rests, at type II the output can move while
+    the inputs rest. The types follow from the rates that close the loops. Input i "moves
+    alone" in the motion in which all other inputs are locked.
 
     Attributes
     ----------
@@ -90,12 +92,13 @@ class RowClassification:
         (n,) smallest singular value of the closure equations with locked inputs. It is zero
         if the locked inputs do not hold all links.
     reciprocal_condition
-        (n,) smallest singular value of the closure Jacobian over its greatest one.
+        (n,) smallest singular value of the closure Jacobian divided by the largest one.
     type
-        (n,) `RowType`.
+        (n,) `RowType` of each row.
     group
-        (n,) 1 if the mechanism in which one input moves alone is singular for at least one
-        input, 2 if it is for none, 0 for rows that are not of types I, II or III.
+        (n,) 0 for rows that are not of types I, II or III. For others 1 if, for at least
+        one input, the mechanism in which only this input moves is singular too, and 2 if it
+        is regular for all inputs.
     """
 
     input_rate: Floats
@@ -181,14 +184,16 @@ class OutputCoefficients:
 
 @dataclass(frozen=True)
 class _InputCoefficients:
-    """n rows of one input that moves alone, with the meaning in `OutputCoefficients`.
+    """Coefficients of one input that moves while the others are locked, at n rows.
 
     Attributes
     ----------
     w, u
-        (n, 3) angular velocity of the output per unit rate, and its pole axis.
+        (n, 3) angular velocity of the output per unit rate of the input, and unit vector
+        along the pole axis about which the output turns.
     c, d
-        (n,) coefficients of the input-output relation.
+        (n,) coefficients of the relation c w = d q' between the rate w of the output and
+        the rate q' of the input.
     """
 
     w: Floats
@@ -225,7 +230,14 @@ def coefficients(
     with np.errstate(invalid="ignore", divide="ignore"):
         rates_alone /= np.linalg.norm(rates_alone, axis=1, keepdims=True)
         by_input = [
-            _input_coefficients(motion, output, space, rates_alone, position, by_rank)
+            _input_coefficients(
+                motion,
+                output,
+                space=space,
+                rates_alone=rates_alone,
+                position=position,
+                by_rank=by_rank,
+            )
             for position in range(len(input_variables))
         ]
         w = np.stack([item.w for item in by_input], axis=1)
@@ -279,7 +291,7 @@ def _input_coefficients(
     rates_alone
         (n, V, g) unit rates of the motions in which one input moves alone.
     position
-        Position of the input among the inputs of the mechanism.
+        Index of the input among the inputs of the mechanism.
     """
     mechanism = motion.mechanism
     pair = motion.assembly.inputs[position]
@@ -293,9 +305,9 @@ def _input_coefficients(
         [output.pole],
         by_rank=by_rank,
     )
-    # Links that are joined by locked inputs are one body. The relation calls each body by
-    # one of its links, preferably by a link of the input: later links of the loop replace
-    # earlier ones of the same body. `body` holds the number of the body of each link.
+    # Links that are joined by locked inputs are one body. `body` has the number of the body
+    # of each link. The relation names each body by one of its links. In the loop, later
+    # links replace earlier ones of the same body, so the links of the input are preferred.
     body = pole_request.plan.body
     representative: dict[int, int] = {}
     for link in (output.relative_to, output.link, reference_link, input_link):
@@ -334,9 +346,9 @@ def _pole_axis(
 ) -> Floats:
     """Return the axis about which two links turn relative to each other (their pole axis).
 
-    Pole axes are constructed from each other by great circles, in the order of a plan. This
-    may give no axis at singularities. The axis is then that of the angular velocity in the
-    motion in which one input moves alone, which is finite there.
+    Pole axes are constructed from each other by great circles, in the order of a plan. At
+    singularities this may give no axis. The direction of the relative angular velocity is
+    then used, in the motion in which one input moves alone. It is finite at singularities.
 
     Parameters
     ----------
@@ -347,7 +359,7 @@ def _pole_axis(
     input_pole, input_axis
         Pole of the input's two links, and its axis (n, 3), which is always known.
     angular_velocities
-        (n, bodies, 3) in the motion in which this input moves alone.
+        (n, bodies, 3) angular velocities of all links in this motion.
 
     Returns
     -------
@@ -373,8 +385,9 @@ def classify_rows(
     """Return the singularity types of rows, from the rates that close the loops.
 
     Let N be g independent rates that close the loops, N_a their rows of the inputs, and E N
-    the rates of the output. Type II: the output can move while the inputs rest. Type I:
-    inputs can move while the output rests. Both are decided by measures that vanish there.
+    the rates of the output. At type II the output can move while the inputs rest. At type I
+    inputs can move while the output rests. Both are decided by measures that vanish at the
+    type.
 
     Parameters
     ----------
@@ -421,15 +434,16 @@ def classify_rows(
     reciprocal_condition = np.where(motion.failed, np.nan, space.reciprocal_condition)
     loses_rank = reciprocal_condition < SINGULAR_TRANSMISSION
     # The values of RowType: I is 1, II is 2, III is their sum.
-    row_type = ((type_one < SINGULAR_TRANSMISSION) & ~loses_rank) + 2 * (
-        type_two < SINGULAR_TRANSMISSION
-    )
+    is_type_one = (type_one < SINGULAR_TRANSMISSION) & ~loses_rank
+    is_type_two = type_two < SINGULAR_TRANSMISSION
+    row_type = is_type_one + 2 * is_type_two
     is_self_motion = (row_type == RowType.REGULAR) & (loses_rank | has_self_motion)
     row_type[is_self_motion] = RowType.SELF_MOTION
     row_type[~np.isfinite(type_two)] = RowType.UNKNOWN
 
-    # Group 1: for at least one input the motion alone has no rate of the input or of the
-    # output, or is not unique (NaN). Group 2: for none.
+    # Group 1: for at least one input that moves alone, the rate of the input or of the
+    # output vanishes in the unit motion, or the motion is not unique (NaN). Group 2: for no
+    # input.
     alone_tolerance = ALONE_SINGULAR_FACTOR * SINGULAR_TRANSMISSION
     alone_rates = np.array([input_rate, output_rate])
     is_singular_alone = np.any(~(np.abs(alone_rates) > alone_tolerance), axis=(0, 2))
@@ -468,20 +482,21 @@ def _measure_type_one(input_rates: Floats, output_rates: Floats) -> tuple[Floats
     has_self_motion
         (n,) whether a motion moves neither the inputs nor the output.
     """
-    rates = np.concatenate([input_rates, output_rates], axis=1)
-    svd = decompose(rates)
+    input_count = input_rates.shape[1]
+    output_count = output_rates.shape[1]
+    motion_count = input_rates.shape[2]
+    svd = decompose(np.concatenate([input_rates, output_rates], axis=1))
     is_moving = svd.values > SINGULAR_TRANSMISSION
     # Left singular vectors are an orthonormal basis of the rates of inputs and output that
     # occur together. Directions that move neither are set to zero.
-    inputs, outputs, motions = input_rates.shape[1], output_rates.shape[1], rates.shape[2]
-    output_part = svd.left[:, inputs:, :motions] * is_moving[:, None]
+    output_part = svd.left[:, input_count:, :motion_count] * is_moving[:, None]
     # Singular values are the sines of the principal angles to the motions in which the
     # output rests. The first column, 1, is the value if nothing moves.
     sines = np.linalg.svd(output_part, compute_uv=False)
     sines = np.pad(sines, ((0, 0), (1, 0)), constant_values=1.0)
     rank = np.sum(is_moving, axis=1)
-    smallest = np.minimum(rank, outputs)
-    return sines[np.arange(len(sines)), smallest], rank < motions
+    smallest = np.minimum(rank, output_count)
+    return sines[np.arange(len(sines)), smallest], rank < motion_count
 
 
 @dataclass(frozen=True)
@@ -507,14 +522,19 @@ def what_vanishes(
     pointing: Floats | None = None,
     by_rank: bool = False,
 ) -> list[str]:
-    """Return for each row what is special of it geometrically, as a short text.
+    """Return for each row the geometric reason of its singularity, as a short text.
 
     If input i moves alone while the others are locked, the output turns about the pole axis
-    u_i with the angular velocity w_i, and c_i w_i = d_i q_i'. The first of these that
-    applies is reported: vanishing c_i and d_i, or pole axes u_i that coincide, are coplanar
-    in threes, or lie along the pointing direction; two axes along one line; two axes
-    coplanar with the pointing direction; the reason why none of these is decided. For a
-    self-motion the moving links are reported instead.
+    u_i with the angular velocity w_i, and c_i w_i = d_i q_i'. The text has the first of the
+    following items that applies:
+
+    1. vanishing c_i and d_i, or pole axes u_i that coincide, are coplanar in threes, or lie
+       along the pointing direction,
+    2. two axes along one line,
+    3. two axes coplanar with the pointing direction,
+    4. the reason why none of these is decided.
+
+    For a self-motion the moving links are reported instead.
 
     Parameters
     ----------
@@ -524,8 +544,8 @@ def what_vanishes(
         Whether degrees of freedom are determined from the rank of the closure equations,
         instead of by counting links and pairs.
     pointing
-        (n, 3) the output direction, in axes of the link that the output is relative to. It
-        rests if the output link turns about it.
+        (n, 3) the output direction, in axes of the output's reference link. It rests if the
+        output link turns about it. None if the orientation of the link is the output.
 
     Returns
     -------
@@ -538,7 +558,8 @@ def what_vanishes(
     d = np.where(np.isfinite(result.d), result.d, result.output_rate)
     u = np.where(np.isfinite(result.u), result.u, result.alone)
     inputs = motion.mechanism.names_of(motion.assembly.inputs)
-    # Each tier is looked at only for rows in which nothing of the tiers before vanishes.
+    # Sets of quantities in the order of the report. A set is used only for rows in which no
+    # quantity of an earlier set vanishes.
     tiers = _vanishing_candidates(inputs, c, d, replace(result, u=u))
     if pointing is not None:
         direction = np.matvec(motion.rotations[:, output.relative_to], pointing)
@@ -585,8 +606,8 @@ def _vanishing_candidates(
 
     Returns
     -------
-    Two sets of quantities. The second one is reported only where none of the first
-    vanishes.
+    Two sets of quantities. The second set is reported only in rows in which no quantity of
+    the first one vanishes.
     """
     pairs_of_inputs = list(combinations(inputs, 2))
     threes_of_inputs = list(combinations(inputs, 3))
@@ -616,7 +637,7 @@ def _insert_direction(
     u: Floats,
     direction: Floats,
 ) -> list[_VanishingCandidates]:
-    """Return the candidates with those that concern a pointing direction.
+    """Return the quantities that may vanish, with those that concern a pointing direction.
 
     Parameters
     ----------

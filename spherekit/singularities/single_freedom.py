@@ -74,15 +74,15 @@ NO_ZERO = np.array([[np.nan], [np.nan], [np.inf]])
 
 @dataclass(frozen=True)
 class CurveRelations:
-    """Rates and input-output relations at n points of a curve.
+    """Rates and input-output relations at n points of a configuration curve.
 
     Attributes
     ----------
     input_rate, output_rate
-        (n,) rates of the input and of the output by arc length.
+        (n,) rates of the input and of the output by the arc length of the curve.
     relations
-        The relation of form i, and of form ii if there is one. c and d are NaN where an
-        axis is unknown.
+        The relation c y' = d q' between these two rates, in form i and, if it exists, in
+        form ii. c and d are NaN at points at which a pole axis is unknown.
     """
 
     input_rate: Floats
@@ -128,6 +128,10 @@ class SingleFreedomSingularities:
         outputs: Iterable[str | tuple[int | str, int | str]],
         input: str | tuple[int | str, int | str] | None = None,
     ) -> None:
+        """Prepare velocities along the curves, and choose the links of all relations.
+
+        The class explains the parameters.
+        """
         mechanism = position_analysis.mechanism
         if len(position_analysis.inputs) != 1:
             raise PlanError(
@@ -154,6 +158,8 @@ class SingleFreedomSingularities:
         else:
             self.input = ordered_pole(mechanism, input)
         self.outputs = tuple(ordered_pole(mechanism, output) for output in outputs)
+        # For each output the links of its relations: input link, reference, output link,
+        # reference.
         self.links: list[dict[Form, FourLinks]] = []
         for output in self.outputs:
             links_by_form: dict[Form, FourLinks] = {"i": FourLinks(*self.input, *output)}
@@ -165,10 +171,11 @@ class SingleFreedomSingularities:
     def _links_of_form_ii(self, links: FourLinks) -> FourLinks | None:
         """Return the links of form ii of the relation, None if this form does not exist.
 
-        The relation c y' = d q' connects the rate of link i relative to r (the input) with
-        that of link o relative to s in form i, or to r in form ii. Form ii needs another
-        link if s is r. It is the link whose pole axes with i and o span the best determined
-        plane, summed over all curves.
+        The relation is c y' = d q'. q' is the rate of link i relative to r (the input). y'
+        is the rate of link o relative to s in form i, and relative to r in form ii. If s is
+        r, form ii needs another link for s. The pole axes (axes of relative rotation) of
+        this link with i and o should span a well determined plane. The link with the
+        largest sum of the sines between the two axes, over all curves, is taken.
 
         Parameters
         ----------
@@ -185,16 +192,13 @@ class SingleFreedomSingularities:
             return None
         output_poles = [pole_of(links.o, candidate) for candidate in candidates]
         input_poles = [pole_of(links.i, candidate) for candidate in candidates]
+        # The two poles of each candidate, one candidate after the other.
+        poles: list[Pole] = []
+        for poles_of_candidate in zip(output_poles, input_poles, strict=True):
+            poles += poles_of_candidate
         sum_of_sines = np.zeros(len(candidates))
         for curve_motion in self.curve_motions:
-            axes = curve_motion.pole_axes(
-                curve_motion.curve.s,
-                [
-                    pole
-                    for poles in zip(output_poles, input_poles, strict=True)
-                    for pole in poles
-                ],
-            ).directions
+            axes = curve_motion.pole_axes(curve_motion.curve.s, poles).directions
             products = [
                 cross(axes[output_pole], axes[input_pole])
                 for output_pole, input_pole in zip(output_poles, input_poles, strict=True)
@@ -214,18 +218,19 @@ class SingleFreedomSingularities:
         return list(poles)
 
     def evaluate_relations(self, curve: int, s: Floats, output: int) -> CurveRelations:
-        """Return rates and relations at points of a curve.
+        """Return the rates of input and output and their relations at points of a curve.
 
         Parameters
         ----------
         curve
-            Number of the curve.
+            Number of the configuration curve.
         s
-            (n,) arc lengths (rad).
+            (n,) arc lengths (rad) of the points.
         output
-            Position of the output in `outputs`.
+            Index of the output in `outputs`.
         """
         curve_motion = self.curve_motions[curve]
+        # Unit vectors along the pole axes, with senses that are continuous along the curve.
         axes = curve_motion.oriented_axes(s, self.poles(output))
         links = curve_motion.links_at(s)
         return CurveRelations(
@@ -251,7 +256,10 @@ class SingleFreedomSingularities:
 
     @cached_property
     def _points_and_resting_curves(self) -> list[SingularPoint]:
-        """All singularities by output, curve and arc length, NaN for whole curves."""
+        """All singularities, in the order of output, curve and arc length.
+
+        The arc length is NaN if the input or an output rests on a whole curve.
+        """
         points: list[SingularPoint] = []
         for output in range(len(self.outputs)):
             for number in range(len(self.curve_motions)):
@@ -297,14 +305,14 @@ class SingleFreedomSingularities:
         Returns
         -------
         One item for each point, in order of arc length. If the input or the output rests on
-        the whole curve, the list has a single item, which stands for the whole curve: its
-        arc length, error and values are NaN.
+        the whole curve, the list has a single item for the whole curve, whose arc length,
+        error and values are NaN.
         """
         curve_motion = self.curve_motions[number]
         output_links = self.outputs[output]
         input_pole = pole_of(*self.input)
         output_pole = pole_of(*output_links)
-        # `rest_points` gives None instead of points if the two links rest on all the curve.
+        # `rest_points` returns None if the two links rest on the whole curve.
         input_rests = curve_motion.rest_points(input_pole) is None
         output_rests = curve_motion.rest_points(output_pole) is None
         if input_rests or output_rests:
@@ -324,7 +332,8 @@ class SingleFreedomSingularities:
                 rests.input_rests.tolist(), rests.output_rests.tolist(), strict=True
             )
         ]
-        # If the output is the input itself, both rest together without doubt.
+        # Texts that say why a type is not certain. If the output is the input itself, both
+        # rest together without doubt.
         notes = explain_doubts(rests, types, is_input=output_links == self.input)
         links = curve_motion.links_at(rests.s)
         relations = self._compare_relations(output, links, types)
@@ -356,8 +365,9 @@ class SingleFreedomSingularities:
     ) -> list[tuple[RelationAt, ...]]:
         """Return the relations of an output at singularities, compared with the rates.
 
-        A relation c y' = d q' follows from pole axes, the axes about which links turn
-        relative to each other. Its type by vanishing c and d should be that by the rates.
+        A relation c y' = d q' between the rates of output and input follows from pole axes,
+        the axes about which links turn relative to each other. The type according to
+        vanishing c and d should be that according to vanishing rates.
 
         Parameters
         ----------
@@ -372,6 +382,7 @@ class SingleFreedomSingularities:
         -------
         For each singularity the relation of form i and, if it exists, of form ii.
         """
+        # For each form a list with one item per singularity.
         relations_by_form = []
         names = self.position_analysis.mechanism.links
         poles = tuple(self.poles(output))
@@ -400,10 +411,10 @@ class SingleFreedomSingularities:
 
     @cached_property
     def notes(self) -> list[str]:
-        """Relations c y' = d q' whose c and d vanish on a whole curve, in words.
+        """Texts about relations c y' = d q' whose c and d vanish on a whole curve.
 
-        The pole axes of their links are in one plane, or on one line, everywhere on the
-        curve. Curves on which the input or the output rests are left out.
+        The pole axes of the links of such a relation are in one plane, or on one line,
+        everywhere on the curve. Curves on which the input or the output rests are left out.
         """
         names = self.position_analysis.mechanism.links
         notes: list[str] = []
@@ -430,20 +441,23 @@ class SingleFreedomSingularities:
     @cached_property
     def crossings(self) -> list[SingularPoint]:
         """The configurations at which curves end by a loss of rank, for each output."""
-        return [
-            SingularPoint(
-                Type.III,
-                output_links,
-                tuple(curve_end.places),
-                np.nan if curve_end.crossing is None else curve_end.crossing.error,
-                curve_end.values,
-                note=_explain_crossing_doubts(curve_end.crossing),
-                relations=self._relations_at_crossing(curve_end.crossing, output),
-                crossing=curve_end.crossing,
-            )
-            for curve_end in self._singular_curve_ends()
-            for output, output_links in enumerate(self.outputs)
-        ]
+        points: list[SingularPoint] = []
+        for curve_end in self._singular_curve_ends():
+            # None if the crossing was not located.
+            crossing = curve_end.crossing
+            for output, output_links in enumerate(self.outputs):
+                point = SingularPoint(
+                    type=Type.III,
+                    output=output_links,
+                    places=tuple(curve_end.places),
+                    error=np.nan if crossing is None else crossing.error,
+                    values=curve_end.values,
+                    note=_explain_crossing_doubts(crossing),
+                    relations=self._relations_at_crossing(crossing, output),
+                    crossing=crossing,
+                )
+                points.append(point)
+        return points
 
     def _singular_curve_ends(self) -> list["_SingularCurveEnd"]:
         """Return the configurations at which curves end by a loss of rank, each once.
@@ -466,6 +480,7 @@ class SingleFreedomSingularities:
                 for curve_end in curve_ends:
                     difference = curve.wrapped(values - curve_end.values)
                     if max_abs(difference) < SAME_CROSSING_RAD:
+                        # Another curve ends at the same crossing.
                         curve_end.places.append((number, s))
                         break
                 else:
@@ -503,8 +518,9 @@ class SingleFreedomSingularities:
         )
         is_input = {*self.outputs[output]} == {*self.input}
         relations: list[RelationAt] = []
-        for of_curve in self._compare_relations(output, links, [Type.III] * curve_count):
-            for relation in of_curve:
+        types = [Type.III] * curve_count
+        for relations_of_curve in self._compare_relations(output, links, types):
+            for relation in relations_of_curve:
                 if relation.type is None and not is_input:
                     relation = replace(relation, note=ONE_CURVE_NOTE)
                 relations.append(relation)
@@ -514,10 +530,10 @@ class SingleFreedomSingularities:
     def everywhere(self) -> int | None:
         """The degrees of freedom of a mechanism that has more than one everywhere.
 
-        None for all others, and if there are configuration curves. The degrees of freedom
-        follow from the rank of the closure equations, to a part in a million. They are
-        determined at configurations of the assembly modes, and in the reference pose (all
-        variables zero) if the loops close there; the least number counts.
+        None for other mechanisms, and if there are configuration curves. The number follows
+        from the rank of the closure equations. It is computed at some configurations of all
+        assembly modes, and in the reference pose (all variables zero) if the loops close in
+        it. The smallest number counts.
         """
         if self.curve_motions:
             return None
@@ -541,16 +557,19 @@ class SingleFreedomSingularities:
 class _SingularCurveEnd:
     """A configuration at which curves of configurations end.
 
-    The closure equations lose rank there, which is generally where curves cross.
+    The loop-closure equations lose rank at this configuration. Generally curves cross at
+    it.
 
     Attributes
     ----------
     crossing
-        The crossing there, or None if it was not located.
+        The crossing of curves, or None if it was not located.
     values
-        (variables,) its variables (rad), or those of the last node of a curve.
+        (variables,) variables of the crossing (rad). If it was not located, those of the
+        last node of a curve.
     places
-        Numbers of the curves that end there, each with the arc length of its end (rad).
+        Numbers of the curves that end at the crossing, each with the arc length (rad) of
+        its end.
     """
 
     crossing: Crossing | None
@@ -560,19 +579,19 @@ class _SingularCurveEnd:
 
 @dataclass(frozen=True)
 class CommonRests:
-    """The n points of a curve at which the input, the output, or both rest.
+    """The n points of a configuration curve at which the input, the output, or both rest.
 
     Attributes
     ----------
     s, errors
-        (n,) arc lengths and bounds of their errors (rad).
+        (n,) arc lengths of the points, and bounds of their errors (rad).
     distances
-        (n,) distance (rad) between the zero of the input and that of the output if both
-        rest, otherwise 0.
+        (n,) distance (rad) between the zero of the input's rate and that of the output's
+        rate if both rest, otherwise 0.
     input_rests, output_rests
-        (n,) whether the input and the output rest.
+        (n,) whether the input rests, and whether the output rests.
     input_is_double, output_is_double
-        (n,) whether their zeros are double.
+        (n,) whether the zero of the rate is double, so that the motion does not reverse.
     """
 
     s: Floats
@@ -590,8 +609,8 @@ def find_common_rests(
     """Return the points at which an input or an output rests, in order of arc length.
 
     They are zeros of the rates of input and output along the curve. If a zero of the input
-    and one of the output agree within their error bounds, both rest at one point. Neither
-    may rest on the whole curve.
+    and a zero of the output agree within their error bounds, they are one point at which
+    both rest. Neither may rest on the whole curve.
 
     Parameters
     ----------
@@ -601,16 +620,20 @@ def find_common_rests(
         The two links of the input and of the output.
     """
     curve = curve_motion.curve
-    # Rows are arc length, whether the zero is double, and error bound. The last column
-    # stands for no zero.
+    # Each column is a zero. The rows are arc length, whether the zero is double, and error
+    # bound. The last column represents a missing zero.
     input_zeros = np.hstack([_stack_rest_points(curve_motion, input_pole), NO_ZERO])
     output_zeros = np.hstack([_stack_rest_points(curve_motion, output_pole), NO_ZERO])
-    distances = np.abs(input_zeros[0][:, None] - output_zeros[0])
+    input_s, _, input_errors = input_zeros
+    output_s, _, output_errors = output_zeros
+    # (zeros of the input, zeros of the output) distances along the curve.
+    distances = np.abs(input_s[:, None] - output_s)
     if curve.closed:
         distances = np.minimum(distances, curve.length - distances)
     # agrees[j, k]: zero j of the input and zero k of the output are the same point.
-    agrees = distances <= input_zeros[2][:, None] + output_zeros[2]
-    # A zero that agrees with none of the other link pair is paired with no zero.
+    agrees = distances <= input_errors[:, None] + output_errors
+    # A zero of one rate that agrees with no zero of the other rate is paired with the
+    # missing zero.
     input_alone = ~agrees[:-1].any(axis=1)
     output_alone = ~agrees[:, :-1].any(axis=0)
     agrees[:-1, -1] = input_alone
@@ -618,14 +641,18 @@ def find_common_rests(
     input_numbers, output_numbers = np.nonzero(agrees)
     input_zeros = input_zeros[:, input_numbers]
     output_zeros = output_zeros[:, output_numbers]
+    # From here on, column k of both arrays is pair k of zeros.
     distance = np.nan_to_num(distances[agrees])
-    # The more accurate zero of the two gives the arc length.
-    is_input_better = input_zeros[2] <= output_zeros[2]
+    # The more accurate zero of a pair gives the arc length.
+    _, input_double, input_errors = input_zeros
+    _, output_double, output_errors = output_zeros
+    is_input_better = input_errors <= output_errors
     s, _, errors = np.where(is_input_better, input_zeros, output_zeros)
     errors = np.maximum(errors, distance)
     order = np.argsort(s, kind="stable")
-    input_double = input_zeros[1][order]
-    output_double = output_zeros[1][order]
+    # 1.0 for a double zero, 0.0 for a simple one, NaN for a missing one.
+    input_double = input_double[order]
+    output_double = output_double[order]
     return CommonRests(
         s=s[order],
         errors=errors[order],
@@ -647,8 +674,9 @@ def _stack_rest_points(curve_motion: CurveMotion, pole: Pole) -> Floats:
 def explain_doubts(rests: CommonRests, types: Sequence[Type], is_input: bool) -> list[str]:
     """Return for each singularity why its type is not certain, or an empty text.
 
-    It is not certain whether input and output rest together if this point is not known well
-    enough, or if they rest at two points that are hardly farther apart than their errors.
+    Two questions may be open: whether input and output really rest at the same point, if
+    the point is not known accurately enough; and whether they really rest at different
+    points, if two points are hardly farther apart than their errors.
 
     Parameters
     ----------
@@ -657,7 +685,7 @@ def explain_doubts(rests: CommonRests, types: Sequence[Type], is_input: bool) ->
     types
         Their types.
     is_input
-        Whether the output is the input, so that both rest together.
+        Whether the output is the input itself, so that both rest together without doubt.
     """
     notes = [""] * len(types)
     s = rests.s.tolist()
@@ -691,7 +719,16 @@ def _relative_rate(
 ) -> Floats:
     """Return the rate (n,) of the first of two links relative to the second.
 
-    `axes` are the unit vectors (n, 3) by pole, whose sense gives the sign of the rate.
+    It is the component of their relative angular velocity along their pole axis.
+
+    Parameters
+    ----------
+    motion
+        Angular velocities of all links at n configurations.
+    axes
+        (n, 3) unit vectors by pole. Their sense decides the sign of the rate.
+    links
+        Numbers of the two links.
     """
     link, reference = links
     w, _ = motion.relative(reference, link)

@@ -30,12 +30,15 @@ LocusFunction = Callable[[LocusPoints], Floats]
 
 @dataclass(frozen=True)
 class SingularCurve:
-    """A curve of a locus through verified nodes, in the arc length of the variables.
+    """A curve of singular configurations through verified nodes.
+
+    Its parameter is the arc length in the space of all pair variables. Each node has a
+    singular motion: unit rates in which the inputs or the output rest.
 
     Attributes
     ----------
     locus
-        The locus on which the curve lies.
+        The singular configurations of the type, of which the curve is a part.
     nodes
         The nodes in order, with tangents in the direction of the curve. The last node of a
         closed curve is the first one, with variables that have grown by whole periods.
@@ -44,8 +47,9 @@ class SingularCurve:
     closed
         Whether the curve is closed.
     ends
-        Why the curve ends at its start and at its end: OK if it is closed or reached the
-        greatest length, AT_SINGULARITY where curves cross, OFF_PROFILE, or MODE_LOST.
+        The reasons why the curve ends, at its start and at its end. OK: it is closed or
+        reached the largest length. AT_SINGULARITY: curves cross. OFF_PROFILE: a contact
+        leaves its profile. MODE_LOST: it was not followed further.
     """
 
     locus: SingularityLocus
@@ -69,8 +73,8 @@ class SingularCurve:
         tangents = self.nodes.tangents[:, None, :, 0]
         start_tangents = tangents[:-1]
         directions = self.chords.directions[:, None]
-        # The derivative of the cubic by x = 0 ... 1, in units of the length of the chord.
-        # Axes: chord, Gauss point, variable.
+        # The derivative of the cubic by x, from 0 to 1, divided by the length of the chord.
+        # The axes are: chord, Gauss point, variable.
         x = 0.5 * (GAUSS_POINTS[:, None] + 1.0)
         curvature = start_tangents + tangents[1:] - 2.0 * directions
         linear = 2.0 * (directions - start_tangents - curvature)
@@ -92,6 +96,7 @@ class SingularCurve:
             (n,) position of the projection on each chord, from 0 to 1.
         """
         nodes = self.nodes
+        # Unit vectors (n, V) along the chords, and their lengths (n,).
         directions = self.chords.directions[chord_numbers]
         lengths = self.chords.chords[chord_numbers]
         start_motions = nodes.motions[chord_numbers]
@@ -104,6 +109,7 @@ class SingularCurve:
             targets=(projections + parts * lengths)[:, None],
             reference_basis=nodes.basis[chord_numbers],
         )
+        # Tangents have an arbitrary sign; they get the direction of the curve.
         along_chord = np.vecdot(points.tangents[:, :, 0], directions)
         return orient_tangents(points, np.where(along_chord < 0.0, -1.0, 1.0))
 
@@ -121,9 +127,9 @@ class SingularCurve:
         -------
         (n,) whether the configuration and its singular motion are on the curve.
         """
-        # Each item of `projections` is one configuration beside one chord, with its
-        # position relative to the start of the chord. A configuration may be beside several
-        # chords.
+        # The items of `projections` are pairs of a configuration and a chord beside it,
+        # with the position relative to the start of the chord. A configuration may be
+        # beside several chords.
         projections = self.chords.project(values, self.periods)
         chord_numbers = projections.chords
         parts = projections.distances / self.chords.chords[chord_numbers]
@@ -141,6 +147,11 @@ class SingularCurve:
         The signs at successive nodes are compared. Each change is then located between the
         two nodes, to 1e-14 of their distance. Two zeros between the same nodes are missed.
         A function that is zero up to rounding has no zeros.
+
+        Parameters
+        ----------
+        function
+            Returns one value (n,) for each of n points of the curve.
         """
         node_values = function(self.nodes)
         # The sign of the function may depend on the basis, which is continued from node to
@@ -154,10 +165,10 @@ class SingularCurve:
         (chord_numbers,) = np.nonzero(is_clear & changes_sign)
         parts, _ = find_bracketed_zeros(
             lambda x, rows: function(self.points_on_chords(chord_numbers[rows], x)),
-            np.zeros(len(chord_numbers)),
-            np.ones(len(chord_numbers)),
-            node_values[chord_numbers],
-            node_values[chord_numbers + 1],
+            low=np.zeros(len(chord_numbers)),
+            high=np.ones(len(chord_numbers)),
+            values_at_low=node_values[chord_numbers],
+            values_at_high=node_values[chord_numbers + 1],
             tolerance=1e-14,
         )
         return self.points_on_chords(chord_numbers, parts)
@@ -165,9 +176,9 @@ class SingularCurve:
     def cusps(self) -> LocusPoints:
         """Return the cusps of the curve in the plane of the inputs or of the output.
 
-        There the curve runs in the direction of the singular motion, in which the inputs
-        (type II) or the output (type I) rest. Its image in the plane of the inputs, or of
-        the output, therefore turns back.
+        At a cusp the tangent of the curve is the singular motion, in which the inputs (type
+        II) or the output (type I) rest. The image of the curve in the plane of the inputs,
+        or of the output, therefore turns back.
         """
         if self.locus.motion_dimension < self.locus.degrees_of_freedom:
             # A part has fewer motions than dimensions: there is no determinant.

@@ -46,7 +46,7 @@ class CurveSeen:
     points
         n points of the curve. The last point of a closed curve is its first.
     both
-        The points at which the other type occurs too (of I and II).
+        The points at which the other one of types I and II occurs too.
     s
         (n,) arc lengths of the points (rad).
     closed
@@ -55,10 +55,11 @@ class CurveSeen:
         The geometric reason of the singularity, if it is the same on the whole curve,
         otherwise empty.
     modes
-        For a mid-plane symmetric architecture the assembly modes of the curve.
+        For a mid-plane symmetric architecture, numbers of the assembly modes of the curve.
     traced
-        For a curve that was followed numerically: what is reported of its points, and the
-        part of the followed curve that is of the type. None for a curve in closed form.
+        For a curve that was followed numerically: the type of singularity, which describes
+        points, and the part of the followed curve that is of the type. None for a curve in
+        closed form.
     """
 
     points: SingularPoints
@@ -71,14 +72,20 @@ class CurveSeen:
 
     @cached_property
     def cusps(self) -> SingularPoints:
-        """Where it turns back in the plane of the inputs (type II) or at the output (I)."""
+        """Points at which the curve turns back in the plane of the inputs or of the output.
+
+        For type II it is the plane of the inputs, for type I that of the output.
+        """
         if self.traced is None:
             return self.points.rows(slice(0))
         report, curve = self.traced
         return report.points(curve.cusps())
 
     def dense(self, parts: int) -> SingularPoints:
-        """Return points of the curve, each chord between two nodes divided into parts."""
+        """Return points of the curve at `parts` positions between two successive nodes.
+
+        For a curve in closed form, the points of the curve are returned.
+        """
         if self.traced is None:
             return self.points
         report, curve = self.traced
@@ -101,10 +108,10 @@ class SingularCurves:
     curves
         The curves; none if every configuration is of the type.
     claim
-        What is known of curves that were not found.
+        The guarantee of completeness: what is known of curves that were not found.
     stray
-        (n, V) singular configurations from which no curve could be followed: the locus
-        crosses itself there, or fills a part of the configurations.
+        (n, V) singular configurations (rad) from which no curve could be followed, because
+        curves cross at them, or because all configurations around them are singular.
     everywhere
         Whether every configuration is of the type.
     """
@@ -170,7 +177,14 @@ def singular_curves(
         output.
     """
     search = LocusPointSearch(
-        mechanism, CURVE_FREEDOMS, kind, output, pointing, made, slices_of_each, budget
+        mechanism,
+        input_count=CURVE_FREEDOMS,
+        kind=kind,
+        output=output,
+        pointing=pointing,
+        section=made,
+        slices_of_each=slices_of_each,
+        time_limit=budget,
     )
     curves: list[SingularCurve] = []
     stray = [np.zeros((0, len(mechanism.variable_owners)))]
@@ -204,14 +218,15 @@ def _follow_new_curves(
     search
         The search, with the locus and the time limit.
     points
-        Singular configurations.
+        Singular configurations from which curves may be followed.
     curves
         The curves that were followed before. New ones are appended, in place.
 
     Returns
     -------
-    Variables (1, V) of each point from which no curve could be followed.
+    Variables (1, V), in rad, of each point from which no curve could be followed.
     """
+    # Points that are on no curve yet.
     is_remaining = np.ones(len(points), dtype=bool)
     for curve in curves:
         _remove_points_on_curve(is_remaining, points, curve)
@@ -252,8 +267,15 @@ def _remove_points_on_curve(
 def _parts_of_type(curve: SingularCurve, report: SingularityReport) -> Iterator[CurveSeen]:
     """Yield the parts of a followed curve whose nodes are of the reported type.
 
-    Nodes of another type can occur, such as self-motions on a curve of type II. Points at
-    which the other of the types I and II occurs too are located on each part.
+    Nodes of another type can occur, such as self-motions on a curve of type II. On each
+    part, the points are located at which the other one of types I and II occurs too.
+
+    Parameters
+    ----------
+    curve
+        The followed curve of singular configurations.
+    report
+        The type of singularity, which determines the types of configurations.
     """
     other_locus = report.locus_of_other_type
 

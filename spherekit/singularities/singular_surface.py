@@ -41,15 +41,16 @@ range of that input. Larger: other edges are taken for such ones."""
 
 @dataclass(frozen=True)
 class _EdgePoints:
-    """Linearly interpolated points on k edges of a mesh.
+    """Linearly interpolated points on k edges of a mesh of singular configurations.
 
     Attributes
     ----------
     values, motions
-        (k, V) variables (rad), and rates of the singular motion.
+        (k, V) variables (rad), and rates of the singular motion, in which the inputs or the
+        output rest.
     edge_vectors
-        (k, V) difference of the variables from the first to the second end (rad), less
-        whole periods.
+        (k, V) differences of the variables from the first to the second end of each edge
+        (rad), reduced by whole periods.
     """
 
     values: Floats
@@ -59,24 +60,28 @@ class _EdgePoints:
 
 @dataclass(frozen=True)
 class SingularSurface:
-    """A mesh of singular configurations.
+    """A mesh of triangles on surfaces of singular configurations.
+
+    Surfaces of singular configurations occur in mechanisms with three inputs.
 
     Attributes
     ----------
     view
-        The type of singularity, and what is reported of its configurations.
+        The type of singularity, with the mechanism, its output and the ranges of inputs.
     nodes
-        The n vertices. Each is singular to `points.residual`.
+        The n vertices. They are singular configurations up to `points.residual`.
     triangles
         (m, 3) numbers of vertices. Variables at the ends of an edge may differ by whole
         revolutions in addition to the length of the edge.
     side
         Length of the edges aimed at (rad, in the space of the variables), after halving.
     claim
-        What is known of surfaces that the search may have missed.
+        The guarantee of completeness: what is known of surfaces that the search may have
+        missed.
     irregular
-        Number of singular configurations within the ranges, met by the search, at which
-        surfaces cross, or whose neighbourhood is singular in more than two dimensions.
+        Number of irregular singular configurations within the ranges that the search
+        yielded: surfaces cross at them, or their neighbourhood is singular in more than two
+        dimensions.
     everywhere
         Whether every configuration is of the type, so that there is no surface.
     """
@@ -190,14 +195,14 @@ class SingularSurface:
         input_gradient = tangents[:, variable]
         level_coordinates = input_gradient[:, ::-1] * [-1.0, 1.0]
         second_borders = np.vecmat(level_coordinates, np.swapaxes(tangents, 1, 2))
-        # An edge along the end of the range of another input must remain there.
+        # An edge along an end of the range of another input must stay on this end.
         for other_variable in driven:
             edge_change = np.abs(guess.edge_vectors[:, other_variable])
             is_level = edge_change < EQUAL_INPUT_TOLERANCE_RAD
             second_borders[is_level] = unit_vectors[other_variable]
         first_borders = np.broadcast_to(unit_vectors[variable], guess.values.shape)
         borders = np.stack([first_borders, second_borders], axis=1)
-        # The guess is moved (in place) to the limit, on its own revolution.
+        # The guess is moved (in place) to the limit, without a jump by whole revolutions.
         guess.values[:, variable] += less_periods(
             limit - guess.values[:, variable], self.periods[variable]
         )
@@ -221,14 +226,15 @@ class SingularSurface:
         first, second = self.nodes.values[edges.T]
         first_motion, second_motion = self.nodes.motions[edges.T]
         edge_vectors = less_periods(second - first, self.periods)
-        # Singular motions have no sign; the second one gets that of the first.
+        # The sign of a singular motion is arbitrary. The motion at the second end gets the
+        # sign of that at the first.
         second_motion *= np.sign(np.vecdot(first_motion, second_motion))[:, None]
         values = first + part * edge_vectors
         motions = first_motion + part * (second_motion - first_motion)
         return _EdgePoints(values, motions, edge_vectors)
 
     def _correct(self, guess: _EdgePoints, borders: Floats) -> LocusPoints:
-        """Return the points of the locus near points on edges.
+        """Return the singular configurations (points of the locus) near points on edges.
 
         A point that is farther from its guess than half the edge belongs to another part of
         the locus. Its residual is set to NaN, so that it counts as failed.
@@ -253,18 +259,19 @@ class SingularSurface:
     ) -> Self:
         """Return the mesh with new vertices on edges, without the vertices outside.
 
-        Each triangle is replaced by smaller ones between its remaining corners and the new
-        vertices on its sides. Vertices that then belong to no triangle are removed.
+        Each triangle is replaced by smaller triangles between its corners that remain and
+        the new vertices on its sides. Vertices that then belong to no triangle are removed.
 
         Parameters
         ----------
         edge_numbers
-            (k,) edges, as numbered by `list_edges`, on which points lie.
+            (k,) numbers, as in `list_edges`, of the edges that get a new vertex.
         edge_points
-            The k points. Those that are not on the locus are ignored.
+            The k new vertices. Points that are not on the locus are ignored.
         is_inside
-            (n,) vertices that remain.
+            (n,) whether each present vertex remains.
         """
+        # (edges, 2) vertices of edges, and (m, 3) numbers of the edges of each triangle.
         edges, sides = list_edges(self.triangles)
         (good,) = np.nonzero(edge_points.is_on_locus)
         vertex_of_edge = np.full(len(edges), NO_VERTEX)
@@ -305,9 +312,10 @@ def _subdivide_triangle(
 
     Returns
     -------
-    Vertices of each triangle, none if a side that the border of the inside crosses has no
-    new vertex.
+    Three vertices for each triangle. The list is empty if one end of a side is inside and
+    the other one outside, but the side has no new vertex at which it could be cut.
     """
+    # The inside part: corners that are inside and new vertices, in the order of the border.
     polygon: list[int] = []
     for k in range(3):
         if is_inside[k]:
@@ -317,6 +325,7 @@ def _subdivide_triangle(
         elif is_inside[k] != is_inside[(k + 1) % 3]:
             return []
     if len(polygon) == 6:
+        # All sides are halved: four triangles.
         a, ab, b, bc, c, ca = polygon
         return [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     if not polygon:
@@ -380,7 +389,14 @@ def singular_surface(
         that three inputs can move while it rests in every configuration.
     """
     search = LocusPointSearch(
-        mechanism, 3, kind, output, pointing, made, slices_of_each, budget
+        mechanism,
+        input_count=3,
+        kind=kind,
+        output=output,
+        pointing=pointing,
+        section=made,
+        slices_of_each=slices_of_each,
+        time_limit=budget,
     )
     time_limit = search.time_limit
     if halved:

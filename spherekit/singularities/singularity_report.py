@@ -35,17 +35,21 @@ ROW_TYPES_OF_LOCUS: Mapping[LocusName, tuple[RowType, ...]] = {
 class SingularPoints(ArrayRows):
     """n singular configurations of a mechanism with g inputs and V variables.
 
+    In a singular configuration a motion exists in which inputs or output rest, the singular
+    motion.
+
     Attributes
     ----------
     kind
-        The locus that they are on. II: the inputs stand still in the singular motion; I:
-        the output does; self-motion: both.
+        The type of the configurations. II: the inputs rest in the singular motion; I: the
+        output rests; self-motion: both rest.
     type
-        (n,) `spherekit.singularities.several_inputs.RowType` of each for the output.
+        (n,) `spherekit.singularities.several_inputs.RowType` of each configuration.
     values
         (n, V) variables (rad).
     motion
-        (n, V) unit rates of the singular motion, of the pairs that move the output.
+        (n, V) unit rates of the singular motion, in which only the pairs that move the
+        output take part.
     inputs
         (n, g) values of the inputs (rad). They differ from the variables by whole
         revolutions, so that they are in their declared ranges or as near to these as
@@ -77,16 +81,16 @@ class SingularPoints(ArrayRows):
 
 @dataclass(frozen=True)
 class SingularityReport:
-    """One type of singularity of an output, and what is reported of its configurations.
+    """One type of singularity of an output, which describes singular configurations.
 
     Attributes
     ----------
     solver
         Position solver of the mechanism.
     output
-        The output that is stationary in type I.
+        The output, with the condition that it rests (type I).
     kind
-        The type.
+        The type: "I", "II" or "self-motion".
     part
         The part of the mechanism that moves the output, or None if all pairs take part.
     """
@@ -100,10 +104,19 @@ class SingularityReport:
     def for_output(
         solver: PositionSolver, output: OutputStationary, kind: LocusName
     ) -> "SingularityReport":
-        """Return one type of singularity of an output, for the pairs that move this output.
+        """Return one type of singularity of an output.
 
-        Singularities at which only other pairs move are not those of the output.
-        Self-motions are those of the whole mechanism instead.
+        A singularity in which only pairs move that do not move the output is not counted.
+        Self-motions are those of the whole mechanism.
+
+        Parameters
+        ----------
+        solver
+            Position solver of the mechanism.
+        output
+            The output, with the condition that it rests.
+        kind
+            "I", "II" or "self-motion".
         """
         part = None
         if kind != "self-motion":
@@ -171,8 +184,8 @@ class SingularityReport:
         values, motions
             (n, V) variables (rad), and unit rates of the singular motions.
         residual
-            (n,) by how much the loops are open (rad), or the links that should rest in the
-            singular motion move, whichever is larger.
+            (n,) the larger of two errors: the opening of the loops (rad), and the rates of
+            the inputs or the output that should rest in the singular motion.
         """
         linearisation = self.solver.closure.at(values)
         inputs = self.inputs_in_range(values)

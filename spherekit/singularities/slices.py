@@ -58,6 +58,8 @@ def solver_of(mechanism: Mechanism) -> PositionSolver:
 def configurations(solver: PositionSolver, q: Floats) -> tuple[Floats, Indices]:
     """Return the closed configurations of all assembly modes at given inputs.
 
+    An assembly mode is one of the ways to assemble the links at the same inputs.
+
     Parameters
     ----------
     solver
@@ -75,7 +77,8 @@ def configurations(solver: PositionSolver, q: Floats) -> tuple[Floats, Indices]:
     value_parts = [np.zeros((0, len(solver.mechanism.variable_owners)))]
     row_parts = [np.zeros(0, dtype=np.intp)]
     if solver.assembly.has_closed_form:
-        # Each group is a dyad with two assemblies, named by a sign.
+        # Each group is a dyad (two links in series) that can be closed in two ways, which
+        # its sign distinguishes.
         for signs in product((1, -1), repeat=len(solver.assembly.groups)):
             mode = solver.evaluate(AssemblyMode(0, signs), q)
             closed_rows = np.flatnonzero(mode.status == Status.OK)
@@ -131,6 +134,7 @@ def _follow_slices(
         for slice_number in range(len(input_values))
     }
     while unfinished := [number for number, left in remaining_starts.items() if len(left)]:
+        # The next curve of each slice, from its first remaining start.
         if not time_limit.goes_on(f"curves of {counted(len(unfinished), 'slice')}"):
             return
         closure = solver.closure.locked(locked_variables, locked_values[unfinished])
@@ -147,7 +151,10 @@ def _follow_slices(
 
 @dataclass(frozen=True)
 class LockedInputSection:
-    """Slices of a mechanism at some values of each input.
+    """Curves of configurations on which all inputs but one are locked.
+
+    The configurations with all inputs but one locked at given values are a slice, which
+    consists of curves.
 
     Attributes
     ----------
@@ -156,7 +163,7 @@ class LockedInputSection:
     gaps
         For each input the distance (rad) between the values at which it is locked.
     note
-        What was left out because the time limit was reached; empty if nothing.
+        The part that was left out because the time limit was reached; empty if nothing was.
     """
 
     slices: tuple[ArcCurve, ...]
@@ -193,6 +200,7 @@ def cut(
     """
     time_limit = budget or TimeLimit()
     slices_at_once = SLICES_AT_ONCE if solver.assembly.has_closed_form else 1
+    # The middles of equal parts of the range of each input.
     numbers = np.arange(values_of_each) + 0.5
     locked_values = [low + (high - low) * numbers / values_of_each for low, high in ranges]
     curves: list[ArcCurve] = []
@@ -220,7 +228,15 @@ def cut(
 
 
 def singular_points_on_slice(curve: ArcCurve, locus: SingularityLocus) -> LocusPoints:
-    """Return the points of a locus on a curve of a slice."""
+    """Return the singular configurations of one type on a curve of a slice.
+
+    Parameters
+    ----------
+    curve
+        Configurations in which all inputs but one have fixed values.
+    locus
+        The singular configurations of the type.
+    """
 
     def measure_along_curve(points: CurvePoints) -> tuple[Floats, Floats]:
         """Return the measure (n,) of the locus and its derivative by the arc length."""

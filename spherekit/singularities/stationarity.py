@@ -25,12 +25,12 @@ from spherekit.wording import nearest
 
 @dataclass(frozen=True)
 class InputsLocked:
-    """The condition that the variables of all inputs stand still.
+    """The condition E x = 0 that all inputs rest, for rates x of the V variables.
 
     Attributes
     ----------
     variables
-        Numbers of the inputs' variables.
+        Indices of the inputs among the pair variables.
     """
 
     variables: tuple[int, ...]
@@ -53,10 +53,10 @@ class InputsLocked:
 
 @dataclass(frozen=True)
 class OutputStationary:
-    """The condition that a link does not turn relative to another link.
+    """The condition E x = 0 that an output link does not turn relative to another link.
 
-    With a pointing direction the link may turn about this direction, which then stands
-    still relative to the other link.
+    x are the rates of the V variables. If the output is a pointing direction, only this
+    direction has to rest, and the link may turn about it.
 
     Attributes
     ----------
@@ -66,9 +66,9 @@ class OutputStationary:
         Unit vector in the axes of the output link, or None if the orientation of the link
         is the output.
     variable_senses
-        (V,) +1 or -1 for each variable on a path of pairs from the reference link to the
-        output link, in the sense in which the path passes it; otherwise 0. By default
-        (None) the path along the tree of the loops.
+        (V,) the sense, +1 or -1, in which a path of pairs from the reference link to the
+        output link passes each variable; 0 for variables that are not on the path. By
+        default (None) the path follows the spanning tree of the loops.
     """
 
     link: int
@@ -107,8 +107,9 @@ class OutputStationary:
         linearisation = space.linearisation
         directions = self._constrained_directions(linearisation)
         angular_velocities = self._angular_velocities(linearisation)
+        # The angular velocity of the output link along each change of the configuration.
+        # The letters are: n configuration, v variable, g direction of change, k component.
         link_vectors = linearisation.tree.paths[self.link][:, None] * linearisation.vectors
-        # n: configuration, v: variable, g: direction of change, k: component
         link_velocity = np.einsum("nvg,nvk->ngk", space.directions, link_vectors)
         direction_changes = cross(link_velocity[:, :, None], directions[:, None])
         velocity_changes = (
@@ -118,7 +119,7 @@ class OutputStationary:
         return from_directions + directions[:, None] @ np.swapaxes(velocity_changes, 2, 3)
 
     def _path_senses(self, linearisation: Linearisation) -> Floats:
-        """Return (V,) +1, -1 or 0: how each variable turns the output link."""
+        """Return the sense (V,), +1, -1 or 0, in which each variable turns the output."""
         if self.variable_senses is not None:
             return np.array(self.variable_senses)
         paths = linearisation.tree.paths
@@ -127,7 +128,7 @@ class OutputStationary:
     def _angular_velocities(self, linearisation: Linearisation) -> Floats:
         """Return the output's relative angular velocity (n, V, 3) per rate of a variable.
 
-        In the axes of body 0.
+        Vectors have components along the axes of body 0.
         """
         return self._path_senses(linearisation)[:, None] * linearisation.vectors
 
@@ -185,9 +186,10 @@ def output_of(
     output
         Name of an output.
     pointing
-        Name of an R pair on the output's link, whose axis is the direction that counts,
-        or a vector (3,) in that link's axes. By default, with two inputs, the direction
-        that the output declares; else the link's orientation counts.
+        The direction that must rest: the name of an R pair on the output's link, for the
+        axis of this pair, or a vector (3,) in the link's axes. By default it is the
+        direction that the output declares, if there are two inputs. Otherwise the
+        orientation of the link must rest.
 
     Raises
     ------

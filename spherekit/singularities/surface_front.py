@@ -54,12 +54,16 @@ Edge = tuple[int, int]
 
 
 class SurfaceFront:
-    """A mesh of triangles that grows at its open edges.
+    """A mesh of triangles on surfaces of singular configurations.
+
+    The mesh grows at its open edges, which have a triangle on one side only. Positions in
+    the tangent plane of the surface at a vertex are complex numbers.
 
     Attributes
     ----------
     search, report
-        Source of singular configurations, and what is reported of these.
+        Source of singular configurations, and the type of singularity with the ranges of
+        the inputs.
     side
         Length of the edges aimed at (rad, in the space of the variables).
     periods
@@ -82,6 +86,7 @@ class SurfaceFront:
     """
 
     def __init__(self, search: LocusPointSearch, side: float) -> None:
+        """Make an empty mesh; the class explains the parameters."""
         self.search = search
         self.report = search.report
         self.side = side
@@ -95,9 +100,9 @@ class SurfaceFront:
         self.waiting_edges: deque[Edge] = deque()
 
     def find_vertices_near(self, values: Floats, motion: Floats, radius: float) -> Indices:
-        """Return the vertices near a configuration on the same sheet of the surface.
+        """Return the numbers of the vertices near a configuration on the same sheet.
 
-        Sheets of surfaces that pass each other at a small distance are told apart by the
+        Sheets of surfaces that pass each other at a small distance are distinguished by the
         singular motion, whose sign is arbitrary.
 
         Parameters
@@ -115,8 +120,8 @@ class SurfaceFront:
     def mesh_all_surfaces(self) -> int:
         """Mesh the surfaces through all singular configurations that the search yields.
 
-        Configurations with an input outside its range are left out. `vertices` and
-        `triangles` hold the mesh. It is not complete if the time limit is reached.
+        Configurations with an input outside its range are left out. The mesh is stored as
+        `vertices` and `triangles`. It is not complete if the time limit is reached.
 
         Returns
         -------
@@ -129,6 +134,7 @@ class SurfaceFront:
             is_crossing = points.reciprocal_condition < SURFACE_CROSSING_CONDITION
             crossings += int(np.sum(is_inside & is_crossing))
             for row in np.flatnonzero(is_inside):
+                # A slice, because a point is a record of one row.
                 if self.mesh_surface(points.rows(slice(row, row + 1))):
                     self.search.record_new_result()
             if self.search.time_limit.note:
@@ -145,12 +151,12 @@ class SurfaceFront:
         return False
 
     def mesh_surface(self, seed: LocusPoints) -> bool:
-        """Mesh the surface through one singular configuration, the `seed`.
+        """Mesh the surface through one singular configuration, the `seed` (one row).
 
-        An equilateral triangle is laid at the seed. The mesh then grows at its open edges,
-        which have a triangle on one side only, until no edge needs a triangle, or the
-        limits of vertices or time are reached. Nothing is done if surfaces cross at the
-        seed or if the mesh covers it already.
+        The first triangle is an equilateral one with a corner at the seed. The mesh then
+        grows at its open edges, which have a triangle on one side only, until no edge needs
+        a triangle, or the limits of vertices or time are reached. Nothing is done if
+        surfaces cross at the seed, or if the mesh covers it already.
 
         Returns
         -------
@@ -189,14 +195,15 @@ class SurfaceFront:
         return len(self.vertices) - 1
 
     def _add_triangle(self, a: int, b: int, c: int) -> None:
-        """Add a triangle, oriented like the triangle on the other side of its edge a, b.
+        """Add a triangle with the same orientation as its neighbour at the edge a, b.
 
-        Its sides become open edges, or are no longer open if they were.
+        A side of it that was an open edge now has two triangles and is no longer open. The
+        other sides become open edges.
 
         Parameters
         ----------
         a, b, c
-            Numbers of its vertices.
+            Numbers of the vertices.
         """
         # Triangles of one orientation pass their common edge in opposite directions.
         if (a, b) in self.directed_edges:
@@ -239,8 +246,8 @@ class SurfaceFront:
         points = self.report.locus.correct(guess, motion_guess, borders, targets)
         is_crossing = points.reciprocal_condition < SURFACE_CROSSING_CONDITION
         is_regular = points.is_on_locus & ~is_crossing
-        # Singular values of the products of two orthonormal bases are the cosines of the
-        # angles between the tangent planes.
+        # The singular values of the product of two orthonormal bases are the cosines of the
+        # angles between the tangent planes. The last one is the smallest.
         overlap = np.where(is_regular[:, None, None], borders @ points.tangents, 0.0)
         plane_cosine = np.linalg.svd(overlap, compute_uv=False)[:, -1]
         motion_cosine = np.abs(np.vecdot(points.motions, starts.motions))
@@ -275,10 +282,11 @@ class SurfaceFront:
         return 0.5 * end + height * (-1j if is_opposite_left else 1j)
 
     def _new_vertex(self, edge: Edge) -> LocusPoints | None:
-        """Return the new vertex for an open edge, None if there is none.
+        """Return the new vertex for an open edge, None if Newton's method finds none.
 
-        Vertices for the next waiting edges are computed at the same time. They depend only
-        on their edges and on the triangles at these, which do not change.
+        To save time, the vertices for the next waiting edges are computed at once and
+        stored in `computed_vertices`. They only depend on their edges and on the triangles
+        at these edges, which do not change.
         """
         if edge not in self.computed_vertices:
             edges = [edge]
@@ -315,7 +323,7 @@ class SurfaceFront:
             zip(neighbours.tolist(), self._project(a, neighbours), strict=True)
         )
         positions[a] = 0.0
-        positions[b] = self._project(a, [b])[0]
+        (positions[b],) = self._project(a, [b])
         positions[NEW_VERTEX] = ideal
         nearby_open_edges = [
             open_edge
@@ -323,7 +331,8 @@ class SurfaceFront:
             if open_edge[0] in positions and open_edge[1] in positions
         ]
         front_vertices = _ends_of(nearby_open_edges) - {a, b}
-        # Distances from the ideal apex, relative to the length of the sides.
+        # Vertices by their distance from the ideal apex, relative to the length of the
+        # sides, the nearest one first.
         distances = sorted(
             (abs(positions[vertex] - ideal) / self.side, vertex)
             for vertex in front_vertices
@@ -337,13 +346,14 @@ class SurfaceFront:
                 if new_point is None or self._is_crowded(new_point):
                     continue
             if self._triangle_fits(edge, apex, positions, nearby_open_edges):
+                # A new vertex gets its number only if the triangle fits.
                 if new_point is not None:
                     apex = self._add_vertex(new_point)
                 self._add_triangle(a, b, apex)
                 return
 
     def _is_crowded(self, point: LocusPoints) -> bool:
-        """Return whether a point is too near to a vertex to become one."""
+        """Return whether a point is too near to a vertex to become a vertex itself."""
         radius = MIN_VERTEX_DISTANCE * self.side
         neighbours = self.find_vertices_near(point.values[0], point.motions[0], radius)
         return len(neighbours) > 0
@@ -392,6 +402,7 @@ class SurfaceFront:
                 return False
             if abs(apex_position - positions[end]) > MAX_EDGE_LENGTH * self.side:
                 return False
+            # Edges with a common vertex cannot cross.
             for first, second in nearby_open_edges:
                 has_common_vertex = {end, apex} & {first, second}
                 if not has_common_vertex and _segments_cross(

@@ -29,7 +29,7 @@ SMALLEST_NORMAL = float(np.finfo(float).tiny)
 class OutputPart:
     """The pairs of a mechanism that take part in the motion of one output.
 
-    Motions of the other pairs are no singularities of this output.
+    A motion in which only other pairs move is no singularity of this output.
 
     Attributes
     ----------
@@ -80,11 +80,13 @@ def find_output_part(
     bodies = list(dict.fromkeys(numbered_links))
     owners = mechanism.variable_owners
     variables = tuple(variable for variable, owner in enumerate(owners) if owner in pairs)
+    # The arguments are: number of bodies, both bodies of each pair, pair of each variable.
     tree = LoopTree(
         len(bodies),
         tuple((bodies.index(first), bodies.index(second)) for first, second in pair_links),
         tuple(pairs.index(owners[variable]) for variable in variables),
     )
+    # The path to body 1, the output link.
     variable_senses = np.zeros(len(owners))
     variable_senses[list(variables)] = tree.paths[1]
     input_variables = [mechanism.variables_of(pair)[0] for pair in assembly.inputs]
@@ -96,7 +98,8 @@ def find_output_part(
 class TangentSpace:
     """Rates that close the loops, at n configurations of a mechanism with V variables.
 
-    The loops are those of the whole mechanism or of an `OutputPart` alone. The space has k
+    They are the rates x with J x = 0, where J is the Jacobian of the loop closure. The
+    loops are those of the whole mechanism or of an `OutputPart` alone. The space has k
     dimensions; g is the number of degrees of freedom of the whole mechanism.
 
     Attributes
@@ -108,7 +111,7 @@ class TangentSpace:
     basis
         (n, V, k) orthonormal rates that close the loops, zero for other variables. If J
         has as many rows as its rank, the last column has the sense with
-        det [J; basis^T] > 0. If a reference basis was given, the basis is aligned to that.
+        det [J; basis^T] > 0. If a reference basis was given, the basis is aligned to it.
     jacobian_inverse
         (n, variables, 3 loops) pseudo-inverse of J.
     reciprocal_condition
@@ -168,8 +171,8 @@ class TangentSpace:
 
         J is the Jacobian of the loop closure, J' its derivative along direction j of
         `directions`, J^+ its pseudo-inverse. If the configuration changes along direction
-        j, rates x have to change by at least -J^+ J' x, to first order. The array holds the
-        matrices -J^+ J'.
+        j, the smallest change of rates x that keeps J x = 0 is -J^+ J' x, to first order.
+        The array consists of the matrices -J^+ J'.
         """
         mechanism_space = self.mechanism_space or self
         derivatives = mechanism_space.vector_derivatives
@@ -197,7 +200,9 @@ class SingularValueDecomposition:
     Attributes
     ----------
     left, values, right
-        (n, j, j) orthogonal, (n, min(j, k)) in descending order, (n, k, k) orthogonal.
+        (n, j, j) orthogonal matrices with left singular vectors in columns, (n, min(j, k))
+        singular values in descending order, and (n, k, k) orthogonal matrices with right
+        singular vectors in rows.
     is_finite
         (n,) whether all entries of the matrix are finite. Other matrices are replaced by
         zero, because LAPACK fails at NaN.
@@ -281,12 +286,12 @@ def tangent_space(
             svd.values[:, 0], SMALLEST_NORMAL
         )
     return TangentSpace(
-        linearisation,
-        tree,
-        variables,
-        basis,
-        inverse,
-        reciprocal_condition,
+        linearisation=linearisation,
+        tree=tree,
+        variables=variables,
+        basis=basis,
+        jacobian_inverse=inverse,
+        reciprocal_condition=reciprocal_condition,
         has_fixed_sense=rows == rank and reference_basis is None,
         mechanism_space=mechanism_space,
     )

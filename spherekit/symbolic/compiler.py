@@ -38,7 +38,7 @@ def available() -> bool:
 
 
 def heyoka() -> ModuleType:
-    """Return the module heyoka.
+    """Return the module heyoka, a compiler of expressions and Taylor integrators.
 
     Raises
     ------

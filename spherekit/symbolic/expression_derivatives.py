@@ -20,7 +20,8 @@ def differentiate(
 ) -> list[Expr]:
     """Return the derivatives of expressions, if some nodes have given derivatives.
 
-    At a kink or a jump the result is the derivative on the side of the current value.
+    The derivatives are with respect to any common parameter. At a kink or a jump the result
+    is the derivative on the side of the current value.
 
     Parameters
     ----------
@@ -28,11 +29,11 @@ def differentiate(
         Numbers and nodes.
     rates
         Derivative of a node, by node. A node may be a variable or any other part of the
-        expressions; its own arguments then do not count. The derivative of all other
-        variables is zero.
+        expressions, whose arguments are then not differentiated. The derivative of all
+        other variables is zero.
     """
-    # The arithmetic moves signs outwards. An expression may therefore contain only x if
-    # the rate of the node -1 * x is given.
+    # If the derivative of the node -1 * x is given, that of x is its negative. It is added
+    # because expressions may contain x alone: minus signs are moved outwards.
     known_rates: dict[Any, Expr] = {
         negated_operand(node): -1.0 * rate for node, rate in rates.items()
     }

@@ -100,7 +100,8 @@ def array_function(
             for start in range(0, sample_count, BLOCK_SAMPLES):
                 block = slice(start, start + BLOCK_SAMPLES)
                 work_block = work[:, : sample_count - start]
-                # In the order of the row numbers in `operations`.
+                # Views of all values in the block, in the order of the row numbers in
+                # `operations`: constants, inputs, outputs, intermediate values.
                 rows = [
                     *constant_rows(dtype),
                     *inputs_array[:, block],
@@ -141,6 +142,7 @@ def float_function(
         Variables, in the order of the argument.
     """
     program = _write_program(outputs, inputs)
+    # The body of a Python function with one line per operation, which is then compiled.
     lines = [f"[{', '.join(program.input_names)}] = input_values"]
     for step in program.steps:
         if step.operation in _INFIX_OPERATIONS:

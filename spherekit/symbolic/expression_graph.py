@@ -180,6 +180,9 @@ _creation_counter = count()
 def function(operation: str, *arguments: Any) -> ExpressionNode:
     """Return the node of an operation or function, without any simplification.
 
+    Equal nodes are the same object: a node with this operation and these arguments is
+    returned if there is one, and otherwise created.
+
     Parameters
     ----------
     operation
@@ -222,6 +225,8 @@ def dot(a: Iterable[Any], b: Iterable[Expr]) -> Any:
 def vector_product(operation: str, a: Expr, b: Expr) -> Expr:
     """Return the dot or cross product of two nodes that each represent a whole vector.
 
+    Products with zero vectors are 0, and minus signs are moved outwards.
+
     Parameters
     ----------
     operation
@@ -248,8 +253,8 @@ def has_variables(expression: Expr) -> bool:
 def iterate_nodes(expressions: Sequence[Expr]) -> Iterator[ExpressionNode]:
     """Yield each node of some expressions once, after the nodes of its arguments."""
     visited: set[ExpressionNode] = set()
-    # The flag says that the arguments of the expression have been visited. A stack is used
-    # because graphs may be deeper than Python's limit of recursion.
+    # Items are a node, and whether its arguments have been visited. A stack is used because
+    # graphs may be deeper than Python's limit of recursion.
     stack = [(expression, False) for expression in reversed(expressions)]
     while stack:
         node, are_arguments_visited = stack.pop()
@@ -259,6 +264,7 @@ def iterate_nodes(expressions: Sequence[Expr]) -> Iterator[ExpressionNode]:
             visited.add(node)
             yield node
             continue
+        # The node is visited again after its arguments, which are above it in the stack.
         stack.append((node, True))
         stack += [(argument, False) for argument in reversed(node.arguments)]
 
@@ -310,7 +316,7 @@ def substitute(
     replacements
         The expression that replaces a node, by node. Nodes may be variables or others.
     """
-    # These simplify, for example if a replacement is zero.
+    # These functions simplify, for example if a replacement is zero.
     operators = {"+": add, "-": subtract, "*": multiply, "/": divide}
 
     def convert_node(node: ExpressionNode, arguments: list[Any]) -> Expr:

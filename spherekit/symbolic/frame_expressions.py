@@ -44,6 +44,10 @@ A frame is a rotation from pair axes to link axes; its third column is the axis 
 def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, Frames]:
     """Return the frames of every R pair as expressions, by the name of the pair.
 
+    The frames of a pair are rotations from its axes to the axes of its first and of its
+    second link. The axes of links are given in a reference pose or by sizes (arcs and
+    angles).
+
     Parameters
     ----------
     mechanism
@@ -69,6 +73,7 @@ def revolute_frames(mechanism: Mechanism, design: DesignGeometry) -> dict[str, F
                 _frame_from_sizes(mechanism, geometry, design, link, pair.name)
                 for link in pair.links
             )
+            # The zero angle of the pair turns its zero direction in the first link.
             frames = first_frame @ about_z(zero), second_frame
         frames_by_pair[pair.name] = frames
     return frames_by_pair

@@ -77,7 +77,8 @@ def convert_to_graph(
             value = operations[name](*arguments)
         else:
             value = function(name, *arguments)
-        # A whole number times whole revolutions is again a number of whole revolutions.
+        # The operation of the reduced values is a reduced value of the result if both
+        # results differ by whole revolutions: for sums, and for a product with an integer.
         is_integer_multiple = name == "*" and any(
             isinstance(x, float) and x % 1.0 == 0.0 for x in full_arguments
         )

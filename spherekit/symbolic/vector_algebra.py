@@ -100,12 +100,11 @@ def cofactors(rows: Sequence[Sequence[Expr]]) -> list[list[Expr]]:
 
     def form_cofactor(i: int, j: int) -> Expr:
         """Return the cofactor of entry (i, j)."""
-        remaining = [
-            [rows[row][column] for column in indices if column != j]
-            for row in indices
-            if row != i
+        remaining_rows = [rows[row] for row in indices if row != i]
+        minor = [
+            [row[column] for column in indices if column != j] for row in remaining_rows
         ]
-        return (-1.0) ** (i + j) * determinant(remaining)
+        return (-1.0) ** (i + j) * determinant(minor)
 
     return [[form_cofactor(i, j) for j in indices] for i in indices]
 

@@ -130,17 +130,17 @@ class ProfileSide:
 
 @dataclass(frozen=True)
 class PairRotations:
-    """The pairs of a mechanism as rotations.
+    """The pairs of a mechanism as rotations, with expressions or numbers as entries.
 
     Attributes
     ----------
     chains
-        The rotation of each pair.
+        For each pair the rotation from its first link to its second.
     sides
         By the number of each contact, its two profiles.
     followers
-        Of R pairs whose angle follows from the inputs through wheels, by number: the
-        factors of the input angles, then the angle (rad) at inputs of zero.
+        R pairs whose angle follows from the inputs through wheels. By the number of the
+        pair: the factors of the input angles, then the angle (rad) at inputs of zero.
     """
 
     chains: tuple[JointTransform, ...]

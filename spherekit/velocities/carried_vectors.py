@@ -198,15 +198,16 @@ def _rolling_vector(
     """Return the vector (k1 - k2) p of a rolling contact.
 
     It is the angular velocity of the second link relative to the first, per unit of arc
-    length s. Because dp/ds = t and dt/ds = k n - p on the unit sphere, the vector slides on
-    its link. A prime is a derivative by s, n the normal and t the tangent.
+    length s. p is the contact point, t the tangent and n the normal. On the unit sphere
+    dp/ds = t and dt/ds = k n - p, so the vector slides on its link as the contact moves. A
+    prime denotes the derivative by s.
 
     Parameters
     ----------
     sides
         The two profiles, with the curvatures k1 and k2.
     curvature
-        The one of these on the link that carries `contact_line`.
+        The curvature k of the profile on the link that carries `contact_line`.
     contact_line
         The contact point p, which slides on its link along the tangent.
     """
@@ -239,8 +240,10 @@ def _vector_along_profile(
 ) -> CarriedVector:
     """Return the vector +-(n + k p) of a contact that moves along one profile.
 
-    n is the normal of the profile, k its curvature, and p the contact point. The derivative
-    by the arc length is k' p, because n' = -k t and p' = t with the tangent t.
+    It is the angular velocity of the second link relative to the first, per unit of arc
+    length along this profile. n is the normal of the profile, k its curvature, p the
+    contact point and t the tangent. The derivative of n + k p by the arc length is k' p,
+    because n' = -k t and p' = t.
 
     Parameters
     ----------

@@ -34,9 +34,10 @@ class MotionRates:
     Attributes
     ----------
     scaled_speeds
-        The rate of each input over the scale D.
+        The rate of each input, divided by the scale D (the determinant of the velocity
+        equations).
     variable_rates
-        The rate of each variable.
+        The rate of each pair variable.
     w
         (3,) angular velocity of each link in ground axes.
     """
@@ -61,7 +62,10 @@ class CoordinateRates(VelocityEquations):
         variables: Sequence[Expr],
         placed: Sequence[LinkOrientation] = (),
     ) -> None:
-        """Write the vectors of all variables.
+        """Place all links, and write the vectors of all variables.
+
+        The vector of a variable is the relative angular velocity of the links of its pair
+        per unit rate of the variable.
 
         Parameters
         ----------

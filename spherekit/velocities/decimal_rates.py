@@ -357,15 +357,16 @@ def _solve_linear_systems(matrices: Array, right_sides: Array) -> Array:
     finite.
     """
     n, m = right_sides.shape
+    # (n, m, m + 1) the matrices with their right-hand sides as a last column.
     augmented = np.concatenate([matrices, right_sides[:, :, None]], axis=2)
-    rows = np.arange(n)
+    systems = np.arange(n)
     for k in range(m):
         # In each system the row with the largest entry in column k is exchanged with row k.
         # This row is divided by the entry, and a multiple of it is subtracted from all
         # other rows, so that their entries in column k vanish.
         pivot = k + np.argmax(np.abs(augmented[:, k:, k]).astype(float), axis=1)
-        pivot_rows = augmented[rows, pivot].copy()
-        augmented[rows, pivot] = augmented[:, k]
+        pivot_rows = augmented[systems, pivot].copy()
+        augmented[systems, pivot] = augmented[:, k]
         augmented[:, k] = pivot_rows / pivot_rows[:, k][:, None]
         factors = augmented[:, :, k].copy()
         factors[:, k] = 0

@@ -301,6 +301,8 @@ class DesignExpressions:
                 f'{self.mechanism.name}: "{name}" is no quantity of a configuration'
                 f"{nearest(name, table) or '.'} Quantities: {listing(table)}"
             )
+        # The table has the name and the arguments of the method of this class that returns
+        # the quantity, and the index of a component if that is a vector.
         row_quantity = table[name]
         value = getattr(self, row_quantity.method)(*row_quantity.arguments)
         if row_quantity.component is None:

@@ -181,7 +181,10 @@ def signs_by_sides(sides: Floats) -> SignFunction:
     """
 
     def find_signs(directions: Floats, rows: Any, modes: Any) -> Floats:
-        """Return signs (poles, k) of directions (3, poles, k), by the index of the mode."""
+        """Return signs (poles, k) of directions (3, poles, k), by the index of the mode.
+
+        The rows in the motion have no effect.
+        """
         x, y, z = np.atleast_2d(sides[modes]).T
         is_opposite = x * directions[0] + y * directions[1] + z * directions[2] < 0.0
         return np.where(is_opposite, -1.0, 1.0)
@@ -373,12 +376,12 @@ def _continue_along_path(
 
 
 def _find_reversals(path: VelocityPath) -> Floats:
-    """Return -1 between samples where a vector reverses an odd number of times, else +1.
+    """Return whether a vector reverses between successive samples, as signs -1 and +1.
 
     The vector is the relative angular velocity v of the links of a pole. Between two
     samples it is interpolated by a cubic Hermite polynomial. If the sense of the input
-    changes there, derivatives by the input are useless, and v is interpolated by a straight
-    line.
+    changes between them, derivatives by the input cannot be used, and v is interpolated by
+    a straight line. The reversals of the interpolant are counted.
 
     Parameters
     ----------
@@ -388,14 +391,14 @@ def _find_reversals(path: VelocityPath) -> Floats:
 
     Returns
     -------
-    (k - 1,) signs.
+    (k - 1,) -1 between two samples if v reverses an odd number of times, otherwise +1.
     """
     coordinate = path[0]
     sense = path[1]
     v = path[2:5]
     dv = np.nan_to_num(path[5:])
     reversals = np.ones(len(coordinate) - 1)
-    # Only where two neighbouring vectors point to opposite sides, v is interpolated.
+    # v is only interpolated between samples at which it points to opposite sides.
     gaps = np.flatnonzero(dot_columns(v[:, 1:], v[:, :-1]) < 0.0)
     if not len(gaps):
         return reversals
@@ -404,11 +407,12 @@ def _find_reversals(path: VelocityPath) -> Floats:
     fractions = np.linspace(0.0, 1.0, HERMITE_SUBSTEPS + 1)[:, None]
     start = v[:, None, gaps], dv[:, None, gaps]
     stop = v[:, None, gaps + 1], dv[:, None, gaps + 1]
-    # (3, substeps + 1, gaps)
+    # (3, substeps + 1, gaps) v at positions between the samples.
     interpolated = cubic_hermite(start, stop, lengths, fractions)
     # Rounding must not decide the direction of a vector that is nearly zero at an end.
     interpolated[:, 0] = start[0][:, 0]
     interpolated[:, -1] = stop[0][:, 0]
+    # v reverses where its scalar product with the next value is negative.
     products = np.sum(interpolated[:, 1:] * interpolated[:, :-1], axis=0)
     reversals[gaps] = (-1.0) ** np.sum(products < 0.0, axis=0)
     return reversals

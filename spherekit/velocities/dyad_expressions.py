@@ -56,14 +56,14 @@ class DyadPlacement:
 
 @dataclass(frozen=True)
 class BodyAxis:
-    """The axis of a pair in one of the two links that it joins.
+    """The axis of a pair, fixed in one of the two links that the pair joins.
 
     Attributes
     ----------
     orientation
         Orientation of the link.
     axis
-        (3,) the axis in link axes.
+        (3,) unit vector of the axis in link axes.
     """
 
     orientation: LinkOrientation
@@ -225,9 +225,9 @@ def _axis_frame(a: Exprs, b: Exprs) -> Exprs:
 def _inverse_axis_frame(a: Exprs, b: Exprs) -> Exprs:
     """Return the inverse (3, 3) of the matrix with the columns a + b, a - b and a x b.
 
-    a and b are unit vectors (3,), whose matrix `_axis_frame` returns. Rounding of their
-    lengths tilts a + b and a - b against each other. This matters if one of the two is
-    short, so they are not assumed to be perpendicular.
+    a and b are unit vectors (3,), so that a + b and a - b are perpendicular except for
+    rounding of the lengths. If one of the two is short, this rounding matters. Their scalar
+    product is therefore taken into account (`tilt`), to first order.
     """
     axis_sum = a + b
     axis_difference = a - b
@@ -316,14 +316,16 @@ def make_closed_form(mechanism: Mechanism, assembly: Assembly) -> ClosedForm | N
 
 
 def write_arguments(q: Floats, signs: Integers, out: Floats) -> Floats:
-    """Write the values of `ClosedForm.arguments` into an array, and return it.
+    """Write inputs and signs into an array, in the order of `ClosedForm.arguments`.
+
+    The array is returned.
 
     Parameters
     ----------
     q
         (inputs, n) values of the inputs (rad).
     signs
-        (dyads, n) signs of the dyads.
+        (dyads, n) signs, +1 or -1, of the dyads.
     out
         (inputs + dyads, n) array that is filled.
     """
@@ -335,10 +337,10 @@ def write_arguments(q: Floats, signs: Integers, out: Floats) -> Floats:
 def find_out_of_reach(triple_squares: Floats) -> Bools:
     """Return (n,) the configurations in which a dyad certainly does not close.
 
-    A dyad does not close if its two arcs do not reach each other. The square of the triple
-    product of its axes is then negative. A small square means that the dyad is nearly
-    stretched or folded, so the axes that depend on it have large errors. Later dyads are
-    then not judged.
+    A dyad (two links in series, each an arc between two axes) does not close if its arcs do
+    not reach each other. The square of the triple product of its axes is then negative. A
+    small square means that the dyad is nearly stretched or folded, so the axes of later
+    dyads, which depend on it, have large errors. These dyads are then not judged.
 
     Parameters
     ----------

@@ -106,6 +106,7 @@ class EquivalentLinkage:
         -------
         (n, v) variables of the linkage (rad).
         """
+        # Each variable is a linear function of one variable of the mechanism with contacts.
         return np.column_stack(
             [
                 rotation.scale * contact_values[:, rotation.variable] + rotation.offset
@@ -248,9 +249,20 @@ def _replace_contacts(
     """Return a mechanism in which sliding contacts are links between the centres.
 
     Each sliding contact of two circles is replaced by a link with two R pairs, about the
-    centres of the circles. Its two axes are those of the second of the three constant
-    rotations of the contact. The parameters are attributes of `EquivalentLinkage`. Joint
-    limits and named modes are left out.
+    centres of the circles. The second of the three constant rotations of the contact leads
+    from one of these axes to the other. Joint limits and named modes are left out.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with contacts.
+    pairs_without_rolling
+        Numbers of its pairs, without the rolling contacts.
+    sliding
+        Indices, in `pairs_without_rolling`, of the sliding contacts.
+    constant_rotations
+        For each of `pairs_without_rolling`, two rotations (3, 3) for an R pair and three
+        for a contact.
     """
     links = list(mechanism.links)
     pairs: list[Pair] = []
@@ -269,12 +281,14 @@ def _replace_contacts(
     ):
         pair = mechanism.pairs[n]
         if index not in sliding:
+            # An R pair: its frame in the first link, and transposed that in the second.
             add_pair(pair, rotations[0], rotations[1].T)
             continue
         first_link, second_link = pair.links
         centre_link = f"centres_{pair.name}"
+        # Underscores are appended until no other link has this name.
         while centre_link in links:
-            centre_link += "_"  # until no link has this name
+            centre_link += "_"
         links.append(centre_link)
         first_pair = Pair(f"{centre_link}_{first_link}", "R", (first_link, centre_link))
         second_pair = Pair(f"{centre_link}_{second_link}", "R", (centre_link, second_link))

@@ -55,12 +55,14 @@ dependent are refused. Smaller: equations that repeat each other can be chosen t
 
 @dataclass(frozen=True)
 class LoopEquation:
-    """One scalar equation of a loop: direction . (sum of a_v x_v + c) = 0.
+    """One scalar velocity equation of a loop: direction . (sum of a_v x_v + c) = 0.
+
+    x_v are the unknown rates of the variables v.
 
     Attributes
     ----------
     direction
-        (3,) direction of the component.
+        (3,) direction of the component of the vector equation.
     vectors
         (3,) by unknown variable v, the vector a_v times the sense in which the loop passes
         its pair.
@@ -306,8 +308,8 @@ class GroupEquations:
         An equation is the component of the vector equation of a loop along a direction. If
         a loop has two private variables, which occur in no other loop, the direction is
         perpendicular to both of their vectors, so that the equation is free of them. Such a
-        loop gives one equation, others give three, unless equations were chosen because
-        some repeat others.
+        loop gives one equation, others give three. If some equations repeat others, only
+        the `chosen_equations` are used instead.
 
         Parameters
         ----------
@@ -381,7 +383,8 @@ def _solve_private_rates(
         other_terms = other_terms + vectors[variable] * rates[variable]
     normal = cross(a, b)
     inverse_square = 1.0 / dot(normal, normal)
-    # In this order the factor of the other terms is the same for all right-hand sides.
+    # The vectors that multiply s depend on a and b alone, so the expressions are shared
+    # between all right-hand sides.
     return (
         dot(cross(normal, b) * inverse_square, other_terms),
         dot(cross(a, normal) * inverse_square, other_terms),

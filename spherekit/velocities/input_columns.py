@@ -50,6 +50,8 @@ FIELD_PARTS = (*SIGNED_COMPONENTS, "conditioning", *POLE_ERRORS, "w", "dw")
 class ColumnList:
     """Distinct expressions that become the output columns of a kernel.
 
+    A kernel is a function that evaluates all columns for many configurations at once.
+
     Attributes
     ----------
     expressions
@@ -60,7 +62,10 @@ class ColumnList:
     _indices: dict[Expr, int] = field(default_factory=dict)
 
     def add_shared(self, items: Iterable[Expr]) -> list[int]:
-        """Return the column of each expression. Equal expressions share one column."""
+        """Return the index of the column of each expression, which is added if it is new.
+
+        Equal expressions share one column.
+        """
         indices: list[int] = []
         for item in items:
             if item not in self._indices:
@@ -325,8 +330,9 @@ class InputColumns:
         is not the axis of a pair, so the sign of its direction is chosen later. The signed
         columns are in the order of `SIGNED_COMPONENTS`: the first component of all poles,
         then the second, and so on. A change of sign must not reach other columns, so no
-        signed column is shared with an equal expression. `column_indices` is set, and says
-        where each quantity is.
+        signed column is shared with an equal expression.
+
+        The attributes `column_indices`, `signed_poles` and `velocity_components` are set.
 
         Parameters
         ----------
@@ -335,7 +341,8 @@ class InputColumns:
         """
         plan = self._request.plan
         pairs = axis_pairs(plan)
-        # By name of the quantity, and by pole or link.
+        # Expressions by the name of the quantity and the pole or link, and for each signed
+        # pole the expressions whose sign is chosen later.
         shared_parts: dict[tuple[str, Any], Iterable[Expr]] = {}
         signed_parts: dict[Pole, list[Expr]] = {}
         for pole in self._request.poles:
@@ -351,15 +358,18 @@ class InputColumns:
         for link in sorted(self._request.links):
             shared_parts |= {("w", link): self._w[link], ("dw", link): self._dw[link]}
 
+        # The signed columns: the first item of all poles, then the second of all poles, and
+        # so on.
         first = len(columns.expressions)
         pole_count = len(signed_parts)
-        # The first item of all poles, then the second of all poles, and so on.
         for item in chain.from_iterable(zip(*signed_parts.values(), strict=True)):
             columns.add_unshared(item)
         self.signed_poles = tuple(signed_parts)
         self._signed_columns = slice(first, len(columns.expressions))
+        # (2, poles) numbers of the first and of the second link of each signed pole.
         self._pole_ends = np.array(self.signed_poles, dtype=np.intp).reshape(-1, 2).T
 
+        # The distinct components of the angular velocities of all links.
         components = ColumnList()
         # (links, 3) indices into `velocity_components`.
         self._component_indices = np.array([components.add_shared(w) for w in self._w])
@@ -375,6 +385,7 @@ class InputColumns:
                 stop = index + size * pole_count
                 self.column_indices[name][pole] = list(range(index, stop, pole_count))
                 index = stop
+        # The other columns follow, each distinct expression once.
         for (name, key), items in shared_parts.items():
             self.column_indices[name][key] = columns.add_shared(items)
 

@@ -185,7 +185,8 @@ class InputMoments:
         velocity_moments = self.velocity_moments(
             bias_accelerations, motion_rates.scaled_speeds
         )
-        # All velocities and moments by an input have a scale, so they are divided by it.
+        # The matrix and the moments are products of homogeneous velocities, which contain
+        # the scale D as a factor. So they are divided by it.
         scaled_accelerations = [x * inverse_scale for x in accelerations]
         inertia_moment = dot(self.matrix[input_index], scaled_accelerations)
         total = inertia_moment + velocity_moments[input_index]

@@ -217,6 +217,8 @@ def _find_closed_configuration(
 ) -> Floats:
     """Return the variables (rad) of a closed configuration within the input range.
 
+    A few evenly spaced inputs are tried in all assembly modes.
+
     Raises
     ------
     EngineError
@@ -224,6 +226,7 @@ def _find_closed_configuration(
     """
     position_analysis = position_analysis_of(driven_at(mechanism, input_pairs))
     motion = position_analysis.sparse(CLOSED_CONFIGURATION_SAMPLES)
+    # The first row that has not failed.
     if all(motion.failed):
         raise EngineError(
             f"{mechanism.name}: no configuration was found at which to choose "

@@ -41,7 +41,8 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
     inverse = np.zeros((variable_count, loops, 3)).astype(object)
     for loop, variables in pivots:
         axes = rows[loop][:, variables].T
-        # The columns of a pivot become a unit matrix, which is not needed any more.
+        # The equations of the loop are solved for the variables of the pivot. Their columns
+        # become a unit matrix, which is not needed any more and is set to zero.
         rows[loop][:, variables] = 0.0
         rows[loop] = _axes_inverse(axes) @ rows[loop]
         for other_loop in range(loops):
@@ -57,6 +58,8 @@ def loop_inverse(equations: Exprs, pivots: Sequence[Pivot]) -> Exprs:
 
 def _axes_inverse(axes: Exprs) -> Exprs:
     """Return the matrix (m, 3) that gives the components of a vector along m axes.
+
+    For three axes a, b, c the rows are b x c, c x a and a x b, divided by a . (b x c).
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ def evaluate(
     route
         How the poles are computed, one of `spherekit.velocities.pole_request.ROUTES`.
     engine
-        What evaluates the expressions: NumPy, heyoka, or quad precision for all rows.
+        "numpy", "compiled" (by heyoka), or "extended": quad precision for all rows.
 
     Raises
     ------

@@ -56,9 +56,10 @@ class Request:
 
 
 class MechanismKey:
-    """A mechanism as the key of a cache, equal only to the key of the same object.
+    """A mechanism as the key of a cache, compared by identity.
 
-    The keys of two equal mechanisms that are different objects differ.
+    Comparing mechanisms by their contents would take longer. Two equal mechanisms that are
+    different objects therefore have different keys.
     """
 
     def __init__(self, mechanism: Mechanism) -> None:

@@ -173,9 +173,10 @@ class RowExpressions(VelocityEquations):
         Parameters
         ----------
         carried
-            The vector.
+            The vector with its link, its length and the length of its slide.
         variable_shift
-            Bound of the movement of the variable per unit opening of all loops (rad).
+            Bound of the movement of the variable per unit opening of all loops (rad per
+            rad).
         """
         turn = self.link_turns[carried.link] * self.opening_rad + self.tilt_rad
         shift = variable_shift * self.opening_rad
@@ -233,12 +234,13 @@ def curvature_uncertainties(rows: RowExpressions) -> list[Expr]:
     """Return for each contact a number that exceeds 1 if its profiles nearly fit.
 
     The number is 2 `EQUAL_CURVATURE` / (k1 - k2), with the curvatures k1 and k2 of the two
-    profiles. It is NaN if the second profile is more curved than the first, because the two
-    then overlap. Contacts of two circles have no number: their curvatures do not change.
+    profiles. It is NaN if k2 exceeds k1, because the two profiles then overlap. Contacts of
+    two circles are left out, because their curvatures do not change.
     """
     differences = (
         first.curvature - second.curvature for first, second in rows.pairs.sides.values()
     )
+    # The product of two roots, not the difference itself, is NaN for negative differences.
     return [
         2.0 * EQUAL_CURVATURE / (root(difference) * root(difference))
         for difference in differences

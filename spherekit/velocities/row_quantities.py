@@ -43,6 +43,8 @@ def sample_names(inputs: Sequence[str]) -> Names:
 def row_quantities(mechanism: Mechanism) -> dict[str, str]:
     """Return the quantities that rows of designs have, with the unit of each.
 
+    A row is one configuration of one design of a mechanism. The quantities are:
+
     - ``q``, ``dq``, ``ddq``, ``t``: the sample.
     - ``theta_PAIR``, ``rate_PAIR``, ``axis_PAIR_x``: for R pairs the angle, its derivative
       with respect to q, and the axis in ground axes.
@@ -237,6 +239,7 @@ def _add_output_quantities(
     determinant exists for three inputs, and for two if the output points.
     """
     for output in mechanism.outputs:
+        # Whether the output is a direction, and not the orientation of a link.
         points = output.direction is not None
         if points:
             table.add_vector(f"direction_{output.name}", "", "direction", output.name)

@@ -202,10 +202,11 @@ def passive_equations(
 ) -> tuple[Floats, Floats]:
     """Return the loop equations of the passive variables, on orthonormal bases.
 
-    Passive variables are those that no input locks. Cycles of the graph and vectors of the
-    variables are orthonormal. The singular values of the equations are therefore sines of
-    the angles between two spaces: that of the rates which the passive pairs allow, and that
-    of the rates which bodies can have.
+    Passive variables are those that no input locks. The equations are written with an
+    orthonormal basis of the cycles of the graph of links and pairs, and with orthonormal
+    vectors of the variables. The singular values of the equations are therefore sines of
+    angles between two spaces of relative velocities: those that the passive pairs allow,
+    and those that bodies can have.
 
     Parameters
     ----------
@@ -223,7 +224,9 @@ def passive_equations(
     """
     passive = passive_variables(tree, driven)
     columns = np.swapaxes(_orthonormal_vectors(tree, vectors)[:, passive], 1, 2)
+    # (loops, passive) coefficient of each variable's pair in each cycle.
     cycles = tree.cycles[:, [tree.owners[v] for v in passive]]
+    # (n, loops, 3, passive)
     loops = cycles[:, None] * columns[:, None]
     return columns, loops.reshape(len(vectors), 3 * len(cycles), len(passive))
 
