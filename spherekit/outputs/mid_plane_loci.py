@@ -285,11 +285,12 @@ class _MidPlaneCurveSearch:
         return np.where(others_reach, height_square[:, leg], np.nan)
 
     def _find_reason(self, normals: Floats, signs: Integers) -> str:
-        """Return as text why the output can move with the inputs at rest on a curve.
+        """Return the reason why a curve is singular of type II, as text.
 
-        Either the elbows of both driven legs lie on one line along most of the curve, so
-        that they span no mid-plane, or the velocity equations of the loops depend on each
-        other.
+        At type II the output can move while the inputs rest. There are two reasons. If the
+        elbows of both driven legs (the axes between the two links of each leg) are on one
+        line along most of the curve, they span no mid-plane. Otherwise the velocity
+        equations of the loops depend on each other.
 
         Parameters
         ----------

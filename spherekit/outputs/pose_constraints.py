@@ -532,8 +532,8 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
 
         def type_1_cosine(rows: ModeAtPoses, number: int = number) -> Floats:
             """Return the cosine (n,) of the double angle of type I of an input."""
-            # The measure is infinite if the input rests whatever the output does. This is
-            # far from type I.
+            # The measure is infinite if the input rests for every motion of the output,
+            # which is far from type I.
             return 1.0 - 2.0 * np.minimum(rows.type_1_square[:, number], 1.0)
 
         title = f"type I of {name} at least {_format_degrees(near)} away"

@@ -356,7 +356,7 @@ def nearest_reachable(
 ) -> tuple[Floats, float] | None:
     """Return the reachable pose nearest to a pose outside, and the angle between both.
 
-    Every connected part of a workspace of directions is considered, whatever its size.
+    Every connected part of a workspace of directions is considered, even the smallest one.
 
     Parameters
     ----------

@@ -102,7 +102,7 @@ def _construction_table(
     """
     structure = decimal_mechanism.structure
     links = structure.links
-    # A coupler is a link with two pairs that stands for a sliding contact of circles.
+    # A coupler is a link with two pairs that replaces a sliding contact of circles.
     couplers = {}
     for number, contact in enumerate(structure.couplers):
         link, pairs = structure.coupler_parts(number)

@@ -1,6 +1,6 @@
 """All assembly modes at given inputs, certified by counting every complex root.
 
-If not all complex roots are told apart, the real ones are proven to be complete either by
+If not all complex roots can be distinguished, the real ones are proven to be complete by
 counting system by system, or by excluding the rest of space.
 """
 

@@ -401,7 +401,7 @@ class CertifiedCurves:
             )
             if self.low + SHORTEST_INTERVAL_RAD < q < self.high - SHORTEST_INTERVAL_RAD
         )
-        # Cuts that are not told apart have no part of the range between them.
+        # Cuts that may be the same input have no part of the range between them.
         cut_errors = [
             point.error * self.cycle_turns
             for points in self.input_stationary_points

@@ -323,7 +323,7 @@ class Linkage:
         """Return the orientations of all links, and the residuals of the loops.
 
         Links are placed from the ground on, each across one pair. Every further pair closes
-        a loop: the residual is the rotation that is left over after one way round.
+        a loop. The residual of a loop is the rotation that remains after one way round it.
 
         Parameters
         ----------

@@ -619,7 +619,7 @@ class ExactSimulation:
             rates = centre_floats(state.moving.rates[0])
             fastest = int(np.argmax(np.abs(rates)))
             if abs(rates[fastest]) > COORDINATE_CHANGE_RATIO:
-                # |p| is the root of twice the kinetic energy, whatever the coordinate.
+                # |p| is the root of twice the kinetic energy for every coordinate.
                 coordinate = fastest
                 p = p if rates[fastest] > 0.0 else -p
             time_left = (targets[0] - self.end).mid()

@@ -107,9 +107,9 @@ class Saddle(OrientedBox):
     Attributes
     ----------
     level_sign
-        Sign of the level, the value of g at its saddle point. 0 if the curves are proven to
-        cross, None if the level is not told from 0. With a positive level the arms of equal
-        sign of v are joined, with a negative one those of equal sign of u.
+        Sign of the level, the value of g at its saddle point: 0 if the curves are proven to
+        cross, None if no sign is proven. With a positive level the arms of equal sign of v
+        are joined, with a negative level those of equal sign of u.
     gap
         Largest distance (rad) at which the curves miss each other.
     central_zone

@@ -21,7 +21,7 @@ from spherekit.wording import listing
 class Structure:
     """Links and R pairs of a mechanism, followed by those of its couplers.
 
-    A coupler is a link that stands for a sliding contact of two circles: R pairs at both
+    A coupler is a link that replaces a sliding contact of two circles: R pairs at both
     centres join it to the links of the contact. Links and pairs are counted from 0 in the
     order of `links` and `pairs`.
 
