@@ -81,19 +81,19 @@ def draw_chart(
     points = np.where(np.isfinite(points), points, np.nan)
     poles_of_pairs = mechanism.pole_pairs
     return Diagram(
-        f"plots/chart/{moving_input}" if moving_input else "plots/chart",
-        f"{moving_input} moves: gnomonic chart" if moving_input else "gnomonic chart",
-        f"tan ξ = {'xyz'[y]}/{'xyz'[x]}",
-        f"tan ζ = {'xyz'[z]}/{'xyz'[x]}",
-        (-CHART_RANGE, CHART_RANGE),
-        (-CHART_RANGE, CHART_RANGE),
-        [f"P{short_name(mechanism, pole)}" for pole in poles],
-        points,
-        [PAIR_COLOUR if pole in poles_of_pairs else POLE_COLOUR for pole in poles],
-        normals[..., [y, z, x]],
-        step_texts,
-        np.arctan(points),
-        ("ξ", "ζ"),
+        path=f"plots/chart/{moving_input}" if moving_input else "plots/chart",
+        label=f"{moving_input} moves: gnomonic chart" if moving_input else "gnomonic chart",
+        x_label=f"tan ξ = {'xyz'[y]}/{'xyz'[x]}",
+        y_label=f"tan ζ = {'xyz'[z]}/{'xyz'[x]}",
+        x_range=(-CHART_RANGE, CHART_RANGE),
+        y_range=(-CHART_RANGE, CHART_RANGE),
+        names=[f"P{short_name(mechanism, pole)}" for pole in poles],
+        places=points,
+        tones=[PAIR_COLOUR if pole in poles_of_pairs else POLE_COLOUR for pole in poles],
+        lines=normals[..., [y, z, x]],
+        words=step_texts,
+        readings=np.arctan(points),
+        reading_names=("ξ", "ζ"),
     )
 
 
@@ -111,11 +111,11 @@ def draw_axodes(batch: Batch, pole: Pole, rows: slice) -> Iterator[Trace]:
         # From ground axes to the axes of the link, by the transposed rotation.
         directions = np.einsum("nji,nj->ni", rotations, batch.direction(*pole)[rows])
         yield Trace(
-            f"axode/{label}/{kind}",
-            f"{kind} axode of {label}",
-            directions,
-            link,
-            quaternion(rotations) if link else None,
+            path=f"axode/{label}/{kind}",
+            label=f"{kind} axode of {label}",
+            directions=directions,
+            number=link,
+            quaternions=quaternion(rotations) if link else None,
         )
 
 
@@ -212,7 +212,9 @@ def draw_construction(batch: Batch, row: int) -> Scene:
         name = f"P{short_name(mechanism, pole)}"
         is_of_pair = pole in pair_poles
         axis = directions[:, number]
-        parts.append(Arrow(f"found/{name}", name, axis, is_of_pair, path_shown=False))
+        parts.append(
+            Arrow(f"found/{name}", name, axis, primary=is_of_pair, path_shown=False)
+        )
     for number in (0, 1):
         label = f"great circle {number + 1}"
         parts.append(GreatCircle(f"circle_{number}", label, normals[:, number]))

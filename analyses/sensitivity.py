@@ -325,7 +325,13 @@ class SensitivityAnalysis(AbstractAnalysis):
             matters_most=_sizes_that_matter_most(sensitivity.keys, shares),
             share=np.max(shares, axis=0),
         )
-        return SensitivityResult(sensitivity, values, gradients, shares, tolerances)
+        return SensitivityResult(
+            sensitivity=sensitivity,
+            values=values,
+            gradients=gradients,
+            shares=shares,
+            tolerances=tolerances,
+        )
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest spread of each quantity, and the size that causes most of it.

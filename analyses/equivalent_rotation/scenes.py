@@ -186,7 +186,7 @@ class RotationResult:
         reference = orientations[:, mechanism.link_number[self.output.relative_to]]
         yield from link_bodies(mechanism, orientations)
         axis = reference @ self.rotation.axis
-        yield Arrow("axis", "axis of the rotation", axis, False)
+        yield Arrow("axis", "axis of the rotation", axis, primary=False)
         yield from self._draw_output_arcs()
         if self.architecture is not None:
             normals = mid_planes(self.architecture, samples.orientation)

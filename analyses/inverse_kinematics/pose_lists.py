@@ -252,7 +252,9 @@ def _read_file(
     (form,) = forms_of_file
     numbers = read_numbers(path, [column_of_term[term] for term in form])
     units = {term: numbers.units.get(column_of_term[term], "") for term in form}
-    return NumberTable(form, numbers.values, units, numbers.places)
+    return NumberTable(
+        terms=form, rows=numbers.values, units=units, locations=numbers.places
+    )
 
 
 def _read_window(

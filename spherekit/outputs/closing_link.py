@@ -340,10 +340,10 @@ class DyadsWithClosingLink:
 
         turns, _ = find_bracketed_zeros(
             residual,
-            brackets.low,
-            brackets.high,
-            brackets.low_residual,
-            brackets.high_residual,
+            low=brackets.low,
+            high=brackets.high,
+            values_at_low=brackets.low_residual,
+            values_at_high=brackets.high_residual,
         )
         # f can also change its sign by a jump, which is no root.
         is_root = np.abs(residual(turns, np.arange(len(row)))) < CLOSING_RESIDUAL

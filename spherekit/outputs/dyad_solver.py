@@ -357,7 +357,9 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
         return None
     if not inverse.has_closed_form:
         return None
-    return GearedKinematics(mechanism, output, DyadKinematics(inverse), train, carriers)
+    return GearedKinematics(
+        mechanism, output, carried=DyadKinematics(inverse), train=train, carriers=carriers
+    )
 
 
 def _find_carrying_pairs(mechanism: Mechanism, output: Output, pairs: set[int]) -> set[int]:

@@ -97,7 +97,7 @@ def mid_plane_loci(
         completeness = Completeness(Guarantee.TO_BOX, method, LOCUS_MESH_SIDE_RAD)
     # Singular configurations that are on no curve: none are searched.
     stray = np.zeros((0, len(mechanism.variable_owners)))
-    return SingularCurves(kind, tuple(curves), completeness, stray)
+    return SingularCurves(kind, curves=tuple(curves), claim=completeness, stray=stray)
 
 
 class _MidPlaneCurveSearch:

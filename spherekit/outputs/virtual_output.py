@@ -155,7 +155,10 @@ def with_wrist(mechanism: Mechanism, name: str | None = None) -> VirtualOutputCh
     )
     count = len(mechanism.pairs)
     return VirtualOutputChain(
-        extended_mechanism, output, driven, (count, count + 1, count + 2)
+        mechanism=extended_mechanism,
+        output=output,
+        driven=driven,
+        pairs=(count, count + 1, count + 2),
     )
 
 

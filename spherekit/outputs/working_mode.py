@@ -387,7 +387,11 @@ class WorkingMode:
         signed_part = cross_columns(difference, total)
         signed_part *= 0.5 * cross_weight
         return DyadTriangle(
-            common_part, signed_part, triple_product, sum_square, difference_square
+            common_part=common_part,
+            signed_part=signed_part,
+            triple_product=triple_product,
+            sum_square=sum_square,
+            difference_square=difference_square,
         )
 
     @_shared_between_modes

@@ -240,7 +240,12 @@ class ArcEquations:
             self.pair_frame(pair, parent)[2]
             for pair, parent in zip(step.pairs, step.parents, strict=True)
         ]
-        return DyadPlacement(parent_axes, dual_rows, first_axis @ second_axis, arc_sine)
+        return DyadPlacement(
+            parent_axes=parent_axes,
+            dual_rows=dual_rows,
+            arc_cosine=first_axis @ second_axis,
+            arc_sine=arc_sine,
+        )
 
     def evaluate(self, variables: Sequence[Ball] | Array, order: int = 1) -> list[Array]:
         """Return the equations and their derivatives at balls of all variables.

@@ -213,7 +213,11 @@ def certify_modes(
         # Wheels determine all angles: the only root has no unknowns.
         only_root = CertifiedRoot(centre=(), radius=0, unique=0, real=True)
         return CertifiedModes(
-            decimal_mechanism, construction, inputs, [only_root], MODE_PRECISIONS_BITS[0]
+            decimal_mechanism,
+            construction,
+            inputs,
+            roots=[only_root],
+            precision_bits=MODE_PRECISIONS_BITS[0],
         )
     # 1. Prove roots near approximations, with more and more bits.
     approximations: list[Sequence[complex]] = []

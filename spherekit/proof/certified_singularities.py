@@ -205,7 +205,13 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
         for variable, _ in examined
         for doubt in curves.bound_saddle_doubts(variable)
     )
-    return CertifiedSingularities(curves, singularities, undecided, skipped, resting)
+    return CertifiedSingularities(
+        curves=curves,
+        singularities=singularities,
+        undecided=undecided,
+        skipped=skipped,
+        resting=resting,
+    )
 
 
 def _may_coincide(point: StationaryPoint, others: Sequence[StationaryPoint]) -> bool:

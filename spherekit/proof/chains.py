@@ -229,7 +229,7 @@ def _follow_forward(
         last = pieces[-1]
         end = end_of_curve(last)
         if end and end != end_to_leave:
-            return Chain(pieces, False)
+            return Chain(pieces, closed=False)
         # Here `end` is either no end, or the one at which the curve started. As soon as the
         # curve has left the latter, any end counts.
         end_to_leave = end and end_to_leave
@@ -243,13 +243,16 @@ def _follow_forward(
             and has_same_sense
             and last.contains(start.centre, start.centre_error)
         ):
-            return Chain(pieces, True)
+            return Chain(pieces, closed=True)
         next_piece = _find_next_piece(equations, last)
         if next_piece is None:
             if crossings.find(last.centre):
                 # The new crossing may begin before this arc: follow once more.
                 return _follow_forward(equations, start, side, crossings)
-            return Chain(pieces, False, "a curve could not be followed to its end")
+            return Chain(
+                pieces, closed=False, problem="a curve could not be followed to its end"
+            )
         distance_covered += float(np.linalg.norm(next_piece.centre - last.centre))
         pieces.append(next_piece)
-    return Chain(pieces, False, f"a curve has more than {MAX_CHAIN_PIECES} pieces")
+    problem = f"a curve has more than {MAX_CHAIN_PIECES} pieces"
+    return Chain(pieces, closed=False, problem=problem)

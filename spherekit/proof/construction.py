@@ -356,10 +356,10 @@ def find_construction(
     """
     construction = _find_best_construction(
         structure.ends,
-        len(structure.links),
-        len(structure.inputs),
-        (*structure.inputs, *structure.followers),
-        frozenset(preferred_pairs),
+        link_count=len(structure.links),
+        input_count=len(structure.inputs),
+        given_pairs=(*structure.inputs, *structure.followers),
+        preferred_pairs=frozenset(preferred_pairs),
     )
     if construction is None:
         raise PlanError(

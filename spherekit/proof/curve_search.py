@@ -244,7 +244,10 @@ class CurveSearch:
                 for saddle in saddles
                 for piece in chain.pieces
             )
-            (cut_chains if passes_saddle else untouched_chains).append(chain)
+            if passes_saddle:
+                cut_chains.append(chain)
+            else:
+                untouched_chains.append(chain)
         self._set_chains(untouched_chains)
         for chain in cut_chains:
             pieces = self._pieces_in_range(chain)
@@ -328,7 +331,7 @@ class CurveSearch:
             if piece is None or self.crossings.arm(piece) != use.arm:
                 continue
             if use.input_sign * self.side(piece.centre[-1], 0.0) > 0:
-                self._set_chains([*self.chains, Chain((piece,), False)])
+                self._set_chains([*self.chains, Chain((piece,), closed=False)])
 
     def _touches_saddle_inside(self, chain: Chain) -> bool:
         """Return whether a chain may touch a saddle other than on the arms at its ends.

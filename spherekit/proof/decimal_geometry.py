@@ -207,7 +207,12 @@ class DecimalGeometry:
             sines = [exact_ball(teeth) for teeth in table["teeth"]]
         else:
             sines = [radius.sin() for radius in radii]
-        return CircleContact([*map(azimuth_frame, centres)], radii, sines, sense)
+        return CircleContact(
+            frames=[azimuth_frame(centre) for centre in centres],
+            radii=radii,
+            sines=sines,
+            sense=sense,
+        )
 
     def contact_starts(self, contact: int) -> Array:
         """Return the arc lengths (2,) rad along both circles at which a contact starts."""

@@ -64,7 +64,13 @@ def enclose_poles(
             direction = None
             if lower_magnitude(coefficient) > 0.0:
                 direction = relative / coefficient
-            yield EnclosedPole(pair, link, relative_to, direction, coefficient)
+            yield EnclosedPole(
+                input_pair=pair,
+                link=link,
+                relative_to=relative_to,
+                direction=direction,
+                coefficient=coefficient,
+            )
 
 
 def _link_angular_velocities(

@@ -276,7 +276,9 @@ class EquationSystem:
         is_decided = tubes.is_proven & (is_real | is_not_real)
         is_complete = are_distinct(roots, tubes.centre_radius, is_decided, self.bound)
         angles = _bound_root_angles(roots, tubes, half[roots.row])
-        return SystemFindings(roots.row, is_complete, is_real, angles)
+        return SystemFindings(
+            mode=roots.row, is_complete=is_complete, is_real=is_real, angles=angles
+        )
 
     def _follow_roots(self, given: Floats) -> ChartRoots:
         """Return approximate roots at some values of the given variables.

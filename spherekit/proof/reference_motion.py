@@ -403,7 +403,7 @@ class ExactSimulation:
         B, dB = equivalent_inertia(self.mechanism, rotations, w, dw)
         speed = p / np.sqrt(B)
         time_inside = float(step.start + step.length / 2)
-        moving = MovingMechanism(values, first, w, rotations)
+        moving = MovingMechanism(values=values, rates=first, w=w, rotations=rotations)
         force, _ = self._generalised_force(moving, speed, t, step.sides, time_inside)
 
         # 3. Acceleration by Eksergian's equation B c'' + (dB/dc) c'^2 / 2 = Q, and the
@@ -583,7 +583,7 @@ class ExactSimulation:
         w = linkage.link_velocities(vectors, rates)
         # The derivative of the inertia is not used, so any vectors may stand for dw.
         B, _ = equivalent_inertia(self.mechanism, orientations, w, dw=w)
-        moving = MovingMechanism(values, rates, w, orientations)
+        moving = MovingMechanism(values=values, rates=rates, w=w, rotations=orientations)
         return _CoordinateState(moving, np.sqrt(B), closing_step)
 
     def _run(self, driven: int, q: float, dq: float) -> None:
@@ -709,7 +709,9 @@ class ExactSimulation:
             p_nodes = state.root_inertia * speed if p_nodes is None else p_nodes
             speed = p_nodes / state.root_inertia
             if sides is None:
-                _, conditions = self._generalised_force(moving, speed, t, None, time_inside)
+                _, conditions = self._generalised_force(
+                    moving, speed, t, sides=None, time_inside=time_inside
+                )
                 sides = np.array(
                     [np.sign(float(condition[0])) or 1.0 for condition in conditions]
                 )

@@ -140,9 +140,9 @@ def find_root(
         largest_imaginary = max(upper_magnitude(angle.imag) for angle in x)
         if largest_imaginary < REAL_TRIAL_IMAGINARY_RAD:
             real_parts = np.array([angle.real for angle in x])
-            if root := _certify_root(equations, known_angles, real_parts, True):
+            if root := _certify_root(equations, known_angles, real_parts, real=True):
                 return root
-        return _certify_root(equations, known_angles, x, False)
+        return _certify_root(equations, known_angles, x, real=False)
     return None
 
 
@@ -184,7 +184,7 @@ def _certify_root(
     # The radius within which F' may change by a fifth, relative to its inverse.
     inverse_size = np.vectorize(upper_magnitude)(_approximate_inverse(slopes))
     unique = min(MAX_UNIQUENESS_RADIUS_RAD, 0.2 / np.max(inverse_size @ second_bound))
-    unique_balls = np.array([_widen_angle(angle, unique, False) for angle in x])
+    unique_balls = np.array([_widen_angle(angle, unique, real=False) for angle in x])
     slopes_around = _evaluate(equations, unique_balls, known_angles)[1]
     distance = bound_zero_distance(values, slopes_around)
     # A little more than proven, and not 0, so that checkers can repeat the proof.
@@ -192,7 +192,7 @@ def _certify_root(
     is_decided = real or any(lower_magnitude(ball.imag) > radius for ball in x)
     if not (distance < unique and is_decided):
         return None
-    return CertifiedRoot(tuple(x), radius, unique, real)
+    return CertifiedRoot(centre=tuple(x), radius=radius, unique=unique, real=real)
 
 
 def _widen_angle(angle: Ball, radius: float, real: bool) -> Ball:

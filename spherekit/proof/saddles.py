@@ -229,7 +229,7 @@ def _prove_saddle(
     centre = exact_balls(reduced_equation.centre)
 
     # 1. The box: the rectangle, and limits of all other coordinates.
-    level, residual = reduced_equation.split_residual(centre)
+    approximate_level, residual = reduced_equation.split_residual(centre)
     # Room for the other coordinates: their second-order change, and a part of the size.
     bend = rectangle @ reduced_equation.other_curvatures @ rectangle
     other_limit = 0.2 * size + np.max(bend, initial=0.0)
@@ -253,7 +253,7 @@ def _prove_saddle(
         if not (has_saddle_form and stays_inside):
             return None
         value, gradient = reduced_equation.evaluate_at(
-            centre, level, derivatives.correction
+            centre, approximate_level, derivatives.correction
         )
         if not _has_four_arms(limits, value, gradient, hessian):
             return None
@@ -373,11 +373,11 @@ def _enclose_level(reduced_equation: ReducedEquation, limits: Floats) -> tuple[B
             )
             if not np.all(np.abs(offset) < 1e-3 * limits):
                 raise ZeroDivisionError
-            level, residual = sharp_equation.split_residual(position)
+            approximate_level, residual = sharp_equation.split_residual(position)
             box_balls = sharp_equation.enclose_box(limits)
             derivatives = sharp_equation.differentiate(box_balls, residual, 1)
             value, gradient = sharp_equation.evaluate_at(
-                position, level, derivatives.correction
+                position, approximate_level, derivatives.correction
             )
             slope_at_position = max(map(upper_magnitude, gradient))
             level = widen(value, largest_distance * slope_at_position)

@@ -288,7 +288,9 @@ def find_stationary_points(
         while waiting:
             stretch_budget -= 1
             stretch = waiting.pop()
-            finding = _examine_stretch(equations, variable, stretch, stretch_budget > 0)
+            finding = _examine_stretch(
+                equations, variable, stretch, allows_short=stretch_budget > 0
+            )
             if isinstance(finding, CertifiedArc):
                 # Cut at this arc; the first half is examined first.
                 depth = stretch.depth + 1
@@ -471,7 +473,12 @@ def _enclose_zero(
     # negative, and 1, where it is positive.
     one = np.ones(1)
     (zero_ratio,), _ = find_bracketed_zeros(
-        signed_rate, 0.0 * one, one, -one, one, PRODUCT_ROUNDING
+        signed_rate,
+        low=0.0 * one,
+        high=one,
+        values_at_low=-one,
+        values_at_high=one,
+        tolerance=PRODUCT_ROUNDING,
     )
     start = piece
     end = stretch.end
