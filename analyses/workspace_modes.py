@@ -436,16 +436,17 @@ class WorkspaceModes:
         samples = self.samples[workspace.signs]
         deepest = np.nanargmax(samples.judged.margin)
         deepest_margin = np.degrees(samples.judged.margin[deepest])
-        label = f"farthest inside, {deepest_margin:.3g} deg"
-        mark = Mark(label, samples.poses[deepest])
-        deepest_direction = SphereCurves("workspace/deepest", label, (), 0, [mark])
+        deepest_label = f"farthest inside, {deepest_margin:.3g} deg"
+        mark = Mark(deepest_label, samples.poses[deepest])
+        # No curves (the empty tuple), only a mark in the colour 0.
+        deepest_direction = SphereCurves("workspace/deepest", deepest_label, (), 0, [mark])
         pages = []
-        for title, label, values in (
+        for title, quantity, values in (
             ("Workspace", "margin", margin),
             ("Singularity", "angle to a singularity", singularity_angle),
         ):
             path = "workspace/map"
-            sphere_map = SphereMap(path, label, directions, triangles, values, "rad")
+            sphere_map = SphereMap(path, quantity, directions, triangles, values, "rad")
             parts = (sphere_map, *border, deepest_direction)
             pages.append(Scene(f"{title}{mode}", parts))
         return pages

@@ -324,6 +324,8 @@ class SeveralInputs:
         batch = self.batch
         tables: list[Columns] = []
         for output in batch.mechanism.outputs:
+            # Coefficients, rates and distances of all rows of the batch; u are the unit
+            # vectors along the pole axes of the output.
             rows = self.coefficients[output.name]
             velocity_coefficients = np.vecdot(rows.w, rows.u)
             for number, pair in enumerate(batch.moving_inputs):

@@ -318,9 +318,11 @@ class DyadsWithClosingLink:
     def find_turns(self, directions: Floats, signs: Signs) -> TurnSolutions:
         """Return the turns of the output at which the closing link closes (f = 0).
 
-        The turn is the angle of the output link about its direction. Roots are bracketed
-        between equally spaced samples of the turn, the turns at which a dyad gets out of
-        reach, and the extrema of the residual f. Close pairs of roots can be missed.
+        The turn is the angle of the output link about its direction. The residual f is the
+        cosine of the angle between the axes of the closing link, less the cosine of its
+        arc. Roots are bracketed between equally spaced samples of the turn, the turns at
+        which a dyad gets out of reach, and the extrema of f. Close pairs of roots can be
+        missed.
 
         Parameters
         ----------

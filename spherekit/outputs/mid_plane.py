@@ -225,14 +225,14 @@ class MidPlane:
         -------
         The variables (n, 2) rad of both driven pairs, by the signs of their legs.
         """
-        readings_by_mode = {}
+        inputs_by_mode = {}
         # The signs of the other legs have no influence.
         modes = np.ones(len(self.arcs))
         for driven_modes in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
             modes[self.driven] = driven_modes
             elbows, _ = self.elbows(normals, modes)
-            readings_by_mode[driven_modes] = self.readings(elbows)[:, self.driven]
-        return readings_by_mode
+            inputs_by_mode[driven_modes] = self.readings(elbows)[:, self.driven]
+        return inputs_by_mode
 
     def nearest(self, normal: Floats, margin: float = 0.0) -> Floats:
         """Return the mid-plane within reach of all legs that is nearest to a given one.

@@ -135,7 +135,9 @@ class _MidPlaneCurveSearch:
         self.form = form
         solver = solver_of(mechanism)
         self.report = SingularityReport(solver, output_of(mechanism, output), kind)
+        # The equations whose solutions are the singular configurations.
         self.locus = self.report.locus
+        # Numbers of the variables that are not driven.
         self.passive = [
             v for v in range(len(mechanism.variable_owners)) if v not in solver.driven
         ]

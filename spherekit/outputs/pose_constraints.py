@@ -315,7 +315,12 @@ def _limit_axis_angles(
     """Return the limits of angles between axes: a lower and an upper one for two axes.
 
     Of several ranges of the same angle the strictest limits are returned, with the
-    constraints that they come from. An `AnalysisError` says if they contradict each other.
+    constraints that they come from.
+
+    Raises
+    ------
+    AnalysisError
+        If the strictest limits contradict each other.
     """
     bounds: list[AngleLimit] = []
     for axes, ranges in _collect_axis_ranges(kinematics, constraints).items():
@@ -353,8 +358,8 @@ def _is_always_kept(
 ) -> bool:
     """Return whether a range of the angle between two axes is kept in every pose.
 
-    It is if both axes are on one link: their angle is then constant and has to be in the
-    range. Otherwise the angle depends on the pose.
+    The range is always kept if both axes are on one link: their angle is then constant and
+    has to be in the range. Otherwise the angle depends on the pose.
 
     Parameters
     ----------
@@ -536,6 +541,7 @@ def _limit_measures(mechanism: Mechanism, near: float) -> tuple[AngleLimit, ...]
             # which is far from type I.
             return 1.0 - 2.0 * np.minimum(rows.type_1_square[:, number], 1.0)
 
+        # The limit is on twice the angle, so the margin counts half (unit 0.5).
         title = f"type I of {name} at least {_format_degrees(near)} away"
         bounds.append(
             AngleLimit(title, 2.0 * near, at_least=True, cosine=type_1_cosine, unit=0.5)

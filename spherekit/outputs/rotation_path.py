@@ -302,6 +302,8 @@ class RotationPath:
 
         def newton_step(values: Floats, rows: Indices) -> Floats:
             """Return the steps (k, variables) at values (k, variables) of some rows."""
+            # `exact`: the orientation is solved for as an equation. Otherwise the angle to
+            # the target is minimised.
             deviation = self.output_link.compare(values, targets[rows])
             # A step that is NaN becomes 0, which ends the iteration of its row.
             return np.nan_to_num(deviation.newton_step(self.exact))

@@ -102,6 +102,7 @@ class OutputLink:
         target_orientations
             (n or 1, 3, 3) rotations from the axes of the output link to those of body 0.
         """
+        # Orientations of all links, and the rotation vector of each variable at unit rate.
         linearisation = self.closure.at(values)
         orientations = linearisation.rotations[:, self.number]
         # For each variable 1 or -1 if its pair is on the path from body 0 to the output

@@ -135,6 +135,8 @@ def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result
 
     @wraps(method)
     def shared_method(mode: "WorkingMode", *arguments: Hashable) -> Result:
+        """Return the stored result for the signs of a mode, computed if it is missing."""
+        # By quantity: the dyads on whose signs it depends.
         sign_dependencies = mode.chain.sign_dependencies
         quantity = (name, *arguments)
         # Before the first computation it is not known on which signs the quantity depends.

@@ -154,6 +154,8 @@ class ArcEquations:
         self.variable_count = len(construction.pairs)
         self.degrees = construction.degrees
         self.pair_frames = decimal_mechanism.pair_frames()
+        # If followers (pairs that wheels drive) have no variables of their own, they share
+        # the variable of the input. Their offsets are the angles at the input 0.
         self.follower_offsets: dict[int, Ball] = {}
         if not construction.follower_pairs:
             _, *angles = decimal_mechanism.known_angles([exact_ball(0.0)])

@@ -187,6 +187,8 @@ class EquationSystem:
             if variable not in unknowns
         ]
         self.degrees = equations.degrees[np.ix_(rows, [*unknowns, *self.given])]
+        # The trigonometric degree m of an angle is the degree 2 m in e^(i angle). The
+        # permanent of these degrees is Bezout's bound of the number of roots.
         self.bound = permanent(2 * self.degrees[:, : len(unknowns)])
         self.solved: list[SolvedChoice] = []
 

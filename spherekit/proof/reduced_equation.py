@@ -230,7 +230,8 @@ class ReducedEquation:
             If the iteration diverges.
         """
         for _ in range(MAX_CRITICAL_POINT_STEPS):
-            derivatives = self.differentiate(position, self.split_residual(position)[1])
+            _, residual = self.split_residual(position)
+            derivatives = self.differentiate(position, residual)
             # Slope of g after the residual is removed: direction 0 of the derivatives
             # removes it, directions 1 and 2 are u and v.
             slope = exact_centres(derivatives.gradient + derivatives.seconds[-1, 0, 1:])

@@ -518,6 +518,7 @@ def _direction_derivative(reference: ExactRows, pole: Pole, direction: Array) ->
         link = mechanism.ends[joining_pair][0]
         return np.cross(centre_floats(reference.w[:, link]), centre_floats(direction))
     v = _relative_vector(reference.w, pole)
+    # `slopes` are the derivatives of w by the input.
     dv = _relative_vector(reference.slopes, pole)
     dv_along = np.sum(dv * direction, axis=1)[:, None] * direction
     k = np.sum(v * direction, axis=1)

@@ -222,7 +222,9 @@ class ChartRoots:
 
 @dataclass(frozen=True)
 class PolynomialValues:
-    """The polynomials and their derivatives at points, in the charts of the points.
+    """The k polynomials P of a system and their derivatives at n points.
+
+    An unknown z is e^(i angle) or its inverse, whichever has a magnitude of at most 1.
 
     Attributes
     ----------

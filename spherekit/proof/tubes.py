@@ -382,6 +382,7 @@ class TubeTest:
         -------
         (..., k, v).
         """
+        # (..., k) sum over all coordinates of the degree of an equation times the reach.
         sums = reach @ self.degrees.T
         # Third-order remainder, and the errors of F' and F''.
         remainder = 0.5 * self.third_bound * sums**2 + self.error * (1.0 + sums)
