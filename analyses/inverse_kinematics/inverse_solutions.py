@@ -338,7 +338,7 @@ class InverseSolutions:
                 "pose asked for",
                 # From axes of the reference link to ground axes.
                 np.matvec(reference, directions),
-                False,
+                primary=False,
                 path_shown=False,
             ),
             Text("solutions", "Solutions", "\n".join(lines)),

@@ -361,6 +361,7 @@ class SeveralInputs:
         the table is a configuration with the number of its aspect, and with the signs of
         the determinants of type I and II, which are the same in the whole aspect.
         """
+        # None if aspects were not asked for.
         found_aspects = self._search_result.aspects
         mechanism = self.batch.mechanism
         if found_aspects is None:

@@ -152,10 +152,12 @@ class DyadChain:
         self.joints = joints
         self.base = base
         self.posed_link = posed_link
+        # From here on `axis_source` and `vector_weights` remember their results.
         self._cache_methods()
         self.dyads = tuple(self._make_dyad(group) for group in assembly.groups)
         self.dyad_of_link: dict[int, int] = {}
         self.dyad_of_pair: dict[int, int] = {}
+        # By quantity: the dyads on whose signs it depends. Filled while modes are computed.
         self.sign_dependencies: dict[Hashable, frozenset[int]] = {}
         for number, dyad in enumerate(self.dyads):
             for link in (dyad.near_link, dyad.far_link):

@@ -308,7 +308,8 @@ def _make_spline(spline_path: SplinePath) -> Path:
         parameter_floats = centre_floats(series_coefficient(parameter, 0))
         # Number of the interval between knots in which each parameter is.
         first = np.searchsorted(inner_knots, parameter_floats, side="right")
-        # The (degree + 1) control points and (2 degree) knots on which each row depends.
+        # The control points (degree + 1, n, 3) and knots (2 degree, n, 1) on which each of
+        # the n rows depends.
         points = control_points[first + np.arange(degree + 1)[:, None]]
         knots = exact_balls(
             spline_knots[first + np.arange(1, 2 * degree + 1)[:, None], None]

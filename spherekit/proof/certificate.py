@@ -97,7 +97,7 @@ def _construction_table(
     Returns
     -------
     The root; for each link placed after it the earlier links ("on") and the pairs ("by");
-    the pairs with unknown angles; the links that stand for sliding contacts, by contact;
+    the pairs with unknown angles; the links that replace sliding contacts, by contact;
     and the pairs that follow from the inputs through wheels.
     """
     structure = decimal_mechanism.structure

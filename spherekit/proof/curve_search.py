@@ -208,7 +208,9 @@ class CurveSearch:
         if self._is_known(position, 0.0):
             return
         saddle_count = len(self.crossings.saddles)
-        first = find_piece(self.equations, position, None, LONGEST_ARC_RAD)
+        first = find_piece(
+            self.equations, position, direction=None, longest=LONGEST_ARC_RAD
+        )
         if first is None or self._is_known(first.centre, first.centre_error):
             return
         chain = find_chain(self.equations, first, self.side, self.crossings)
@@ -315,7 +317,7 @@ class CurveSearch:
 
         An arm is a branch of a curve that leaves a saddle. If the part of an arm in the
         range of the input is inside the box of the saddle, no chain was followed there. A
-        chain of one arc, just outside of the range, then stands for the arm.
+        chain of one arc, just outside of the range, then represents the arm.
         """
         for use in self._list_arm_uses():
             if use.chain_ends:
@@ -327,7 +329,9 @@ class CurveSearch:
             )
             if position is None:
                 continue
-            piece = find_piece(self.equations, position, None, LONGEST_ARC_RAD)
+            piece = find_piece(
+                self.equations, position, direction=None, longest=LONGEST_ARC_RAD
+            )
             if piece is None or self.crossings.arm(piece) != use.arm:
                 continue
             if use.input_sign * self.side(piece.centre[-1], 0.0) > 0:

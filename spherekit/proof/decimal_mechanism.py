@@ -143,6 +143,8 @@ class DecimalMechanism(DecimalGeometry):
                 pose_angles.get(pair, exact_ball(0.0)) for pair in structure.pairs
             ]
         else:
+            # Both lengths of a mesh stay equal while the wheels roll, so each sum is the
+            # difference of the lengths in the position of zero angles.
             constants = self._rolled_lengths_at_zero() @ exact_balls([1.0, -1.0])
         right = constants - relations[:, structure.inputs] @ np.array(inputs)
         followers = self._solve_followers(relations, right[:, None])[:, 0]

@@ -581,7 +581,7 @@ class ExactSimulation:
         rates[:, free] = -np.matvec(inverse, jacobian[:, :, coordinate])
         closing_step[:, free] = -np.matvec(inverse, residuals)
         w = linkage.link_velocities(vectors, rates)
-        # The derivative of the inertia is not used, so any vectors may stand for dw.
+        # The derivative of the inertia is not used, so dw may have any values.
         B, _ = equivalent_inertia(self.mechanism, orientations, w, dw=w)
         moving = MovingMechanism(values=values, rates=rates, w=w, rotations=orientations)
         return _CoordinateState(moving, np.sqrt(B), closing_step)

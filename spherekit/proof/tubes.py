@@ -358,6 +358,7 @@ class TubeTest:
         self.error = equations.harmonics.error + 4.0 * PRODUCT_ROUNDING * self.third_bound
         self.degrees = equations.degrees @ np.abs(frame) * ROUND_UP
         self.second_derivatives = np.tensordot(inverse, frame.T @ curvatures @ frame, 1)
+        # Coordinates (v,) of the tangent along the frame: 1, then zeros.
         self._tangent_coordinates = np.eye(1, len(frame))[0]
         self._second_magnitudes = np.abs(self.second_derivatives)
         # |Y F| at the centre, and |Y F' - (0, 1)| there.
