@@ -24,7 +24,7 @@ parameters are missed.
 SERIES_ORDER = 16
 """Legendre coefficients of the speed on a panel. Larger: fewer, costlier panels."""
 
-MAX_HALVINGS = 40
+MAX_PIECE_HALVINGS = 40
 """Halvings of a panel at most. Smaller: speeds with kinks get a larger error."""
 
 SERIES_TOLERANCE = 1e-15
@@ -197,7 +197,7 @@ def integrate_rate(
     final_starts: list[Floats] = []
     final_series: list[Floats] = []
     scale = 0.0  # the whole length, if the rate is a smooth speed
-    for halvings in range(MAX_HALVINGS + 1):
+    for halvings in range(MAX_PIECE_HALVINGS + 1):
         # (panels, order) series of the rate by the position x from -1 to 1 in each panel.
         half = 0.5 * (high - low)[:, None]
         series = half * (rate(low[:, None] + half * (1.0 + nodes)) @ to_coefficients)
@@ -208,7 +208,7 @@ def integrate_rate(
         is_final = (last_coefficients <= SERIES_TOLERANCE * scale) | (
             last_coefficients <= relative_error * largest
         )
-        is_final |= halvings == MAX_HALVINGS
+        is_final |= halvings == MAX_PIECE_HALVINGS
         final_starts.append(low[is_final])
         final_series.append(series[is_final])
 

@@ -48,7 +48,7 @@ STEPS_PER_CELL = 6
 """Steps of the grid in a cell on which the volume is summed. Larger: more accurate volumes
 of cells at the border, and more computation."""
 
-EVALUATIONS_PER_CUT = 120
+EVALUATIONS_PER_HALVING = 120
 """Approximate number of evaluations that halving a cell in three directions costs."""
 
 VALUES_PER_CHUNK = 2**13
@@ -193,7 +193,7 @@ def find_orientations(
         # The last column of `cells.cells` is the width of each cell in units of its cube.
         can_halve = cells.cells[:, 4] > MIN_CELL_WIDTH
         to_halve = np.flatnonzero((cells.error > limit) & can_halve)
-        cost = EVALUATIONS_PER_CUT * len(to_halve)
+        cost = EVALUATIONS_PER_HALVING * len(to_halve)
         if not cost or evaluate.evaluations + cost > most:
             break
         cells.halve(to_halve)

@@ -34,7 +34,7 @@ SLOPE_SAMPLES = 17
 SLOPE_SAFETY_FACTOR_OF_PROFILES = 1.5
 """Bound of d2k/ds2 over its largest value at the sampled positions."""
 
-SCALE_SAMPLES = 257
+CURVE_SCALE_SAMPLES = 257
 """Positions along the profile from which the scale of each column is taken."""
 
 
@@ -65,7 +65,9 @@ class ProfileSeries:
     @staticmethod
     def fit(curve: Curve) -> "ProfileSeries":
         """Return the series of a curve, as accurate as the curve up to rounding."""
-        samples = _evaluate_columns(curve, np.linspace(0.0, curve.length, SCALE_SAMPLES))
+        samples = _evaluate_columns(
+            curve, np.linspace(0.0, curve.length, CURVE_SCALE_SAMPLES)
+        )
         series = PiecewiseChebyshev.fit(
             lambda s: _evaluate_columns(curve, s),
             low=0.0,

@@ -13,7 +13,7 @@ from spherekit.geometry.rotation import transpose
 from spherekit.geometry.vectors import cross, unit_rows
 from spherekit.tolerances import REACH_SLACK
 
-MIN_ARC_SINE = 1e-12
+MIN_SIDE_SINE = 1e-12
 """Sine of the arc of a body below which its direction is only rounding.
 
 Larger: more dyads count as singular. Smaller: the angle at the middle axis can be an angle
@@ -220,7 +220,7 @@ def close_dyad(
     # The triple product of the three axes: the sine of the base times the sine of the
     # height of the triangle above it.
     height = np.sin(base) * np.sin(angles.at_first) * side_sines[0]
-    has_direction = ~is_free & np.all(side_sines >= MIN_ARC_SINE, axis=0)
+    has_direction = ~is_free & np.all(side_sines >= MIN_SIDE_SINE, axis=0)
     sine = np.where(
         has_direction,
         height / np.where(has_direction, side_sines[0] * side_sines[1], 1.0),

@@ -99,7 +99,7 @@ ELIMINATION_STRIDE = 8
 """Of so many neighbouring systems of three equations one is solved by elimination. The
 others start Newton's method from its solutions, which is faster."""
 
-MAX_STEPS = 10
+MAX_ROOT_NEWTON_STEPS = 10
 """Largest number of steps of Newton's method."""
 
 STEP_TOLERANCE_RAD = 1e-9
@@ -682,10 +682,10 @@ def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:
         (n, m, t) starts (rad), m for each system.
     """
     largest_change = np.inf
-    for step in range(MAX_STEPS + 1):
+    for step in range(MAX_ROOT_NEWTON_STEPS + 1):
         values, jacobians = _evaluate(equations, angles)
         determinants = np.abs(np.linalg.det(jacobians))
-        if step == MAX_STEPS or largest_change < STEP_TOLERANCE_RAD:
+        if step == MAX_ROOT_NEWTON_STEPS or largest_change < STEP_TOLERANCE_RAD:
             break
         # Angles with a singular Jacobian, or with NaN, are not moved.
         is_regular = determinants > 0.0

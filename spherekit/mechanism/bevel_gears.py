@@ -210,8 +210,9 @@ def find_gear_carrier(
     )
     gear_shafts = []
     for links in coaxial_links:
-        # The last pair on the way from the gear to the carrier. The sign of its angle is
-        # the sense of its axis, reversed if the gear is on its first link (side 0).
+        # The last pair on the path from the gear to the carrier. The sign of its angle is
+        # the sense of its axis in the carrier if the gear is on the side of its second link
+        # (near_side 1), and the opposite if it is on the side of its first link (0).
         pair, near_side = links[carrier].path[-1]
         sense = int(links[carrier].angle_signs[pair] * (2 * near_side - 1))
         gear_shafts.append(GearShaft(pair, sense))

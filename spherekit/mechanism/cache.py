@@ -12,7 +12,8 @@ Result = TypeVar("Result")
 class MechanismCache:
     """Results by the content of a mechanism and a request.
 
-    Two mechanisms of equal content share their results.
+    The content is a text of everything but its source and the data of the user. Mechanisms
+    of equal content share their results.
 
     Parameters
     ----------

@@ -118,8 +118,9 @@ class Bearings(BearingFriction):
             radial_force = 0.0 * force_times_distance
         else:
             radial_force = forces * [1.0, 1.0, 0.0]
-        # Two bearings support the force and the moment: both sums, of P and of h P, are
-        # given. A single bearing supports the moment, and the centre the rest of the force.
+        # Two bearings support the force and the moment: the sum of P and the sum of h P are
+        # two equations for both forces. A single bearing supports the moment, and the
+        # centre of the sphere supports the rest of the force.
         if others:
             (second,) = others
             span = second - first
@@ -129,7 +130,8 @@ class Bearings(BearingFriction):
             ]
         else:
             loads = [force_times_distance / first]
-        # Along the axis each bearing supports its share, or an unknown one.
+        # Along the axis each bearing supports its share of the force. Without stated shares
+        # the component is NaN.
         if forces is not None:
             shares = self.axial or (np.nan,) * len(loads)
             for load, share in zip(loads, shares, strict=True):
@@ -139,6 +141,7 @@ class Bearings(BearingFriction):
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
         """See `Load`."""
         super().check(key, mechanism)
+        # One bearing needs a lever arm from the centre, two bearings one between them.
         first, *others = self.positions or (0.0,)
         has_no_lever = others[0] == first if others else first == 0.0
         if len(others) > 1 or has_no_lever:
@@ -158,6 +161,8 @@ class Bearings(BearingFriction):
                 "floating one 0), or 0 for each where the pair lets its links slide along "
                 "its axis"
             )
+        # The forces on bearings follow from the reaction only if all bearings of the pair
+        # are in one load.
         for load in mechanism.loads:
             if isinstance(load, Bearings) and load.pair == self.pair and load != self:
                 raise ModelError(

@@ -240,8 +240,10 @@ class Joint(ABC):
 class Revolute(Joint):
     """An R pair (hinge).
 
-    Its frames are A_first = first Z(v) and A_second = second, where Z(v) is the rotation by
-    the variable v (rad) about z.
+    The orientations of its links are related by R_second = R_first A_first A_second^T, with
+    R from link axes to ground axes. The frames of the pair in its two links are A_first =
+    first Z(v) and A_second = second, where Z(v) is the rotation by the variable v (rad)
+    about z.
 
     Attributes
     ----------
@@ -341,14 +343,18 @@ class Sliding(Joint):
     def vector_rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
-        """Return the derivatives of n + k1 p and -(n + k2 p), see `Joint.vector_rates`.
+        """Return the time derivatives of n + k1 p and -(n + k2 p).
 
-        With the relative angular velocity w, the contact point moves along the profiles at
-        s1' = (w . p - k2 w . n) / (k1 - k2) and s2' = (w . p - k1 w . n) / (k1 - k2). This
-        follows from w = s1' (n + k1 p) - s2' (n + k2 p). In rolling, w . n is zero.
+        These are the velocity vectors of the two arc lengths s1 and s2 along the profiles.
+        n and p are the normal and the contact point in the columns 1 and 2 of `frames`, and
+        k1 and k2 the geodesic curvatures. Parameters and shapes: see `Joint.vector_rates`.
 
-        Along its profile dn/ds + k dp/ds = 0, so that a vector changes with the rotation of
-        its link and with the curvature only.
+        The angular velocity w of the second link relative to the first is w = s1' (n +
+        k1 p) - s2' (n + k2 p). Multiplied by n and p, this gives the rates s1' = (w . p -
+        k2 w . n) / (k1 - k2) and s2' = (w . p - k1 w . n) / (k1 - k2).
+
+        Along a profile dn/ds + k dp/ds = 0. A vector n + k p therefore changes only by the
+        rotation of its link and by the change of the curvature, dk/ds s' p.
         """
         normal, point = frames[..., 1], frames[..., 2]
         k1, k2 = states.curvatures[..., :1], states.curvatures[..., 1:]

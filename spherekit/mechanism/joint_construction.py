@@ -62,8 +62,8 @@ def make_joints_in_pose(
         If the numbers of a profile define no curve, or profiles do not touch in the
         reference pose.
     """
-    # None unless the mechanism is given in a reference pose.
     geometry = mechanism.geometry
+    # The reference pose. None if the mechanism is given by sizes of links.
     pose = geometry if isinstance(geometry, PoseGeometry) else None
     first_frames, second_frames = pair_frames(mechanism)
     joints: list[Joint] = []

@@ -249,8 +249,8 @@ class Load(ABC):
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
         """Return the components of the load.
 
-        Here it is one torque at its pair, as `torque_template` says with the fields of the
-        load. Other kinds of loads override the method.
+        This implementation is for loads that are one torque at a pair: the expression
+        `torque_template` with the values of the fields put in. Other loads override it.
         """
         fields = {
             name: value if isinstance(value, str) else format_number(value)
@@ -407,6 +407,7 @@ def check_field(kind: str, key: str, value: Any, mechanism: LoadedMechanism) -> 
                     f"bearings. Cs pairs: {sliding or 'none'}"
                 )
         case "text" if callable(value):
+            # The signature shows, without a call, whether the function takes (t, q, dq).
             with suppress(ValueError):  # functions of compiled modules have no signature
                 try:
                     inspect.signature(value).bind(0.0, 0.0, 0.0)

@@ -191,6 +191,11 @@ class Expression:
             An array (rad, rad/s or s) for at least each name in the expression. The result
             has the shape to which all of them broadcast, whether they are used or not.
 
+        Raises
+        ------
+        ModelError
+            If there is no value for a name in the expression.
+
         Notes
         -----
         The result is NaN outside the domain of a function, and infinite on overflow.

@@ -169,7 +169,8 @@ def _choose_kept_link(mechanism: Mechanism, pair: Pair) -> tuple[str, str]:
     """Return the link of a locked pair whose name and axes are kept, and the other link.
 
     The ground is kept in any case. Otherwise a link with contacts is kept, since the
-    profiles of a kept link are not rotated. Otherwise the first link of the pair is kept.
+    profiles of a kept link are not rotated. If neither or both links have contacts, the
+    first link of the pair is kept.
     """
     links_with_contacts = {
         link
@@ -178,9 +179,9 @@ def _choose_kept_link(mechanism: Mechanism, pair: Pair) -> tuple[str, str]:
         for link in contact.links
     }
     first, second = pair.links
-    is_first_fixed = first in links_with_contacts | {mechanism.ground}
+    has_reason_for_first = first == mechanism.ground or first in links_with_contacts
     is_second_kept = second == mechanism.ground or (
-        second in links_with_contacts and not is_first_fixed
+        second in links_with_contacts and not has_reason_for_first
     )
     return (second, first) if is_second_kept else (first, second)
 
@@ -191,7 +192,10 @@ def _join_link_sizes(
     pairs: Sequence[Pair],
     rotations: AxisRotations,
 ) -> SizeGeometry:
-    """Return the sizes of a mechanism in which two links are one.
+    """Return the sizes of a mechanism in which the two links of a locked pair are one.
+
+    Pairs of the new link, and all pairs whose links have no sizes yet, get sizes from their
+    frames. The sizes of all other links stay as they are.
 
     Parameters
     ----------
@@ -221,15 +225,17 @@ def _join_link_sizes(
         and pair != locked
         and not other_links.keys() >= set(pair.links)
     ]
-    # The frames of these pairs in the axes of the new link, from which its sizes follow: in
-    # their first links (end 0), and in their second links (end 1).
-    first_frames, second_frames = (
-        {
-            pair.name: rotations.get(pair.links[end], np.eye(3)) @ frames_of_end[pair.name]
-            for pair in changed_pairs
-        }
-        for end, frames_of_end in enumerate(pair_frames(mechanism))
-    )
+    # The frames of these pairs in their first and second links. Frames in the two joined
+    # links are rotated to the axes of the new link.
+    old_first_frames, old_second_frames = pair_frames(mechanism)
+    first_frames = {}
+    second_frames = {}
+    for pair in changed_pairs:
+        first_rotation, second_rotation = (
+            rotations.get(link, np.eye(3)) for link in pair.links
+        )
+        first_frames[pair.name] = first_rotation @ old_first_frames[pair.name]
+        second_frames[pair.name] = second_rotation @ old_second_frames[pair.name]
     joined = sizes_from_frames(pairs, (first_frames, second_frames), other_links)
     zeros = {**_without_pair(sizes.zeros, locked), **joined.zeros}
     return SizeGeometry(joined.links, zeros)

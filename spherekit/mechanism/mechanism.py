@@ -310,9 +310,10 @@ class Mechanism:
         >>> driven = sk.load("four_bar").with_inputs("41")
         >>> half = driven.with_inputs(ranges={"41": (0, 90)}, angle_unit="deg")
         """
-        # Inputs by pair: those that were declared, with the new ranges.
-        declared = {item.pair: item for item in self.inputs if not item.is_default}
-        old_names = set(declared)
+        # Inputs with a range, by pair: the declared ones, and then those with new ranges.
+        # The default input, through one turn, is not a declared one.
+        input_by_pair = {item.pair: item for item in self.inputs if not item.is_default}
+        declared_names = set(input_by_pair)
         names = pairs or self.input_pairs
         if ranges and angle_unit is None:
             raise ModelError('with_inputs: ranges need angle_unit="deg" or "rad"')
@@ -321,16 +322,17 @@ class Mechanism:
                 raise ModelError(
                     f"with_inputs: ranges: {name} is not an input; inputs: {listing(names)}"
                 )
-            declared[name] = Input(
+            input_by_pair[name] = Input(
                 name, to_radians(start, angle_unit), to_radians(stop, angle_unit)
             )
         # Pairs without a range are driven through one turn.
         one_turn_inputs = (Input(self.pair(name).name, 0.0, ONE_TURN_RAD) for name in names)
-        inputs = tuple(declared.get(item.pair, item) for item in one_turn_inputs)
-        if old_names and inputs == self.inputs:
+        inputs = tuple(input_by_pair.get(item.pair, item) for item in one_turn_inputs)
+        if declared_names and inputs == self.inputs:
             return self
-        # Named modes have values of the declared inputs, so they are dropped with these.
-        keeps_modes = old_names in (set(), set(names))
+        # A named mode is given by values of all declared inputs. It is therefore dropped if
+        # other pairs are driven.
+        keeps_modes = declared_names in (set(), set(names))
         return replace(self, inputs=inputs, modes=self.modes if keeps_modes else {})
 
     @checked(ModelError)
@@ -503,13 +505,17 @@ def unknown_name_error(
 
 
 def _check(mechanism: Mechanism) -> None:
-    """Check a mechanism; raise `ModelError` at the first fault."""
-    where = mechanism.name or "mechanism"
+    """Check a mechanism; raise `ModelError` at the first fault.
+
+    Later checks use links and pairs by their names, so the names are checked first.
+    """
+    where = mechanism.name or "mechanism"  # beginning of all messages
     if len(mechanism.links) < 2:
         raise ModelError(f"{where}: a mechanism has at least two links")
     _check_names(where, mechanism)
     for pair in mechanism.pairs:
         _check_pair(f"{where}: pairs.{pair.name}", pair)
+    # Named assembly modes: values of R pairs, by the name of the mode.
     for mode, values in mechanism.modes.items():
         if mode.isdecimal():
             raise ModelError(
@@ -521,7 +527,8 @@ def _check(mechanism: Mechanism) -> None:
                     f"{where}: modes.{mode}.{name}: is a contact pair; a mode is said "
                     "by angles of R pairs"
                 )
-    # Messages of these checks begin with the key in the file; the mechanism is added here.
+    # Messages of the next checks begin with a key of the file, such as `loads.NAME`. The
+    # name of the mechanism is put in front of them.
     try:
         for mass in mechanism.masses:
             check_mass(mass)
@@ -560,6 +567,7 @@ def _check_names(where: str, mechanism: Mechanism) -> None:
     ModelError
         If a name is impossible, given twice, or refers to nothing.
     """
+    # The words for the named things, as messages have them, and the names.
     for what, names in (
         ("link", mechanism.links),
         ("pair", [pair.name for pair in mechanism.pairs]),
@@ -616,7 +624,11 @@ _REFERRED_BY_KIND: Mapping[str, Literal["link", "pair"]] = {
 
 
 def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
-    """Yield all places at which a mechanism refers to a link or a pair by its name."""
+    """Yield all places at which a mechanism refers to a link or a pair by its name.
+
+    Each reference has the kind of thing that is meant ("link" or "pair"), the key of the
+    place in the file of the mechanism, and the name.
+    """
     yield _NameReference("link", "ground", mechanism.ground)
     for table, parts in (
         ("pairs", mechanism.pairs),
@@ -630,10 +642,12 @@ def _name_references(mechanism: Mechanism) -> Iterator[_NameReference]:
             for field_name, kind in field_kinds(part).items():
                 if kind not in _REFERRED_BY_KIND:
                     continue
-                # A field has one name, or names of both links of a pair.
+                # The field contains one name, or the names of both links of a pair.
                 value = getattr(part, field_name)
-                for name in (value,) if isinstance(value, str) else value:
-                    # A part without a name is called like what it belongs to.
+                names = (value,) if isinstance(value, str) else value
+                for name in names:
+                    # In files, a part without a name (mass, input, joint limit) has the
+                    # name of its link or pair as key.
                     part_key = (
                         f"{part.name}.{field_name}" if hasattr(part, "name") else name
                     )
@@ -716,21 +730,24 @@ def _check_sizes(where: str, mechanism: Mechanism, geometry: SizeGeometry) -> No
     for name, zero in geometry.zeros.items():
         check_finite(f"{where}: pairs.{name}.zero", [zero])
     for link in mechanism.links:
-        expected = [
+        # The axes of a link are those of its R pairs, and axes that are declared to have no
+        # pair.
+        r_pairs = [
             pair.name
             for pair in mechanism.pairs
             if pair.kind.has_axis and link in pair.links
         ]
         sizes = geometry.links.get(link, LinkSizes(()))
         key = f"{where}: links.{link}"
-        if sorted(sizes.axes) != sorted([*expected, *sizes.unpaired]):
+        if sorted(sizes.axes) != sorted([*r_pairs, *sizes.unpaired]):
             raise ModelError(
                 f"{key}.axes: has [{listing(sizes.axes)}], but the R pairs on this link "
-                f"are [{listing(expected)}]; list each of them once"
+                f"are [{listing(r_pairs)}]; list each of them once"
             )
+        # Arcs are from 0 to pi, or any finite number in a link with signed arcs.
         for index, arc in enumerate(sizes.arcs):
-            is_signed = sizes.signed and math.isfinite(arc)
-            if not (0.0 <= arc <= math.pi or is_signed):
+            may_be_signed = sizes.signed and math.isfinite(arc)
+            if not (0.0 <= arc <= math.pi or may_be_signed):
                 raise ModelError(f"{key}.arcs[{index}]: {_describe_wrong_arc(arc)}")
         check_finite(f"{key}.angles", sizes.angles)
         # The first axis has no arc, and the first two axes have no angle.

@@ -147,9 +147,10 @@ def find_contact_start(mechanism: Mechanism, contact: Pair, phase: Angles) -> En
     if driven_sides:
         driven = driven_sides[0]
         other = 1 - driven
-        # The length along a circle grows by the sine of its radius times the angle of the
-        # shaft, in a sense that a test rotation of 0.1 rad shows. A jump by a whole
-        # circumference does not change the sine.
+        # If a shaft rotates by an angle, the length along its circle grows by plus or minus
+        # the sine of the radius times the angle. A test rotation of both shafts by 0.1 rad
+        # shows the sign: growth / circle_sines is then plus or minus 0.1, apart from whole
+        # turns by which the lengths may jump. The sine removes these turns.
         circle_sines = np.sin([wheel.radius for wheel in wheels])
         growth = np.subtract(
             contact_lengths([angle + 0.1 for angle in angles]), contact_lengths(angles)
@@ -231,8 +232,11 @@ def find_wheel_contact(
         rotation @ wheel.centre
         for wheel, rotation in zip(wheels, orientations, strict=True)
     )
-    # The contact point is on the great circle through both centres. Seen from the first
-    # centre it is towards the second centre if the first circle is the larger one.
+    # The contact point is on the great circle through both centres, at the distance of the
+    # first radius from the first centre: on the side of the second centre if the first
+    # circle is the larger one, otherwise on the other side. (The second curve of an
+    # external contact is reversed, and its wheel has the supplementary radius.)
+    # `across` is the part of the second centre perpendicular to the first.
     across = second_centre - (first_centre @ second_centre) * first_centre
     size = np.linalg.norm(across)
     if size < COLLINEAR_SINE:

@@ -24,7 +24,7 @@ from spherekit.positions.group_assembly import (
 from spherekit.positions.group_conditioning import group_reciprocal_condition
 from spherekit.positions.group_solutions import (
     CLOSED_FORM,
-    SEARCH,
+    RANDOM_SEARCH,
     SolutionMethod,
     all_complete,
     find_group_configurations,
@@ -69,7 +69,8 @@ one mode may be found as two.
 class ConfigurationsAtInput(NamedTuple):
     """The k closed configurations of a mechanism that were found at one choice of inputs.
 
-    The mechanism is placed group by group. A dyad closes in two ways, told by its sign.
+    The mechanism is placed group by group. A dyad closes in two ways, which its sign
+    distinguishes.
 
     Attributes
     ----------
@@ -104,6 +105,7 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
     searched with these lengths kept.
     """
     groups = solver.assembly.groups
+    # How far wheels have rolled at given inputs; None without rolling contacts.
     gear_phases = solver.gear_phases
     has_general_contacts = any(
         not group.revolute and position not in solver.wheel_trains
@@ -112,17 +114,20 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
     if has_general_contacts and gear_phases is not None and gear_phases.all_known:
         values = _search_in_gear_phase(solver, gear_phases, q)
         signs = tuple(signs_at(solver, row) for row in values)
-        return ConfigurationsAtInput(signs, values, (SEARCH,) * len(groups))
+        return ConfigurationsAtInput(signs, values, (RANDOM_SEARCH,) * len(groups))
     methods: list[SolutionMethod | None] = [None] * len(groups)
-    # One more than the limit shows whether there are more.
-    modes = enumerate_modes(solver, q[None], MAX_CONFIGURATIONS + 1, methods)
+    # Signs of the groups and placed bodies of each mode. `methods` is filled in. One more
+    # than the limit shows whether there are more.
+    modes = enumerate_modes(
+        solver, q[None], max_modes=MAX_CONFIGURATIONS + 1, methods=methods
+    )
     is_truncated = len(modes) > MAX_CONFIGURATIONS
     modes = modes[:MAX_CONFIGURATIONS]
     if is_truncated:
         description = (
             f"the first {MAX_CONFIGURATIONS} configurations are kept, there are more"
         )
-        methods[-1] = SolutionMethod(description, 1.0)
+        methods[-1] = SolutionMethod(description, doubt=1.0)
     variable_count = len(solver.mechanism.variable_owners)
     values = np.reshape([state.values[0] for _, state in modes], (-1, variable_count))
     signs = tuple(signs for signs, _ in modes)
@@ -148,15 +153,17 @@ def _search_in_gear_phase(
     (n, variables) closed configurations (rad) in which wheels have rolled as far as the
     inputs say.
     """
-    # Whole periods are removed, since start values are near the anchor, and added again.
+    # Random starts are near the anchor, which is the input from which rolled lengths are
+    # counted. Whole periods between it and q are removed here, and added again at the end.
     near_anchor = q - whole_laps(q - gear_phases.anchor, gear_phases.periods)
     rolled_lengths = gear_phases.rolled_lengths(near_anchor[None])
     locked_values = np.append(near_anchor, rolled_lengths)[None]
     locked_variables = [*solver.driven, *gear_phases.variables]
     closure = solver.closure.locked(locked_variables, locked_values)
     distinct = DistinctConfigurations(closure)
-    search_group(closure, distinct)
-    values = np.reshape(distinct.values, (-1, len(solver.closure.tree.owners)))
+    search_group(closure, distinct)  # adds what it finds to `distinct`
+    variable_count = len(solver.closure.tree.owners)
+    values = np.reshape(distinct.values, (-1, variable_count))
     return solver.shift_inputs(values, q[None])
 
 
@@ -191,7 +198,10 @@ def enumerate_modes(
     def place_next_groups(
         state: AssemblyState, signs: tuple[int, ...]
     ) -> Iterator[tuple[tuple[int, ...], AssemblyState]]:
-        """Yield all modes in which the first groups have these signs and this state."""
+        """Yield all modes in which the first groups have these signs and this state.
+
+        The next group is placed in each of its modes, and then the groups after it.
+        """
         position = len(signs)
         if position == group_count:
             yield signs, state
@@ -204,7 +214,8 @@ def enumerate_modes(
 
     # Samples at which a dyad does not close give NaN, without warnings.
     with np.errstate(invalid="ignore", divide="ignore"):
-        return list(islice(place_next_groups(solver.start(q), ()), max_modes))
+        modes = place_next_groups(solver.start(q), signs=())
+        return list(islice(modes, max_modes))
 
 
 def _place_group_modes(
@@ -378,19 +389,24 @@ def random_starts(
     closure = solver.closure
     gear_phases = solver.gear_phases
     driven = list(solver.driven)
-    first, last = starting_range(closure)
-    first[driven] = low
-    last[driven] = high
-    # Lengths that wheels roll follow from the inputs, so both are kept if there are wheels.
+    # Limits (variables,) between which starts are drawn.
+    start_low, start_high = starting_range(closure)
+    start_low[driven] = low
+    start_high[driven] = high
+    # If there are wheels, the lengths that they have rolled (`rolled`) are computed from
+    # the inputs, so both stay fixed while the loops are closed.
     rolled = [] if gear_phases is None else list(gear_phases.variables)
     keeps_inputs = gear_phases is not None or samples is not None
     fixed = driven + rolled if keeps_inputs else []
-    is_input = np.isin(np.arange(len(first)), driven)
-    lower_limits = np.where(is_input, first, -np.inf)
-    upper_limits = np.where(is_input, last, np.inf)
+    # Inputs that are not fixed stay within their ranges; other variables have no limits.
+    is_input = np.isin(np.arange(len(start_low)), driven)
+    lower_limits = np.where(is_input, start_low, -np.inf)
+    upper_limits = np.where(is_input, start_high, np.inf)
     passive_angles = [v for v in solver.angles if v not in driven]
     for rounds in chain([RANGE_ROUNDS], repeat(1)):
-        starts = random.uniform(first, last, (rounds * STARTS_PER_ROUND, len(first)))
+        starts = random.uniform(
+            start_low, start_high, (rounds * STARTS_PER_ROUND, len(start_low))
+        )
         rows = np.zeros(len(starts), dtype=np.intp)
         if samples is not None:
             rows = random.integers(0, len(samples), len(starts))

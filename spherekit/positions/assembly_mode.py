@@ -13,9 +13,11 @@ from spherekit.status import Status
 class AssemblyMode(NamedTuple):
     """One assembly mode over the ranges of the inputs.
 
-    A dyad has a closed form with two solutions, and its sign selects one of them. An
-    irreducible group has no closed form. Its mode is known by verified configurations, from
-    which Newton's method starts.
+    An assembly mode is one of the ways in which the links of a mechanism can be put
+    together at given inputs. The links are placed group by group. A dyad (a group of two
+    links) has a closed form with two solutions, and its sign selects one of them. A larger
+    group has no closed form. Its mode is known by verified configurations, from which
+    Newton's method starts.
 
     Attributes
     ----------
@@ -32,9 +34,10 @@ class AssemblyMode(NamedTuple):
     name
         The name that the file gives to the mode, empty if it gives none.
     pieces
-        Not empty if the mode follows its smooth curve through crossings. Each piece is
-        the input (rad) at which it begins, the first one -inf, and the mode without
-        pieces that lies on the curve from there on.
+        Intervals of the input, if the mode follows its smooth curve of configurations
+        through crossings with other curves. Each piece is the input (rad) at which it
+        begins, -inf for the first one, and the mode without pieces that is on the curve
+        from there on. Empty for other modes.
     """
 
     number: int

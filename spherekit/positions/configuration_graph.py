@@ -87,28 +87,40 @@ class ConfigurationGraph:
     """
 
     def __init__(self, solver: PositionSolver, input_grid: InputGrid) -> None:
-        """Start with an empty graph: no nodes, and no paths between them."""
+        """Start with an empty graph of configurations at the n samples of a grid.
+
+        A node of the graph is one closed configuration of the mechanism at one sample of
+        the inputs. An edge is a verified path between two nodes at neighbouring samples.
+        """
         self.solver = solver
         self.input_grid = input_grid
         variables = len(solver.mechanism.variable_owners)
+        # For the k nodes: the index of the sample (k,) and the pair variables in rad.
         self.sample = np.empty(0, dtype=np.intp)
         self.values = np.empty((0, variables))
+        # (n,) whether all configurations of a sample are nodes; set by the caller.
         self.is_complete = np.zeros(len(input_grid), dtype=bool)
+        # Numbers of the variables of the inputs, and of those that are angles of R pairs.
         self._driven = list(solver.driven)
         self._angles = solver.angles
+        # (k,) sign of the determinant of the closure Jacobian without the inputs, and
+        # whether this matrix is far enough from singular for a sign.
         self._determinant_sign = np.empty(0)
         self._is_regular = np.empty(0, dtype=bool)
         # (n, largest number of nodes of a sample): row s lists the nodes of sample s,
         # padded by -1.
         self._nodes_of_sample = np.full((len(input_grid), 0), -1, dtype=np.intp)
+        # (directions, n) sample next to each sample in each direction, or -1.
         self._neighbours = input_grid.neighbours()
         # (directions, k): whether a path from the node in the direction was tried, and the
         # node to which a verified path led, or -1.
         self._is_tried = np.empty((len(self._neighbours), 0), dtype=bool)
         self._partner = np.empty((len(self._neighbours), 0), dtype=np.intp)
-        # (k,) identifier of the piece of each node, and the nodes of each piece.
+        # A piece is a set of joined nodes, at most one for each sample. (k,) identifier of
+        # the piece of each node, and the nodes of each piece.
         self._piece = np.empty(0, dtype=np.intp)
         self._nodes_of_piece: dict[int, list[Indices]] = {}
+        # Nodes (m,) at the starts and at the ends of the edges.
         self._edges: list[tuple[Indices, Indices]] = []
         self._progress = ProgressReporter(
             "joining the configurations of neighbouring samples"
@@ -131,7 +143,7 @@ class ConfigurationGraph:
         (m,) node of each configuration, new or already present. Each new node is a piece of
         its own.
         """
-        # -1 stands for a configuration that is no node yet.
+        # `find` returns -1 for a configuration that is no node yet.
         nodes = self.find(sample, values)
         (missing,) = np.nonzero(nodes < 0)
         if not len(missing):
@@ -139,18 +151,21 @@ class ConfigurationGraph:
         # The sign of the determinant with locked inputs distinguishes configurations that
         # are near to each other on both sides of a singular one.
         linearisation = self.solver.closure.at(values[missing])
-        square = np.delete(linearisation.jacobian, self._driven, axis=2)
-        signs = determinant_sign(square)
+        passive_jacobian = np.delete(linearisation.jacobian, self._driven, axis=2)
+        signs = determinant_sign(passive_jacobian)
         is_regular = ~is_nearly_singular(linearisation, self._driven, SINGULAR_NODE_RATIO)
+        # For each missing configuration the first one, among them, that is equal to it.
+        # Those that stand for themselves become nodes, and the others get their numbers.
         representative = self._find_equal(
             sample[missing], values[missing], np.where(is_regular, signs, 0.0)
         )
         is_new = representative == np.arange(len(missing))
         new = missing[is_new]
-        first = len(self.sample)
-        nodes[new] = np.arange(first, first + len(new))
+        first_new_node = len(self.sample)
+        nodes[new] = np.arange(first_new_node, first_new_node + len(new))
         nodes[missing] = nodes[missing[representative]]
-        # All arrays with one entry for each node grow.
+        # All arrays with one entry for each node grow. No path from a new node was tried,
+        # none leads to another node, and the node is a piece of its own.
         self._determinant_sign = np.append(self._determinant_sign, signs[is_new])
         self._is_regular = np.append(self._is_regular, is_regular[is_new])
         self.sample = np.append(self.sample, sample[new])
@@ -200,8 +215,8 @@ class ConfigurationGraph:
             differences = wrap(values[earlier] - values[later])[:, self._angles]
             is_same = max_abs(differences, axis=1) < SAME_CONFIGURATION_RAD
             representative[later[is_same]] = earlier[is_same]
-        # Equal to an equal one: follow the indices down to a configuration that stands for
-        # itself.
+        # Equality is passed on: if a is equal to b and b to c, both get the index of c. The
+        # loop ends when every index is that of a configuration that stands for itself.
         while np.any(representative != representative[representative]):
             representative = representative[representative]
         return representative
@@ -263,15 +278,16 @@ class ConfigurationGraph:
             row of a sample that the sheet does not reach is NaN.
         """
         (sample,) = np.nonzero(np.all(np.isfinite(values), axis=1))
-        first = len(self.sample)
+        first_new_node = len(self.sample)
         nodes = self.add(sample, values[sample])
-        # A chain of edges, in the order of samples, puts the whole sheet into one
-        # component.
+        # Edges between successive nodes put the whole sheet into one connected component
+        # of the graph.
         self._edges.append((nodes[:-1], nodes[1:]))
-        # The new nodes are united first. Pieces that have other nodes of the sheet follow,
-        # and are not united if they share a sample with the new piece.
-        new = nodes[nodes >= first]
-        order = np.concatenate([new, nodes[nodes < first]])
+        # A piece is a set of joined nodes with at most one node per sample. The new nodes
+        # are united to one piece first. Then the pieces of the other nodes of the sheet are
+        # united with it, unless they share a sample with it.
+        new = nodes[nodes >= first_new_node]
+        order = np.concatenate([new, nodes[nodes < first_new_node]])
         for node in order[1:].tolist():
             self._unite_pieces(int(order[0]), node)
 
@@ -338,25 +354,32 @@ class ConfigurationGraph:
     def _may_join_pieces(self, direction: int) -> Bools:
         """Return (k,) whether an untried path from each node may join two pieces.
 
-        A piece is a set of joined nodes with at most one node per sample. The node must be
-        regular, and its piece must have no node at the target, which is the neighbouring
-        sample in the direction. At a target that is complete, there must
-        also be a regular node with the same sign of the determinant to which no path leads
-        yet. A verified path cannot change this sign.
+        A node is one configuration at one sample of the inputs. A piece is a set of joined
+        nodes with at most one node per sample. A path leads from a node to its target, the
+        neighbouring sample in the direction. It may join two pieces if
+
+        - the node is not singular, and its piece has no node at the target yet, and
+        - a node at the target can be its end: it is not singular, has the same sign of the
+          determinant, which a verified path cannot change, and no path has reached it yet.
+          This is not required at a target where configurations may be missing, because
+          the path can lead to a new node there.
         """
-        # -1 stands for no sample here, for no node in `ends`, and for no path in
-        # `_partner`. `direction ^ 1` is the opposite direction.
+        # -1 means: no sample (`target`), no node (`ends`), no path (`_partner`).
+        # `direction ^ 1` is the opposite direction.
         target = self._neighbours[direction][self.sample]
         is_candidate = (target >= 0) & self._is_regular & ~self._is_tried[direction]
         for first in range(0, len(target), PATHS_AT_ONCE):
             rows = first + np.flatnonzero(is_candidate[first : first + PATHS_AT_ONCE])
+            # All nodes at the target of each row: (rows, nodes of a sample).
             ends = self._nodes_of_sample[target[rows]]
             is_node = ends >= 0
-            is_open = is_node & self._is_regular[ends]
-            is_open &= self._determinant_sign[ends] == self._determinant_sign[rows, None]
-            is_open &= self._partner[direction ^ 1][ends] < 0
+            can_be_end = is_node & self._is_regular[ends]
+            signs = self._determinant_sign
+            can_be_end &= signs[ends] == signs[rows, None]
+            can_be_end &= self._partner[direction ^ 1][ends] < 0
             is_in_piece = is_node & (self._piece[ends] == self._piece[rows, None])
-            has_possible_end = np.any(is_open, axis=1) | ~self.is_complete[target[rows]]
+            has_possible_end = np.any(can_be_end, axis=1)
+            has_possible_end |= ~self.is_complete[target[rows]]
             is_candidate[rows] = has_possible_end & ~np.any(is_in_piece, axis=1)
         return is_candidate
 
@@ -380,10 +403,12 @@ class ConfigurationGraph:
         along all axes up to and including that of the direction.
         """
         (nodes,) = np.nonzero(self._may_join_pieces(direction))
-        # The block is the index of the target without those along later axes.
+        # Samples are numbered with the last axis running fastest. The index of the target
+        # divided by the number of samples along all later axes is its block.
         axis = direction // 2
-        stride = int(np.prod(self.input_grid.shape[axis + 1 :], dtype=np.intp))
-        block = self._neighbours[direction][self.sample[nodes]] // stride
+        samples_per_block = int(np.prod(self.input_grid.shape[axis + 1 :], dtype=np.intp))
+        block = self._neighbours[direction][self.sample[nodes]] // samples_per_block
+        # Sort by piece, then by block, then by node.
         order = np.lexsort((nodes, block, self._piece[nodes]))
         keys = np.stack([self._piece[nodes], block], axis=1)[order]
         is_first_of_group = np.any(np.diff(keys, axis=0, prepend=-1) != 0, axis=1)
@@ -393,37 +418,40 @@ class ConfigurationGraph:
         return np.sort(nodes[order[rank < paths_per_piece]])
 
     def _join_along_paths(self, nodes: Indices, direction: int) -> None:
-        """Follow paths in a direction from nodes (m,), and join the ends of each path.
+        """Follow paths from nodes (m,) to the next samples in a direction, and join them.
 
-        Ends that are not nodes yet are added. The attributes `_edges` (joined nodes),
-        `_partner` (end of the path from a node in a direction) and `_piece` (set of nodes
-        that become one assembly mode) are updated.
+        A node is one configuration at one sample of the inputs. Ends of paths that are not
+        nodes yet are added. The attributes `_edges` (joined nodes), `_partner` (end of the
+        path from a node in a direction), `_is_tried` and `_piece` (set of joined nodes, at
+        most one per sample) are updated.
         """
         self._is_tried[direction, nodes] = True
-        node_count = len(self.sample)
+        old_node_count = len(self.sample)
         starts_of_chunks = [np.empty(0, dtype=np.intp)]
         ends_of_chunks = [np.empty(0, dtype=np.intp)]
         for first in range(0, len(nodes), PATHS_AT_ONCE):
             chunk = nodes[first : first + PATHS_AT_ONCE]
             self._progress.tell(lambda: f"{len(self._nodes_of_piece)} pieces")
-            sample = self._neighbours[direction][self.sample[chunk]]
-            arrived, values = self._follow_paths(chunk, sample)
-            starts_of_chunks.append(chunk[arrived])
-            ends_of_chunks.append(self.add(sample[arrived], values[arrived]))
+            target = self._neighbours[direction][self.sample[chunk]]
+            is_verified, values = self._follow_paths(chunk, target)
+            starts_of_chunks.append(chunk[is_verified])
+            ends_of_chunks.append(self.add(target[is_verified], values[is_verified]))
         starts = np.concatenate(starts_of_chunks)
         ends = np.concatenate(ends_of_chunks)
         # Verified paths are reversible, so two of them cannot end at one node. If they do,
-        # a step has changed the mode unnoticed. None of the paths that were followed
-        # together is used then, nor a path of a later call. All chunks are followed before
-        # this is judged, so the result does not depend on their size. A path that changes
-        # the sign of the determinant is not used either.
+        # a step has changed the mode unnoticed. Several paths of this call to one node are
+        # therefore all left out, and so is a path to a node that a path of an earlier call
+        # has reached. All chunks are followed before this is judged, so the result does not
+        # depend on their size.
         paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
         is_sound = (paths_to_end == 1) & (self._partner[direction ^ 1][ends] < 0)
-        is_sound &= (ends >= node_count) | (
+        # A path to an old node must also keep the sign of the determinant.
+        is_sound &= (ends >= old_node_count) | (
             self._determinant_sign[ends] == self._determinant_sign[starts]
         )
         starts = starts[is_sound]
         ends = ends[is_sound]
+        # `direction ^ 1` is the opposite direction, in which the path leads back.
         self._partner[direction, starts] = ends
         self._partner[direction ^ 1, ends] = starts
         self._is_tried[direction ^ 1, ends] = True
@@ -453,6 +481,8 @@ class ConfigurationGraph:
         """
         starts = self.values[nodes]
         goals = self.input_grid.q[sample]
+        # `whole_laps` are the whole periods in a difference of inputs. Without them, the
+        # goals are at most half a period away.
         goals = goals - whole_laps(goals - starts[:, self._driven], self.solver.periods)
         followed = follow_inputs(
             self.solver.closure,
@@ -461,6 +491,7 @@ class ConfigurationGraph:
             goals,
             smallest_step=SMALLEST_STEP_RAD,
         )
+        # Add the whole periods again.
         values = self.solver.shift_inputs(followed.nodes.values, self.input_grid.q[sample])
         return followed.status == Status.OK, values
 
@@ -474,7 +505,7 @@ class ConfigurationGraph:
         small = int(self._piece[second_node])
         if large == small:
             return
-        # The smaller piece is relabelled, which is cheaper.
+        # The smaller piece gets the identifier of the larger one, which is cheaper.
         large_size = sum(map(len, self._nodes_of_piece[large]))
         small_size = sum(map(len, self._nodes_of_piece[small]))
         if large_size < small_size:
@@ -493,11 +524,13 @@ class ConfigurationGraph:
 
         Returns
         -------
-        list of (n,) arrays, one for each mode: its node at each sample, or -1. The mode
-        with the most nodes comes first. Modes with equally many are sorted by `first_node`.
+        list of (n,) arrays, one for each mode: its node (configuration) at each sample, or
+        -1. The mode with the most nodes comes first. Modes with equally many are sorted by
+        their first sample.
         """
-        # Components: all nodes that are joined by edges, directly or through others. A mode
-        # consists of pieces of one component that share no sample.
+        # A connected component consists of all nodes that are joined by edges, directly or
+        # through others. A piece is a set of joined nodes with at most one node per sample.
+        # A mode consists of pieces of one component that share no sample.
         count = len(self.sample)
         starts = np.concatenate(
             [np.empty(0, np.intp), *(start for start, _ in self._edges)]
@@ -508,7 +541,9 @@ class ConfigurationGraph:
         modes_of_components: dict[int, list[Indices]] = {}
         for nodes in self._pieces():
             modes = modes_of_components.setdefault(int(component[nodes[0]]), [])
-            _put_into_first_mode(modes, nodes, self.sample[nodes], len(self.input_grid))
+            _put_into_first_mode(
+                modes, nodes, sample=self.sample[nodes], count=len(self.input_grid)
+            )
         all_modes = [mode for modes in modes_of_components.values() for mode in modes]
 
         def size_and_start(mode: Indices) -> tuple[int, tuple[int, int]]:

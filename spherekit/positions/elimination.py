@@ -32,7 +32,7 @@ With a larger value complex solutions could be taken for real ones, and a sound 
 would be rejected. With a smaller value a lost real solution could remain unnoticed.
 """
 
-MIN_ARC_SINE = 1e-5
+MIN_ELIMINATION_ARC_SINE = 1e-5
 """Smallest sine of the arc of a binary link for which elimination is used.
 
 An error d of the arc changes its cosine, and thus the equation, only by d sin(arc). With a
@@ -85,7 +85,7 @@ def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
 
     # A link whose two axes coincide rotates freely, so there are infinitely many solutions.
     arc_sines = [np.min(geometry.arc_sines(link)) for link in find_binary_links(group)]
-    if min(arc_sines) < MIN_ARC_SINE:
+    if min(arc_sines) < MIN_ELIMINATION_ARC_SINE:
         return EliminationResult(
             angles=np.empty((0, pair_count)),
             is_real=np.empty(0, dtype=bool),

@@ -41,17 +41,18 @@ LARGEST_REACH_RAD = 1e-4
 """The quadratic model is not tried farther from a configuration."""
 LARGEST_STEP_RAD = 1e-3
 """A step to the root of the quadratic model is not taken if it is larger."""
-MAX_STEPS = 4
+MAX_FOLD_NEWTON_STEPS = 4
 """Steps to the root of the quadratic model. Each gains as many digits as there are."""
 
 
 def bound_by_newton(sensitivity: Floats, gap: Floats, curvature: Floats) -> Floats:
     """Return bounds (n,) in rad of the errors of variables by Kantorovich's theorem.
 
-    J is the derivative of the loop residuals by the variables that are not inputs. The
-    first step of Newton's method is at most `sensitivity` times `gap`, and the path to
-    the solution is at most twice as long. The bound is infinite if the theorem does not
-    apply.
+    J is the derivative of the loop residuals by the variables that are not inputs. With
+    sensitivity b, gap g and curvature k of J, the first step of Newton's method is at most
+    b g. If k b^2 g is at most 1/2, the solution is not farther away than 2 b g / (1 +
+    sqrt(1 - 2 k b^2 g)), which is at most twice the first step. Otherwise the theorem does
+    not apply, and the bound is infinite. Two roundings (`EPS`) are added for the variables.
 
     Parameters
     ----------
@@ -63,10 +64,10 @@ def bound_by_newton(sensitivity: Floats, gap: Floats, curvature: Floats) -> Floa
         (n,) bound of the change of J per radian of all variables.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        bend = curvature * sensitivity**2 * gap
-        root = np.sqrt(np.maximum(1.0 - 2.0 * bend, 0.0))
-        step = sensitivity * gap * 2.0 / (1.0 + root)
-        return np.where(bend <= 0.5, 2.0 * EPS + step, np.inf)
+        kantorovich_number = curvature * sensitivity**2 * gap
+        root = np.sqrt(np.maximum(1.0 - 2.0 * kantorovich_number, 0.0))
+        distance = sensitivity * gap * 2.0 / (1.0 + root)
+        return np.where(kantorovich_number <= 0.5, 2.0 * EPS + distance, np.inf)
 
 
 def curvature_bound(linearisation: Linearisation) -> Floats:
@@ -136,42 +137,49 @@ def place_at_folds(
     float64, and at a fold that of the inputs.
     """
     driven = list(driven)
-    free = np.delete(np.arange(values.shape[1]), driven)
+    passive = np.delete(np.arange(values.shape[1]), driven)
     values = values.copy()
     values[:, driven] = q
+    # Rows that are not finite keep an infinite error, and so do all rows if there are more
+    # passive variables than equations. The arrays are filled in below.
     placement = FoldPlacement(
-        values, np.full(len(values), np.inf), np.zeros(len(values), dtype=bool)
+        values=values,
+        error=np.full(len(values), np.inf),
+        is_out_of_reach=np.zeros(len(values), dtype=bool),
     )
     rows = np.flatnonzero(all_finite(values, 1))
     equations = 3 * len(closure.tree.chords)
-    if not len(rows) or not 0 < len(free) <= equations:
+    if not len(rows) or not 0 < len(passive) <= equations:
         return placement
     # Steps to the nearest root of the quadratic function, which is updated each time.
     closure = closure.take(rows)
-    stepped = values[rows]
-    for _ in range(MAX_STEPS):
-        linearisation = closure.at(stepped)
-        fold = _FoldModel(linearisation, free)
+    improved = values[rows]
+    for _ in range(MAX_FOLD_NEWTON_STEPS):
+        linearisation = closure.at(improved)
+        fold = _FoldModel(linearisation, passive)
         step = fold.step_to_nearest_root()
         is_small = max_abs(step, axis=1) < LARGEST_STEP_RAD
-        stepped[:, free] += np.where(is_small[:, None], step, 0.0)
-    linearisation = closure.at(stepped)
-    fold = _FoldModel(linearisation, free)
-    values[rows] = stepped
+        improved[:, passive] += np.where(is_small[:, None], step, 0.0)
+    linearisation = closure.at(improved)
+    fold = _FoldModel(linearisation, passive)
+    values[rows] = improved
 
-    # Bounds: by Newton's theorem where it applies, otherwise by the quadratic function. The
-    # gaps are components by which loops may be open, the second one by rounded inputs.
+    # Error bound by Newton's method, where its theorem applies. `gap` bounds each component
+    # (rad) by which the loops may be open.
     gap = linearisation.closure_residual + rounding_of_loops(linearisation)
     newton_error = bound_by_newton(fold.sensitivity, gap, curvature_bound(linearisation))
-    input_rounding = INPUT_ROUNDING * np.maximum(1.0, max_abs(stepped[:, driven], axis=1))
+    # Otherwise by the quadratic function. At a fold the rounding of the inputs matters, and
+    # opens the loops by `input_gap`.
+    input_rounding = INPUT_ROUNDING * np.maximum(1.0, max_abs(improved[:, driven], axis=1))
     input_gap = input_rounding * np.max(
         np.abs(linearisation.jacobian[:, :, driven]), axis=(1, 2)
     )
     fold_error = fold.bound_errors(closure, gap + input_gap)
-    # A fold whose residual has the sign of its curvature, beyond all rounding, has no root.
-    lowest = fold.lowest_residual * np.sign(fold.curvature)
+    # The quadratic function has no root if its extreme value has the sign of its curvature.
+    # The loops then do not close, if this value is larger than all rounding.
+    extreme = fold.lowest_residual * np.sign(fold.curvature)
     rounding = np.sqrt(equations) * (rounding_of_loops(linearisation) + input_gap)
-    is_open = np.isfinite(fold_error) & (lowest > rounding)
+    is_open = np.isfinite(fold_error) & (extreme > rounding)
     has_bound = np.isfinite(newton_error)
     placement.error[rows] = np.where(has_bound, newton_error, fold_error)
     placement.is_out_of_reach[rows] = is_open & ~has_bound
@@ -201,7 +209,8 @@ class _FoldModel:
         self._linearisation = linearisation
         self._free = free
         jacobian = linearisation.jacobian[:, :, free]
-        # The last column of left singular vectors belongs to the smallest singular value.
+        # Singular vectors in columns, and singular values (`_sizes`) from large to small.
+        # The last column of vectors belongs to the smallest singular value.
         left_vectors, self._sizes, right_vectors = np.linalg.svd(
             jacobian, full_matrices=False
         )
@@ -210,8 +219,10 @@ class _FoldModel:
         self.slope = self._sizes[:, -1]
         self._direction = self._right[:, :, -1]
         self._side = left_vectors[:, :, -1]
+        # Frobenius norm of the left inverse of J.
         with np.errstate(divide="ignore"):
             self.sensitivity = np.sqrt(np.sum(self._sizes**-2.0, axis=1))
+        # h = u . D^2 F [v, v]: the second derivative of the closure residual F along v.
         rates = np.zeros_like(linearisation.values)
         rates[:, free] = self._direction
         self.curvature = np.vecdot(self._side, linearisation.bias(rates))
@@ -243,9 +254,11 @@ class _FoldModel:
         """Return bounds (n,) in rad of the distance of both roots from the configurations.
 
         Loops moved by x along v (`_direction`) are open along u (`_side`) by
-        f(x) = e + s x + h x^2 / 2, where s is the slope and h the curvature. If e is known
-        to g only, a simple root is known to g / s, and both roots near a fold to about the
-        root of 2 g / |h|. The bound is checked with the residuals at its two ends.
+        f(x) = e + s x + h x^2 / 2, where s is the slope and h the curvature. v and u are
+        the right and left singular vectors of the smallest singular value s of the closure
+        Jacobian (`_sizes` are all of them). If e is known to g only, a simple root is known
+        to g / s, and both roots near a fold to about the root of 2 g / |h|. The bound is
+        checked with the residuals at its two ends.
 
         Parameters
         ----------
@@ -267,29 +280,35 @@ class _FoldModel:
             both_roots = SAFETY_FACTOR * (
                 2.0 * self.slope / size + np.sqrt(2.0 * gap / size)
             )
-            # Up to the bound of a simple root, f is nearly straight.
+            # A root is simple if f is nearly straight up to its bound.
             is_simple = size * simple_root <= 0.5 * self.slope
             reach = np.where(is_simple, simple_root, both_roots)
             reach = np.minimum(reach, LARGEST_REACH_RAD)
+            # The dominant term of f at the bound.
             rise = np.where(is_simple, self.slope * reach, 0.5 * size * reach**2)
-            others = np.zeros_like(gap)
+            # (n,) error (rad) of the variables in all directions but v.
+            other_error = np.zeros_like(gap)
             is_bound = np.ones(len(gap), dtype=bool)
             for side in (1.0, -1.0):
+                # Move to the end of the bound, and close the loops in all directions but u.
                 x = side * reach
                 moved_values = self._linearisation.values.copy()
                 moved_values[:, self._free] += x[:, None] * self._direction
                 step = self._close_other_equations(closure.at(moved_values).residual)
                 moved_values[:, self._free] += step
+                # There the residual along u must be that of f.
                 residual = np.vecdot(self._side, closure.at(moved_values).residual)
                 expected = self.residual + self.slope * x + 0.5 * self.curvature * x**2
                 is_bound &= np.abs(residual - expected) <= LARGEST_MODEL_ERROR * rise
-                # At the bound, f is larger than what rounding can hide.
+                # It must also have the sign of f beyond the roots, and be larger than the
+                # gap, so that no root is outside the bound.
                 sign = np.where(is_simple, side, np.sign(self.curvature))
                 is_bound &= residual * sign > gap
-                others = np.maximum(others, max_abs(step, axis=1))
+                other_error = np.maximum(other_error, max_abs(step, axis=1))
             if self._sizes.shape[1] > 1:
+                # A second singular value near zero would mean a second fold.
                 second = self._sizes[:, -2]
                 is_bound &= second > LEAST_SECOND_SINGULAR_VALUE * self._sizes[:, 0]
-                others = 2.0 * others + gap / second
-            error = 2.0 * EPS + reach + others
-            return np.where(is_bound & (others <= reach), error, np.inf)
+                other_error = 2.0 * other_error + gap / second
+            error = 2.0 * EPS + reach + other_error
+            return np.where(is_bound & (other_error <= reach), error, np.inf)

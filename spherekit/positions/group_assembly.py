@@ -78,18 +78,23 @@ class AssemblyState:
             (n, inputs) values of the inputs (rad).
         """
         n = len(q)
+        # At first each link is a body of its own, with the axes of the link.
         identity = np.broadcast_to(np.eye(3), (n, 3, 3))
         within = dict.fromkeys(range(len(mechanism.links)), identity)
         variables = tuple(map(mechanism.variables_of, range(len(joints))))
         values = nans((n, len(mechanism.variable_owners)))
         for input_pair, input_values in zip(assembly.inputs, q.T, strict=True):
             values[:, variables[input_pair][0]] = input_values
-        # An input joins its two links to one body.
-        branches = find_spanning_tree(mechanism.ends, assembly.bodies, assembly.inputs)
+        # An input joins its two links to one body. The axes of a body are those of one of
+        # its links, from which a tree of inputs leads to all others.
+        branches = find_spanning_tree(
+            mechanism.ends, start=assembly.bodies, pairs=assembly.inputs
+        )
         for input_pair, parent, child in branches:
             states = evaluate_pair_states(
                 (joints[input_pair],), values[:, list(variables[input_pair])]
             )
+            # Rotation from the axes of the second link of the pair to those of its first.
             first_from_second = states.first[:, 0] @ transpose(states.second[:, 0])
             is_forward = mechanism.ends[input_pair][0] == parent
             within[child] = within[parent] @ (
@@ -204,15 +209,17 @@ def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floa
         return state.within[state.ends[pair][side]] @ frame[:, 2]
 
     closure = close_dyad(
-        pair_axis(near, 0),
-        pair_axis(far, 0),
-        (pair_axis(near, 1), pair_axis(middle, 1)),
-        (pair_axis(far, 2), pair_axis(middle, 2)),
-        group.dyad_parity * sign,
-        state.slack,
+        first=pair_axis(near, 0),
+        second=pair_axis(far, 0),
+        first_body=(pair_axis(near, 1), pair_axis(middle, 1)),
+        second_body=(pair_axis(far, 2), pair_axis(middle, 2)),
+        # The parity converts the sign to the order middle, near, far of the axes.
+        sign=group.dyad_parity * sign,
+        slack=state.slack,
     )
-    # The slack is the error of the axes that were placed. Near a dead centre it grows by
-    # the reciprocal of the sine, and at it to its square root.
+    # The slack is the error of the placed axes (rad), by which later triangles may miss
+    # closing. It grows by the reciprocal of the sine, which is zero at a dead centre. There
+    # an error e of the axes causes an error of about sqrt(e), which is the limit.
     grown_slack = state.slack / np.maximum(closure.sine, np.sqrt(REACH_SLACK))
     state.slack = np.minimum(grown_slack, np.sqrt(REACH_SLACK))
     state.slenderness = np.minimum(state.slenderness, closure.slenderness)

@@ -60,7 +60,7 @@ class SolutionMethod(NamedTuple):
 CLOSED_FORM = SolutionMethod("closed form")
 """The method for dyads, and for trains of wheels, which have one mode."""
 
-SEARCH = SolutionMethod("search", 1.0)
+RANDOM_SEARCH = SolutionMethod("search", 1.0)
 """A search from random starts about which nothing more is known."""
 
 
@@ -89,9 +89,11 @@ def find_group_configurations(
     method
         How they were found.
     """
+    # Elimination solves polynomials, whose roots are all configurations of the group,
+    # complex ones included. `problem` says why a real one may be missing.
     if not has_elimination(group):
         distinct = DistinctConfigurations(closure)
-        description = SEARCH.description
+        description = RANDOM_SEARCH.description
     else:
         distinct, problem = find_distinct_by_elimination(group, closure)
         if not problem:
@@ -103,7 +105,7 @@ def find_group_configurations(
                 doubt = 1.0
             configurations = sorted(distinct.values, key=mode_sort_key)
             return configurations, SolutionMethod(description, doubt)
-        description = f"{SEARCH.description} ({problem})"
+        description = f"{RANDOM_SEARCH.description} ({problem})"
     # No elimination, or a doubtful one: the search adds to what elimination has given.
     statistics = search_group(closure, distinct, start_values)
     description = f"{description}: {statistics.describe('modes')}"

@@ -55,8 +55,9 @@ class InputGrid:
         (2 axes, n) indices of samples. Row 2 a is the next sample along axis a, and row
         2 a + 1 the previous one. At a border of the grid the index is -1.
         """
-        # The numbers of the samples with a border of -1 around the grid. Shifted by one
-        # along an axis, the array has the neighbour of each sample in the place of it.
+        # The numbers of the samples in the shape of the grid, with a border of -1 around
+        # them. If this array is shifted by one along an axis, each sample is replaced by
+        # its neighbour. The border is removed after the shift.
         padded = np.pad(np.arange(len(self)).reshape(self.shape), 1, constant_values=-1)
         interior = (slice(1, -1),) * len(self.shape)
         rows = []
@@ -117,6 +118,7 @@ def make_input_grid(
         return make_grid(inputs, samples)
     if wants_grid:
         return make_grid(inputs, [samples] * len(inputs))
+    # All inputs move together from the start to the stop of their ranges.
     columns = [_space_evenly(item.start, item.stop, samples) for item in inputs]
     return InputGrid(np.stack(columns, axis=1), (samples,))
 

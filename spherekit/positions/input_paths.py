@@ -93,9 +93,10 @@ def nodes_at(
 ) -> InputPathNodes:
     """Return closed configurations with their derivatives as the inputs move.
 
-    The derivatives are by the distance that the inputs move. The closure equations give the
-    derivatives: J v' = 0, and J v'' + bias = 0, where v are all variables and J is the
-    closure Jacobian.
+    The derivatives are by the distance that the inputs move. They follow from the closure
+    equations: J v' = 0, and J v'' + bias = 0, where v are all variables, J is the closure
+    Jacobian, and the bias is the part of the second derivative of the closure that is
+    quadratic in v'.
 
     Parameters
     ----------
@@ -199,9 +200,12 @@ def _try_steps(
     profiles, and the direction of motion turns little.
     """
     inputs = nodes.values[:, driven]
+    # The remaining distance to the goal limits the step.
     rest = np.vecdot(q - inputs, nodes.direction)
     is_last = steps >= rest * (1 - ARRIVAL_TOLERANCE)
     lengths = np.where(is_last, rest, steps)[:, None]
+    # Predict by the first two derivatives, and correct by Newton's method with the inputs
+    # locked.
     prediction = extrapolate(nodes.values, nodes.slope, nodes.bend, lengths)
     # At the goal the inputs are exact, without rounding errors of the steps.
     prediction[:, driven] = np.where(
@@ -212,14 +216,18 @@ def _try_steps(
     linearisation, step_sizes = closure.solve_with_step_sizes(
         prediction, driven, max_steps=MAX_CORRECTION_ITERATIONS
     )
+    # The loops are closed, and the corrections were small compared with the predicted move
+    # and converged.
     is_verified = is_finite & (linearisation.closure_residual < CLOSURE_TOLERANCE)
     predicted_move = max_abs(prediction - nodes.values, axis=1)
     predicted_move = np.minimum(LARGEST_PREDICTED_MOVE_RAD, predicted_move)
     is_verified &= INPUT_STEP_TESTS.accepts_correction(step_sizes, predicted_move)
-    # `sign` is that of the determinant of the closure Jacobian with locked inputs.
+    # The determinant of the closure Jacobian with locked inputs keeps its sign.
     new_nodes = nodes_at(linearisation, driven, nodes.direction)
     is_verified &= (new_nodes.sign == nodes.sign) & all_finite(new_nodes.slope, 1)
+    # Contacts stay within their profiles.
     is_verified &= np.all(linearisation.states.inside, axis=1)
+    # The direction in the space of all variables turns little.
     cosine = np.vecdot(unit_rows(nodes.slope), unit_rows(new_nodes.slope))
     is_verified = is_verified & (cosine > INPUT_STEP_TESTS.turn)
     return _InputSteps(new_nodes, is_verified, is_last)
@@ -259,13 +267,14 @@ def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Sta
     states = linearisation.states
     limits = CurveLimits.of_mechanism(closure, {})
     margins, _ = limits.margins(values, states.curvatures, states.curvature_rates)
-    # The limits are ends of profiles, then equal curvatures of two profiles in contact. The
-    # latter are examined first. A margin is the distance from the limit.
+    # A margin is the distance from a limit of a contact. The limits are the ends of all
+    # profiles, then equal curvatures of two profiles in contact. The order is reversed
+    # because equal curvatures are examined first.
     for status, margin in zip(reversed(limits.statuses), reversed(margins[0]), strict=True):
-        is_contact_limit = status == Status.CURVATURE
-        if margin < (
-            END_AT_EQUAL_CURVATURE if is_contact_limit else END_AT_PROFILE_END_RAD
-        ):
+        end_margin = END_AT_PROFILE_END_RAD
+        if status == Status.CURVATURE:
+            end_margin = END_AT_EQUAL_CURVATURE
+        if margin < end_margin:
             return status
     is_singular = is_nearly_singular(linearisation, driven, END_AT_SINGULARITY_CONDITION)
     return Status.OUT_OF_REACH if is_singular else Status.MODE_LOST
@@ -331,6 +340,8 @@ def follow_inputs(
     # The first steps are limited only by what `_limit_steps` allows.
     steps = np.full(len(q), np.inf)
     tried_steps = np.zeros(len(q), dtype=np.intp)
+    # Numbers of the paths that have not ended. One step of each is tried in each round. Its
+    # length is doubled after a success, and halved after a failure.
     active = np.flatnonzero(length > 0.0)
     while len(active):
         active_nodes = nodes.rows(active)

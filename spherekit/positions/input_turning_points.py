@@ -47,7 +47,7 @@ Larger: the modes of more mechanisms are proven complete, and runs take longer.
 """
 RUN_TIME_S = 10.0
 """Approximate time that the search may take in a run."""
-MIN_CELLS = 12
+MIN_EXAMINED_CELLS = 12
 """Cells that are examined even if a value takes long. Smaller: more remains doubtful."""
 MAX_NAMED_CROSSINGS = 6
 """Inputs at which curves cross that a sentence names."""
@@ -101,8 +101,11 @@ class InputTurningPoints(NamedTuple):
         for start, stop in pairwise(np.unique(borders).tolist()):
             middle = 0.5 * (start + stop)
             width = stop - start
+            is_doubtful = any(low < middle < high for low, high in self.doubtful.tolist())
+            # Number of probes: one in the middle of an interval without turning points,
+            # more in a doubtful interval, and none in a very short doubtful interval.
             count = 1
-            if any(low < middle < high for low, high in self.doubtful.tolist()):
+            if is_doubtful:
                 count = ceil(width / step) if width > POINTLIKE_INTERVAL_RAD else 0
             probes += [start + (k + 0.5) / count * width for k in range(count)]
         # If the range is one short doubtful interval, there is nothing beside it.
@@ -179,27 +182,32 @@ def find_input_turning_points(
     if not coalescence.groups:  # An open chain has one mode.
         return InputTurningPoints(low, high, np.zeros(0), np.zeros((0, 2)))
     cell_time_s = SAMPLES_PER_CELL * coalescence.cost
-    max_cells = int(np.clip(max_time_s / cell_time_s, MIN_CELLS, MAX_CELLS))
+    max_cells = int(np.clip(max_time_s / cell_time_s, MIN_EXAMINED_CELLS, MAX_CELLS))
     progress = ProgressReporter("looking for the inputs at which modes meet")
     group_count = len(coalescence.groups)
-    all_places = []
+    # Inputs (rad) at which a function changes its sign, and intervals in which this could
+    # not be decided, group after group.
+    all_sign_changes = []
     all_doubtful = []
     for position in range(group_count):
 
         def evaluate(q: Floats, position: int = position) -> Floats:
             """Return the function (n,) of a group at inputs q (n,); report progress."""
-            progress.tell(f"group {position + 1} of {group_count}".__str__)
+            progress.tell(lambda: f"group {position + 1} of {group_count}")
             return coalescence(position, q)
 
+        # A product of more factors varies faster.
         smooth_width = SMOOTH_WIDTH_RAD / coalescence.count_factors(position)
-        places, doubtful = find_sign_changes(evaluate, low, high, max_cells, smooth_width)
-        all_places.append(places)
+        sign_changes, doubtful = find_sign_changes(
+            evaluate, low, high, max_cells, smooth_width
+        )
+        all_sign_changes.append(sign_changes)
         all_doubtful.append(doubtful)
     doubtful = np.concatenate(all_doubtful)
     turning_points = InputTurningPoints(
         low,
         high,
-        places=np.sort(np.concatenate(all_places)),
+        places=np.sort(np.concatenate(all_sign_changes)),
         doubtful=doubtful[np.argsort(doubtful[:, 0])],
     )
     return _with_crossings(solver, turning_points)
@@ -221,6 +229,7 @@ def _with_crossings(
         The inputs at which modes meet, with intervals in which this could not be decided.
     """
     crossings: list[Crossing] = []
+    # An interval remains doubtful if no crossing explains it.
     still_doubtful = []
     for start, stop in turning_points.doubtful.tolist():
         crossings_in_interval = find_crossings(

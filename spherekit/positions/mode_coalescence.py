@@ -45,9 +45,11 @@ def make_mode_coalescence(
     """Return the functions of a mechanism whose signs change where modes meet.
 
     An assembly mode is one of the ways in which the mechanism can be put together at an
-    input. Two modes meet at an input where their configurations coincide. The functions are
-    known for mechanisms with one input whose groups are trains of wheels, dyads and triads,
-    or a single group of three loops.
+    input. Two modes meet at an input where their configurations coincide. There is one
+    function of the input for each group of links: the product of the determinants of its
+    equations in all modes, complex ones included. The functions are known for mechanisms
+    with one input whose groups are trains of wheels, dyads and triads, or a single group of
+    three loops.
 
     Parameters
     ----------
@@ -61,6 +63,7 @@ def make_mode_coalescence(
     The functions; None if they are not known or take too long.
     """
     groups = solver.assembly.groups
+    # Elimination orders of each group but trains of wheels: ways to solve its equations.
     orders_by_group = []
     for position, group in enumerate(groups):
         if position not in solver.wheel_trains:
@@ -68,14 +71,14 @@ def make_mode_coalescence(
             orders_by_group.append(find_elimination_orders(group) if is_solvable else ())
     if len(solver.driven) != 1 or not all(orders_by_group):
         return None
+    # A mode of the mechanism combines one root of each group.
     mode_count = prod(orders[0].root_count for orders in orders_by_group)
     if mode_count > MAX_COMPLEX_MODES:
         return None
     # One binary link is removed for each loop of a group.
     max_loops = max((len(orders[0].removed_links) for orders in orders_by_group), default=0)
-    if max_loops > MAX_LOOPS_IN_CHAIN and (
-        len(groups) > 1 or COSTS_S[max_loops] > max_cost_s
-    ):
+    takes_too_long = len(groups) > 1 or COSTS_S.get(max_loops, 0.0) > max_cost_s
+    if max_loops > MAX_LOOPS_IN_CHAIN and takes_too_long:
         return None
     return ModeCoalescence(solver)
 
@@ -103,20 +106,24 @@ class ModeCoalescence:
     def __init__(self, solver: PositionSolver) -> None:
         """Choose an elimination order for each group, and find on which groups it depends.
 
-        The first order whose determinants are finite at some test inputs is used.
+        The elimination order states in which order the unknown angles of a group are
+        eliminated from its equations. The first one whose determinants are finite at some
+        test inputs is used.
         """
         self.solver = solver
         self.groups = solver.assembly.groups
         all_groups = frozenset(range(len(self.groups)))
         # (test inputs, inputs): a different value for each input.
         test_inputs = np.add.outer(TEST_INPUTS_RAD, np.arange(len(solver.driven)))
-        # The elimination order of each group, None for trains of wheels; and the earlier
-        # groups on whose modes its determinants depend, all until they are determined.
+        # The elimination order of each group, None for trains of wheels. The earlier groups
+        # on whose modes the determinants of each group depend.
         self._orders: list[EliminationOrder | None] = []
         self._dependences: list[frozenset[int]] = []
         for position, group in enumerate(self.groups):
             is_train = position in solver.wheel_trains
             candidates = (None,) if is_train else find_elimination_orders(group)
+            # `_compute_determinants` reads both lists. It computes the determinants for all
+            # modes of the earlier groups, until the dependence is known.
             self._orders.append(None)
             self._dependences.append(all_groups)
             for candidate in candidates:
@@ -125,11 +132,12 @@ class ModeCoalescence:
                 if all_finite(determinants):
                     break
             self._dependences[position] = self._find_dependence(position, determinants)
+        # Each group is solved once in each mode of the groups on which it depends.
         self.cost = sum(
             COSTS_S.get(group.loops, COSTS_S[2]) * prod(map(self._count_modes, dependence))
             for group, dependence in zip(self.groups, self._dependences, strict=True)
         )
-        # For `configurations`, which places all groups.
+        # A last entry for `configurations`, which places all groups in all modes.
         self._dependences.append(all_groups)
 
     def _count_modes(self, position: int) -> int:
@@ -142,7 +150,10 @@ class ModeCoalescence:
         return prod(map(self._count_modes, (*self._dependences[position], position)))
 
     def __call__(self, position: int, q: Floats) -> Floats:
-        """Evaluate the function of a group.
+        """Evaluate the function of a group, whose sign changes where two modes meet.
+
+        It is the product of the determinants of the group's equations in all its modes,
+        real and complex.
 
         Parameters
         ----------
@@ -176,10 +187,13 @@ class ModeCoalescence:
         one of infinitely many.
         """
         with np.errstate(all="ignore"):
+            # Place all links in all complex modes, at a single sample of the inputs.
             within = self._place_links(len(self.groups), q[None])
             pairs = range(len(self.solver.joints))
             first_frames, second_frames = self._pair_frames(pairs, within)
-            # exp(i angle), from the x axis of the second frame in the first one.
+            # The x axis of the second frame has the components cos(angle) and sin(angle) in
+            # the first frame, so x . x2 + i y . x2 is exp(i angle). Complex axes are
+            # multiplied without conjugation.
             x_and_iy = first_frames[..., 0] + 1j * first_frames[..., 1]
             exponentials = np.sum(x_and_iy * second_frames[..., 0], axis=-1)
             return -1j * np.log(exponentials).T
@@ -202,9 +216,11 @@ class ModeCoalescence:
         order = self._orders[position]
         group = self.groups[position]
         with np.errstate(all="ignore"):
+            # Rotations of the links in all modes of the earlier groups: (n, modes, 3, 3).
             within = self._place_links(position, q)
             if order is None:
-                return np.ones((len(q), within[0].shape[1]), dtype=complex)
+                mode_count = within[0].shape[1]
+                return np.ones((len(q), mode_count), dtype=complex)
             geometry = GroupGeometry(group, self._pair_frames(group.pairs, within))
             _, determinants = geometry.solve_equations(order)
             return determinants.reshape(len(q), -1)

@@ -93,6 +93,7 @@ def find_crossings(
     """
     if stop - start > MAX_INTERVAL_RAD:
         return []
+    # The search starts at all configurations below and above the interval.
     distance = max(stop - start, MIN_START_DISTANCE_RAD)
     crossings: list[Crossing] = []
     for start_input in (start - distance, stop + distance):
@@ -100,14 +101,15 @@ def find_crossings(
             singular_values = np.linalg.svd(
                 solver.closure.at(values[None]).jacobian[0], compute_uv=False
             )
-            # On a single curve only one singular value is zero. Near a crossing the next
-            # one is nearly zero, too. Configurations without such a value are skipped.
+            # On a single curve the Jacobian has the rank of all variables but one. Near a
+            # crossing one more singular value is nearly zero. Configurations without such a
+            # value are skipped.
             rank = len(values) - 1
-            if (
-                len(singular_values) < rank
-                or singular_values[rank - 1] > MAX_NULL_RATIO * singular_values[0]
-            ):
+            if len(singular_values) < rank:
                 continue
+            if singular_values[rank - 1] > MAX_NULL_RATIO * singular_values[0]:
+                continue
+            # `miss` is how far the result is from an exact crossing.
             crossing = find_crossing(solver.closure, values)
             if crossing is None or crossing.miss > MAX_MISS_RAD:
                 continue
@@ -178,17 +180,19 @@ class ModeMeeting:
             for numbers in dict.fromkeys(self.modes)
             if len(numbers) > 1
         ]
-        words = f"modes {', '.join(groups)} meet" if groups else "curves cross"
-        words += f" at {input_pair} = {degrees_text(self.input)} deg"
+        event = f"modes {', '.join(groups)} meet" if groups else "curves cross"
+        event += f" at {input_pair} = {degrees_text(self.input)} deg"
         if not self.resolved:
-            return f"{words}; which of them continue each other is not known"
+            return f"{event}; which of them continue each other is not known"
         if passed:
-            return f"{words}; each follows its smooth curve through it"
+            return f"{event}; each follows its smooth curve through it"
         if not self.successors:
-            return f"{words}; each stays on its smooth curve"
-        changes = listing(f"{k} to {mode}" for k, mode in self.successors.items())
+            return f"{event}; each stays on its smooth curve"
+        changes = listing(
+            f"{number} to {successor}" for number, successor in self.successors.items()
+        )
         return (
-            f"{words}, where curves cross: smooth curves change from mode {changes} there "
+            f"{event}, where curves cross: smooth curves change from mode {changes} there "
             '(crossings "pass" follows them)'
         )
 
@@ -217,25 +221,33 @@ def find_mode_meetings(
     One meeting for each input at which curves cross, at rising inputs. The result is empty
     without crossings.
     """
+
+    def input_of(crossing: Crossing) -> float:
+        """Return the value of the input (rad) at a crossing."""
+        return float(crossing.values[solver.input_variable])
+
     # One list for each input at which curves cross, with the crossings at this input.
-    inputs: list[list[Crossing]] = []
-    for crossing in sorted(
-        crossings, key=lambda item: float(item.values[solver.input_variable])
-    ):
-        q = crossing.values[solver.input_variable]
-        if inputs and q - inputs[-1][0].values[solver.input_variable] < SAME_INPUT_RAD:
-            inputs[-1].append(crossing)
+    crossings_by_input: list[list[Crossing]] = []
+    for crossing in sorted(crossings, key=input_of):
+        is_at_last_input = bool(crossings_by_input) and (
+            input_of(crossing) - input_of(crossings_by_input[-1][0]) < SAME_INPUT_RAD
+        )
+        if is_at_last_input:
+            crossings_by_input[-1].append(crossing)
         else:
-            inputs.append([crossing])
-    group_inputs = np.array([group[0].values[solver.input_variable] for group in inputs])
+            crossings_by_input.append([crossing])
+    inputs = np.array([input_of(at_input[0]) for at_input in crossings_by_input])
     # Distances between neighbouring inputs; gaps[k] is below input k, gaps[k + 1] above it.
-    gaps = np.diff(group_inputs, prepend=-np.inf, append=np.inf)
+    gaps = np.diff(inputs, prepend=-np.inf, append=np.inf)
     meetings = []
-    for k, group in enumerate(inputs):
+    for k, crossings_at_input in enumerate(crossings_by_input):
+        # Modes are compared at this distance below and above the input.
         distance = min(
             COMPARISON_DISTANCE_RAD, MAX_COMPARISON_RATIO * min(gaps[k], gaps[k + 1])
         )
-        meetings.append(_compare_modes(solver, assembly_modes, group, distance))
+        meetings.append(
+            _compare_modes(solver, assembly_modes, crossings_at_input, distance)
+        )
     return tuple(meetings)
 
 
@@ -384,16 +396,17 @@ def follow_smooth_curves(
     mode changes to its number, and if it has no configuration between the meetings around
     `start`.
     """
-    by_number = {mode.number: mode for mode in assembly_modes}
+    mode_by_number = {mode.number: mode for mode in assembly_modes}
     # The meetings divide the range into intervals, one more than there are meetings.
     starts = [-np.inf, *(meeting.input for meeting in meetings)]
     ends = [*starts[1:], np.inf]
     # Position of the interval that contains `start`.
     first = sum(meeting.input < start for meeting in meetings)
-    smooth = []
+    smooth_modes = []
     for mode in assembly_modes:
-        # Number of the mode on the curve in each interval, extended upwards, then
-        # downwards.
+        # Number of the mode that lies on the curve in each interval. The list begins with
+        # the interval of `start`, and is extended upwards, then downwards. At each meeting,
+        # `successors` and `predecessors` map the modes that change to their new numbers.
         numbers = [mode.number]
         is_claimed = False
         for meeting in meetings[first:]:
@@ -405,12 +418,12 @@ def follow_smooth_curves(
         if is_claimed and not _exists_between(mode, starts[first], ends[first]):
             continue
         pieces = tuple(
-            (interval_start, by_number[number])
+            (interval_start, mode_by_number[number])
             for interval_start, number in zip(starts, numbers, strict=True)
         )
-        changes = len(set(numbers)) > 1
-        smooth.append(mode._replace(pieces=pieces if changes else ()))
-    return tuple(smooth)
+        has_changes = len(set(numbers)) > 1
+        smooth_modes.append(mode._replace(pieces=pieces if has_changes else ()))
+    return tuple(smooth_modes)
 
 
 def _is_claimed_by_another(number: int, successors: Mapping[int, int]) -> bool:

@@ -116,6 +116,8 @@ class ModeCurve:
         """
         if len(self.inputs) == 1:
             return np.repeat(self.values, len(q), axis=0), np.zeros(len(q))
+        # Each q is between the nodes k and k + 1. Beyond an end of the curve, the
+        # polynomial of the last interval is continued.
         k = np.clip(np.searchsorted(self.inputs, q) - 1, 0, len(self.inputs) - 2)
         width = (self.inputs[k + 1] - self.inputs[k])[:, None]
         fraction = (q - self.inputs[k])[:, None] / width
@@ -128,7 +130,10 @@ class ModeCurve:
         return values, max_abs(self.values[k + 1] - self.values[k], axis=1)
 
     def predict(self, q: Floats, rows: Indices | None) -> ModePrediction:
-        """Return the prediction at inputs q (n, 1) in rad. The samples do not matter."""
+        """Return the prediction at inputs q (n, 1) in rad.
+
+        `rows` is not used. It is the argument of `ModeOverGrid.predict`.
+        """
         inputs = q[:, 0]
         status = np.full(len(q), Status.OK, dtype=np.int8)
         slack = RANGE_END_TOLERANCE * np.maximum(1.0, np.abs(inputs))
@@ -188,11 +193,13 @@ def follow_each(
     start_nodes = _nodes_with_rising_input(closure, driven, values)
     is_regular = ~is_nearly_singular(closure.at(values), [driven], DEAD_CENTRE_RATIO)
     is_regular &= all_finite(start_nodes.slope, 1)
+    # All regular configurations are followed together, which is faster. At a dead centre,
+    # derivatives by the input are infinite, so these are followed one by one.
     regular_starts = start_nodes.rows(is_regular)
     regular_curves = iter(_follow_from_nodes(closure, driven, regular_starts, low, high))
     curves = []
-    for configuration, regular in zip(values, is_regular, strict=True):
-        if regular:
+    for configuration, is_regular_start in zip(values, is_regular, strict=True):
+        if is_regular_start:
             curves.append(next(regular_curves))
         else:
             curves.append(
@@ -219,11 +226,14 @@ def _follow_from_dead_centre(
     back. The dead centre becomes its end. If there is none, the result is the curve from
     the dead centre itself.
     """
-    outgoing = find_outgoing_points(closure, values)
-    input_changes = outgoing[:, driven] - values[driven]
-    moves_input = outgoing[np.abs(input_changes) > DEAD_CENTRE_RATIO]
+    # (k, variables) points near the dead centre, one on each branch of a curve through it.
+    # The input has to change from the dead centre to the point.
+    points = find_outgoing_points(closure, values)
+    input_changes = points[:, driven] - values[driven]
+    points = points[np.abs(input_changes) > DEAD_CENTRE_RATIO]
     # A definite order, which does not depend on rounding, gives the same mode in each run.
-    ordered = sorted(moves_input, key=lambda point: tuple(np.round(values - point, 6)))
+    ordered = sorted(points, key=lambda point: tuple(np.round(values - point, 6)))
+    # The last start is the dead centre itself.
     starts = _nodes_with_rising_input(closure, driven, np.array([*ordered, values]))
     curves = _follow_from_nodes(closure, driven, starts, low, high)
     tried_steps = sum(curve.tried_steps for curve in curves)
@@ -232,7 +242,8 @@ def _follow_from_dead_centre(
             difference = curve.values[end] - values
             input_difference = difference[driven]
             if input_difference and max_abs(difference) < DEAD_CENTRE_END_RAD:
-                # Insert before the first node, or behind the last one.
+                # Insert the dead centre before the first node, or behind the last one. Its
+                # slope by the input is infinite, so that of the chord is used instead.
                 index = end % (len(curve.inputs) + 1)
                 slope = difference / input_difference
                 return ModeCurve(
@@ -271,20 +282,26 @@ def _follow_from_nodes(
     # Each node is the start of two paths: path k to the low end of the range, and path
     # k + count to the high end.
     goals = np.concatenate([np.minimum(low, start_inputs), np.maximum(high, start_inputs)])
+    # The trail receives, for each step, the numbers of the paths and their new nodes.
     trail = Trail()
     followed = follow_inputs(
-        closure, [driven], np.tile(starts.values, (2, 1)), goals[:, None], trail
+        closure,
+        [driven],
+        values=np.tile(starts.values, (2, 1)),
+        q=goals[:, None],
+        trail=trail,
     )
     all_nodes = InputPathNodes.joined([starts, *(nodes for _, nodes in trail)])
+    # The curve k has the nodes of both paths k and k + count, sorted by the input.
     curve_numbers = np.concatenate(
         [np.arange(count), *(paths % count for paths, _ in trail)]
     )
     order = np.argsort(all_nodes.values[:, driven], kind="stable")
     curves = []
-    for row in range(count):
-        nodes = all_nodes.rows(order[curve_numbers[order] == row])
-        low_path = row
-        high_path = row + count
+    for curve_number in range(count):
+        nodes = all_nodes.rows(order[curve_numbers[order] == curve_number])
+        low_path = curve_number
+        high_path = curve_number + count
         curves.append(
             ModeCurve(
                 inputs=nodes.values[:, driven].copy(),

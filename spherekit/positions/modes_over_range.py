@@ -33,7 +33,7 @@ from spherekit.positions.curve_crossing import Crossing
 from spherekit.positions.elimination_order import has_elimination
 from spherekit.positions.group_solutions import (
     CLOSED_FORM,
-    SEARCH,
+    RANDOM_SEARCH,
     SolutionMethod,
     all_complete,
     least_complete,
@@ -136,26 +136,30 @@ class ModesOverRange:
     """
 
     def __init__(self, solver: PositionSolver, input_grid: InputGrid, search: bool) -> None:
-        """Search the modes of a mechanism over the range of its input.
+        """Search the assembly modes of a mechanism over the range of its input.
 
-        The mode of the reference pose is followed first, then all others are searched.
+        A mode is a curve of configurations over the input. The mode of the reference pose
+        is followed first, then all others are searched.
         """
         self.solver = solver
         self.input_grid = input_grid
+        # Results. `claim` states how complete the modes are, `methods` by which method the
+        # configurations of each group were computed, and `probes` at how many inputs.
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []
         self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
         self.claim = REFERENCE_ONLY
         self.probes = 0
         self.crossings: tuple[Crossing, ...] = ()
-        # Modes that were reached on one configuration curve are one family. The number of
-        # the family of each mode:
+        # A mode that ends inside the range continues as another one on the same curve of
+        # configurations. All modes on one curve are a family: its number for each mode, and
+        # the curves that were followed.
         self._families: list[int] = []
         self._curves: list[ArcCurve] = []
         # Mobility by rank at each start, if a group has redundant constraints.
         self._mobilities: list[int] = []
         self._steps_along_modes = 0
-        # Number of modes beyond whose ends the curves were followed.
+        # The curves of so many modes were followed beyond the ends of the mode.
         self._extended_modes = 0
         self._progress = ProgressReporter("searching the assembly modes")
 
@@ -199,8 +203,11 @@ class ModesOverRange:
         values = solver.shift_inputs(solver.reference[None], reference_input + shift)
         closed_values, curve = self._follow_configurations(values)[0]
         self._add_mode(closed_values, curve)
+        # With rolling contacts (`gear_phases`), the curve of the pose may reach the range
+        # although its mode does not.
         if not self.assembly_modes and solver.gear_phases is not None:
             self._add_modes_on_curve(values[0])
+        # Mobilities by rank are known only for mechanisms with redundant constraints.
         if self._mobilities and self._mobilities[0] < 1:
             check_mobility(solver, self._mobilities[0])
 
@@ -255,15 +262,17 @@ class ModesOverRange:
         low, high = self.input_grid.range
         if curve.inputs[0] > high or curve.inputs[-1] < low:
             return False
-        # Signs are those at the middle node. A pose may be at a dead centre.
+        # The signs that distinguish the mode are those at the middle of its curve, because
+        # `values` may be at a dead centre, where determinants are zero.
         values = curve.values[len(curve.values) // 2]
-        determinants = tuple(group_signs(self.solver, values[None], 0.0)[0].tolist())
+        determinants = group_signs(self.solver, values[None], least=0.0)[0]
         self.assembly_modes.append(
             AssemblyMode(
                 number=len(self.assembly_modes),
                 signs=signs_at(self.solver, values),
+                # The configurations from which Newton's method starts at other inputs.
                 guide=curve,
-                determinants=determinants,
+                determinants=tuple(determinants.tolist()),
             )
         )
         self._progress.tell(lambda: f"{len(self.assembly_modes)} followed")
@@ -274,16 +283,19 @@ class ModesOverRange:
     def _search_all_modes(self) -> Completeness:
         """Search further modes in the whole range, and return how complete they are.
 
-        By elimination if it applies to all groups, otherwise from random starts. If wheels
+        Elimination gives all configurations of a group at an input. It is used if it
+        applies to all groups. Otherwise modes are searched from random starts. If wheels
         have rolled lengths that do not follow from the input, only one curve is followed.
         """
         solver = self.solver
         q = self.input_grid.q
+        # Mechanisms with rolling contacts have gear phases: how far wheels have rolled.
         if solver.gear_phases is not None:
             if not self.assembly_modes:
                 self._probe(q[:1])
             if not solver.gear_phases.all_known:
                 return self._find_as_assembled()
+        # Dyads and trains of wheels have closed forms.
         can_eliminate = all(
             group.is_dyad or position in solver.wheel_trains or has_elimination(group)
             for position, group in enumerate(self.groups)
@@ -292,8 +304,9 @@ class ModesOverRange:
             claim = self._find_by_elimination()
             if claim is not None:
                 return claim
+        # Methods of groups that elimination has solved at some inputs are kept.
         self.methods = [
-            CLOSED_FORM if group.is_dyad else method or SEARCH
+            CLOSED_FORM if group.is_dyad else method or RANDOM_SEARCH
             for group, method in zip(self.groups, self.methods, strict=True)
         ]
         statistics = self._search_from_random_starts()
@@ -303,11 +316,15 @@ class ModesOverRange:
         return Completeness(Guarantee.SAMPLED, statistics.describe("components"))
 
     def _find_as_assembled(self) -> Completeness:
-        """Find the modes on the curve of wheels whose rolled lengths are not functions.
+        """Find the modes on one curve, if wheels can be put together in any position.
 
-        If the rolled lengths do not follow from the input, wheels can be put together in
-        infinitely many ways. Only the curve of the reference pose is followed, or of the
-        first configuration that is found.
+        If the rolled lengths of wheels do not follow from the input, the wheels can be put
+        together in infinitely many ways. Only one curve of configurations is followed: that
+        of the reference pose, or of the first configuration that is found.
+
+        Returns
+        -------
+        How complete the modes are.
         """
         q = self.input_grid.q
         for row in np.unique((PROBED_FRACTIONS * len(q)).astype(np.intp)):
@@ -322,15 +339,19 @@ class ModesOverRange:
     def _find_by_elimination(self) -> Completeness | None:
         """Find all modes at one input in each interval between meetings of modes.
 
+        Two modes meet, and end, at a turning point of the input. Between two turning points
+        the number of modes is constant, so one input in each interval shows all of them.
+
         Returns
         -------
         How complete the modes are; None if modes may be missing at one of the inputs.
         """
         low, high = self.input_grid.range
         turning_points = find_input_turning_points(
-            self.solver, low, high, RUN_COST_S, RUN_TIME_S
+            self.solver, low, high, max_cost_s=RUN_COST_S, max_time_s=RUN_TIME_S
         )
         self.crossings = turning_points.crossings
+        # Where turning points may have been missed, inputs are examined at this distance.
         step = (high - low) / PROBED_INTERVALS
         self._probe(turning_points.probes(step)[:, None])
         if not all_complete(self.methods):
@@ -338,6 +359,7 @@ class ModesOverRange:
         claim = turning_points.claim(step)
         if not turning_points.gap(step):
             return claim
+        # Modes in the gaps between these inputs may be missing. A random search follows.
         self._follow_curves_beyond_ends()
         statistics = self._search_from_random_starts()
         reason = f"{claim.reason}; between them {statistics.describe('components')}"
@@ -350,9 +372,10 @@ class ModesOverRange:
                 break
             configurations = enumerate_assemblies(self.solver, q)
             self.probes += 1
+            # For each group the least complete of the methods at all inputs so far.
             self.methods = [
-                least_complete(method, method_here)
-                for method, method_here in zip(
+                least_complete(old_method, new_method)
+                for old_method, new_method in zip(
                     self.methods, configurations.methods, strict=True
                 )
             ]
@@ -387,8 +410,9 @@ class ModesOverRange:
         -------
         (n,) number of the family of each configuration; -1 if its mode is not in the range.
         """
-        # -1 marks a configuration on no mode so far. Some of them are followed together in
-        # advance, and the results are used one by one.
+        # -1 marks a configuration on no mode so far. Some of these are followed together,
+        # which is faster. Their results are used one by one, because each new mode may have
+        # further configurations.
         families = self._find_families(values, first_mode=0)
         followed: dict[int, tuple[Floats, ModeCurve | None]] = {}
         for row in np.flatnonzero(families < 0).tolist():
@@ -412,9 +436,9 @@ class ModesOverRange:
     def _find_families(self, values: Floats, first_mode: int) -> Indices:
         """Return the families of configurations that are on known modes.
 
-        A family is the set of modes that are on one configuration curve. A
-        configuration is on a mode if it is near the prediction of the mode, and
-        Newton's method leads from the prediction to it.
+        A family is the set of modes that are on one configuration curve. A configuration is
+        on a mode if the mode predicts it nearly, and if the exact configuration of the mode
+        at the same input has the same rotations of all links.
 
         Parameters
         ----------
@@ -436,8 +460,11 @@ class ModesOverRange:
             self.assembly_modes[first_mode:], self._families[first_mode:], strict=True
         ):
             (rows,) = np.nonzero(families < 0)
+            # The guide is the curve of verified configurations of the mode. Its prediction
+            # is interpolated between two nodes that differ by `spread`, which is a bound of
+            # its error. This quick test selects the configurations to compare exactly.
             assert mode.guide is not None
-            prediction = mode.guide.predict(q[rows], None)
+            prediction = mode.guide.predict(q[rows], rows=None)
             difference = wrap(prediction.values - values[rows])[:, passive_angles]
             is_near = max_abs(difference, axis=1) < prediction.spread + MODE_DISTANCE_RAD
             rows = rows[is_near & (prediction.status == Status.OK)]
@@ -455,11 +482,14 @@ class ModesOverRange:
         for assembly_mode in self.assembly_modes[self._extended_modes :]:
             self._extended_modes += 1
             curve = assembly_mode.guide
+            # Both ends have the status OK if the mode covers the whole range.
             if not isinstance(curve, ModeCurve) or curve.ends == (Status.OK, Status.OK):
                 continue
             values = curve.values[len(curve.values) // 2]
-            is_known = any(other.passes(values[None])[0] for other in self._curves)
-            if not is_known:
+            was_followed = any(
+                followed_curve.passes(values[None])[0] for followed_curve in self._curves
+            )
+            if not was_followed:
                 self._add_modes_on_curve(values, self._families[assembly_mode.number])
 
     def _add_modes_on_curve(self, values: Floats, family: int | None = None) -> None:
@@ -472,6 +502,8 @@ class ModesOverRange:
         family
             Number of the family of the modes, None for a new family.
         """
+        # Wheels are free if their rolled lengths do not follow from the input. Then the
+        # curve need not close.
         gear_phases = self.solver.gear_phases
         has_free_wheels = gear_phases is not None and not gear_phases.all_known
         longest = MAX_ROLLED_CURVE_LENGTH_RAD if has_free_wheels else MAX_CURVE_LENGTH_RAD
@@ -480,6 +512,8 @@ class ModesOverRange:
         except SolveError:
             return
         self._curves.append(curve)
+        # The input rises or falls on each piece of the curve, so each piece is one mode. It
+        # is added by the configuration in its middle.
         low, high = self.input_grid.range
         (period,) = self.solver.periods
         pieces = monotone_pieces(curve, self.solver.input_variable, low, high, period)
@@ -497,13 +531,14 @@ class ModesOverRange:
         low, high = self.input_grid.range
         rounds = random_starts(self.solver, np.array([low]), np.array([high]))
         variable_count = len(self.solver.mechanism.variable_owners)
-        statistics = SearchStatistics(variable_count, RANGE_ROUNDS)
+        statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
         self._follow_curves_beyond_ends()
         while statistics.needs_more_starts and not self._is_full:
+            # A round gives the number of its starts, and the configurations that closed.
             start_count, values, _ = next(rounds)
-            hits = self._add_new_modes(values, together=RANDOM_STARTS_FOLLOWED_TOGETHER)
+            families = self._add_new_modes(values, together=RANDOM_STARTS_FOLLOWED_TOGETHER)
             family_count = max(self._families, default=-1) + 1
-            statistics.add(start_count, hits, family_count)
+            statistics.add(start_count, hits=families, total=family_count)
             self.probes += start_count
             self._progress.tell(lambda: statistics.describe("components"))
         return statistics

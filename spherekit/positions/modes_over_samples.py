@@ -9,7 +9,6 @@ configurations into assembly modes. Each configuration belongs to one mode.
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import compress
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from spherekit.positions.configuration_graph import ConfigurationGraph, share_nu
 from spherekit.positions.elimination_order import find_elimination_orders
 from spherekit.positions.group_solutions import (
     CLOSED_FORM,
-    SEARCH,
+    RANDOM_SEARCH,
     SolutionMethod,
     least_complete,
 )
@@ -99,30 +98,39 @@ class SampledModes:
         search: bool = True,
         shares_numbers: bool = False,
     ) -> None:
-        """Search the modes at the samples of the inputs.
+        """Search the assembly modes of a mechanism at the samples of its inputs.
 
-        Configurations are joined to modes by a graph of verified paths between samples.
+        Configurations are the nodes of a graph, and verified paths between neighbouring
+        samples join them to modes. A sheet is the set of nodes that such paths reach from
+        one start.
         """
         self.solver = solver
         self.input_grid = input_grid
+        # Results. `claim` states how complete the modes are, `methods` by which method the
+        # configurations of each group were computed, and `probes` at how many samples.
+        # `mobilities` are numbers of degrees of freedom at starts of sheets.
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
         self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
         self.probes = 0
         self.mobilities: list[int] = []
         self._graph = ConfigurationGraph(solver, input_grid)
-        # (nodes of the graph,) number of the sheet that reached each node first. Nodes that
-        # the enumeration found have numbers only after `_number_nodes`, which counts them
-        # as sheets in `_sheet_count`, and in `_numbered_count`.
+        # (nodes of the graph,) number of the sheet that reached each node first. If the
+        # configurations at all samples were computed, some of these nodes are numbered as
+        # if each were a sheet (`_number_nodes`). They count in `_sheet_count` too, and
+        # alone in `_numbered_count`.
         self._sheet_of_node = np.empty(0, dtype=np.intp)
         self._sheet_count = 0
         self._numbered_count = 0
         self._progress = ProgressReporter("searching the assembly modes")
 
+        # Without a search, only the sheet of the reference pose is followed. If it reaches
+        # no sample, the other modes are searched all the same.
         reference_node = None
         if not search:
             reference_node = self._reach_reference(is_enumerated=False)
         if search or reference_node is None:
+            # Either compute all configurations at all samples, or search some by chance.
             is_enumerated = self._can_enumerate
             if is_enumerated:
                 self._enumerate()
@@ -161,16 +169,18 @@ class SampledModes:
         q = self.input_grid.q
         configurations = enumerate_configurations(self.solver, q)
         self.probes = len(q)
-        self.methods = [
-            CLOSED_FORM
-            if group.is_dyad or number in self.solver.wheel_trains
-            else SolutionMethod(
-                f"elimination: all {find_elimination_orders(group)[0].root_count} "
-                "complex roots"
-            )
-            for number, group in enumerate(self.groups)
-        ]
+        self.methods = []
+        for position, group in enumerate(self.groups):
+            if group.is_dyad or position in self.solver.wheel_trains:
+                self.methods.append(CLOSED_FORM)
+            else:
+                root_count = find_elimination_orders(group)[0].root_count
+                self.methods.append(
+                    SolutionMethod(f"elimination: all {root_count} complex roots")
+                )
         self._graph.add(configurations.sample, configurations.values)
+        # The signs of the determinants of all configurations at a sample have the sum zero.
+        # Another sum shows that a configuration is missing.
         is_unbalanced = self._graph.find_unbalanced()
         is_complete = configurations.is_complete & ~is_unbalanced
         problem = configurations.problem or "the signs of their determinants do not cancel"
@@ -237,13 +247,13 @@ class SampledModes:
         sheet = self._follow_sheet(values)
         if sheet is None:
             return None
-        (sample,) = np.nonzero(sheet.status == Status.OK)
-        if is_enumerated:
-            nodes = self._graph.find(sample, sheet.values[sample])
-            # argmax is the position of the first True: the first sample with a node.
-            return int(nodes[np.argmax(nodes >= 0)]) if np.any(nodes >= 0) else None
-        self._add_sheet(sheet)
-        return int(self._graph.find(sample[:1], sheet.values[sample[:1]])[0])
+        (samples,) = np.nonzero(sheet.status == Status.OK)
+        if not is_enumerated:
+            self._add_sheet(sheet)
+            samples = samples[:1]
+        # The node of each configuration of the sheet, -1 if it is not a node.
+        nodes = self._graph.find(samples, sheet.values[samples])
+        return int(nodes[nodes >= 0][0]) if np.any(nodes >= 0) else None
 
     def _follow_sheet(self, values: Floats) -> ModeOverGrid | None:
         """Return the sheet that verified steps reach from a configuration.
@@ -261,12 +271,15 @@ class SampledModes:
         inputs. The mobility is appended to `mobilities`.
         """
         driven = list(self.solver.driven)
-        closed = self.solver.closure.solve(values, driven).values
+        closed_values = self.solver.closure.solve(values, driven).values
         if any(group.redundant for group in self.groups):
-            self.mobilities.append(self.solver.compute_mobility(closed[0]))
-            if self.mobilities[-1] != len(driven):
+            mobility = self.solver.compute_mobility(closed_values[0])
+            self.mobilities.append(mobility)
+            if mobility != len(driven):
                 return None
-        return sheets_through(self.solver.closure, driven, self.input_grid, closed)[0]
+        return sheets_through(
+            self.solver.closure, driven, self.input_grid, values=closed_values
+        )[0]
 
     def _add_sheet(self, sheet: ModeOverGrid) -> None:
         """Add a sheet to the graph, and give its new nodes the number of the sheet."""
@@ -296,13 +309,16 @@ class SampledModes:
         """
         sheets = np.full(len(samples), -1, dtype=np.intp)
         for row in range(len(samples)):
-            node = self._graph.find(samples[row : row + 1], values[row : row + 1])[0]
+            # Arrays with one row, because the graph finds many configurations at once.
+            row_sample = samples[row : row + 1]
+            row_values = values[row : row + 1]
+            node = self._graph.find(row_sample, row_values)[0]
             if node < 0 and not self._has_most_sheets:
-                sheet = self._follow_sheet(values[row : row + 1])
+                sheet = self._follow_sheet(row_values)
                 if sheet is None:
                     continue
                 self._add_sheet(sheet)
-                node = self._graph.find(samples[row : row + 1], values[row : row + 1])[0]
+                node = self._graph.find(row_sample, row_values)[0]
             if node >= 0:
                 sheets[row] = self._sheet_of_node[node]
         return sheets
@@ -318,46 +334,49 @@ class SampledModes:
         return max(MAX_ASSEMBLY_MODES, MOST_MODE_ROWS // len(self.input_grid))
 
     def _search_modes(self) -> Completeness:
-        """Search modes if the configurations at the samples were not enumerated.
+        """Search modes if not all configurations at the samples were computed.
 
-        Each configuration gives a sheet, the set of configurations that verified steps
-        reach from it. Without rolling contacts, or if all rolled lengths follow from the
-        inputs, random starts are made at all samples. With rolling contacts, samples are
-        probed before: the first one, and if not all rolled lengths follow from the inputs,
-        up to `MAX_SEARCHED_SAMPLES` samples instead of random starts. This ends with the
-        first sheet, so nothing is probed if there is a sheet of the reference pose.
+        Random starts are made at all samples. Each configuration that closes gives a sheet:
+        the set of configurations that verified steps reach from it.
+
+        Mechanisms with rolling contacts have gear phases, which are the lengths that wheels
+        have rolled. One sample is probed for them before the random starts. If some of the
+        lengths do not follow from the inputs, the wheels can be put together in infinitely
+        many ways. Then only one sheet is followed: that of the reference pose, or of the
+        first configuration at up to `MAX_SEARCHED_SAMPLES` samples.
 
         Returns
         -------
         How complete the modes are.
         """
-        solver = self.solver
-        if solver.gear_phases is not None:
+        gear_phases = self.solver.gear_phases
+        if gear_phases is not None:
             if not self._sheet_count:
                 self._probe(0)
-            if not solver.gear_phases.all_known:
-                for sample in spread_rows(
-                    len(self.input_grid), MAX_SEARCHED_SAMPLES
-                ).tolist():
+            if not gear_phases.all_known:
+                probed_samples = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
+                for sample in probed_samples.tolist():
                     if not self._sheet_count:
                         self._probe(sample)
-                words = f"modes found at {counted(self.probes, 'input')}"
+                if self.probes:
+                    reason = f"modes found at {counted(self.probes, 'input')}"
+                    return Completeness(Guarantee.SAMPLED, reason)
                 as_assembled = "wheels put together otherwise were not looked for"
-                if not self.probes:
-                    return replace(
-                        REFERENCE_ONLY, reason=f"{REFERENCE_ONLY.reason}; {as_assembled}"
-                    )
-                return Completeness(Guarantee.SAMPLED, words)
-        self.methods = [CLOSED_FORM if group.is_dyad else SEARCH for group in self.groups]
+                return replace(
+                    REFERENCE_ONLY, reason=f"{REFERENCE_ONLY.reason}; {as_assembled}"
+                )
+        self.methods = [
+            CLOSED_FORM if group.is_dyad else RANDOM_SEARCH for group in self.groups
+        ]
         statistics = self._search(np.arange(len(self.input_grid)))
         if not self._sheet_count:
             # Random starts skip configurations next to a dead centre, which a probe
             # includes.
             self._probe(len(self.input_grid) // 2)
-        words = statistics.describe("modes")
+        reason = statistics.describe("modes")
         if self._has_most_sheets:
-            words += f"; stopped at {self._sheet_count} modes, there may be more"
-        return Completeness(Guarantee.SAMPLED, words)
+            reason += f"; stopped at {self._sheet_count} modes, there may be more"
+        return Completeness(Guarantee.SAMPLED, reason)
 
     def _probe(self, sample: int) -> None:
         """Search the configurations at one sample, and add their sheets.
@@ -373,6 +392,9 @@ class SampledModes:
 
     def _search(self, samples: Indices) -> SearchStatistics:
         """Add the sheets of configurations that random starts lead to.
+
+        A sheet is the set of configurations that verified steps reach from one of them, at
+        most one at each sample.
 
         Parameters
         ----------
@@ -390,11 +412,13 @@ class SampledModes:
         high = np.max(q, axis=0)
         starts = random_starts(self.solver, low, high, q[samples])
         variables = len(self.solver.mechanism.variable_owners)
-        statistics = SearchStatistics(variables, RANGE_ROUNDS)
+        statistics = SearchStatistics(variables, min_rounds=RANGE_ROUNDS)
         while statistics.needs_more_starts and not self._has_most_sheets:
+            # A round gives the number of its starts, the configurations that closed, and
+            # the position in `samples` of each.
             start_count, values, rows = next(starts)
             sheets = self._add_sheets(values, samples[rows])
-            statistics.add(start_count, sheets, self._sheet_count)
+            statistics.add(start_count, hits=sheets, total=self._sheet_count)
             self.probes += start_count
             self._progress.tell(lambda: statistics.describe("modes"))
         return statistics
@@ -417,28 +441,30 @@ class SampledModes:
             As for the constructor.
         """
         graph = self._graph
+        # The largest modes come first.
         modes = graph.modes()
         if shares_numbers:
             modes = self._unite_separate_modes(modes)
-        most = self._mode_limit
-        if len(modes) > most:
-            words = (
-                f"{self.claim.reason}; the {most} assembly modes with most samples are kept"
-                f" of {len(modes)}"
+        max_modes = self._mode_limit
+        if len(modes) > max_modes:
+            reason = (
+                f"{self.claim.reason}; the {max_modes} assembly modes with most samples "
+                f"are kept of {len(modes)}"
             )
-            self.claim = Completeness(Guarantee.SAMPLED, words)
-        kept_modes = sorted(modes[:most], key=graph.first_node)
-        if reference_node is not None:
-            is_reference = [bool(np.any(mode == reference_node)) for mode in kept_modes]
-            is_other = [not flag for flag in is_reference]
-            kept_modes = [
-                *compress(kept_modes, is_reference),
-                *compress(kept_modes, is_other),
-            ]
-        signs = self._signs_of_modes(kept_modes)
+            self.claim = Completeness(Guarantee.SAMPLED, reason)
+
+        def sort_key(mode: Indices) -> tuple[bool, tuple[int, int]]:
+            """Return a key that puts the mode of the reference pose before all others."""
+            is_reference = reference_node is not None and bool(
+                np.any(mode == reference_node)
+            )
+            return not is_reference, graph.first_node(mode)
+
+        sorted_modes = sorted(modes[:max_modes], key=sort_key)
+        signs = self._signs_of_modes(sorted_modes)
         return [
             self._make_mode(number, mode, signs[number])
-            for number, mode in enumerate(kept_modes)
+            for number, mode in enumerate(sorted_modes)
         ]
 
     def _signs_of_modes(self, modes: Sequence[Indices]) -> SmallIntegers:
@@ -455,7 +481,7 @@ class SampledModes:
         of each mode.
         """
         regular_nodes = [self._graph.regular_node(mode) for mode in modes]
-        return group_signs(self.solver, self._graph.values[regular_nodes], 0.0)
+        return group_signs(self.solver, self._graph.values[regular_nodes], least=0.0)
 
     def _unite_separate_modes(self, modes: Sequence[Indices]) -> list[Indices]:
         """Return the modes, with modes united that have equal signs and separate samples.
@@ -497,12 +523,16 @@ class SampledModes:
         values = nans((len(mode), self._graph.values.shape[1]))
         values[has_node] = self._graph.values[mode[has_node]]
         status = np.where(has_node, Status.OK, Status.OUT_OF_REACH).astype(np.int8)
+        # The sign of a dyad selects one of its two closed forms. Other groups have none.
         dyad_signs = [
             (1 if sign >= 0 else -1) if group.is_dyad else 0
             for group, sign in zip(self.groups, signs.tolist(), strict=True)
         ]
         return AssemblyMode(
-            number, tuple(dyad_signs), ModeOverGrid(values, status), tuple(signs.tolist())
+            number=number,
+            signs=tuple(dyad_signs),
+            guide=ModeOverGrid(values, status),
+            determinants=tuple(signs.tolist()),
         )
 
 

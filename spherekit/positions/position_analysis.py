@@ -124,19 +124,24 @@ class PositionAnalysis:
         crossings: Crossings = "end",
         independent: bool = False,
     ) -> None:
-        """Sample the inputs, search the assembly modes, and name them."""
+        """Sample the inputs, search the assembly modes, and name them.
+
+        An assembly mode is one of the ways in which the mechanism can be put together at
+        given inputs. Parameters: see the class.
+        """
         self._follow = follow
         self._independent = independent
         self.crossings = crossings
         self.numbering_input = np.nan
         self.mechanism = driven_at(mechanism, input_pair)
         self.input_grid = make_input_grid(self.mechanism, samples, grid, path)
+        # The mobility is first counted on the graph of links and pairs. Constraints that
+        # repeat each other make this count too small. Then the rank of the velocity
+        # equations at the configurations decides.
         self.by_rank = False
         try:
             self.assembly_modes = self._search_modes(search)
         except CountError as count_error:
-            # Constraints that repeat each other make the count too small. The rank at the
-            # configurations decides then.
             self.by_rank = True
             try:
                 self.assembly_modes = self._search_modes(search)
@@ -162,7 +167,8 @@ class PositionAnalysis:
             If no mode has this number or name.
         """
         for index, mode in enumerate(self.assembly_modes):
-            if str(assembly_mode) in (str(mode.number), mode.name or str(mode.number)):
+            designations = {str(mode.number), mode.name or str(mode.number)}
+            if str(assembly_mode) in designations:
                 return index
         titles = listing(f"{mode.number} ({mode.title})" for mode in self.assembly_modes)
         raise SolveError(
@@ -184,10 +190,13 @@ class PositionAnalysis:
         if not self._follow:
             return ()
         mode_search = ModeSearch(self.solver, self.input_grid, search, self._independent)
+        # `claim` states how complete the modes are, and `methods` how they were found.
+        # `probes` counts the inputs at which they were searched.
         self.methods = mode_search.methods
         self.claim = mode_search.claim
         self._probe_count = mode_search.probes
         self._crossings = mode_search.crossings
+        # The solver replaces nearby results by crossings, which are known more accurately.
         self.solver.exact_configurations += [
             crossing.values for crossing in mode_search.crossings
         ]
@@ -211,10 +220,12 @@ class PositionAnalysis:
                 f"{name}: crossings are passed with one input only: the inputs are "
                 f'{listing(self.inputs)}; lock all but one, or leave crossings at "end"'
             )
+        # A meeting is resolved if it is known which modes continue each other.
         for meeting in self.mode_meetings:
             if not meeting.resolved:
+                sentence = meeting.describe(self.inputs[0], passed=True)
                 raise SolveError(
-                    f"{name}: {meeting.describe(self.inputs[0], True)}; narrow the range "
+                    f"{name}: {sentence}; narrow the range "
                     'to one side of that input, or leave crossings at "end"'
                 )
         # The anchor is the input of the reference pose, if there is one.
@@ -389,12 +400,12 @@ def trace(
     """
     position_analysis = PositionAnalysis(
         mechanism_of(mechanism),
-        input_pair,
-        assembly_mode,
-        search,
-        samples,
-        grid,
-        path,
+        input_pair=input_pair,
+        assembly_mode=assembly_mode,
+        search=search,
+        samples=samples,
+        grid=grid,
+        path=path,
         crossings=crossings,
     )
     return position_analysis.motion()

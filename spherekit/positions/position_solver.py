@@ -112,7 +112,11 @@ class PositionSolver:
     """
 
     def __init__(self, mechanism: Mechanism, assembly: Assembly) -> None:
-        """Prepare a mechanism, of which `assembly` has the driven pairs and the groups."""
+        """Prepare the evaluation of a mechanism.
+
+        `assembly` contains its driven pairs, and the groups of links that are placed one
+        after another.
+        """
         self.mechanism = mechanism
         self.assembly = assembly
         self.joints, self.reference = make_joints_in_pose(mechanism)
@@ -202,10 +206,11 @@ class PositionSolver:
         positions = set()
         for position, group in enumerate(self.assembly.groups):
             contacts = {pair for pair in group.pairs if not self.joints[pair].has_axis}
-            # The first body is there already, and each path places one more.
+            # The first body of a group is placed before the group. Each path of R pairs
+            # with known angles (`followers`) places one more.
             placed_count = 1 + len(find_train_paths(group, gear_train.followers))
-            all_placed = placed_count == len(group.bodies)
-            if all_placed and contacts and contacts <= {*gear_train.contacts}:
+            are_all_placed = placed_count == len(group.bodies)
+            if are_all_placed and contacts and contacts <= {*gear_train.contacts}:
                 positions.add(position)
         return frozenset(positions)
 
@@ -248,11 +253,16 @@ class PositionSolver:
         """
         group = self.assembly.groups[position]
         rotations = place_train_bodies(
-            group, state.within, state.ends, self.joints, self.gear_train_angles(q)
+            group,
+            within=state.within,
+            ends=state.ends,
+            joints=self.joints,
+            angles=self.gear_train_angles(q),
         )
         rotations = [np.broadcast_to(rotation, (len(q), 3, 3)) for rotation in rotations]
-        # The ratios give angles of some pairs only. All pair variables are read from the
-        # placed bodies, and Newton's method starts from them.
+        # The ratios give angles of some pairs only. On a copy of the state, all angles are
+        # read from the orientations of the placed bodies, and all rolled lengths follow
+        # from the inputs. Newton's method starts from these values.
         predicted = state.copy()
         predicted.merge(group, np.stack(rotations, axis=1))
         predicted.read_values(group)
@@ -353,17 +363,19 @@ class PositionSolver:
     ) -> ModeConfigurations:
         """Return the configurations of a mode with pieces at inputs q (n, 1) rad.
 
-        Such a mode follows a smooth curve through crossings of curves. At each crossing it
-        becomes another mode, and each piece is evaluated as the mode that it belongs to.
+        A piece is an interval of the input in which the mode is one of the modes without
+        pieces. Such a mode follows a smooth curve of configurations through crossings with
+        other curves, and changes to another mode without pieces at each crossing.
         """
         piece_numbers = assembly_mode.pieces_at(q[:, 0])
-        # The results are piece after piece, and are then put back in the order of q.
+        # The results are computed piece after piece. `order` lists the samples in this
+        # order, and its inverse permutation puts the results back in the order of q.
         order = np.argsort(piece_numbers, kind="stable")
-        sorted_parts = [
+        results_of_pieces = [
             self.evaluate(mode, q[piece_numbers == number])
             for number, (_, mode) in enumerate(assembly_mode.pieces)
         ]
-        return ModeConfigurations.joined(sorted_parts).rows(np.argsort(order))
+        return ModeConfigurations.joined(results_of_pieces).rows(np.argsort(order))
 
     def _place_without_sign(
         self,
@@ -455,18 +467,21 @@ class PositionSolver:
         (n,) whether the configuration was replaced by an exact one.
         """
         is_exact = np.zeros(len(q), dtype=bool)
-        singular = np.flatnonzero(status == Status.AT_SINGULARITY)
-        if not len(singular):
+        singular_rows = np.flatnonzero(status == Status.AT_SINGULARITY)
+        if not len(singular_rows):
             return is_exact
         driven = list(self.driven)
-        angles = [v for v in self.angles if v not in driven]
-        for exact in self.exact_configurations:
-            input_deviation = max_abs(wrap(q[singular] - exact[driven]), axis=1)
-            scale = np.maximum(1.0, max_abs(q[singular], axis=1))
-            rows = singular[input_deviation <= SAME_INPUT_TOLERANCE * scale]
-            correction = exact - values[rows]
+        passive_angles = [v for v in self.angles if v not in driven]
+        for exact_values in self.exact_configurations:
+            # Samples whose inputs are those of the exact configuration, up to rounding and
+            # full revolutions.
+            singular_q = q[singular_rows]
+            input_deviation = max_abs(wrap(singular_q - exact_values[driven]), axis=1)
+            scale = np.maximum(1.0, max_abs(singular_q, axis=1))
+            rows = singular_rows[input_deviation <= SAME_INPUT_TOLERANCE * scale]
+            correction = exact_values - values[rows]
             # Passive angles and inputs may differ by full revolutions, which are kept.
-            correction[:, angles] = wrap(correction[:, angles])
+            correction[:, passive_angles] = wrap(correction[:, passive_angles])
             correction[:, driven] = 0.0
             is_near = max_abs(correction, axis=1) < EXACT_DISTANCE_RAD
             values[rows[is_near]] += correction[is_near]
@@ -503,12 +518,15 @@ class PositionSolver:
             (n,) status of each sample.
         """
         is_past_end = np.zeros(len(q), dtype=bool)
-        guide = assembly_mode.guide
+        mode_curve = assembly_mode.guide
         is_out = status == Status.OUT_OF_REACH
-        if isinstance(guide, ModeCurve) and np.any(is_out):
-            nearest = np.clip(q[:, 0], guide.inputs[0], guide.inputs[-1])
-            is_past_end = is_out & (np.abs(q[:, 0] - nearest) < LAST_NODE_DISTANCE_RAD)
-            state.values[is_past_end] = guide.interpolate(nearest[is_past_end])[0]
+        if isinstance(mode_curve, ModeCurve) and np.any(is_out):
+            # The input of the nearest point of the curve, which is its last node for inputs
+            # beyond it.
+            nearest_q = np.clip(q[:, 0], mode_curve.inputs[0], mode_curve.inputs[-1])
+            is_past_end = is_out & (np.abs(q[:, 0] - nearest_q) < LAST_NODE_DISTANCE_RAD)
+            values, _ = mode_curve.interpolate(nearest_q[is_past_end])
+            state.values[is_past_end] = values
         return is_past_end
 
     def _place_singular(

@@ -37,7 +37,7 @@ LEAST_CURVATURE = 1e-3
 """Smaller curvatures (1/rad) of f are not told from those of third order."""
 LARGEST_NEWTON_STEP_RAD = 0.1
 """Newton's method is given up if a step is larger."""
-CLOSED_STEP_RAD = 1e-27
+CONVERGED_QUAD_STEP_RAD = 1e-27
 """Newton's method has converged to a simple root if its last step is smaller."""
 NEAREST_START_RAD = 1e-3
 """A solution that differs by more from the float64 values belongs to another
@@ -153,8 +153,10 @@ class GroupLoops:
         """Evaluate the loop equations at variables (n, pairs), in rad.
 
         Bodies are placed along the pairs of a spanning tree. Each other pair, a chord,
-        closes a loop. Its two bodies give its frame, and the residual is the difference.
+        closes a loop. Its frame follows from each of its two bodies, and the residual is
+        the rotation between the two frames.
         """
+        # F_first Z(angle): the frame of each pair in its first body, after the rotation.
         turned_frames = [
             multiply_matrices(frame_in_first, rotate_about_z(values[:, k]))
             for k, (frame_in_first, _) in enumerate(self.pair_frames)
@@ -171,6 +173,7 @@ class GroupLoops:
                 rotations[parent],
                 first_from_second if is_forward else transpose_matrices(first_from_second),
             )
+        # For each chord: its frame in the axes of body 0, from its first and second body.
         residuals = []
         for pair in self.tree.chords:
             first_body, second_body = self.group.ends[pair]
@@ -186,6 +189,8 @@ class GroupLoops:
             residuals.append(
                 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=-1)
             )
+        # The axis of each pair is the z axis of its frame. The tree of loops combines the
+        # axes to the Jacobian of the residuals.
         axes = []
         for (first_body, _), (frame_in_first, _) in zip(
             self.group.ends, self.pair_frames, strict=True
@@ -209,7 +214,7 @@ class GroupLoops:
             (n, pairs) variables (rad) in quad precision.
         step_size
             (n,) length (rad) of the last step, the largest of any variable. Newton's method
-            has converged if it is at most `CLOSED_STEP_RAD`.
+            has converged if it is at most `CONVERGED_QUAD_STEP_RAD`.
         """
         n = len(values)
         values = values.copy()
@@ -221,7 +226,10 @@ class GroupLoops:
             step = -rotate_vectors(inverse, evaluation.residual)
             length = np.max(np.abs(step.astype(float)), axis=1)
             step_size = np.where(active, length, step_size)
-            active &= (length > CLOSED_STEP_RAD) & (length < LARGEST_NEWTON_STEP_RAD)
+            # Rows that have converged, or diverge, take no further step.
+            active &= (length > CONVERGED_QUAD_STEP_RAD) & (
+                length < LARGEST_NEWTON_STEP_RAD
+            )
             if not np.any(active):
                 break
             values[active] += step[active]
@@ -230,10 +238,11 @@ class GroupLoops:
     def find_fold(self, values: Array) -> GroupFold:
         """Find the fold near variables (n, pairs), in rad.
 
-        v and u are the right and left singular vectors of the smallest singular value of
-        the Jacobian. Loops moved by x along v are open along u by f(x). At the fold the
-        slope of f is zero and the loops close in all directions but u. Both conditions are
-        solved by Newton's method.
+        At a fold two configurations of the group meet. v and u are the right and left
+        singular vectors of the smallest singular value s of the Jacobian. Loops moved by x
+        along v are open along u by f(x) = e + s x + h x^2 / 2. At the fold the slope s is
+        zero, and the loops close in all directions but u. Both conditions are solved by
+        Newton's method, whose step along v is -s / h.
         """
         values = values.copy()
         start = values.copy()
@@ -254,7 +263,8 @@ class GroupLoops:
             jacobian_change = (jacobian_ahead - jacobian_behind) / (2.0 * FOLD_PROBE_RAD)
             curvature = np.vecdot(residual_direction, np.matvec(jacobian_change, direction))
             step_to_fold = -singular_values[:, -1] / curvature
-            # The inverse of the Jacobian without its smallest singular value.
+            # The inverse of the Jacobian without its smallest singular value closes the
+            # loops in all directions but u.
             scaled_vectors = (
                 np.swapaxes(right_vectors[:, :-1], 1, 2) / singular_values[:, None, :-1]
             )
@@ -264,11 +274,14 @@ class GroupLoops:
             length = np.max(np.abs(step.astype(float)), axis=1)
             is_known &= length < NEAREST_START_RAD
             values = np.where(is_known[:, None], values + step, values)
+        # The steps have converged near the start, to a fold with a clear curvature, and
+        # there is no second fold (a second singular value near zero).
         is_known &= length < FOLD_STEP_RAD
         is_known &= largest_change(values, start) < NEAREST_START_RAD
         second_smallest = singular_values[:, -2]
         is_known &= second_smallest > LEAST_SECOND_SINGULAR_VALUE * singular_values[:, 0]
         is_known &= np.abs(curvature) > LEAST_CURVATURE
+        # Products with the components of u; their sum is e.
         components = self.evaluate(values).residual * residual_direction.astype(quad())
         return GroupFold(
             values=values,

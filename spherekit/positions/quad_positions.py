@@ -31,7 +31,7 @@ from spherekit.positions.decimal_frames import Frames, decimal_frames
 from spherekit.positions.fold_bounds import INPUT_ROUNDING
 from spherekit.positions.linear_equations import left_inverse
 from spherekit.positions.quad_group_loops import (
-    CLOSED_STEP_RAD,
+    CONVERGED_QUAD_STEP_RAD,
     NEAREST_START_RAD,
     GroupLoops,
     largest_change,
@@ -187,13 +187,15 @@ class QuadAssembly:
         Configurations with their status and error bounds.
         """
         with np.errstate(all="ignore"):
+            # A body is a set of links whose relative orientations are known. Each group
+            # merges its bodies into one; `bodies` is changed in place.
             bodies = self._place_input_bodies(q)
-            for number, sign in enumerate(signs):
-                group = self.assembly.groups[number]
+            for position, sign in enumerate(signs):
+                group = self.assembly.groups[position]
                 if sign:
                     self._place_dyad(bodies, group, sign)
                 else:
-                    determinant = determinants[number] if determinants else 0.0
+                    determinant = determinants[position] if determinants else 0.0
                     self._close_group(bodies, group, determinant, starts)
             values = bodies.values.astype(float)
         # The rounding to float64, and that of bringing angles into one turn.
@@ -230,14 +232,17 @@ class QuadAssembly:
         values = np.full((n, len(mechanism.variable_owners)), np.nan).astype(quad())
         for pair, input_values in zip(self.assembly.inputs, q.T, strict=True):
             values[:, mechanism.variables_of(pair)[0]] = input_values.astype(quad())
+        # Each branch of the tree is an input pair, a link that is placed in its body, and
+        # the link that the pair adds to it.
         branches = find_spanning_tree(
-            mechanism.ends, self.assembly.bodies, self.assembly.inputs
+            mechanism.ends, start=self.assembly.bodies, pairs=self.assembly.inputs
         )
         for pair, parent, child in branches:
+            # R_second = R_first F_first Z(angle) F_second^T.
             first_frame, second_frame = self.frames[pair]
             angle = values[:, mechanism.variables_of(pair)[0]]
-            turned_frame = multiply_matrices(first_frame, rotate_about_z(angle))
-            first_from_second = multiply_matrices(turned_frame, second_frame.T)
+            rotated_frame = multiply_matrices(first_frame, rotate_about_z(angle))
+            first_from_second = multiply_matrices(rotated_frame, second_frame.T)
             is_forward = mechanism.ends[pair][0] == parent
             within[child] = multiply_matrices(
                 within[parent],
@@ -385,12 +390,15 @@ class QuadAssembly:
         loops = GroupLoops(group, [self._pair_frames(bodies, pair) for pair in group.pairs])
         start = starts[:, group_variables].astype(quad())
         fold = loops.find_fold(start)
-        # By how much the errors of earlier bodies, and the rounding of the inputs, open the
-        # loops in the direction of the residual of the fold.
+        # Bound of the angle by which the errors of earlier bodies, and the rounding of the
+        # inputs, open the loops: the sum over all pairs and inputs in each of the three
+        # components of a loop, and the root of the sum of squares over the components.
         loop_scale = np.sqrt(3.0 * group.loops)
         tolerance = loop_scale * (
             len(group.pairs) * bodies.error + len(self.assembly.inputs) * bodies.rounding
         )
+        # Within this bound, e is zero (the group is at its fold, and flat), or has the sign
+        # of h (there is no root).
         is_flat = fold.is_known & (np.abs(fold.residual) <= tolerance)
         has_no_root = fold.residual * np.sign(fold.curvature) > tolerance
         is_out_of_reach = fold.is_known & has_no_root
@@ -407,7 +415,7 @@ class QuadAssembly:
         # about s. Without a known fold, its square is compared with the rounding.
         is_doubtful = ~fold.is_known & (smallest**2 <= 8.0 * bodies.rounding)
         is_near_start = largest_change(values, start) < NEAREST_START_RAD
-        is_regular = (step_size <= CLOSED_STEP_RAD) & is_near_start & ~is_other_mode
+        is_regular = (step_size <= CONVERGED_QUAD_STEP_RAD) & is_near_start & ~is_other_mode
         is_regular &= ~is_flat & ~is_out_of_reach & ~is_doubtful
 
         sensitivity = np.linalg.norm(left_inverse(jacobian), axis=(1, 2))

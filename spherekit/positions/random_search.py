@@ -142,18 +142,19 @@ class SearchStatistics:
         if not self.closed_starts:
             result += ", none closed"
         else:
+            # How often each thing was reached.
             counts = [*self.counts.values()]
-            found_things = counted(len(counts), things.removesuffix("s"))
-            result += f", {self.closed_starts} closed on {found_things}, on "
+            counted_things = counted(len(counts), things.removesuffix("s"))
+            result += f", {self.closed_starts} closed on {counted_things}, on "
             if min(counts) > 1:
                 result += f"each at least {min(counts)} times"
             else:
-                # Good's estimate: the probability of something new is the share of starts
-                # that led to things found once.
-                rare = sum(count <= 1 for count in counts)
+                # Good's estimate: the probability that the next start leads to a new thing
+                # is the share of starts that led to things reached only once.
+                rare_count = sum(count <= 1 for count in counts)
                 new_probability = counts.count(1) / self.closed_starts
                 result += (
-                    f"{rare} of them at most once, so that "
+                    f"{rare_count} of them at most once, so that "
                     f"about {new_probability:.1%} of further ones would close "
                     "on another"
                 )
@@ -171,6 +172,8 @@ def descend_to_closure(
     high: Floats | float = np.inf,
 ) -> tuple[Floats, Bools]:
     """Minimise the sum of squared closure residuals from many starts.
+
+    The closure residuals are the angles (rad) by which the loops of links do not close.
 
     Parameters
     ----------
@@ -273,6 +276,7 @@ class DistinctConfigurations:
         rolled_sum = np.sum(np.abs(values[:, self._rolling_variables]), axis=1)
         order = np.argsort(rolled_sum, kind="stable")
         for row in order[exists[order]].tolist():
+            # Compare with all configurations so far, each of which has its own tolerance.
             distances = self._measure_distances(values[row], rotations[row])
             equal = np.flatnonzero(
                 distances <= np.maximum(tolerance[row], self._tolerances)
@@ -293,7 +297,7 @@ class DistinctConfigurations:
         return indices
 
     def _measure_distances(self, values: Floats, rotations: Floats) -> Floats:
-        """Return how far (k,) a configuration is from the k configurations kept.
+        """Return the distance of a configuration from each of the k collected ones.
 
         Parameters
         ----------
@@ -304,8 +308,8 @@ class DistinctConfigurations:
 
         Returns
         -------
-        Largest difference of a component of the rotation matrices. It is 0 if the
-        configurations differ by whole revolutions of rolling wheels only.
+        (k,) largest difference of a component of the rotation matrices. It is 0 if the
+        rolled lengths differ by whole revolutions of wheels.
         """
         kept_rotations = np.array(self._rotations).reshape(-1, *rotations.shape)
         kept_values = np.array(self.values).reshape(-1, len(values))
@@ -316,6 +320,7 @@ class DistinctConfigurations:
             revolutions = differences[:, variable] / np.array(joint.closed_lengths)[:, None]
             off_whole = np.abs(revolutions - np.round(revolutions))
             off_whole = np.min(off_whole, axis=0, initial=np.inf)
+            # No difference at all counts as a whole number of revolutions, too.
             off_whole = np.minimum(off_whole, differences[:, variable])
             is_repetition &= off_whole <= SAME_MODE
         has_rolled = np.any(differences[:, self._rolling_variables] > SAME_MODE, axis=1)
@@ -329,12 +334,14 @@ def search_group(
 ) -> SearchStatistics:
     """Search the closed configurations of a group at one sample from random starts.
 
+    The search ends when each configuration was reached often enough, or at a limit of time.
+
     Parameters
     ----------
     closure
         The loop equations of the group, with a single sample.
     distinct
-        The configurations known so far, to which new ones are added.
+        The configurations known so far. New ones are added to it, in place.
     start_values
         (n, variables) starts (rad) that are tried before the random ones.
 

@@ -20,7 +20,7 @@ from spherekit.geometry.vectors import all_finite, max_abs
 from spherekit.numerics.angles import wrap
 from spherekit.planning.assembly_plan import Group
 from spherekit.positions.arc_equations import GroupGeometry
-from spherekit.positions.elimination import MIN_ARC_SINE
+from spherekit.positions.elimination import MIN_ELIMINATION_ARC_SINE
 from spherekit.positions.elimination_order import (
     EliminationOrder,
     find_binary_links,
@@ -375,7 +375,7 @@ def _solve_batch(
     tree_angles, is_clear = solve(geometry, order)
     # The arc of a very short binary link is not well described by its cosine.
     for link in find_binary_links(group):
-        is_clear &= geometry.arc_sines(link) >= MIN_ARC_SINE
+        is_clear &= geometry.arc_sines(link) >= MIN_ELIMINATION_ARC_SINE
     is_real = all_finite(tree_angles, 2)
     # Close the group by Newton's method from the angles of all pairs. `number` counts the
     # solutions of a sample.
