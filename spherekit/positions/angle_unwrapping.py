@@ -78,7 +78,10 @@ class RevolutionSteps(NamedTuple):
 
 @dataclass(frozen=True)
 class UnwrappedStretch:
-    """A stretch of one input over which the angles of a mode were followed.
+    """A stretch of one input over which the angles of an assembly mode were followed.
+
+    Angles of pairs are known up to full revolutions. Along the stretch they were followed
+    continuously from the anchor, an input at which they are in (-pi, pi] by definition.
 
     Attributes
     ----------
@@ -123,8 +126,10 @@ class UnwrappedStretch:
         # sample just below this end belongs to this lap, not to the end of the one before.
         from_low = values[:, self.input_variable] - low + DEAD_CENTRE_SLACK_RAD
         reduced_input = low - DEAD_CENTRE_SLACK_RAD + np.mod(from_low, self.period)
-        followed, _ = self.curve.interpolate(np.clip(reduced_input, low, high))
-        difference = (followed - values)[:, self.angles]
+        curve_values, _ = self.curve.interpolate(np.clip(reduced_input, low, high))
+        # The angles of the curve differ from those of the configuration by revolutions. If
+        # much more is left, the configuration belongs to another mode.
+        difference = (curve_values - values)[:, self.angles]
         revolutions = np.round(difference / TURN)
         deviation = max_abs(difference - TURN * revolutions, axis=1)
         is_on_stretch = reduced_input <= high + DEAD_CENTRE_SLACK_RAD
@@ -164,8 +169,8 @@ class AngleUnwrapping:
         Parameters
         ----------
         mode
-            Number of the assembly mode. Stretches of the input along which the mode was
-            followed are kept under it.
+            Number of the assembly mode. With one input, it is the key under which the
+            stretches of the input are stored over which the mode was followed.
         values
             (n, variables) configurations of the mode (rad). With several inputs each is
             followed from the one before.
@@ -184,25 +189,28 @@ class AngleUnwrapping:
         (n, variables) whole revolutions.
         """
         revolutions = np.zeros_like(values)
-        # Angles that gear ratios fix are known over full revolutions without following.
-        settled = set(self._driven)
+        # Angles that gear ratios fix are linear functions of the inputs, which need not be
+        # followed. Their revolutions at the anchor are subtracted.
+        linear_variables = set(self._driven)
         anchor_angles = self.solver.gear_train_angles(self.solver.anchor[None])
         for pair, angle in self.solver.gear_train_angles(q).items():
             (variable,) = self.solver.mechanism.variables_of(pair)
-            start_revolutions = count_revolutions(anchor_angles[pair])
-            growth = angle - TURN * start_revolutions - values[:, variable]
+            anchor_revolutions = count_revolutions(anchor_angles[pair])
+            growth = angle - TURN * anchor_revolutions - values[:, variable]
             revolutions[:, variable] = np.round(growth / TURN)
-            settled.add(variable)
+            linear_variables.add(variable)
         # The other passive angles are followed, all together, if any of them is needed.
-        sought = [v for v in self._angles if v not in settled]
-        if not set(sought) & set(requested) or not len(values):
+        followed_variables = [v for v in self._angles if v not in linear_variables]
+        if not set(followed_variables) & set(requested) or not len(values):
             return revolutions
         shifted = self.solver.shift_inputs(values, q)
         if len(self._driven) == 1:
             passive = self._count_by_stretches(mode, shifted)
         else:
             passive = self._count_along_path(shifted, last)
-        revolutions[:, sought] = passive[:, np.isin(self._angles, sought)]
+        # `passive` has a column for each passive angle.
+        is_followed = np.isin(self._angles, followed_variables)
+        revolutions[:, followed_variables] = passive[:, is_followed]
         return revolutions
 
     def count_through_crossings(
@@ -318,15 +326,17 @@ class AngleUnwrapping:
         (driven,) = self._driven
         (period,) = self.solver.periods
         revolutions = nans((len(values), len(self._angles)))
+        # Indices of the configurations that are on no stretch so far.
         remaining = np.arange(len(values))
         stretches = self._stretches.setdefault(mode, [])
-        number = 0
+        number = 0  # of the stretch that is tried
         while len(remaining):
             is_new = number == len(stretches)
             if is_new:
                 start = values[remaining[0]]
                 inputs = values[remaining, driven]
                 stretches.append(self._follow_stretch(start, inputs, period))
+            # NaN for configurations that are not on the stretch.
             revolutions[remaining] = stretches[number].count_revolutions(values[remaining])
             if is_new:
                 # The start is not tried again, even if its own stretch does not contain it.
@@ -365,7 +375,9 @@ class AngleUnwrapping:
         else:
             values = start
             ends = [anchor, *inputs.tolist()]
-        curve = follow_each(self._closure, driven, values[None], min(ends), max(ends))[0]
+        curve = follow_each(
+            self._closure, driven, values[None], low=min(ends), high=max(ends)
+        )[0]
         low, high = curve.inputs[[0, -1]]
         # Revolutions of the angles in one period; none if the curve ends before.
         growth = (curve.values[-1] - curve.values[0])[angles]
@@ -375,13 +387,15 @@ class AngleUnwrapping:
         elif not max_abs(growth - TURN * winding) < SAME_MODE_TOLERANCE_RAD:
             # After one period the curve is in another mode: it does not repeat.
             return self._follow_stretch(start, inputs, np.inf)
-        # If the curve does not reach the anchor, its end nearest to the anchor is used. The
-        # anchor one period on is the same configuration.
-        reference = np.clip(anchor, low, high)
-        is_below_reached = low > anchor + DEAD_CENTRE_SLACK_RAD
-        if is_below_reached and high > anchor + period - DEAD_CENTRE_SLACK_RAD:
-            reference = high
-        reference_values = curve.interpolate(np.array([reference]))[0][0]
+        # Angles are compared with the anchor at the input of the curve nearest to it. If
+        # the curve begins above the anchor but reaches the anchor one period on, which is
+        # the same configuration, they are compared there.
+        reference_input = np.clip(anchor, low, high)
+        begins_above_anchor = low > anchor + DEAD_CENTRE_SLACK_RAD
+        if begins_above_anchor and high > anchor + period - DEAD_CENTRE_SLACK_RAD:
+            reference_input = high
+        interpolated_values, _ = curve.interpolate(np.array([reference_input]))
+        reference_values = interpolated_values[0]
         return UnwrappedStretch(
             curve=curve,
             input_variable=driven,
@@ -412,13 +426,17 @@ class AngleUnwrapping:
         (n, angles) revolutions to be added to the passive angles.
         """
         angles = self._angles
-        # A step leads from each configuration of the chain to the next one.
+        # The chain begins with the last configuration of the block before, if there is one.
+        # Each configuration is followed to the inputs of the one before it. A part of the
+        # chain begins where this fails.
         chain = values if last is None else np.concatenate([[last], values])
         steps = self._follow_to(chain[1:], chain[:-1])
-        starts_anew = np.concatenate([[last is None], ~steps.is_connected])
+        begins_part = np.concatenate([[last is None], ~steps.is_connected])
 
-        # Connect the first configuration of each part of the path with the anchor.
-        first = chain[starts_anew]
+        # Follow the first configuration of each part to the anchor, after its inputs were
+        # shifted by whole periods to be near the anchor. Where it does not arrive, its
+        # angles near the anchor are reduced to (-pi, pi] instead.
+        first = chain[begins_part]
         periods = self.solver.periods
         q = first[:, self._driven]
         whole_periods = whole_laps(q - self.solver.anchor, periods)
@@ -430,9 +448,11 @@ class AngleUnwrapping:
         is_connected = input_error < DEAD_CENTRE_SLACK_RAD
         revolutions = np.zeros((len(chain), len(angles)))
         reference = np.where(is_connected[:, None], at_anchor, near_anchor)
-        revolutions[starts_anew] = -count_revolutions(reference[:, angles])
+        revolutions[begins_part] = -count_revolutions(reference[:, angles])
 
-        # Add what the angles gain in the whole periods between there and the anchor.
+        # Add the revolutions that the angles gain in these whole periods of the inputs. For
+        # each part and each input with such periods, the gain in one period is measured
+        # from the anchor on, unless the anchor is singular.
         jacobian = np.delete(self._closure.at(at_anchor).jacobian, self._driven, axis=2)
         is_connected &= group_reciprocal_condition(jacobian) >= SINGULAR_GROUP_CONDITION
         parts, inputs = np.nonzero(whole_periods * is_connected[:, None])
@@ -442,13 +462,14 @@ class AngleUnwrapping:
         gain = self._follow_to(
             anchor_values, self.solver.shift_inputs(anchor_values, one_period_on)
         )
-        gained = gain.is_connected
-        laps = whole_periods[parts[gained], inputs[gained], None] / period[gained]
-        rows = np.flatnonzero(starts_anew)[parts[gained]]
-        np.add.at(revolutions, rows, gain.revolutions[gained] * laps)
+        has_gain = gain.is_connected
+        laps = whole_periods[parts[has_gain], inputs[has_gain], None] / period[has_gain]
+        rows = np.flatnonzero(begins_part)[parts[has_gain]]
+        # Several inputs of one part may add to the same row.
+        np.add.at(revolutions, rows, gain.revolutions[has_gain] * laps)
 
-        # From there on, connected configurations continue those before them.
-        for row in np.flatnonzero(~starts_anew[1:]):
+        # Within a part, each configuration continues the one before it.
+        for row in np.flatnonzero(~begins_part[1:]):
             revolutions[row + 1] = revolutions[row] - steps.revolutions[row]
         return revolutions[len(chain) - len(values) :]
 

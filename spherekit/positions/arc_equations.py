@@ -150,11 +150,12 @@ class GroupGeometry:
         ends = self.group.ends
         shape = (*tree_angles.shape[:2], len(self.group.bodies), 3, 3)
         orientations = np.empty(shape, tree_angles.dtype)
-        # At first relative to the base body of the tree.
+        # At first relative to the base body of the tree. Each branch of the tree is a pair,
+        # a body that is placed, and the next body.
         orientations[:, :, order.base_body] = np.eye(3)
-        for pair, body, next_body in find_spanning_tree(
-            ends, [order.base_body], order.tree_pairs
-        ):
+        branches = find_spanning_tree(ends, start=[order.base_body], pairs=order.tree_pairs)
+        for pair, body, next_body in branches:
+            # R_next = R F Z(angle) F_next^T with the frames F of the pair in both bodies.
             # Against the direction of the pair the rotation is the inverse, Z(-angle).
             direction = 1.0 if ends[pair][0] == body else -1.0
             angle = direction * tree_angles[..., order.tree_pairs.index(pair)]

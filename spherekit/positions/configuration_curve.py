@@ -147,18 +147,21 @@ class Chords:
         """
         half_chords = 0.5 * np.diff(self.nodes.values, axis=0)
         middles = self.nodes.values[:-1] + half_chords
+        # Blocks of the arrays of the result.
         configurations = []
         chords = []
         differences = []
         # At least one block, so that there are arrays to join.
         for first in range(0, max(len(values), 1), CONFIGURATIONS_PER_BLOCK):
-            # Axes: configuration, chord, variable. Periods are removed from the difference
-            # from the middle, where no rounding can add one.
+            # Differences from the starts of all chords; axes: configuration, chord,
+            # variable. Whole periods are removed from the difference from the middle of the
+            # chord, where rounding errors cannot add a period.
             offsets = values[first : first + CONFIGURATIONS_PER_BLOCK, None] - middles
             offsets = less_periods(offsets, periods) + half_chords
+            # Components along the chord and across it.
             distances = np.vecdot(offsets, self.directions)
-            off_chord = max_abs(offsets - distances[..., None] * self.directions, axis=2)
-            is_near = off_chord < MAX_SAGITTA_RATIO * self.chords + SAME_POINT_RAD
+            across = max_abs(offsets - distances[..., None] * self.directions, axis=2)
+            is_near = across < MAX_SAGITTA_RATIO * self.chords + SAME_POINT_RAD
             is_near &= np.abs(distances / self.chords - 0.5) < 0.5 + CHORD_OVERHANG
             row, chord = np.nonzero(is_near)
             configurations.append(first + row)
@@ -232,15 +235,16 @@ class ArcCurve(Chords):
         -------
         n exact points; NaN if Newton's method fails or ends far from the interpolation.
         """
-        chords = self.chords[which]
+        chord_lengths = self.chords[which]
         directions = self.directions[which]
-        prediction = self.predict(which, distances / chords)
+        prediction = self.predict(which, distances / chord_lengths)
+        # Newton's method keeps direction . values = target.
         targets = np.vecdot(directions, self.nodes.values[which]) + distances
-        values, _ = correct(self.closure, prediction, directions, targets)
-        points, _ = curve_points(self.closure, values, directions)
+        values, _ = correct(self.closure, prediction, borders=directions, targets=targets)
+        points, _ = curve_points(self.closure, values, borders=directions)
         miss = max_abs(values - prediction, axis=1)
         is_good = points.residual < CLOSURE_TOLERANCE
-        is_good &= miss <= MAX_PREDICTION_MISS_RATIO * chords
+        is_good &= miss <= MAX_PREDICTION_MISS_RATIO * chord_lengths
         return points.only(is_good)
 
     @cached_property
@@ -255,16 +259,17 @@ class ArcCurve(Chords):
     def _speed(self, u: Floats) -> Floats:
         """Return ds/du at parameters u of any shape.
 
-        s is the arc length of the curve, and u the length of its chords up to a point. The
-        result is the reciprocal of the cosine between the tangent and the chord.
+        The curve is given by nodes. s is its arc length, and u is the length of the chords
+        (straight lines between successive nodes) up to the projection of a point on its
+        chord. ds/du is the reciprocal of the cosine between the tangent and the chord.
 
         Raises
         ------
         SolveError
             If the curve cannot be evaluated at one of them.
         """
-        points, which = self._evaluate_parameter(u.ravel())
-        cosine = np.vecdot(points.tangents, self.directions[which])
+        points, chords = self._evaluate_parameter(u.ravel())
+        cosine = np.vecdot(points.tangents, self.directions[chords])
         if not all_finite(cosine):
             lost = u.ravel()[~np.isfinite(cosine)][0]
             raise SolveError(
@@ -334,10 +339,12 @@ class ArcCurve(Chords):
         laps = self.closed * np.floor(s / self.length)
         rest = s - laps * self.length
         # Both ends of the curve belong to it, also with rounding errors.
-        inside = np.abs(rest / self.length - 0.5) <= 0.5 + 1e-12
-        points, _ = self._evaluate_parameter(self.table.invert(np.where(inside, rest, 0.0)))
+        is_inside = np.abs(rest / self.length - 0.5) <= 0.5 + 1e-12
+        # The parameter u is the length of the chords between nodes up to the point.
+        u = self.table.invert(np.where(is_inside, rest, 0.0))
+        points, _ = self._evaluate_parameter(u)
         points.values[:] += np.outer(laps, self.rise)
-        return points.only(inside)
+        return points.only(is_inside)
 
     def locate(self, function: CurveFunction, variable: int | None = None) -> Zeros:
         """Return all zeros of a function along the curve.
@@ -393,8 +400,11 @@ class ArcCurve(Chords):
         period = self.periods[variable] if period is None else period
 
         def periodic_difference(points: CurvePoints) -> tuple[Floats, Floats]:
-            """Return period / pi sin(pi difference / period), and its derivative by s."""
-            # sinc is the difference itself if the period is infinite.
+            """Return period / pi sin(pi difference / period), and its derivative by s.
+
+            It is zero at all differences that are whole periods. If the period is infinite,
+            it is the difference itself. np.sinc(x) is sin(pi x) / (pi x).
+            """
             difference = points.values[:, variable] - value
             slope = np.cos(np.pi / period * difference) * points.tangents[:, variable]
             return difference * np.sinc(difference / period), slope
@@ -420,16 +430,19 @@ class ArcCurve(Chords):
 
     def _project_points(self, values: Floats) -> ChordProjections:
         """Return the projections of configurations (n, variables) that are on the curve."""
-        near = self.project(values, self.periods)
-        points = self._evaluate_on_chords(near.chords, near.distances)
-        # The point of the curve with the same projection, compared with the configuration.
-        miss = points.values - self.nodes.values[near.chords] - near.differences
-        is_hit = max_abs(miss, axis=1) < SAME_POINT_RAD
+        projections = self.project(values, self.periods)
+        # The points of the curve with the same projections on the chords. A configuration
+        # is on the curve if it equals the point, apart from whole periods. Both are
+        # compared by their differences from the start of the chord.
+        points = self._evaluate_on_chords(projections.chords, projections.distances)
+        point_differences = points.values - self.nodes.values[projections.chords]
+        miss = max_abs(point_differences - projections.differences, axis=1)
+        is_on_curve = miss < SAME_POINT_RAD
         return ChordProjections(
-            configurations=near.configurations[is_hit],
-            chords=near.chords[is_hit],
-            differences=near.differences[is_hit],
-            distances=near.distances[is_hit],
+            configurations=projections.configurations[is_on_curve],
+            chords=projections.chords[is_on_curve],
+            differences=projections.differences[is_on_curve],
+            distances=projections.distances[is_on_curve],
         )
 
     def wrapped(self, differences: Floats) -> Floats:

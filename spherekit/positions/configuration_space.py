@@ -138,12 +138,12 @@ def monotone_pieces(
     """
     period = curve.returns_after(driven, period)
     # Arc lengths at which the input turns back, or is at an end of its range.
-    zeros = (
+    zeros_of_cuts = (
         curve.dead_points(driven),
         curve.at_input(driven, low, period),
         curve.at_input(driven, high, period),
     )
-    cuts = np.unique(np.concatenate([zero.places for zero in zeros]))
+    cuts = np.unique(np.concatenate([zeros.places for zeros in zeros_of_cuts]))
     if curve.closed:
         # The last part ends where the first one begins, one lap later.
         cuts = cuts if len(cuts) else np.zeros(1)
@@ -152,11 +152,13 @@ def monotone_pieces(
         cuts = np.concatenate([[0.0], cuts, [curve.length]])
     cuts = cuts[np.append(True, np.diff(cuts) > SAME_CUT_RAD)]
     # A part is inside the range if the input at its middle is, shifted by whole periods.
+    # `turns_in_range` returns all such inputs, and for each the index of its part.
     part_middles = curve.at(0.5 * (cuts[:-1] + cuts[1:])).values
     shifted_inputs, parts = turns_in_range(part_middles[:, driven], low, high, period)
     is_inside = in_range(shifted_inputs, low, high)
     parts = parts[is_inside]
     shifted_inputs = shifted_inputs[is_inside]
+    # One entry for each piece from here on.
     starts = cuts[parts]
     stops = cuts[parts + 1]
     middles = part_middles[parts]
@@ -306,7 +308,8 @@ def _assign_modes(
 ) -> tuple[Piece, ...]:
     """Return pieces of a curve with the numbers of their assembly modes.
 
-    A piece belongs to the mode that has the configuration at its middle.
+    A piece is a part of a configuration curve on which the input only rises or only falls.
+    It belongs to the assembly mode that has the configuration at its middle.
 
     Parameters
     ----------
@@ -324,15 +327,17 @@ def _assign_modes(
     The pieces in the same order. A piece has the number None if no mode has the
     configuration at its middle.
     """
-    assigned = list(pieces)
+    numbered_pieces = list(pieces)
     middles = np.array([piece.middle for piece in pieces])
     for assembly_mode in assembly_modes:
+        # Configurations of the mode at the inputs of the middles. NaN never is near.
         inputs = middles[:, [solver.input_variable]]
         values = solver.evaluate(assembly_mode, inputs).values
         difference = max_abs(curve.wrapped(values - middles), axis=1)
         for row in np.flatnonzero(difference < SAME_MIDDLE_RAD):
-            assigned[row] = assigned[row]._replace(assembly_mode=assembly_mode.number)
-    return tuple(assigned)
+            piece = numbered_pieces[row]
+            numbered_pieces[row] = piece._replace(assembly_mode=assembly_mode.number)
+    return tuple(numbered_pieces)
 
 
 class _CurveSearch:
@@ -407,8 +412,9 @@ class _CurveSearch:
     ) -> Completeness:
         """Follow the curves of all modes between the inputs at which modes meet.
 
-        Between two such inputs the number of modes is constant, so that all modes at one
-        input there lie on all curves that pass.
+        An assembly mode ends where it meets another one, at a turning point of the input.
+        Between two turning points the number of modes is constant. All modes at one input
+        between them are therefore on all curves that exist there.
 
         Parameters
         ----------
@@ -419,8 +425,8 @@ class _CurveSearch:
 
         Returns
         -------
-        How complete the curves are: `SAMPLED` if all modes at an input cannot be computed.
-        Then the search ends there.
+        How complete the curves are. If not all modes at an input can be computed, the
+        search ends there, and the curves are only sampled.
         """
         for q in turning_points.probes(PROBE_STEP_RAD):
             configurations = enumerate_assemblies(drive, np.array([q]))
@@ -428,6 +434,7 @@ class _CurveSearch:
                 return Completeness(
                     Guarantee.SAMPLED, "no elimination finds all modes at an input"
                 )
+            # Modes of the given input are counted, to check the curves later.
             if drive is self.solver:
                 self.mode_counts.append((q, len(configurations.values)))
             self.add_curves(configurations.values)
@@ -438,6 +445,11 @@ class _CurveSearch:
 
         The starts differ from those by which a run finds its assembly modes. The number of
         starts that lead to known curves therefore tells what both searches may have missed.
+
+        Returns
+        -------
+        How complete the curves are. No start is made if wheels can be put together in
+        infinitely many ways, because their rolled lengths do not follow from the input.
         """
         gear_phases = self.solver.gear_phases
         if gear_phases is not None and not gear_phases.all_known:
@@ -448,24 +460,28 @@ class _CurveSearch:
         high = np.array([self.high])
         rounds = random_starts(self.solver, low, high, seed=SEED + 1)
         variable_count = len(self.solver.mechanism.variable_owners)
-        statistics = SearchStatistics(variable_count, RANGE_ROUNDS)
+        statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
         progress = ProgressReporter("searching the configuration curves")
         while statistics.needs_more_starts and len(self.curves) < MAX_CURVES:
+            # The number of starts of the round, and the configurations that closed.
             start_count, values, _ = next(rounds)
             self.add_curves(values)
             # The number of the curve on which each configuration lies, -1 for none.
-            hits = np.full(len(values), -1, dtype=np.intp)
+            curve_numbers = np.full(len(values), -1, dtype=np.intp)
             for number, curve in enumerate(self.curves):
-                hits[curve.passes(values)] = number
-            statistics.add(start_count, hits, len(self.curves))
+                curve_numbers[curve.passes(values)] = number
+            statistics.add(start_count, hits=curve_numbers, total=len(self.curves))
             progress.tell(lambda: statistics.describe("curves"))
         return Completeness(Guarantee.SAMPLED, statistics.describe("curves"))
 
     def check_mode_counts(self, pieces: Sequence[Piece], is_complete: bool) -> None:
         """Compare numbers of modes with the numbers of pieces at the same inputs.
 
-        A difference is a problem. If the curves are not claimed to be complete, only a
-        missing piece is one.
+        `mode_counts` has inputs at which all modes were computed, without the curves. A
+        piece is a part of a curve on which the input only rises or only falls, so it is one
+        mode. If there are fewer pieces than modes, a curve is missing. If the curves are
+        claimed to be complete, both numbers must be equal. Otherwise a sentence is added to
+        `problems`.
 
         Parameters
         ----------
@@ -476,7 +492,7 @@ class _CurveSearch:
             further inputs spread over the range.
         """
         if is_complete:
-            # Every second one of a finer division: inputs between the ends of the range.
+            # The middles of equal parts of the range, which are between its ends.
             for q in np.linspace(self.low, self.high, 2 * CHECKED_INPUTS + 1)[1::2]:
                 configurations = enumerate_assemblies(self.solver, np.array([q]))
                 if configurations.is_complete:
@@ -489,12 +505,11 @@ class _CurveSearch:
             [end[self.solver.input_variable] for end in _crossing_ends(self.curves)]
         )
         for q, mode_count in self.mode_counts:
-            turn_distance = np.min(np.abs([lowest - q, highest - q]), initial=np.inf)
+            end_distance = np.min(np.abs([lowest - q, highest - q]), initial=np.inf)
             crossing_distance = np.min(np.abs(wrap(crossing_inputs - q)), initial=np.inf)
-            if (
-                turn_distance < NEAR_TURN_RAD
-                or crossing_distance < UNCHECKED_CROSSING_DISTANCE_RAD
-            ):
+            if end_distance < NEAR_TURN_RAD:
+                continue
+            if crossing_distance < UNCHECKED_CROSSING_DISTANCE_RAD:
                 continue
             piece_count = np.sum((lowest < q) & (q < highest))
             is_wrong = piece_count < mode_count

@@ -169,8 +169,8 @@ class CurveContinuation(ABC, Generic[Node]):
 
         Returns
         -------
-        (k) nodes with these values. They are NaN if the start has another state, so that
-        the lap does not close.
+        (k) nodes with these values. Subclasses with further unknowns return NaN if these
+        differ at the start, so that the lap does not close.
         """
         return replace(starts, values=values)
 
@@ -217,6 +217,8 @@ class CurveContinuation(ABC, Generic[Node]):
         (k,) factors for the next steps: between 0.5 and 2 after a step that was taken, 0
         after one that failed, 1 if the curve has ended.
         """
+        # All arrays have one entry for each of the k curves. A step is tried from the last
+        # node of each.
         nodes = self.last_nodes.rows(rows)
         tried = self.try_steps(rows, nodes, steps)
         # A curve whose step passes its start is closed, and ends at the start.
@@ -269,6 +271,8 @@ class CurveContinuation(ABC, Generic[Node]):
         closes
             (k,) whether the lap closes.
         """
+        # The start of each curve, shifted by whole periods to be near the middle of the
+        # step.
         starts = self.start_nodes.rows(rows)
         middle = 0.5 * (nodes.values + tried.nodes.values)
         values = starts.values + whole_laps(middle - starts.values, self.periods)
@@ -309,6 +313,10 @@ class CurveContinuation(ABC, Generic[Node]):
     ) -> Bools:
         """Return which steps (k,) pass the last test, that both ends predict the middle.
 
+        The middle is interpolated between both ends with their first two derivatives, at
+        its projection on the chord from start to end. The interpolation must agree with the
+        corrected middle within the limits of `step_tests`.
+
         Parameters
         ----------
         starts, stops
@@ -330,6 +338,7 @@ class CurveContinuation(ABC, Generic[Node]):
             predicted = interpolate_between(starts, stops, fractions)
             miss = max_abs(predicted - middles, axis=1)
             is_verified = self.step_tests.accepts_middle(miss, distances, rounding)
+        # Both points of a step must have passed the other tests.
         return is_verified & np.all(is_good.reshape(-1, 2), axis=1)
 
     def collect_nodes(self, row: int) -> Node:

@@ -77,7 +77,11 @@ SINGULAR_START = (
 
 @dataclass(frozen=True)
 class _ArcNodes(CurvePoints):
-    """n points of curves with their equations and limits.
+    """n points of configuration curves, with their equations and limits.
+
+    `values` are the pair variables, `tangents` and `bends` their first two derivatives by
+    the arc length, and `residual` is the closure residual, as in `CurvePoints`. A limit is
+    a bound of a variable, or a state of a contact, at which a curve ends.
 
     Attributes
     ----------
@@ -184,7 +188,7 @@ def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCur
     -------
     n curves. None for a configuration for which `follow_arc` raises an error.
     """
-    limits = CurveLimits.of_mechanism(closure, {})
+    limits = CurveLimits.of_mechanism(closure, stops={})
     # Start nodes by number of the configuration. Those with an error are left out.
     start_nodes: dict[int, _ArcNodes] = {}
     for row, values in enumerate(starts):
@@ -193,11 +197,11 @@ def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCur
                 closure.take(np.array([row])), values, limits
             )
     rows = np.array([*start_nodes], dtype=np.intp)
-    followed = _follow_both_senses(
+    followed_curves = _follow_both_senses(
         closure.take(rows), list(start_nodes.values()), limits, longest
     )
     curves: list[ArcCurve | None] = [None] * len(starts)
-    for row, curve in zip(start_nodes, followed, strict=True):
+    for row, curve in zip(start_nodes, followed_curves, strict=True):
         curves[row] = curve
     return curves
 
@@ -283,6 +287,7 @@ def _join_senses(
     SolveError
         If no step was possible in either sense.
     """
+    # The nodes of a closed curve are those of one sense. Both ends then have the status OK.
     nodes = forward.collect_nodes(row).plain
     ends = (Status.OK, Status.OK)
     closed = True
@@ -304,8 +309,13 @@ def _join_senses(
             "the configuration to follow has its limits on both sides; widen the "
             "joint limits"
         )
-    closure = forward.closure.take(np.array([row]))
-    return ArcCurve(nodes, closure, forward.periods, closed, ends)
+    return ArcCurve(
+        nodes=nodes,
+        closure=forward.closure.take(np.array([row])),
+        periods=forward.periods,
+        closed=closed,
+        ends=ends,
+    )
 
 
 def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _ArcNodes:
@@ -335,14 +345,18 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
             f"rad, but at most {MAX_START_RESIDUAL_RAD:g} is allowed; start from one that "
             "was solved for"
         )
-    # Newton's method closes the loops in the plane normal to the motion.
-    row = values[None]
-    border = _find_motion(closure, values)[None]
-    row, _ = correct(closure, row, border, np.vecdot(border, row))
-    points, linearisation = curve_points(closure, row, border)
+    # Newton's method closes the loops in the plane normal to the motion: the component
+    # motion . values stays the same. All arrays have one row.
+    motion = _find_motion(closure, values)[None]
+    start_values = values[None]
+    closed_values, _ = correct(
+        closure, start_values, borders=motion, targets=np.vecdot(motion, start_values)
+    )
+    points, linearisation = curve_points(closure, closed_values, borders=motion)
     node = _ArcNodes.of(linearisation, points, limits)
     if not node.reciprocal_condition[0] > SINGULAR_CURVE_CONDITION:
         raise SolveError(SINGULAR_START)
+    # A margin is the distance from a limit, negative beyond it.
     for number, margin in enumerate(node.margins[0]):
         if margin < -CLOSURE_TOLERANCE:
             raise SolveError(
@@ -435,22 +449,25 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         distances
             (k,) lengths of the steps (rad), measured along the tangents at the nodes.
         """
-        # Two points for each step: its middle and its end, one after the other.
+        # Two points for each step: its middle and its end, one after the other. They are
+        # corrected in the planes tangent . values = target, at the distances `parts`.
         closure = self.closure.take(np.repeat(rows, 2))
         parts = distances[:, None] * STEP_PARTS
         prediction = extrapolate(nodes.values, nodes.tangents, nodes.bends, parts)
         borders = np.repeat(nodes.tangents, 2, axis=0)
         targets = np.vecdot(nodes.tangents, nodes.values)[:, None] + parts
         values, step_sizes = correct(closure, prediction, borders, targets.ravel())
+        # `is_good` (2 k,) collects the tests of all points.
         is_good = all_finite(values, 1)
         is_good &= self.step_tests.accepts_correction(step_sizes, np.repeat(distances, 2))
         # Points that failed are replaced by the node, at which everything is finite.
         values[~is_good] = np.repeat(nodes.values, 2, axis=0)[~is_good]
         points, linearisation = curve_points(closure, values, borders)
         is_good &= points.residual < CLOSURE_TOLERANCE
-        change = bordered(linearisation.jacobian, borders) - np.repeat(
-            nodes.equations, 2, axis=0
-        )
+        # The change of the bordered Jacobian A from the node, relative to it: the norm of
+        # A(node)^-1 (A - A(node)).
+        node_equations = np.repeat(nodes.equations, 2, axis=0)
+        change = bordered(linearisation.jacobian, borders) - node_equations
         inverse = np.repeat(nodes.inverse, 2, axis=0)
         relative_change = np.linalg.norm(inverse @ change, axis=(1, 2))
         cosine = np.vecdot(points.tangents, borders)
@@ -459,9 +476,13 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         new_nodes = _ArcNodes.of(
             linearisation, points, self.limits, chosen=slice(1, None, 2)
         )
-        rounding = POINT_ROUNDING_FACTOR * EPS / nodes.reciprocal_condition
         is_verified = self.verify_steps(
-            nodes, new_nodes, values[::2], distances, is_good, rounding
+            starts=nodes,
+            stops=new_nodes,
+            middles=values[::2],
+            distances=distances,
+            is_good=is_good,
+            rounding=POINT_ROUNDING_FACTOR * EPS / nodes.reciprocal_condition,
         )
         changes = np.max(relative_change.reshape(-1, 2), axis=1)
         return TriedSteps(new_nodes, is_verified, changes)
@@ -484,6 +505,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         """
         node = self.last_nodes.rows(row)
         closure = self.closure.take(row)
+        # A node that is at the limit already needs no further step.
         if node.margins[0, number] > CLOSURE_TOLERANCE:
 
             def compute_steps(values: Floats, _: Indices) -> Floats:

@@ -123,6 +123,9 @@ def find_crossing(closure: Closure, values: Floats) -> Crossing | None:
 def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
     """Return closed configurations on all curves that leave a closed configuration.
 
+    The points are searched at a fixed distance from the configuration, by Newton's method
+    from start points that are spread over a sphere.
+
     Parameters
     ----------
     closure
@@ -198,8 +201,8 @@ def _solve_crossing(closure: Closure, start: Floats, freedoms: int) -> Crossing 
     The crossing, None if the method does not converge to one nearby.
     """
     x = start.copy()
-    rank = len(start) - freedoms
-    error = np.inf
+    rank = len(start) - freedoms  # of J at the crossing
+    error = np.inf  # size (rad) of the last step
     has_converged = False
     for iteration in range(MAX_CROSSING_STEPS + 1):
         linearisation = closure.at(x[None])
@@ -208,16 +211,17 @@ def _solve_crossing(closure: Closure, start: Floats, freedoms: int) -> Crossing 
         left_vectors, singular_values, right_vectors = np.linalg.svd(jacobian)
         left_null_vectors = left_vectors[:, rank:]
         motions = right_vectors[rank:]
-        # Derivatives of l J T by x. In the sum, b is the variable of the derivative, m an
-        # equation, l a left null vector, k a motion and a its variable.
+        # Derivatives (l, k, b) of l J T by x. In the sum, b is the variable of the
+        # derivative, m an equation, l a left null vector, k a motion and a its variable.
         rates = compute_jacobian_rates(closure, x)
         bends = np.einsum("bma,ml,ka->lkb", rates, left_null_vectors, motions)
         if has_converged or iteration == MAX_CROSSING_STEPS:
             break
+        # Rows: the equations F = 0, then l J T = 0. These are more equations than
+        # variables, so the step is a least-squares solution.
         matrix = np.concatenate([jacobian, bends.reshape(-1, len(x))])
         right_side = np.append(residual, left_null_vectors.T @ jacobian @ motions.T)
-        # A crossing has more equations than variables.
-        step = np.linalg.lstsq(matrix, -right_side, rcond=DEPENDENT_EQUATION_RATIO)[0]
+        step, *_ = np.linalg.lstsq(matrix, -right_side, rcond=DEPENDENT_EQUATION_RATIO)
         previous_error = error
         error = float(max_abs(step))
         x = x + step
@@ -231,24 +235,44 @@ def _solve_crossing(closure: Closure, start: Floats, freedoms: int) -> Crossing 
     miss = float(max_abs(np.append(residual, singular_values[rank:])))
     if miss > CROSSING_TOLERANCE or error > MAX_LAST_CORRECTION_RAD:
         return None
-    # The second-order terms decide in which directions real curves leave the crossing.
+    # The second-order terms decide in which directions real curves leave the crossing: the
+    # quadratic forms T^T (l dJ/dx) T, one for each l, made symmetric.
     forms = bends @ motions.T
     directions = _find_directions(0.5 * (forms + np.swapaxes(forms, 1, 2)))
     is_resolved = directions is not None
     tangents = np.zeros((0, len(x))) if directions is None else directions @ motions
-    return Crossing(x, freedoms, tangents, is_resolved, miss, error)
+    return Crossing(
+        values=x,
+        freedoms=freedoms,
+        tangents=tangents,
+        resolved=is_resolved,
+        miss=miss,
+        error=error,
+    )
 
 
 def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
-    """Return dJ/dx (variables, 3 loops, variables), the first index that of x.
+    """Return the derivatives dJ/dx of the closure Jacobian J by the variables x.
 
-    Each variable moves alone, so that loops are not kept closed.
+    Parameters
+    ----------
+    closure
+        Loop closure of the whole mechanism.
+    values
+        (variables,) the configuration x (rad).
+
+    Returns
+    -------
+    (variables, 3 loops, variables) derivatives. The first axis is the variable of x.
     """
+    # Row k is the motion in which the variable k alone has the rate 1. The loops are not
+    # kept closed.
     count = len(values)
     tree = closure.tree
     linearisation = closure.at(np.tile(values, (count, 1)))
+    # Angular velocities of the first and second bodies of all pairs. They differ only for
+    # the pair that moves, by its velocity vector.
     first_rates = linearisation.body_rates(np.eye(count))[:, tree.firsts]
-    # The second body of the pair that moves has the velocity of the pair in addition.
     second_rates = first_rates.copy()
     rows = np.arange(count)
     second_rates[rows, list(tree.owners)] += linearisation.vectors[rows, rows]
@@ -271,7 +295,7 @@ def _find_directions(forms: Floats) -> Floats | None:
     -------
     (curves, k) unit vectors, None if the forms do not determine them.
     """
-    size = forms.shape[1]
+    size = forms.shape[1]  # the number k of independent motions
     upper = np.triu_indices(size)
     if not len(forms):
         return None
@@ -285,6 +309,7 @@ def _find_directions(forms: Floats) -> Floats | None:
         return None
     independent_forms = np.zeros((size - 1, size, size))
     independent_forms[:, *upper] = right_vectors[: size - 1]
+    # The lower triangle is the mirror image of the upper one.
     independent_forms[:, upper[1], upper[0]] = independent_forms[:, *upper]
     return _find_common_zeros(independent_forms)
 
@@ -302,7 +327,8 @@ def _find_common_zeros(forms: Floats) -> Floats | None:
     """
     y = _spread_unit_vectors(forms.shape[1])
     for _ in range(MAX_CROSSING_STEPS):
-        # f is a form, n a start vector. The last equation keeps the length of y.
+        # In the sum, f is a form and n a start vector. B y is half the gradient of the
+        # form. The last equation of a Newton step, y . dy = 0, keeps the length of y.
         slopes = np.einsum("fij,nj->nfi", forms, y)
         form_values = np.sum(slopes * y[:, None], axis=2)
         residuals = np.append(form_values, np.zeros((len(y), 1)), axis=1)
@@ -313,9 +339,9 @@ def _find_common_zeros(forms: Floats) -> Floats | None:
     inverse_norms = np.linalg.norm(inverse, axis=(1, 2))
     for point, residual, norm in zip(y, largest_residuals, inverse_norms, strict=True):
         if not residual < DIRECTION_TOLERANCE:
-            continue
+            continue  # The method has not converged from this start.
         if not norm < MAX_INVERSE_NORM:
-            return None
+            return None  # Two zeros nearly coincide.
         if all(abs(point @ zero) < 1.0 - DIRECTION_TOLERANCE for zero in zeros):
             zeros.append(point)
     return np.array(zeros).reshape(-1, len(y[0]))

@@ -15,7 +15,7 @@ from spherekit.tolerances import EQUAL_CURVATURE
 
 
 class VariableBound(NamedTuple):
-    """A bound of one variable.
+    """A bound of one variable, at which a curve of configurations ends.
 
     Attributes
     ----------

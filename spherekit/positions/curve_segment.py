@@ -42,8 +42,9 @@ It converges quadratically, so that the error after the step is about the square
 class CurvePoints(ArrayRows):
     """n points of a configuration curve, with derivatives by its arc length s (rad).
 
-    The arc length is measured in the space of all variables. A point that is not on the
-    curve is NaN.
+    The curve consists of the closed configurations of a mechanism with one degree of
+    freedom. Its arc length is measured in the space of all variables. A point that is not
+    on the curve is NaN.
 
     Attributes
     ----------
@@ -104,8 +105,9 @@ def interpolate_between(
     directions = differences / lengths[:, None]
 
     def end_values(points: CurvePoints) -> tuple[Floats, Floats, Floats]:
-        """Return the variables, and their derivatives by the projection on the chord."""
-        # du/ds and d2u/ds2 of the projection u; the chain rule converts derivatives by s.
+        """Return the variables, and their two derivatives by the projection u."""
+        # du/ds and d2u/ds2, by which the chain rule converts derivatives by s: v' = t /
+        # (du/ds) and v'' = (dt/ds - v' d2u/ds2) / (du/ds)^2.
         speed = np.vecdot(points.tangents, directions)[:, None]
         acceleration = np.vecdot(points.bends, directions)[:, None]
         first = points.tangents / speed
@@ -116,7 +118,10 @@ def interpolate_between(
 
 
 def bordered(jacobian: Floats, borders: Floats) -> Floats:
-    """Return Jacobians with one more equation, border . rates.
+    """Return closure Jacobians J with one more row, the coefficients of border . rates.
+
+    The closure equations J rates = 0 leave one motion. The additional equation determines
+    its speed.
 
     Parameters
     ----------
@@ -180,9 +185,8 @@ def curve_points(
     # J dt/ds + bias = 0. Then the part along the tangent is removed, since |t| = 1.
     bends = -np.einsum("nij,nj->ni", inverse[:, :, :-1], linearisation.bias(tangents))
     bends -= np.sum(bends * tangents, axis=1, keepdims=True) * tangents
-    return CurvePoints(
-        values, tangents, bends, linearisation.closure_residual
-    ), linearisation
+    points = CurvePoints(values, tangents, bends, linearisation.closure_residual)
+    return points, linearisation
 
 
 def correct(
@@ -224,7 +228,8 @@ def bordered_step(linearisation: Linearisation, borders: Floats, misses: Floats)
     """Return Newton's steps (n, variables) for the closure and a linear equation.
 
     The linear equation, border . values = target, selects a point of the curve of closed
-    configurations.
+    configurations. With the closure Jacobian J and the residual F, the step d satisfies
+    J d = -F and border . d = miss.
 
     Parameters
     ----------

@@ -105,13 +105,15 @@ def _frames_from_sizes(
     -------
     For the number of each pair its frames (3, 3) in the first and in the second link.
     """
+    # Unit vectors of the axes of each link, in float64 and in quad precision. The latter
+    # follow from the arcs and angles as the file has them, in degrees.
     links = geometry.links
     float_axes = {link: axes_from_sizes(sizes) for link, sizes in links.items()}
     exact_axes = {}
     for link, sizes in links.items():
-        item = document.data["links"][link]
-        arcs = tuple(_degrees_to_radians(number) for number in item.get("arcs", ()))
-        angles = tuple(_degrees_to_radians(number) for number in item.get("angles", ()))
+        link_table = document.data["links"][link]
+        arcs = tuple(map(_degrees_to_radians, link_table.get("arcs", ())))
+        angles = tuple(map(_degrees_to_radians, link_table.get("angles", ())))
         exact_sizes = LinkSizes(sizes.axes, arcs, angles)
         exact_axes[link] = {
             name: np.asarray(axis, dtype=quad())

@@ -25,9 +25,11 @@ Smaller: all pairs are tried more often.
 def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
     """Return a solver of the same mechanism with the driving pair that costs least.
 
-    The cost is the time to find the inputs at which assembly modes meet. The given solver
-    is returned if its cost is acceptable, if those inputs are unknown for every driving
-    pair, or if a group has contacts or redundant constraints.
+    The mechanism is driven at one pair. Assembly modes meet at certain values of this
+    input, where a function of the input changes its sign. The cost is the time of one value
+    of this function. The given solver is returned if its cost is acceptable, if the
+    functions are unknown for every driving pair, or if a group has contacts or redundant
+    constraints.
     """
     if any(not group.revolute or group.redundant for group in solver.assembly.groups):
         return solver
@@ -37,12 +39,13 @@ def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
         return solver
     for pair in solver.mechanism.pairs:
         mechanism = solver.mechanism.with_inputs(pair.name)
-        with suppress(PlanError):  # The other pairs have no plan if this one is driven.
+        # A pair at which the mechanism cannot be driven is passed over.
+        with suppress(PlanError):
             solvers.append(PositionSolver(mechanism, plan_assembly(mechanism)))
             costs.append(_estimate_cost(solvers[-1]))
     if np.min(costs) < np.inf:
         return solvers[np.argmin(costs)]
-    # Costly functions are better than none.
+    # All known functions exceed the acceptable cost. They are better than none.
     for candidate in solvers:
         if make_mode_coalescence(candidate):
             return candidate

@@ -49,7 +49,9 @@ class BinaryLink(NamedTuple):
 class EliminationOrder(NamedTuple):
     """The t unknown angles and t removed links of a group, in an order that can be solved.
 
-    All numbers are positions in `Group.bodies` and `Group.pairs`.
+    If t links with two pairs (binary links) are removed from the group, the other bodies
+    form a tree. Each removed link gives one equation in the angles of the tree. All numbers
+    are positions in `Group.bodies` and `Group.pairs`.
 
     Attributes
     ----------

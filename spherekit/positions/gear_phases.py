@@ -115,6 +115,7 @@ def make_gear_phases(
     if not rolling:
         return None
     if train is None:
+        # No rolled length follows from the inputs.
         no_ratios = np.zeros((0, len(anchor)))
         return GearPhases(
             variables=(),
@@ -124,7 +125,8 @@ def make_gear_phases(
             periods=nans(len(anchor)),
             all_known=False,
         )
-    # `owners` has the pair of each variable.
+    # The rolled lengths of the contacts in the train. `owners` has the pair of each
+    # variable.
     variables = [v for v in rolling if closure.tree.owners[v] in train.contacts]
     ratios = train.length_ratios
     all_known = len(variables) == len(rolling)
@@ -161,8 +163,9 @@ def list_equivalent_lengths(joint: Joint, length: float) -> list[float]:
     """
     # Keys are rounded lengths, so that equal lengths occur once.
     lengths = {round(length / SAME_ROLLED_LENGTH_RAD): length}
-    # A joint of two wheels has the lengths of both circles. Laps of the shorter one are
-    # tried over half of the longer one in each direction.
+    # `closed_lengths` are the lengths of both circles of two wheels. Whole laps of each are
+    # added to the least length that differs by such laps, over half of the longer circle in
+    # each direction.
     for lap_length in joint.closed_lengths:
         least = length - lap_length * round(length / lap_length)
         max_laps = int(np.ceil(0.5 * max(joint.closed_lengths) / lap_length))

@@ -53,11 +53,14 @@ def _equalise_directions(jacobians: Floats) -> Floats:
     n, rows, count = jacobians.shape
     loops = jacobians.reshape(n, rows // 3, 3, count)
     vectors = np.moveaxis(loops, 2, 1).reshape(n, 3, rows // 3 * count)
-    left, sizes, _ = np.linalg.svd(vectors, full_matrices=False)
-    along_common = left[:, :, :1] @ np.swapaxes(left[:, :, :1], 1, 2)
+    # The first left singular vector is the common direction d, and d d^T projects on it.
+    left_vectors, singular_values, _ = np.linalg.svd(vectors, full_matrices=False)
+    direction = left_vectors[:, :, :1]
+    along_common = direction @ np.swapaxes(direction, 1, 2)
     # A Jacobian with a single column has one singular value only.
-    sizes = np.pad(sizes, ((0, 0), (0, 1)))
-    largest = sizes[:, :1, None]
-    second = np.maximum(sizes[:, 1:2, None], MIN_RELATIVE_SPREAD * largest)
+    singular_values = np.pad(singular_values, ((0, 0), (0, 1)))
+    largest = singular_values[:, :1, None]
+    second = np.maximum(singular_values[:, 1:2, None], MIN_RELATIVE_SPREAD * largest)
+    # The scaling (n, 3, 3) multiplies the vectors of all loops.
     scaling = along_common / largest + (np.eye(3) - along_common) / second
     return (scaling[:, None] @ loops).reshape(n, rows, count)

@@ -85,16 +85,18 @@ def turns_in_range(
     sources
         (k,) positions of the given inputs from which they come.
     """
+    # The smallest input in the range for each given one.
     first = into_range(q, low, high, period)
     if not np.isfinite(period):
         return first, np.arange(len(first))
-    # In a range of k whole periods each input occurs k times. `whole_periods` is 0 if the
-    # length of the range is no whole number of periods: then only its length limits them.
-    max_repeats = (whole_periods(low, high, period) or np.inf) - 1
-    repeats = np.floor((high - first + RANGE_TOLERANCE_RAD) / period)
-    repeats = np.clip(repeats, 0.0, max_repeats)
-    laps_to_try = np.arange(np.max(repeats, initial=0.0) + 1)
-    sources, laps = np.nonzero(laps_to_try <= repeats[:, None])
+    # Number of further periods that can be added to it. In a range of k whole periods each
+    # input occurs k times. `whole_periods` is 0 if the length of the range is no whole
+    # number of periods; then only the length limits the number.
+    max_further = (whole_periods(low, high, period) or np.inf) - 1
+    further = np.floor((high - first + RANGE_TOLERANCE_RAD) / period)
+    further = np.clip(further, 0.0, max_further)
+    laps_to_try = np.arange(np.max(further, initial=0.0) + 1)
+    sources, laps = np.nonzero(laps_to_try <= further[:, None])
     return first[sources] + period * laps, sources
 
 

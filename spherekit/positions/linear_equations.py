@@ -31,7 +31,8 @@ def left_inverse(matrices: Floats) -> Floats:
     """Return the left inverses (n, columns, rows) of matrices (n, rows, columns).
 
     A left inverse B of A satisfies B A = 1. If A has more rows than columns, B is the
-    pseudoinverse. It solves A x = b only if the extra equations agree with the others.
+    pseudoinverse. Then x = B b solves A x = b only if the extra equations agree with the
+    others.
 
     Returns
     -------
@@ -52,7 +53,9 @@ def left_inverse(matrices: Floats) -> Floats:
     if rows < columns or not columns:
         return nans((n, columns, rows))
     is_finite = all_finite(matrices, (1, 2))[:, None, None]
-    # The decomposition fails for NaN. Zero matrices have rank zero, so they become NaN.
+    # The pseudoinverse by the singular value decomposition A = U S V^T: B = V S^-1 U^T. The
+    # decomposition fails for NaN, so these matrices are replaced by zero. Zero matrices
+    # have rank zero and become NaN at the end.
     left_vectors, singular_values, right_vectors = np.linalg.svd(
         np.where(is_finite, matrices, 0.0), full_matrices=False
     )
@@ -60,8 +63,8 @@ def left_inverse(matrices: Floats) -> Floats:
         singular_values[:, -1] > REDUNDANT_EQUATION_RATIO * singular_values[:, 0]
     )
     with np.errstate(divide="ignore", invalid="ignore"):
-        scaled = np.swapaxes(right_vectors, 1, 2) / singular_values[:, None]
-        inverses = scaled @ np.swapaxes(left_vectors, 1, 2)
+        scaled_vectors = np.swapaxes(right_vectors, 1, 2) / singular_values[:, None]
+        inverses = scaled_vectors @ np.swapaxes(left_vectors, 1, 2)
     return np.where(has_full_rank[:, None, None], inverses, np.nan)
 
 

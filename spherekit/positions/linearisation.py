@@ -78,7 +78,8 @@ class Linearisation:
         """(n, bodies, 3, 3) rotations from body axes to the axes of body 0."""
         if self.known_rotations is not None:
             return self.known_rotations
-        # Bodies are placed along the pairs of a spanning tree, from body 0.
+        # Bodies are placed along the pairs of a spanning tree, from body 0. Each placement
+        # is a pair, a body that is placed (parent), and a body that it places (child).
         rotations = np.empty((len(self.values), self.tree.count, 3, 3))
         rotations[:, 0] = _IDENTITY
         # Rotation from the axes of the second body of each pair to those of the first.
@@ -148,6 +149,8 @@ class Linearisation:
         the frame of the chord in its second body to its frame in the first body. Then
         follow the differences of locked variables from the values at which they are locked.
         """
+        # The chords, and the first and second body of each. `states` has the frames of the
+        # pairs in their bodies.
         chords, firsts, seconds = self.tree.closing
         first_frames = self.rotations[:, firsts] @ self.states.first[:, chords]
         second_frames = self.rotations[:, seconds] @ self.states.second[:, chords]

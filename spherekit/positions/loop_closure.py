@@ -76,11 +76,13 @@ def newton(
         length = max_abs(step, axis=1)
         if step_number < 2:
             step_sizes[step_number, active_rows] = length
+        # Longer steps keep their direction.
         fraction = np.minimum(1.0, longest_step / np.maximum(length, TINY_STEP_RAD))
         values[active_rows] += step * fraction[:, None]
         active_rows = active_rows[length > last_step]
         if not len(active_rows):
             break
+    # The second step size becomes the ratio of the second step to the first.
     step_sizes[1] /= np.maximum(step_sizes[0], TINY_STEP_RAD)
     return values, step_sizes
 
@@ -179,6 +181,8 @@ class Closure:
     ) -> tuple[Linearisation, Floats]:
         """Close the loops as `solve` does; return also the step sizes of `newton`.
 
+        The step sizes show whether the start was near a solution.
+
         Parameters
         ----------
         values, fixed, max_steps, longest_step
@@ -191,13 +195,15 @@ class Closure:
         step_sizes
             (2, n) sizes of the first steps, as `newton` returns them.
         """
+        # The passive variables, which are not fixed, are the unknowns of Newton's method.
         passive = np.delete(np.arange(values.shape[1]), fixed)
         values = values.copy()
 
         def compute_steps(passive_values: Floats, rows: Indices) -> Floats:
-            """Return the Newton steps of the variables that are not fixed.
+            """Return the Newton steps of the passive variables of some rows.
 
-            They are zero for rows that are closed up to rounding.
+            With the Jacobian J and the residual F of the closure, J step = -F. The steps
+            are zero for rows that are closed up to rounding.
             """
             all_values = values[rows]
             all_values[:, passive] = passive_values
@@ -211,6 +217,10 @@ class Closure:
             return steps
 
         values[:, passive], step_sizes = newton(
-            compute_steps, values[:, passive], max_steps, LAST_NEWTON_STEP_RAD, longest_step
+            compute_steps,
+            values[:, passive],
+            max_steps=max_steps,
+            last_step=LAST_NEWTON_STEP_RAD,
+            longest_step=longest_step,
         )
         return self.at(values), step_sizes

@@ -195,6 +195,9 @@ def rank_mobility(
 def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
     """Return how many velocity equations repeat others, and which pairs take part.
 
+    The velocity equations state that the angular velocities of the pairs around each loop
+    add up to zero. They are three equations for each loop.
+
     Parameters
     ----------
     tree

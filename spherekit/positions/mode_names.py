@@ -50,7 +50,15 @@ def assign_mode_names(
     In the file a name has one configuration: values of all inputs and of some other pairs.
     The name is given to the mode that is nearest to this configuration at these inputs.
     A name that does not state all inputs is ignored.
+
+    Parameters
+    ----------
+    solver
+        The mechanism with the names (`mechanism.modes`).
+    assembly_modes
+        Its modes.
     """
+    # Names of modes by their index, and sentences about names that fit no mode.
     names: dict[int, str] = {}
     unused_names: list[str] = []
     if not assembly_modes:
@@ -98,9 +106,11 @@ def _find_named_mode(
     reason
         Why no mode has these angles; empty if one has them.
     """
+    # Such a mode is known at the samples of a grid only, and not at the stated inputs.
     if any(isinstance(mode.guide, ModeOverGrid) for mode in assembly_modes):
         return -1, "modes followed over samples of several inputs have no names"
     inputs = solver.mechanism.input_pairs
+    # The solver has the inputs in the order of the assembly plan.
     input_order = solver.mechanism.names_of(solver.assembly.inputs)
     q = np.array([[angles_by_pair[pair] for pair in input_order]])
     passive_pairs = [pair for pair in angles_by_pair if pair not in inputs]
@@ -112,6 +122,7 @@ def _find_named_mode(
     differences = np.abs(wrap(np.array(angles_of_modes) - stated_angles))
     # A mode that has no configuration at these inputs is infinitely far away.
     deviations = np.nan_to_num(np.max(differences, axis=1, initial=0.0), nan=np.inf)
+    # The best mode must be near, and much nearer than all others.
     best = int(np.argmin(deviations))
     other_deviations = np.delete(deviations, best)
     limit = min(MAX_NAME_DEVIATION_RAD, *MAX_DEVIATION_RATIO * other_deviations)

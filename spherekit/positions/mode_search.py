@@ -101,9 +101,16 @@ class ModeSearch:
         search: bool = True,
         independent: bool = False,
     ) -> None:
-        """Search the modes, by closed forms, over a range or at samples."""
+        """Search the assembly modes of a mechanism at the samples of its inputs.
+
+        The method depends on the mechanism. If all groups are dyads or trains of wheels, a
+        mode is a combination of their signs. Otherwise modes are followed: over the range
+        of a single input, or from sample to sample of several inputs.
+        """
         self.solver = solver
         self.input_grid = input_grid
+        # Results. `claim` states how complete the modes are, `methods` how the modes of
+        # each group were found, and `probes` at how many inputs they were searched.
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []
@@ -116,6 +123,7 @@ class ModeSearch:
             self._find_modes_over_samples(search, independent)
         else:
             self._find_modes_over_range(search)
+        # Independent samples without a configuration become failed rows of an empty mode.
         if not self.assembly_modes:
             if not independent:
                 raise SolveError(_explain_failure(solver, input_grid))
@@ -138,6 +146,9 @@ class ModeSearch:
         self.methods = modes.methods
         self.claim = modes.claim
         self.probes = modes.probes
+        # Mobilities by rank at the starts of the search. They are computed only if a group
+        # has redundant constraints. The first one is that of the reference pose, if there
+        # is one.
         mobilities = modes.mobilities
         if mobilities:
             first_is_immobile = mobilities[0] < len(self.solver.driven)
@@ -156,7 +167,14 @@ class ModeSearch:
     def _find_closed_form_modes(self, search: bool) -> None:
         """Find the modes of a mechanism of dyads and trains of wheels.
 
-        A mode is a combination of signs with which the mechanism closes at some input.
+        A dyad closes in two ways, which its sign distinguishes. A mode is a combination of
+        signs with which the mechanism closes at some input. The results are stored in
+        `assembly_modes`, `claim`, `probes` and `methods`.
+
+        Parameters
+        ----------
+        search
+            Whether to search for modes other than that of the reference pose.
 
         Raises
         ------
@@ -175,7 +193,9 @@ class ModeSearch:
             is_redundant = any(group.redundant for group in self.groups)
             for first in range(0, len(q), PROBED_TOGETHER):
                 inputs = q[first : first + PROBED_TOGETHER]
-                modes = enumerate_modes(solver, inputs, MAX_ASSEMBLY_MODES + 1)
+                # One more than the limit shows whether there are more. A mode has its signs
+                # and the placed bodies at all these inputs.
+                modes = enumerate_modes(solver, inputs, max_modes=MAX_ASSEMBLY_MODES + 1)
                 for signs, state in modes:
                     all_signs.append(signs)
                     if is_redundant:
@@ -203,6 +223,7 @@ class ModeSearch:
             How complete the modes at these inputs are.
         """
         grid = self.input_grid
+        # Groups of wheels that gear ratios place completely.
         wheel_trains = self.solver.wheel_trains
         if len(wheel_trains) == len(self.groups):
             reason = "wheels in mesh have one" if wheel_trains else "no loop has to close"
@@ -213,8 +234,11 @@ class ModeSearch:
             if len(q) == len(grid):
                 reason = f"modes at all {len(grid)} samples"
             return q, Completeness(Guarantee.SAMPLED, reason)
+        # One input between each two turning points, at which modes appear or vanish. Where
+        # these are unknown, inputs at the distance `step`.
+        low, high = grid.range
         turning_points = find_input_turning_points(
-            self.solver, *grid.range, RUN_COST_S, RUN_TIME_S
+            self.solver, low, high, max_cost_s=RUN_COST_S, max_time_s=RUN_TIME_S
         )
         self.crossings = turning_points.crossings
         step = np.ptp(grid.q) / (PROBED_RANGE_INPUTS - 1)
@@ -224,8 +248,9 @@ class ModeSearch:
 def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
     """Return the message for a mechanism that cannot be assembled at any sample.
 
-    The first groups are dyads in many mechanisms. If one of them reaches nowhere, the
-    message names it. Otherwise it names the first group that is not a dyad.
+    Its groups are placed one after another. The first groups are dyads in many mechanisms.
+    If one of them closes at no sample, the message names it. Otherwise it names the first
+    group that is not a dyad.
     """
     name = solver.mechanism.name
     inputs = solver.mechanism.names_of(solver.assembly.inputs)
@@ -242,7 +267,7 @@ def _explain_failure(solver: PositionSolver, input_grid: InputGrid) -> str:
             pairs = ", ".join(solver.mechanism.names_of(group.pairs))
             if not group.is_dyad:
                 break
-            place_dyad(state, group, 1)
+            place_dyad(state, group, sign=1)
             if np.all(state.is_open):
                 return (
                     f"{name}: arcs cannot close: the {group.kind} of pairs {pairs} "

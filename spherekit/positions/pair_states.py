@@ -32,6 +32,8 @@ def pair_angle(first_frames: Floats, second_frames: Floats) -> Floats:
     -------
     Angle about the pair axis from the x column of the first to that of the second frame.
     """
+    # The x column of the second frame has the components cos and sin of the angle along the
+    # x and y columns of the first frame.
     x_of_second = second_frames[..., 0]
     cosine = np.sum(first_frames[..., 0] * x_of_second, axis=-1)
     sine = np.sum(first_frames[..., 1] * x_of_second, axis=-1)
@@ -167,17 +169,21 @@ def evaluate_pair_states(joints: tuple[Joint, ...], values: Floats) -> PairState
     values
         (n, variables) values of their variables (rad), pair after pair.
     """
+    # All pairs of one kind (revolute, rolling, sliding) are evaluated together.
     n = len(values)
-    parts = list[tuple[IndexRange, PairStates]]()
+    states_of_kinds: list[PairStates] = []
+    pairs_of_kinds: list[IndexRange] = []
     for kind, joints_of_kind, pairs, variables in group_joints_by_kind(joints):
         values_by_joint = values[:, variables].reshape(
             n, len(joints_of_kind), kind.variable_count
         )
-        parts.append((pairs, kind.evaluate_states(joints_of_kind, values_by_joint)))
-    if len(parts) == 1:
-        return parts[0][1]
+        states_of_kinds.append(kind.evaluate_states(joints_of_kind, values_by_joint))
+        pairs_of_kinds.append(pairs)
+    # The states of a single kind are in the order of the pairs already.
+    if len(states_of_kinds) == 1:
+        return states_of_kinds[0]
     states = PairStates.blank(n, len(joints))
-    for pairs, states_of_kind in parts:
+    for pairs, states_of_kind in zip(pairs_of_kinds, states_of_kinds, strict=True):
         states.put(pairs, states_of_kind)
     return states
 
@@ -185,9 +191,9 @@ def evaluate_pair_states(joints: tuple[Joint, ...], values: Floats) -> PairState
 def has_penetration(joints: Sequence[Joint], states: PairStates) -> Bools:
     """Return (n,) whether the profiles of a contact enter each other beside the contact.
 
-    This is decided by their curvatures at the contact point. Profiles whose curvatures
-    differ by less than `EQUAL_CURVATURE` count too, because they do not determine the
-    motion.
+    The curvatures at the contact point decide: the curvature of the first profile must be
+    greater than that of the second. Profiles whose curvatures differ by less than
+    `EQUAL_CURVATURE` count too, because they do not determine the motion.
 
     Parameters
     ----------

@@ -166,32 +166,32 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
 
     Only the groups are closed. `_polish` is not applied.
     """
-    # One row of `state` and `sample` per partial configuration, in which the groups up to
-    # the current one are placed. `parent` is the row before the group was placed.
+    # A row is a partial configuration of one sample, in which the groups up to the current
+    # one are placed. `sample` has the sample of each row, and `state` the placed bodies.
+    # When a group is placed, a row can become no, one or several rows. `parent` is the old
+    # row of each new row.
     is_complete = np.ones(len(q), dtype=bool)
     sample = np.arange(len(q))
     problem = ""
     with np.errstate(all="ignore"):
         state = solver.start(q)
-        for number, group in enumerate(solver.assembly.groups):
+        for position, group in enumerate(solver.assembly.groups):
             if group.is_dyad:
                 state, parent = _place_both_modes(state, group)
-            elif number in solver.wheel_trains:
-                closed = (
-                    solver.place_wheel_train(state, number, q[sample]).closure_residual
-                    < CLOSURE_TOLERANCE
-                )
-                parent = np.flatnonzero(closed)
+            elif position in solver.wheel_trains:
+                train = solver.place_wheel_train(state, position, q[sample])
+                parent = np.flatnonzero(train.closure_residual < CLOSURE_TOLERANCE)
                 state = state.rows(parent)
             else:
+                # In the result, `sample` numbers the rows of the closure.
                 closure = group_closure(state, group)
                 solutions = _eliminate_distinct_rows(group, closure, sample)
                 is_complete[sample[~solutions.is_complete]] = False
                 problem = problem or solutions.problem
                 parent = solutions.sample
-                placed = closure.take(parent).at(solutions.values).rotations
+                rotations = closure.take(parent).at(solutions.values).rotations
                 state = state.rows(parent)
-                state.merge(group, placed)
+                state.merge(group, rotations)
                 state.values[:, group_variables(state, group)] = solutions.values
             sample = sample[parent]
     return SampleConfigurations(sample, state.values, is_complete, problem)
@@ -254,22 +254,24 @@ def _eliminate_distinct_rows(
     The configurations at the k rows. In this result, `sample` are rows of `closure`, and
     `is_complete` has one value per row.
     """
-    # First row of the sample of each row. A row needs no solution of its own if its pair
-    # frames are those of this first row.
+    # `first` is the first row of the sample of each row. A row needs no solution of its own
+    # if the rotations from links to bodies, and therefore the pair frames, are those of
+    # this first row. They are compared for the first and the second links of all pairs.
+    all_rows = np.arange(len(sample))
     first = np.searchsorted(sample, sample)
     assert closure.body_from_links is not None
     differences = [
-        max_abs(lead - lead[first], axis=(1, 2, 3)) for lead in closure.body_from_links
+        max_abs(rotations - rotations[first], axis=(1, 2, 3))
+        for rotations in closure.body_from_links
     ]
     equals_first = np.maximum(*differences) < SAME_FRAME_TOLERANCE
-    solved_rows = np.flatnonzero(~equals_first | (first == np.arange(len(sample))))
+    solved_rows = np.flatnonzero(~equals_first | (first == all_rows))
     solutions = _eliminate_samples(group, closure.take(solved_rows))
     if len(solved_rows) == len(sample):
         return solutions
     # Position in `solved_rows` of the row whose solutions each row takes.
-    source_position = np.searchsorted(
-        solved_rows, np.where(equals_first, first, np.arange(len(sample)))
-    )
+    source_position = np.searchsorted(solved_rows, np.where(equals_first, first, all_rows))
+    # Index in `solutions` of the first solution of each solved row, and their number.
     first_solutions = np.searchsorted(solutions.sample, np.arange(len(solved_rows) + 1))
     counts = np.diff(first_solutions)[source_position]
     # One entry for each configuration: its row, and its position among those of this row.
@@ -286,8 +288,9 @@ def _eliminate_distinct_rows(
 def _eliminate_samples(group: Group, closure: Closure) -> SampleConfigurations:
     """Return the configurations of one group at all samples of its closure.
 
-    Three methods are applied in turn, each to the samples that the methods before left
-    open:
+    Elimination turns the equations of the group into a polynomial in exp(i angle) of one
+    angle. Real angles are its roots on the unit circle. Three methods are applied in turn,
+    each to the samples that the methods before left open:
 
     1. The real roots on the unit circle, for all samples together.
     2. All complex roots, for all samples together.

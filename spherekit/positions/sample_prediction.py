@@ -65,6 +65,8 @@ def make_sample_predictor(
     q = position_analysis.input_grid.q
     if not position_analysis.input_grid.is_path or not position_analysis.assembly_modes:
         return None
+    # Nodes are solved, and the samples between them are interpolated. The largest change of
+    # an input from sample to sample determines the number of samples for each node.
     step = max(NODE_DISTANCE_RAD / MAX_SAMPLES_PER_NODE, max_abs(np.diff(q, axis=0)))
     samples_per_node = min(int(NODE_DISTANCE_RAD / step), (len(q) - 1) // SPLINE_DEGREE)
     if samples_per_node < MIN_SAMPLES_PER_NODE:
@@ -76,12 +78,15 @@ def make_sample_predictor(
 
     @cache
     def fit_once() -> list[ModeSpline]:
+        """Solve the nodes and return the splines. Later calls return the same splines."""
         return list(_fit_splines(position_analysis, samples_per_node, passive, is_angle))
 
     def predict_samples(start: int, stop: int, out: Floats) -> None:
+        """Write the samples from start up to stop into out (variables, modes, samples)."""
         out[:] = np.nan
         out[driven] = q[start:stop].T[:, None]
         for spline in fit_once():
+            # The part of the samples that the spline covers.
             low = max(start, spline.first)
             high = min(stop, spline.last + 1)
             if low < high:

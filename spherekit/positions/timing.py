@@ -78,8 +78,10 @@ def input_extents(inputs: Floats, timing: Timing | None = None) -> list[Floats]:
     value, index 1 the largest.
     """
     rates = nans(inputs.shape) if timing is None else timing.dq
-    # Column by column this takes a tenth of the time of np.min with an axis.
-    return [
-        np.array([[extreme(column) for column in rows.T] for extreme in (np.min, np.max)])
-        for rows in (inputs, rates)
-    ]
+    extents = []
+    for quantity in (inputs, rates):
+        # Column by column this takes a tenth of the time of np.min with an axis.
+        smallest = [np.min(column) for column in quantity.T]
+        largest = [np.max(column) for column in quantity.T]
+        extents.append(np.array([smallest, largest]))
+    return extents

@@ -35,7 +35,11 @@ STEP_PARTS = np.array([0.5, 1.0])
 
 @dataclass(frozen=True)
 class Verification:
-    """Limits for the tests of a step. Larger limits accept longer, less certain steps.
+    """Limits for the tests of a step along a path of configurations.
+
+    A step is predicted from a node by its derivatives, and corrected by Newton's method.
+    The tests detect that the correction leads to another path. Larger limits accept longer,
+    less certain steps; of `turn`, smaller ones do.
 
     Attributes
     ----------
@@ -75,9 +79,10 @@ class Verification:
         length
             (n,) lengths of the steps along the path (rad).
         """
-        first, ratio = step_sizes
-        is_near = first <= self.correction * length + self.slack
-        return is_near & ((first <= self.settled) | (ratio <= MAX_CONTRACTION))
+        first_step, ratio = step_sizes
+        is_near = first_step <= self.correction * length + self.slack
+        contracts = (first_step <= self.settled) | (ratio <= MAX_CONTRACTION)
+        return is_near & contracts
 
     def accepts_change(self, change: Floats, cosine: Floats | float = 1.0) -> Bools:
         """Return (n,) whether equations and tangents changed little enough.
