@@ -105,6 +105,7 @@ class ArcLength:
             target = s - self.starts[panel]
 
             def residual(x: Floats, rows: Indices) -> Floats:
+                """Return the errors of the arc lengths of some rows at positions x."""
                 return self._evaluate_in_panels(panel[rows], x) - target[rows]
 
             panel_ends = np.ones_like(s)
@@ -155,10 +156,11 @@ def measure_arc_length(path: FourierPath | SplinePath, edges: Floats) -> ArcLeng
         If the path has a cusp.
     """
     arc_length = integrate_rate(path.speed, edges)
+    # The speed is zero at a cusp. It is checked at the edges and middles of all panels.
     middles = 0.5 * (arc_length.edges[1:] + arc_length.edges[:-1])
     u = np.sort(np.append(arc_length.edges, middles))
-    mean_speed_limit = MIN_SPEED_RATIO * arc_length.length / (edges[-1] - edges[0])
-    is_slow = path.speed(u) < mean_speed_limit
+    mean_speed = arc_length.length / (edges[-1] - edges[0])
+    is_slow = path.speed(u) < MIN_SPEED_RATIO * mean_speed
     if np.any(is_slow):
         raise ValueError(
             f"the curve has a cusp near {path.describe_position(u[np.argmax(is_slow)])}: "
@@ -212,6 +214,7 @@ def integrate_rate(
         final_starts.append(low[is_final])
         final_series.append(series[is_final])
 
+        # The other panels are halved, and examined in the next round.
         is_halved = ~is_final
         middle = low[is_halved] + 0.5 * (high[is_halved] - low[is_halved])
         low = np.concatenate([low[is_halved], middle])
@@ -219,6 +222,7 @@ def integrate_rate(
         relative_error = np.tile(relative_error[is_halved], 2)
         if not len(low):
             break
+    # Panels have become final in any order.
     starts = np.concatenate(final_starts)
     order = np.argsort(starts)
     speeds = np.ascontiguousarray(np.concatenate(final_series)[order].T)

@@ -75,9 +75,11 @@ def find_crossings(
     length = arc(inside, outside)
 
     def evaluate_on_arcs(angle: Floats, arcs: Indices) -> Floats:
+        """Return all margins (m, k) at angles (m,) rad from the start of arcs (m,)."""
         return evaluate(points_on_arcs(inside[arcs], outside[arcs], angle))
 
-    # Angles (rad) from the end inside: of the crossing, and of a point just beyond it.
+    # The zero of the smallest margin on each arc, and a point just beyond it, where the
+    # margin is negative: angles (rad) from the end inside.
     all_arcs = np.arange(len(length))
     crossing_angle, angle_outside = find_bracketed_zeros(
         lambda angle, arcs: smallest_margins(evaluate_on_arcs(angle, arcs)),
@@ -104,8 +106,10 @@ def find_corners(
 ) -> tuple[Floats, Bools]:
     """Return points near chords at which two margins are zero.
 
-    Both margins are brought to zero by least squares in the tangent plane at the middle of
-    the chord. Their slopes are differences.
+    The border of a region consists of arcs on which one of several functions, the margins,
+    is zero. At a corner two of them are zero. The corner is found by least squares in the
+    tangent plane at the middle of a chord between two points of the border. The slopes of
+    the margins are computed as differences.
 
     Parameters
     ----------
@@ -136,11 +140,15 @@ def find_corners(
 
     def residuals(x: Floats, chords: Indices) -> tuple[Floats, Floats]:
         """Return both margins (k, 2) at coordinates (k, 2), and their slopes (k, 2, 2)."""
-        # The point itself and one step in each direction.
+        # Three points for each chord: x itself, and one step from it in each direction.
         stencil = x[:, None] + DIFFERENCE_STEP * np.eye(3, 2, -1)
         values = evaluate(points_at(stencil, chords).reshape(-1, 3))
-        numbers = np.repeat(margins[chords], 3, axis=0).T
-        pair = np.stack([select_margins(values, number) for number in numbers], axis=1)
+        # The two margins of each chord at these points: axes chord, point, margin.
+        first_numbers, second_numbers = np.repeat(margins[chords], 3, axis=0).T
+        pair = np.stack(
+            [select_margins(values, first_numbers), select_margins(values, second_numbers)],
+            axis=1,
+        )
         pair = pair.reshape(-1, 3, 2)
         slope = (pair[:, 1:] - pair[:, :1]) / DIFFERENCE_STEP
         return pair[:, 0], np.swapaxes(slope, 1, 2)

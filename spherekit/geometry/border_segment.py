@@ -235,12 +235,13 @@ class BorderSegments(ArrayRows):
         # Borders over very short chords are not searched. The chord is taken for them.
         is_long = length > MIN_CHORD_RAD
         height[~is_long] = 0.0
+        # Compute the heights that are not known yet; each has a segment (row) and a node.
         row, node = np.nonzero(np.isnan(height))
         u = chebyshev_nodes(order)[node]
         height[row, node], is_sound = self._find_heights(evaluate, selected[row], u)
 
         def integrate(steps: int) -> Floats:
-            """Return the areas (k,) with an order that divides the order of the heights.
+            """Return the areas (k,) from the heights at `steps` + 1 of the nodes.
 
             The area between chord and border is the integral of sin(height) over the chord.
             It counts as negative where the border is to the left of the chord, which takes
@@ -249,6 +250,8 @@ class BorderSegments(ArrayRows):
             sines = np.sin(height[:, :: order // steps])
             return -0.5 * length * (sines @ integration_weights(steps))
 
+        # The error is the change of the area if half of the nodes are left out, plus
+        # rounding. For a chord that was not searched, the square of its arc is added.
         coarse_area = integrate(order // 2)
         area = integrate(order)
         self.error[selected] = (
@@ -289,14 +292,18 @@ class BorderSegments(ArrayRows):
         is_sound
             (m,) whether it was found.
         """
+        # The number of the margin that is zero on the border of each segment, and the
+        # parabola, which is zero at both ends of the chord.
         number = self.margin[segment]
         max_height = MAX_HEIGHT_RATIO * self.length[segment] * (1.0 - u * u)
 
         def all_margins(fraction: Floats, items: Indices) -> Floats:
+            """Return all margins over some points, at fractions of the largest height."""
             height = fraction * max_height[items]
             return evaluate(self._points_at(segment[items], u[items], height))
 
         def zero_margin(fraction: Floats, items: Indices) -> Floats:
+            """Return the margin of the segment, which is zero on the border."""
             return select_margins(all_margins(fraction, items), number[items])
 
         # Fractions of the largest height: -1 on the right of the chord, 1 on the left.
@@ -324,9 +331,10 @@ class BorderSegments(ArrayRows):
     def audit(self, evaluate: MarginEvaluator, selected: Indices) -> None:
         """Replace new segments (k,) on which another margin becomes negative by chords.
 
-        The segment's own margin is zero on the border. The difference between another
-        margin and this one is interpolated by a parabola through every three samples, so
-        that a minimum between samples is noticed.
+        A margin is a function of the direction that is at least 0 in the region. One of
+        them is zero on the border segment, and no other one may be negative there. The
+        difference between another margin and the zero one is interpolated by a parabola
+        through every three samples, so that a minimum between samples is noticed.
         """
         u = np.linspace(-1.0, 1.0, AUDIT_STEPS + 1)
         # New segments have the second order.
@@ -413,6 +421,8 @@ def find_nearest_point(
     -------
     (3,) unit vector.
     """
+    # A segment is nearby if it may contain a point that is nearer than the nearest end of
+    # all segments. Its order is the degree of the polynomial of its height.
     distance = np.min(arc(segments.ends, direction), axis=1)
     nearby = segments.rows(distance - segments.length <= np.min(distance))
     while np.any(is_coarse := nearby.is_sound & (nearby.order < ORDERS[-1])):
@@ -427,6 +437,7 @@ def find_nearest_point(
         u = find_real_zeros(chebyshev.chebder(coefficient_matrix(ORDERS[-1]) @ cosine))
         height = nearby.height[segment] @ interpolation_matrix(ORDERS[-1], u).T
         candidates.append(nearby._points_at(segment, u, height)[0])
+    # Candidates outside the region are left out, unless all are.
     points = np.concatenate(candidates)
     tolerance = BORDER_TOLERANCE_FACTOR * np.max(evaluate.rounding_errors)
     is_inside = smallest_margins(evaluate(points)) >= -tolerance

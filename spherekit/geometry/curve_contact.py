@@ -74,16 +74,18 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     is_closed = np.array([curve.closed for curve in curves])
     low = np.where(is_closed, -np.inf, 0.0)
     high = np.where(is_closed, np.inf, lengths)
+    # The residual is the rotation vector between both frames, so the root of the sum of its
+    # squares is the angle.
     arc_lengths, squares = minimize_squares(
         lambda s, _: _frame_differences(curves, s),
-        _find_starts(curves),
-        low,
-        high,
+        start=_find_starts(curves),
+        low=low,
+        high=high,
         longest_step=MAX_ARC_STEP_RAD,
     )
     angles = np.sqrt(squares)
     arc_lengths = np.where(is_closed, np.mod(arc_lengths, lengths), arc_lengths)
-    # Of the equally good contacts, the first one along the first curve is chosen.
+    # Among equally good contacts, the first one along the first curve is chosen.
     best = np.flatnonzero(angles <= np.min(angles) + EQUAL_CONTACT_RAD)
     from_start = np.mod(arc_lengths[best, 0] + START_SLACK_RAD, lengths[0])
     chosen = best[np.argmin(from_start)]
@@ -103,15 +105,16 @@ def _find_starts(curves: tuple[Curve, Curve]) -> Floats:
     # 1 + 2 cos(angle).
     cosine = 0.5 * (first_frames @ second_frames.T - 1.0)
 
-    # Maxima along the second curve, for each sample of the first.
-    # A column is added on both sides: the last and the first sample of a closed curve, -1
-    # for an open one.
+    # Find the maxima along the second curve, for each sample of the first. A column is
+    # added on both sides, so that the ends have neighbours: the last and the first sample
+    # of a closed curve, -1 for an open one.
     padded = np.pad(cosine, ((0, 0), (1, 1)), "wrap")
     if not curves[1].closed:
         padded[:, [0, -1]] = -1.0
     is_maximum = (cosine >= padded[:, :-2]) & (cosine >= padded[:, 2:])
     # The samples next to a contact differ by less than one step on each curve.
     is_start = is_maximum & (cosine > np.cos(first.frame_step + second.frame_step))
+    # The most similar pair is a start in any case.
     is_start.flat[np.argmax(cosine)] = True
     first_index, second_index = np.nonzero(is_start)
     return np.stack(
@@ -160,7 +163,8 @@ def _frame_differences(
         for curve, lengths in zip(curves, arc_lengths.T, strict=True)
     )
     vectors = rotation_vector(first.frame @ transpose(second.frame))
-    # The angular velocity of a frame (t, n, p) by its arc length is n + k p.
+    # A frame has the columns tangent t, normal n and point p. Along the curve it rotates
+    # with n + k p per unit of arc length, where k is the geodesic curvature.
     first_rotation = first.frame[:, :, 1] + first.curvature[:, None] * first.frame[:, :, 2]
     second_rotation = (
         second.frame[:, :, 1] + second.curvature[:, None] * second.frame[:, :, 2]

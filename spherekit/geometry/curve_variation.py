@@ -139,8 +139,9 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
     if closed:
         moving_points = np.concatenate([moving_points, moving_points[:1]])
 
-    # The knots of the first fit are the arcs between points. Those of every other fit are
-    # the lengths along the fit before it. Their derivatives follow in the same way.
+    # The spline is fitted several times. The knots of the first fit are the sums of the
+    # arcs between points. Those of every other fit are the lengths along the fit before it.
+    # `step_rates` are the derivatives of the differences between successive knots.
     step_rates = _arc_rates(moving_points)
     fits = list(spline_fits(points, closed))
     for path, _ in fits:
@@ -149,14 +150,19 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
         spline = quintic_panels(knots, moving_points, closed)
         moving_path = SplinePath(spline, path.knots, closed)
         arc_length_rate = _integrate_speed_rate(moving_path, path.knots)
-        # The arc length up to a knot changes with the curve and as the knot moves along it.
-        at_fixed_parameter = arc_length_rate.evaluate_at_edges(path.knots)
+        # The arc length up to a knot changes with the curve at a fixed parameter, and by
+        # the speed times the rate of the knot, because the knot moves along the curve.
+        rate_at_fixed_parameter = arc_length_rate.evaluate_at_edges(path.knots)
         step_rates = np.diff(
-            at_fixed_parameter + path.speed(path.knots) * extract_derivative(knots)
+            rate_at_fixed_parameter + path.speed(path.knots) * extract_derivative(knots)
         )
     _, table = fits[-1]
     return PathVariation(
-        moving_path, table, arc_length_rate, float(np.sum(step_rates)), closed
+        path=moving_path,
+        table=table,
+        arc_length_rate=arc_length_rate,
+        length_rate=float(np.sum(step_rates)),
+        closed=closed,
     )
 
 
@@ -184,7 +190,10 @@ the point, 6 to the geodesic curvature k and 7 to dk/ds."""
 
 
 def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative:
-    """Return the derivative of a curve at fixed arc lengths.
+    """Return the derivative of a curve by a design variable, at fixed arc lengths.
+
+    Numbers and their derivatives by the design variable are the real and the scaled
+    imaginary parts of complex numbers (complex step).
 
     Parameters
     ----------
@@ -200,8 +209,9 @@ def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative
         """Return the derivatives (8, n) at arc lengths (n,), see `CurveDerivative`."""
         direction = -1.0 if backwards else 1.0
         arc_length = direction * s
-        # Whole lengths are added to reach the range of the table. An open curve that runs
-        # backwards starts at the end of the path. Their derivative is added with them.
+        # Whole lengths of the path are added to reach the range of the table from arc
+        # length to parameter. An open curve that runs backwards starts at the end of the
+        # path, so one length is added. The lengths have a derivative, too.
         laps = np.full_like(s, backwards)
         if variation.closed:
             laps = -np.floor(arc_length / table.length)
@@ -217,6 +227,8 @@ def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative
         frame = extract_derivative(frames.frame)
         curvature = extract_derivative(frames.curvature)
         curvature_rate = extract_derivative(frames.curvature_rate)
+        # The columns 0 and 2 of a frame are tangent and point. On a curve that runs
+        # backwards, tangent and curvature change their sign.
         return np.concatenate(
             [
                 direction * frame[:, :, 0].T,
@@ -237,7 +249,9 @@ def differentiate_fourier(
 ) -> CurveDerivative:
     """Return the derivative of the curve of `spherekit.geometry.profile_curve.fourier`.
 
-    With a single coefficient, the radius, it is that of a circle.
+    The colatitude of the curve about its centre is a Fourier series of the azimuth. With a
+    single coefficient, the radius, the curve is a circle. All quantities are functions of a
+    design variable, and are given with their derivatives by it.
 
     Parameters
     ----------
@@ -248,21 +262,25 @@ def differentiate_fourier(
     backwards
         Whether the curve is run backwards.
     """
+    # Axes of the series: value or derivative, cosine or sine, order.
     size = max(np.size(cosines[0]), np.size(sines[0]))
-    series = np.zeros((2, 2, size))  # value or derivative; cosine or sine; order
-    for row, pair in enumerate((cosines, sines)):
-        for k, coefficients in enumerate(pair):
+    series = np.zeros((2, 2, size))
+    for row, value_and_derivative in enumerate((cosines, sines)):
+        for k, coefficients in enumerate(value_and_derivative):
             series[k, row, : np.size(coefficients)] = coefficients
-    even, odd = add_complex_step(*series)
-    moving_path = FourierPath(axes_about(add_complex_step(*centre)), even, odd)
+    # The moving path carries the derivative as the imaginary parts of its numbers.
+    moving_cosines, moving_sines = add_complex_step(*series)
+    moving_path = FourierPath(
+        axes_about(add_complex_step(*centre)), moving_cosines, moving_sines
+    )
     path = FourierPath(axes_about(np.asarray(centre[0], dtype=float)), *series[0])
     edges = azimuth_panels(size)
     arc_length_rate = _integrate_speed_rate(moving_path, edges)
     variation = PathVariation(
-        moving_path,
-        measure_arc_length(path, edges),
-        arc_length_rate,
-        arc_length_rate.length,
+        path=moving_path,
+        table=measure_arc_length(path, edges),
+        arc_length_rate=arc_length_rate,
+        length_rate=arc_length_rate.length,
         closed=True,
     )
     return _differentiate(variation, backwards)

@@ -48,7 +48,7 @@ class BorderArc:
 
 @dataclass(frozen=True)
 class Boundary:
-    """A closed curve of the border.
+    """A closed curve of the border of a region of directions.
 
     Attributes
     ----------
@@ -383,9 +383,13 @@ def _find_excluding_sets(
     """
 
     def excludes_all(margins: tuple[int, ...]) -> bool:
-        """Return whether no direction satisfies some margins, as far as a mesh shows."""
+        """Return whether no direction satisfies some margins, as far as a mesh shows.
+
+        A direction satisfies a margin that is at least 0 there.
+        """
         if np.any(smallest_margins(values[:, margins]) >= 0.0):
             return False
+        # Search the region of these margins alone.
         selected = MarginEvaluator(lambda points: evaluate(points)[:, margins])
         refinement = RegionRefinement(selected, spacing)
         # The accuracy of the area does not matter.
@@ -394,6 +398,7 @@ def _find_excluding_sets(
         )
         return not refinement.is_inside.any()
 
+    # Small sets are tried first. A set that contains an excluding one is left out.
     excluding: list[tuple[int, ...]] = []
     for size in range(1, MAX_EXCLUDING_MARGINS + 1):
         for margins in combinations(range(values.shape[1]), size):

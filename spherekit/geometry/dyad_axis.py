@@ -58,8 +58,10 @@ def triple_square(
 ) -> Any:
     """Return t^2, the square of the triple product b . (a x c) of the axes of a dyad.
 
-    t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)). It is negative if the arcs are too
-    short or too long for the outer axes.
+    A dyad is a chain of two bodies between two outer axes a and c, and b is the axis of the
+    pair between its bodies. t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)), where A and C
+    are the arcs of the bodies. It is negative if the arcs are too short or too long for the
+    outer axes.
 
     Parameters
     ----------
@@ -108,7 +110,7 @@ def middle_axis(
 
 
 def _cosine_minus_dot(arc: HalfAngle, sum_square: Any, difference_square: Any) -> Any:
-    """Return cos(arc) - a . c without cancellation.
+    """Return cos(arc) - a . c without cancellation, for unit vectors a and c.
 
     Parameters
     ----------

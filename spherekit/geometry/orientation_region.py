@@ -25,6 +25,7 @@ from spherekit.geometry.region_margins import (
 )
 from spherekit.geometry.triangle_class import VALUE_SAFETY_FACTOR
 from spherekit.geometry.vectors import max_abs, unit_rows
+from spherekit.numerics.array_rows import ArrayRows
 from spherekit.numerics.chebyshev import grid_points
 from spherekit.progress import ProgressReporter
 
@@ -184,14 +185,13 @@ def find_orientations(
         error = float(cells.error.sum())
         wanted_error = tolerance * volume
         message = f"volume {volume:.4g} +- {error:.2g}, to be known to {wanted_error:.2g}"
-        # `tell` takes a function that returns the text.
-        progress.tell(message.__str__)
+        # `tell` takes a function, which is called only if the text is shown.
+        progress.tell(lambda text=message: text)
         if error <= wanted_error:
             break
         # All uncertain cells at this limit would together use half of the wanted error.
         limit = 0.5 * wanted_error / np.count_nonzero(cells.error)
-        # The last column of `cells.cells` is the width of each cell in units of its cube.
-        can_halve = cells.cells[:, 4] > MIN_CELL_WIDTH
+        can_halve = cells.boxes.width > MIN_CELL_WIDTH
         to_halve = np.flatnonzero((cells.error > limit) & can_halve)
         cost = EVALUATIONS_PER_HALVING * len(to_halve)
         if not cost or evaluate.evaluations + cost > most:
@@ -207,14 +207,32 @@ def find_orientations(
     )
 
 
+@dataclass(frozen=True)
+class _Boxes(ArrayRows):
+    """n cubic boxes in the four cubes of unit quaternions, with integer coordinates.
+
+    Attributes
+    ----------
+    cube
+        (n,) number of the cube, which is that of the largest component of the quaternion.
+    corner
+        (n, 3) coordinates of the lowest corner, in units of the cube.
+    width
+        (n,) width, in the same units.
+    """
+
+    cube: Indices
+    corner: Indices
+    width: Indices
+
+
 class _OrientationCells:
     """Cells of the four cubes, with the volume of the set of orientations in each.
 
     Attributes
     ----------
-    cells
-        (n, 5) integers: the cube, the three coordinates of the lowest corner, and the
-        width, in units of the cube.
+    boxes
+        The n cells.
     volume, error
         (n,) volume of the set in each cell, and its error; 0 if it is certain.
     deepest, depth
@@ -228,20 +246,22 @@ class _OrientationCells:
         self.depth = -np.inf
         corners = _cubic_grid(np.arange(2**FIRST_HALVINGS))
         width = 2 ** (CUBE_BITS - FIRST_HALVINGS)
-        number = np.arange(4 * len(corners))
-        self.cells = np.column_stack(
-            [number // len(corners), np.tile(corners * width, (4, 1)), width + 0 * number]
+        count = 4 * len(corners)
+        self.boxes = _Boxes(
+            cube=np.arange(count) // len(corners),
+            corner=np.tile(corners * width, (4, 1)),
+            width=np.full(count, width),
         )
         # The whole volume of an uncertain cell is its first error.
-        self.volume, is_certain = self._measure(self.cells)
-        self.error = np.where(is_certain, 0.0, _step_volumes(self.cells).sum(axis=1))
+        self.volume, is_certain = self._measure(self.boxes)
+        self.error = np.where(is_certain, 0.0, _step_volumes(self.boxes).sum(axis=1))
 
     def halve(self, selected: Indices) -> None:
         """Replace some cells (k,) by their eight parts."""
-        # Columns of a cell: cube, three coordinates of the lowest corner, width.
-        parts = np.repeat(self.cells[selected], 8, axis=0)
-        parts[:, 4] //= 2
-        parts[:, 1:4] += np.tile(_TWO_GRID, (len(selected), 1)) * parts[:, 4:]
+        whole = self.boxes.rows(np.repeat(selected, 8))
+        half_width = whole.width // 2
+        offsets = np.tile(_TWO_GRID, (len(selected), 1)) * half_width[:, None]
+        parts = _Boxes(cube=whole.cube, corner=whole.corner + offsets, width=half_width)
         volume, is_certain = self._measure(parts)
 
         # The change of the volume is divided among the parts that are not certain.
@@ -250,18 +270,23 @@ class _OrientationCells:
         share = change / np.maximum(np.count_nonzero(is_uncertain, axis=1), 1)
         error = np.where(is_uncertain, share[:, None], 0.0).ravel()
 
-        self.cells = np.concatenate([np.delete(self.cells, selected, axis=0), parts])
-        self.volume = np.concatenate([np.delete(self.volume, selected), volume])
-        self.error = np.concatenate([np.delete(self.error, selected), error])
+        # The new parts come after the cells that are not halved.
+        remaining = np.delete(np.arange(len(self.volume)), selected)
+        self.boxes = _Boxes.joined([self.boxes.rows(remaining), parts])
+        self.volume = np.concatenate([self.volume[remaining], volume])
+        self.error = np.concatenate([self.error[remaining], error])
 
-    def _measure(self, cells: Indices) -> tuple[Floats, Bools]:
-        """Return the volumes (n,) of the set in cells (n, 5), and whether they are certain.
+    def _measure(self, boxes: _Boxes) -> tuple[Floats, Bools]:
+        """Return the volumes (n,) of the set in n boxes, and whether they are certain.
 
-        A volume is certain if no margin can change its sign in the cell.
+        In each box a margin is interpolated by a polynomial from 27 samples. A volume is
+        certain if no margin can change its sign in the box. Otherwise the box is divided
+        into small steps, and the part of each step in which all margins are positive is
+        estimated.
         """
         # Bounds of each margin: those of its polynomial, widened by the slack. This is the
         # error of the polynomial at the check points times a safety factor.
-        samples, checks = self._sample(cells)
+        samples, checks = self._sample(boxes)
         margin_count = samples.shape[2]
         at_checks = np.tensordot(
             _interpolation_matrix(_CHECK_QUARTERS / 4.0), samples, axes=1
@@ -273,8 +298,9 @@ class _OrientationCells:
 
         # (n, steps) volumes of the steps of each cell. In uncertain cells they are reduced
         # to the part in which all margins are positive.
-        volumes = _step_volumes(cells) * ~is_outside[:, None]
+        volumes = _step_volumes(boxes) * ~is_outside[:, None]
         uncertain = np.flatnonzero(~is_certain)
+        # Chunks limit the memory.
         chunk_count = len(uncertain) * margin_count // VALUES_PER_CHUNK + 1
         for chunk in np.array_split(uncertain, chunk_count):
             filled = _filled_fractions(samples[:, chunk].reshape(27, -1))
@@ -283,17 +309,20 @@ class _OrientationCells:
             volumes[chunk] *= filled.min(axis=2).T
         return volumes.sum(axis=1), is_certain
 
-    def _sample(self, cells: Indices) -> tuple[Floats, Floats]:
-        """Return margins at the samples (27, n, k) and check points (4, n, k) of n cells.
+    def _sample(self, boxes: _Boxes) -> tuple[Floats, Floats]:
+        """Return margins at the samples (27, n, k) and check points (4, n, k) of n boxes.
 
         A margin that is NaN is replaced: by -1 if no other margin is negative at this
         point, because the orientation cannot be reached; otherwise by the largest value of
-        the margin in the cell, so that it does not bound the set.
+        the margin in the box, so that it does not bound the set. `deepest` and `depth` are
+        updated.
         """
-        # (31, n, 3) integer coordinates in the cube.
-        points = cells[:, 1:4] + _SAMPLE_QUARTERS[:, None] * (cells[:, 4:] // 4)
-        cubes = np.broadcast_to(cells[:, 0], points.shape[:2])
-        # Neighbouring cells share samples. Each one is evaluated once.
+        # (31, n, 3) integer coordinates in the cube: samples, then check points.
+        quarter_width = boxes.width[:, None] // 4
+        points = boxes.corner + _SAMPLE_QUARTERS[:, None] * quarter_width
+        cubes = np.broadcast_to(boxes.cube, points.shape[:2])
+        # Neighbouring boxes share samples. Each one is evaluated once: cube and coordinates
+        # are combined to one integer key.
         key = np.ravel_multi_index((cubes, *np.moveaxis(points, 2, 0)), (4, *CUBE_POINTS))
         _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
         quaternions = _quaternions(cubes.ravel()[first], points.reshape(-1, 3)[first])
@@ -350,20 +379,21 @@ def _quaternions(cube: Indices, points: Array) -> Floats:
     return unit_rows(quaternions)
 
 
-def _step_volumes(cells: Indices) -> Floats:
-    """Return the volumes (n, STEPS_PER_CELL**3) of the steps of cells (n, 5).
+def _step_volumes(boxes: _Boxes) -> Floats:
+    """Return the volumes (n, STEPS_PER_CELL**3) of the steps of n boxes.
 
-    The volume element at the centre of each step is used. The volumes are then scaled so
-    that their sum is the volume of the cell by Gauss's rule, which is far more accurate.
+    The volume element 8 / (1 + x^2 + y^2 + z^2)^2 dx dy dz, with coordinates from -1 to 1
+    in a cube, is evaluated at the centre of each step. The volumes are then scaled so that
+    their sum is the volume of the box by Gauss's rule, which is far more accurate.
     """
-    # In units in which a cube is 2 wide. Columns 1 to 3 are the lowest corner plus 1, the
-    # last one is the width.
-    scaled = cells[:, None] * 2.0 ** (1 - CUBE_BITS)
-    width = scaled[..., 4:]
+    # Units in which a cube is 2 wide. Axes: box, point, coordinate.
+    unit = 2.0 ** (1 - CUBE_BITS)
+    corner = boxes.corner[:, None] * unit - 1.0
+    width = boxes.width[:, None, None] * unit
 
     def density(points: Floats) -> Floats:
-        """Return the volume element (n, m) at coordinates (m, 3) from 0 to 1 in cells."""
-        x = scaled[..., 1:4] - 1.0 + points * width
+        """Return the volume element (n, m) at coordinates (m, 3) from 0 to 1 in boxes."""
+        x = corner + points * width
         return 8.0 / (1.0 + np.vecdot(x, x)) ** 2
 
     at_centres = density(_STEP_CENTRES)

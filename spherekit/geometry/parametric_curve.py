@@ -113,6 +113,7 @@ class FourierPath:
         derivatives
             Number of derivatives, at most 3.
         """
+        # Cosines and sines of k times the azimuth, with the orders k along the first axis.
         angles = np.multiply.outer(np.arange(len(self.cosines)), azimuth)
         c = np.cos(angles)
         s = np.sin(angles)
@@ -216,6 +217,8 @@ class SplinePath:
 
     def frames(self, u: Floats) -> PathFrames:
         """Return the frames at parameters u (n,)."""
+        # The spline x and its three derivatives by u. r is its length, and size is that of
+        # x cross x'.
         x, x1, x2, x3 = (self._differentiate(u, order) for order in range(4))
         r = np.sqrt(dot(x, x))
         product = cross(x, x1)

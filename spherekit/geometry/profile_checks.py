@@ -58,9 +58,11 @@ def check_colatitude(path: FourierPath) -> None:
     # divided by a power of z. Its extrema are at the angles of the roots with |z| = 1. The
     # angles of other roots do no harm.
     cosines, sines = path.derivative_coefficients[1]
+    # Coefficients of z^k: (c_k - i s_k) / 2 for k >= 0, and their conjugates for -k.
     positive_orders = np.round(0.5 * (cosines - 1j * sines), ROOT_DIGITS)
     negative_orders = np.conj(positive_orders[1:])
     roots = np.roots(np.concatenate([positive_orders[::-1], negative_orders]))
+    # Azimuth 0 is examined too, also if there are no roots.
     azimuths = np.angle(np.append(roots, 1.0))
     colatitudes = path.colatitude(azimuths, 0)[0]
     extreme = int(np.argmax(np.abs(colatitudes - 0.5 * np.pi)))
@@ -179,7 +181,7 @@ def check_no_self_intersection(path: SplinePath) -> None:
 
 
 def _lie_on_both_sides(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
-    """Return whether c and d are not strictly on the same side of the great circle a, b.
+    """Return (n,) whether c and d are not strictly on the same side of a great circle.
 
     Parameters
     ----------

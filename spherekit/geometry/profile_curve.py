@@ -99,9 +99,12 @@ class Curve:
     def _find_parameters(self, s: ArrayLike) -> tuple[Floats, Bools]:
         """Return the parameters of the path (n,), and which arc lengths s (n,) are inside.
 
-        See `CurvePoint.inside`.
+        An arc length is inside if it is finite and not beyond the end of an open curve.
+        Beyond an end the parameter is that of the end.
         """
         arcs = np.asarray(s, dtype=float)
+        # The path of a curve that runs backwards starts at the end of an open curve, and at
+        # the start of a closed one.
         if self.backwards:
             arcs = (0.0 if self.closed else self.length) - arcs
         inside = np.isfinite(arcs)
@@ -112,6 +115,7 @@ class Curve:
             slack = PROFILE_END_ROUNDING * self.length
             inside = (arcs >= -slack) & (arcs <= self.length + slack)
             arcs = np.clip(arcs, 0.0, self.length)
+        # Without a table, the parameter of the path is its arc length.
         return arcs if self.table is None else self.table.invert(arcs), inside
 
     def evaluate(self, s: ArrayLike) -> CurvePoint:
@@ -197,6 +201,7 @@ def fourier(centre: ArrayLike, cosines: ArrayLike, sines: ArrayLike = ()) -> Cur
         curve has a cusp. A cusp is possible only where the curve almost reaches the centre
         or the point opposite to it.
     """
+    # Both series get the same number of orders, padded with zeros.
     cosines = np.ravel(np.array(cosines, dtype=float))
     sines = np.ravel(np.array(sines, dtype=float))
     order_count = max(len(cosines), len(sines), 1)
@@ -220,8 +225,8 @@ def through(points: ArrayLike, closed: bool = True) -> Curve:
     """Return the smooth curve through points in their order.
 
     It is the radial projection of an interpolating quintic spline, whose parameter is
-    nearly its arc length. k has two continuous derivatives by s. This includes the first
-    point of a closed curve, at s = 0.
+    nearly its arc length s. The geodesic curvature has two continuous derivatives by s,
+    also at the first point of a closed curve.
 
     Parameters
     ----------

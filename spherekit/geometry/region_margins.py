@@ -150,12 +150,11 @@ def find_active_margins(values: Floats, rounding_errors: Floats) -> Indices:
     (n,) number of the smallest margin, the first of those that are equal up to rounding.
     `UNDEFINED_MARGIN` if only NaN excludes the point.
     """
-    smallest = np.fmin.reduce(values, axis=1)
-    return np.where(
-        np.isnan(values).any(axis=1) & ~(smallest <= 0.0),
-        UNDEFINED_MARGIN,
-        np.argmax(values <= smallest[:, None] + rounding_errors, axis=1),
-    )
+    smallest = np.fmin.reduce(values, axis=1)  # ignores NaN
+    only_nan_excludes = np.isnan(values).any(axis=1) & ~(smallest <= 0.0)
+    # argmax of booleans is the position of the first True.
+    first_smallest = np.argmax(values <= smallest[:, None] + rounding_errors, axis=1)
+    return np.where(only_nan_excludes, UNDEFINED_MARGIN, first_smallest)
 
 
 def require_positive(sizes: Mapping[str, float]) -> None:

@@ -45,14 +45,15 @@ UNCLASSIFIED = -1
 class TriangleDivision:
     """How border segments divide their triangles into fans and triangles.
 
-    A segment makes a fan of triangles with one vertex of its triangle, the apex. If two
-    vertices are inside, one more triangle fills the rest of the region: its corners are the
-    apex, the other vertex inside, and the start of the segment.
+    A segment is the part of the border of a region in one of the T triangles of a mesh.
+    Together with one vertex of the triangle that is inside the region, the apex, it bounds
+    a fan of triangles. If two vertices are inside, one more triangle fills the rest of the
+    region: its corners are the apex, the other vertex inside, and the start of the segment.
 
     Attributes
     ----------
     inside_count
-        (T,) number of vertices inside of every triangle of the mesh.
+        (T,) for every triangle of the mesh, the number of its vertices inside the region.
     apex
         (n,) vertex with which each segment makes a fan.
     third
@@ -97,17 +98,23 @@ class RegionRefinement:
     """
 
     def __init__(self, evaluate: MarginEvaluator, spacing: float) -> None:
-        """Make the first mesh, with margins at its vertices and without border."""
+        """Make the first mesh, with margins at its vertices and without border.
+
+        The margins are functions of the direction that are at least 0 in the region.
+        """
         self.evaluate = evaluate
         self.points, self.triangles = icosahedron(spacing)
         self.values = evaluate(self.points)
+        # For each triangle its class, which says whether the border crosses it, its longest
+        # edge (rad), and whether several margins are uncertain in it.
         count = len(self.triangles)
         self.classes = np.full(count, UNCLASSIFIED)
         self.longest_edges = np.zeros(count)
         self.is_contested = np.zeros(count, dtype=bool)
 
-        # Crossings of edges with the border. A key has the number of the vertex inside in
-        # its upper 32 bits, that of the vertex outside in its lower ones.
+        # Crossings of edges with the border: key, number of the margin that is zero there,
+        # and point. A key has the number of the vertex inside the region in its upper 32
+        # bits, and that of the vertex outside in its lower ones.
         no_index = np.zeros(0, np.intp)
         no_point = self.points[:0]
         no_flag = self.is_contested[:0]
@@ -142,6 +149,8 @@ class RegionRefinement:
             Evaluations of the margins after which the refinement ends.
         """
         while True:
+            # In a broken triangle, margins are defined in a part only. In an open one, a
+            # part of the region or a hole may be hidden.
             self._classify()
             is_cut = self.classes == TriangleClass.BROKEN
             is_cut &= self.longest_edges > MAX_BROKEN_EDGE_RAD
@@ -221,16 +230,21 @@ class RegionRefinement:
         return points, np.concatenate([whole_triangles, fan, additional])
 
     def border_loops(self) -> list[Indices]:
-        """Return the closed curves of the border, as segment numbers in their order."""
+        """Return the closed curves of the border, as segment numbers in their order.
+
+        A segment is the border in one triangle. `start` and `stop` are the numbers of the
+        crossings of triangle edges between which the border runs. In a triangle with a
+        corner there are two segments: the leading one up to the corner, and a second one.
+        """
         segments = self.segments
         number = np.arange(len(segments.start))
+        # The leading and the second segment in the triangle that is entered at a crossing.
         leading_at = np.full(len(self._crossing_keys), -1)
         second_at = np.full(len(self._crossing_keys), -1)
         leading_at[segments.start[segments.is_leading]] = number[segments.is_leading]
         second_at[segments.start[~segments.is_leading]] = number[~segments.is_leading]
-        # In a triangle with a corner the leading segment is followed by the second one,
-        # which has the same start. All others are followed by the leading segment that
-        # starts where they stop.
+        # A leading segment with a corner is followed by the second one of its triangle. All
+        # others are followed by the leading segment that starts where they stop.
         corner_follower = np.where(segments.is_leading, second_at[segments.start], -1)
         follower = np.where(
             corner_follower >= 0, corner_follower, leading_at[segments.stop]
@@ -239,10 +253,11 @@ class RegionRefinement:
         return order_chains(len(number), links, directed=True)
 
     def _divide_triangles(self) -> TriangleDivision:
-        """Return how the segments divide their triangles.
+        """Return how the segments of the border divide their triangles.
 
-        The apex of the fans is a vertex inside the region: the odd one, if it is the only
-        one inside; otherwise one of the two others.
+        A segment and one vertex of its triangle, the apex, bound a fan of triangles. The
+        apex is a vertex inside the region: the odd one (which differs from both others), if
+        it is the only one inside; otherwise one of the two others.
         """
         inside_count = self.is_inside[self.triangles].sum(axis=1)
         odd, second, third = self._odd_vertex_first(self.segments.triangle)
@@ -268,7 +283,11 @@ class RegionRefinement:
         return np.take_along_axis(vertices, position, axis=1).T
 
     def _classify(self) -> None:
-        """Sample and classify the new triangles."""
+        """Sample the margins in the new triangles, and classify these.
+
+        A class says whether the triangle is inside or outside the region, or whether the
+        border crosses it. `classes`, `longest_edges` and `is_contested` are updated.
+        """
         new = np.flatnonzero(self.classes < 0)
         triangles = self.triangles[new]
         self.longest_edges[new] = measure_edges(self.points, triangles).max(axis=1)
@@ -362,8 +381,8 @@ class RegionRefinement:
         -------
         (n,) numbers of crossings. New ones are computed and stored.
         """
-        # An integer identifies each edge: the vertex inside in its upper 32 bits, and the
-        # vertex outside in its lower ones.
+        # An integer key identifies each edge: the vertex inside in its upper 32 bits, and
+        # the vertex outside in its lower ones. Edges with a known key are not searched.
         inside, outside = np.where(self.is_inside[first], [first, second], [second, first])
         keys = inside << 32 | outside
         new_keys = np.setdiff1d(keys, self._crossing_keys)
@@ -373,6 +392,7 @@ class RegionRefinement:
         self._crossing_keys = np.append(self._crossing_keys, new_keys)
         self._crossing_points = np.concatenate([self._crossing_points, points])
         self._crossing_margins = np.append(self._crossing_margins, margins)
+        # Look up the number of each key.
         order = np.argsort(self._crossing_keys)
         return order[np.searchsorted(self._crossing_keys, keys, sorter=order)]
 
@@ -386,6 +406,8 @@ class RegionRefinement:
         is_cut = np.zeros(len(self.triangles), dtype=bool)
         segments = self.segments
         share = 0.5 * tolerance
+        # Raise the orders of the segments with the largest errors. If they have the highest
+        # order already, their triangles are cut.
         while True:
             is_counted = ~self.is_open[segments.triangle]
             can_improve = segments.error > ROUNDING_FACTOR * EPS * segments.length
@@ -402,12 +424,16 @@ class RegionRefinement:
             self.classes[segments.triangle[~segments.is_sound]] = TriangleClass.OPEN
         open_area = self.is_open * self.areas
         if open_area.sum() > share:
-            # The largest ones first; the small ones matter only after these.
+            # The largest triangles are cut first; small ones matter only after these.
             is_cut |= open_area > 0.1 * open_area.max()
         return is_cut & (self.longest_edges > MIN_EDGE_RAD)
 
     def _cut(self, is_cut: Bools) -> None:
-        """Cut triangles (T,), and keep what is known about the others."""
+        """Cut the triangles for which `is_cut` (T,) is true.
+
+        Their neighbours are cut too where a vertex would otherwise be in the middle of an
+        edge. The classes and segments of all triangles that are not cut are kept.
+        """
         old_count = len(self.points)
         mesh = bisect_triangles(self.points, self.triangles, is_cut)
         self.points = mesh.points
@@ -415,9 +441,10 @@ class RegionRefinement:
         origin = mesh.origin
         new_values = self.evaluate(self.points[old_count:])
         self.values = np.concatenate([self.values, new_values])
-        # `origin` is the old number of each triangle, -1 for new ones. What is copied for
-        # new ones is replaced by `_classify`. `new_number` has the new number of each old
-        # triangle, -1 if it was cut. Its additional last element takes up the -1 of origin.
+        # `origin` is the old number of each triangle, -1 for new ones. The values that are
+        # copied for new ones are replaced by `_classify`. `new_number` has the new number
+        # of each old triangle, -1 if it was cut. Its additional last element takes up the
+        # -1 of origin.
         new_number = np.full(len(is_cut) + 1, -1)
         new_number[origin] = np.arange(len(origin))
         self.classes = np.where(origin >= 0, self.classes[origin], UNCLASSIFIED)

@@ -78,8 +78,8 @@ def from_quaternion(quaternions: Array) -> Array:
 def quaternion(matrix: Floats) -> Floats:
     """Return the unit quaternions (n, 4) xyzw of rotation matrices (n, 3, 3).
 
-    Of the two quaternions with opposite signs it is the one whose largest component is
-    positive. The result is NaN if the matrix is NaN.
+    Two quaternions with opposite signs belong to each rotation. The one with a positive
+    largest component is returned. The result is NaN if the matrix is NaN.
     """
     trace = np.trace(matrix, axis1=1, axis2=2)[:, None]
     # The symmetric matrix 4 q q^T: each of its rows is the quaternion q times a factor.
@@ -87,7 +87,7 @@ def quaternion(matrix: Floats) -> Floats:
     outer_products[:, :3, :3] = (
         matrix + transpose(matrix) + (1.0 - trace)[..., None] * np.eye(3)
     )
-    # R_32 - R_23, R_13 - R_31, R_21 - R_12.
+    # Its last row and column are R_32 - R_23, R_13 - R_31, R_21 - R_12, and 1 + trace.
     row, column = [2, 0, 1], [1, 2, 0]
     antisymmetric_part = matrix[:, row, column] - matrix[:, column, row]
     outer_products[:, 3, :3] = antisymmetric_part
@@ -101,8 +101,8 @@ def quaternion(matrix: Floats) -> Floats:
 def rotation_vector(matrix: Floats) -> Floats:
     """Return the rotation vectors (..., 3) of rotation matrices (..., 3, 3).
 
-    Their lengths are angles from 0 to pi. Small angles are accurate to rounding, which
-    closure residuals need.
+    A rotation vector is the unit axis times the angle (rad), from 0 to pi. Small angles are
+    accurate to rounding, which closure residuals need.
     """
     r = matrix
     # The vector of the antisymmetric part: the axis times twice the sine of the angle.
@@ -154,7 +154,8 @@ def rotation_between_pairs(
     -------
     (..., 3, 3) rotation matrices; NaN if the two vectors are parallel.
     """
-    # The rows of `dual` give the components of a vector along first, second and normal,
+    # The rotation carries first, second and normal = first x second to the images of these
+    # vectors. The rows of `dual` give the components of a vector along the three,
     # multiplied by |normal|^2.
     normal = cross(first, second)
     dual = np.stack([cross(second, normal), cross(normal, first), normal], axis=-2)
@@ -193,7 +194,9 @@ def log_rate(vector: Floats, w: Floats) -> Floats:
 def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
     """Return the derivatives of `log_rate` by time while only the rotation vector changes.
 
-    With c, d and w of `log_rate` and w constant, the derivative of d' is
+    `log_rate` is d' = w - d x w / 2 + c d x (d x w), with the rotation vector d, the
+    angular velocity w and c = (1 - (a / 2) cot(a / 2)) / a^2, where a is the length of d.
+    If w is constant, the derivative of d' is
     -d' x w / 2 + dc/dt d x (d x w) + c (d' x (d x w) + d x (d' x w)).
 
     Parameters

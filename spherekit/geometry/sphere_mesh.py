@@ -110,10 +110,13 @@ def sphere_mesh(columns: int = 96, rows: int = 48) -> tuple[Floats, Indices]:
         np.linspace(0.0, 2.0 * np.pi, columns + 1), np.linspace(0.0, np.pi, rows + 1)
     )
     vertices = pointing(np.stack([longitude.ravel(), colatitude.ravel()], axis=1))
-    across = columns + 1
-    corner = (np.arange(rows)[:, None] * across + np.arange(columns)).ravel()
-    upper = np.stack([corner, corner + across, corner + 1], axis=-1)
-    lower = np.stack([corner + 1, corner + across, corner + across + 1], axis=-1)
+    # Each quadrilateral between two meridians and two parallels is divided into two
+    # triangles. `corner` is its vertex of least longitude and colatitude.
+    row_length = columns + 1
+    corner = (np.arange(rows)[:, None] * row_length + np.arange(columns)).ravel()
+    below = corner + row_length
+    upper = np.stack([corner, below, corner + 1], axis=-1)
+    lower = np.stack([corner + 1, below, below + 1], axis=-1)
     return vertices, np.concatenate([upper, lower])
 
 
@@ -175,8 +178,8 @@ def list_edges(triangles: Indices) -> tuple[Indices, Indices]:
 def triangle_areas(a: Floats, b: Floats, c: Floats) -> Floats:
     """Return the signed areas of triangles whose sides are arcs of great circles.
 
-    tan(E / 2) = a . (b x c) / (1 + a . b + b . c + c . a), E the area (A. van Oosterom and
-    J. Strackee, 1983).
+    The area E follows from tan(E / 2) = a . (b x c) / (1 + a . b + b . c + c . a)
+    (A. van Oosterom and J. Strackee, 1983).
 
     Parameters
     ----------
@@ -245,6 +248,7 @@ def bisect_triangles(points: Floats, triangles: Indices, is_marked: Bools) -> Bi
     first_cut, second_cut, third_cut = is_cut[sides].T
 
     def child(is_made: Bools, *vertices: Indices) -> Indices:
+        """Return a child (k, 3) of each old triangle for which it is made."""
         return np.stack(vertices, axis=1)[is_made]
 
     uncut = np.flatnonzero(~first_cut)

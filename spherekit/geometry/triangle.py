@@ -103,6 +103,7 @@ def vertex_angles(
     The half-angle formula tan^2(A / 2) = sin(s - b) sin(s - c) / (sin s sin(s - a)), where
     s is half the perimeter, has no cancellation for small sides.
     """
+    # The triangle inequalities: none of these differences is negative.
     half_perimeter = 0.5 * (base + first_side + second_side)
     differences = np.stack(
         [
@@ -129,7 +130,8 @@ class DyadClosure:
     """Orientations of the two bodies of n dyads, and measures of their quality.
 
     A dyad is a chain of two bodies and three R pairs. The arcs of its bodies lead from two
-    given outer axes to the middle axis, in which they meet.
+    given outer axes to the middle axis, in which they meet. They are two sides of a
+    spherical triangle; the third side is the arc between the outer axes.
 
     Attributes
     ----------

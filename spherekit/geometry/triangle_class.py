@@ -74,9 +74,12 @@ class MarginBounds:
 
 
 def _interpolation_matrices() -> tuple[Floats, Floats, Floats]:
-    """Return matrices that act on six samples of a triangle.
+    """Return matrices that act on six samples of a function in a triangle.
 
-    The samples are at the vertices and at the midpoints of the edges 12, 23 and 31.
+    The samples are at the vertices and at the midpoints of the edges 12, 23 and 31. They
+    determine a polynomial of degree 2, which is written with Bernstein coefficients b and
+    barycentric coordinates p, q, r of the point as b1 p^2 + b2 q^2 + b3 r^2 + 2 b12 p q +
+    2 b23 q r + 2 b13 p r.
 
     Returns
     -------
@@ -88,6 +91,8 @@ def _interpolation_matrices() -> tuple[Floats, Floats, Floats]:
     checks
         (7, 6) to the values at `CHECK_TWELFTHS`.
     """
+    # b1 is the sample at vertex 1, and b12 twice the sample at the midpoint of edge 12 less
+    # the mean of the samples at its ends.
     bernstein = np.diag([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
     bernstein[3:, :3] = -0.5 * np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1]])
     b1, b2, b3, b12, b23, b13 = bernstein
@@ -187,7 +192,9 @@ def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
     samples
         (10, n, k) margins, see `classify_triangles`.
     """
-    control_values = np.tensordot(_BERNSTEIN, samples[:6], axes=1)
+    # Six samples determine a polynomial of degree 2, which its Bernstein coefficients
+    # bound. Its error is measured at four check points.
+    coefficients = np.tensordot(_BERNSTEIN, samples[:6], axes=1)
     interpolated = np.tensordot(_CHECKS, samples[:6], axes=1)
     # The check point of an edge is near its vertex with the lower number. This is the
     # second vertex in the triangle if the numbers fall along the edge.
@@ -196,8 +203,8 @@ def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
     error = max_abs(interpolated[[0, 1, 2, 6]] - samples[6:], axis=0)
     slack = VALUE_SAFETY_FACTOR * error
     return MarginBounds(
-        low=control_values.min(axis=0) - slack,
-        high=control_values.max(axis=0) + slack,
+        low=coefficients.min(axis=0) - slack,
+        high=coefficients.max(axis=0) + slack,
         error=error,
     )
 
@@ -225,6 +232,7 @@ def _gradients_lie_in_cone(
     -------
     (n,) whether all these gradients lie in such a cone, up to the error.
     """
+    # Derivatives (3, 2, n, k) along the edges 12 and 13, at each vertex.
     slopes = np.tensordot(_SLOPES, samples, axes=1)
     edge_12 = corners[:, 1] - corners[:, 0]
     edge_13 = corners[:, 2] - corners[:, 0]
@@ -239,6 +247,8 @@ def _gradients_lie_in_cone(
     # Largest change of the gradient if both slopes are wrong by 1.
     error_gain = np.hypot(1.0 / base, (1.0 + np.abs(shift) / base) / height)
     with np.errstate(all="ignore"):
+        # The axis of the cone is the mean of all unit gradients. The cosine of the angle of
+        # each gradient to it is reduced by the possible error.
         slack = SLOPE_SAFETY_FACTOR * error * error_gain / size
         directions = np.where(is_uncertain, gradient / size, 0.0)
         axis = np.sum(directions, axis=(0, 2))

@@ -100,7 +100,8 @@ ELIMINATION_STRIDE = 8
 others start Newton's method from its solutions, which is faster."""
 
 MAX_ROOT_NEWTON_STEPS = 10
-"""Largest number of steps of Newton's method."""
+"""Largest number of steps of Newton's method from a start to a solution. Larger: more
+starts far from a solution converge, in more time. Smaller: more solutions are lost."""
 
 STEP_TOLERANCE_RAD = 1e-9
 """Newton's method ends when no angle changed by more than this. Its convergence is
@@ -137,8 +138,9 @@ class EliminantRoots:
 class RemainingForms:
     """Forms that remain of n systems at r values of the first angle.
 
-    A form (c0, c1, c2) in an angle is the equation c0 + c1 cos + c2 sin = 0. The systems
-    have two equations in the angles x and z, or three in x, y and z.
+    The equations are linear in the cosine and sine of each angle. If all angles but one
+    have values, a form (c0, c1, c2) remains, the equation c0 + c1 cos + c2 sin = 0. The
+    systems have two equations in the angles x and z, or three in x, y and z.
 
     Attributes
     ----------
@@ -164,6 +166,8 @@ class RemainingForms:
 class NewtonResult:
     """Angles to which Newton's method leads, with their quality.
 
+    A system has t equations that are linear in the cosine and sine of each of t angles.
+
     Attributes
     ----------
     angles
@@ -182,6 +186,9 @@ class NewtonResult:
 @dataclass(frozen=True)
 class RootSolutions:
     """Angles computed from roots of the eliminant, in the order of the roots.
+
+    The eliminant is the polynomial in e^(ix), x the first angle, that remains when the
+    other angles of a system of equations are eliminated.
 
     Attributes
     ----------
@@ -202,6 +209,9 @@ class RootSolutions:
 def eliminant_degree(incidence: Bools) -> int:
     """Return the degree of the eliminant in the first angle.
 
+    The eliminant is the trigonometric polynomial in the first angle that remains when the
+    other angles are eliminated by resultants.
+
     Parameters
     ----------
     incidence
@@ -217,14 +227,16 @@ def eliminant_degree(incidence: Bools) -> int:
         return int(incidence[0, 0])
     if not np.all(incidence[-2:, -1]):
         return 0
-    # The resultant has degree 2 in each of the last two forms.
+    # The resultant of the last two equations has degree 2 in each of them.
     contains_first = incidence[:, 0].astype(int)
     if len(incidence) == 2:
         return int(2 * np.sum(contains_first))
-    _, first_has_second, first_has_third = incidence[0]
-    if first_has_third or not first_has_second:
+    # In the first of three equations, which has the coefficients a in the second angle:
+    _, contains_second, contains_third = incidence[0]
+    if contains_third or not contains_second:
         return 0
-    # The factor (a1^2 + a2^2)^p has degree 2 p in x, and there are two resultants.
+    # The eliminant is the product of the resultants at its two zeros and of the factor
+    # (a1^2 + a2^2)^p, which has degree 2 p in x if the first equation contains x.
     power = _resultant_degree(incidence)
     return int(2 * power * contains_first[0] + 4 * (contains_first[1] + contains_first[2]))
 
@@ -318,6 +330,7 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
         if t == 1:
             zeros, _ = _form_zeros(equations[:, 0])
             return _angles_of(zeros)[..., None]
+        # `angles` is filled in step by step; systems without complete solutions stay NaN.
         # 1. Elimination for some systems, with one start of Newton's method for each root.
         systems = np.arange(n)
         stride = ELIMINATION_STRIDE if t == 3 else 1
@@ -336,7 +349,9 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
 
         # 3. Elimination with all starts for systems whose solutions are not complete yet.
         unsolved = systems[np.isnan(angles[:, 0, 0])]
-        _eliminate(angles, equations, incidence, unsolved, MAX_STARTS_PER_ROOT)
+        _eliminate(
+            angles, equations, incidence, unsolved, starts_per_root=MAX_STARTS_PER_ROOT
+        )
     return angles
 
 
@@ -362,6 +377,8 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
         (n,) whether there is one start for each real solution.
     """
     with np.errstate(all="ignore"):
+        # Roots are values of e^(ix), x the first angle. |log |root|| is the distance from
+        # the unit circle, and the imaginary part of x without its sign.
         eliminant_roots = _find_eliminant_roots(equations, incidence)
         roots = eliminant_roots.roots
         circle_distance = np.abs(np.log(np.abs(roots)))
@@ -377,11 +394,13 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
         first_angles = np.angle(np.take_along_axis(roots, order, axis=1))
         first_angles[~np.take_along_axis(is_real, order, axis=1)] = np.nan
 
+        # Real roots must be apart from each other.
         differences = first_angles[:, :, None] - first_angles[:, None]
         distances = np.abs(np.exp(1j * differences) - 1.0)
         distances[:, *np.diag_indices(first_angles.shape[1])] = np.inf
         is_clear &= ~np.any(distances < ROOT_CLUSTER_RAD, axis=(1, 2))
         if equations.shape[1] == 3:
+            # The first of three equations must determine the second angle.
             second_forms = _reduce_to_forms(equations, first_angles).second_forms
             ratios = np.linalg.norm(second_forms, axis=2)
             ratios /= np.linalg.norm(equations.reshape(len(ratios), -1), axis=1)[:, None]
@@ -390,7 +409,8 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
         n, root_count = first_angles.shape
         if not root_count:
             return np.empty((n, 0, len(incidence))), is_clear
-        # Of the starts with the same first angle, the one with the smallest residual.
+        # Several starts have the same first angle. The one with the smallest residual is
+        # returned.
         starts = _start_angles(equations, first_angles.astype(complex))
         shape = (n, root_count, starts.shape[1] // root_count)
         residual = np.nan_to_num(_relative_residual(equations, starts), nan=np.inf)
@@ -432,6 +452,9 @@ def _solve_at_roots(
 ) -> RootSolutions:
     """Return the solutions of n systems that belong to roots of their eliminants.
 
+    A root is a value of e^(ix), from which the first angle x follows. The other angles
+    follow from the equations, and Newton's method corrects all of them.
+
     Parameters
     ----------
     equations
@@ -443,6 +466,7 @@ def _solve_at_roots(
     """
     starts = _start_angles(equations, -1j * np.log(roots))
     starts = _best_starts(equations, starts, roots.shape[1], starts_per_root)
+    # Starts with a large residual are dropped.
     starts[_relative_residual(equations, starts) > MAX_START_RESIDUAL] = np.nan
     result = _run_newton(equations, starts)
     # A start that leads to the solution of another root says nothing about its own root.
@@ -493,6 +517,9 @@ def _angles_of(factors: Complexes) -> Complexes:
 def _form_zeros(form: Numbers) -> tuple[Complexes, Complexes]:
     """Return the zeros of forms c0 + c1 cos + c2 sin.
 
+    With w = c1^2 + c2^2 and r = sqrt(w - c0^2), they are cos = (-c0 c1 - r c2) / w and
+    sin = (-c0 c2 + r c1) / w, for both signs of r.
+
     Parameters
     ----------
     form
@@ -509,14 +536,18 @@ def _form_zeros(form: Numbers) -> tuple[Complexes, Complexes]:
     weight = c1 * c1 + c2 * c2
     root = np.sqrt(weight - c0 * c0)
     zeros = [
-        np.stack([weight, -c0 * c1 - signed * c2, -c0 * c2 + signed * c1], axis=-1)
-        for signed in (root, -root)
+        np.stack([weight, -c0 * c1 - r * c2, -c0 * c2 + r * c1], axis=-1)
+        for r in (root, -root)
     ]
     return np.stack(zeros, axis=-2) / weight[..., None, None], weight
 
 
 def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForms:
     """Return the forms that remain of systems of two or three equations.
+
+    A form is an equation c0 + c1 cos + c2 sin = 0 in one angle. The values of the first
+    angle are inserted. In a system of three equations, the first one then gives two values
+    of the second angle, which are inserted in the others.
 
     Parameters
     ----------
@@ -610,6 +641,9 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
 
 def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     """Return starts of Newton's method at values of the first angle.
+
+    The other angles follow from the equations: in a system of three the second angle from
+    the first equation, and then the last angle from one of the last two equations.
 
     Parameters
     ----------
@@ -768,6 +802,8 @@ def _evaluate(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complex
     jacobians
         (n, m, t, t) derivatives; equations in rows, angles in columns.
     """
+    # The factors of an angle are 1, its cosine and its sine. Their derivatives are 0, minus
+    # the sine and the cosine.
     t = angles.shape[2]
     factors = angle_factors(angles)
     factor_rates = np.stack([0.0 * angles, -factors[..., 2], factors[..., 1]], axis=-1)

@@ -161,12 +161,16 @@ class Group(NamedTuple):
 class Assembly(NamedTuple):
     """The locked input pairs, then the groups in solving order.
 
+    A group is a set of bodies that become one rigid body when all their pairs are closed.
+    The positions of all links follow from the inputs by placing group after group.
+
     Attributes
     ----------
     inputs
         Numbers of the driven pairs, which are locked.
     bodies
-        For each link the smallest link to which locked inputs join it.
+        For each link the number of its body at the beginning, which is the smallest number
+        of a link that locked inputs join to it.
     groups
         The groups. Each one uses the bodies that earlier groups have formed.
     """
@@ -212,21 +216,30 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
         independent freedom, or a part is rigid.
     """
     inputs = driven_pairs(mechanism)
-    # The pebble game counts degrees of freedom. It is None if counting does not decide.
-    _, pebble_game = check_mobility(mechanism, inputs, inputs[1:], by_rank)
+    # The pebble game counts degrees of freedom, while all inputs but the first are locked.
+    # It is None if counting does not decide, because constraints repeat each other.
+    _, pebble_game = check_mobility(
+        mechanism, driven=inputs, locked=inputs[1:], by_rank=by_rank
+    )
+    # With all inputs locked, the links that they join are one body.
     body_of_link = merge_locked_links(mechanism, inputs)
     open_pairs = [n for n in range(len(mechanism.pairs)) if n not in inputs]
     if pebble_game is not None:
         groups = split_into_groups(mechanism, body_of_link, open_pairs)
         return Assembly(inputs, body_of_link, groups)
+    # Two wheels on a common carrier repeat one constraint of the carrier.
     carried_contacts = find_carried_contacts(mechanism)
     try:
         groups = split_into_groups(mechanism, body_of_link, open_pairs, carried_contacts)
     except CountError:
         # Constraints are redundant in another way than by wheels on carriers. Counting
-        # cannot find parts then, so all bodies are placed together.
+        # cannot find groups then, so all bodies are placed together.
         whole_group = _make_group(
-            mechanism, body_of_link, body_of_link[0], open_pairs, redundant=True
+            mechanism,
+            body_of_link,
+            base_body=body_of_link[0],
+            pairs=open_pairs,
+            redundant=True,
         )
         groups = (whole_group._replace(revolute=False),)
     return Assembly(inputs, body_of_link, groups)
@@ -319,15 +332,16 @@ def _make_group(
     redundant
         Whether the group has more equations than unknowns.
     """
-    bodies_of_pairs = [
-        (body_of_link[link_a], body_of_link[link_b])
-        for link_a, link_b in (mechanism.ends[n] for n in pairs)
-    ]
+    # The two bodies of each pair, and the links of each of these bodies.
+    bodies_of_pairs = []
+    for number in pairs:
+        link_a, link_b = mechanism.ends[number]
+        bodies_of_pairs.append((body_of_link[link_a], body_of_link[link_b]))
     links_of_body = {
         body: tuple(link for link, owner in enumerate(body_of_link) if owner == body)
         for body in chain(*bodies_of_pairs)
     }
-    # The base body first, the others in the order of their links.
+    # The base body comes first, the others in the order of their links.
     bodies = sorted(
         links_of_body, key=lambda body: (body != base_body, links_of_body[body])
     )
@@ -360,9 +374,12 @@ def _find_smallest_part(
     body_of_link
         For each link the smallest link of its body.
     """
+    # The two bodies of each open pair.
     couples = [sorted(body_of_link[link] for link in ends) for ends in open_pairs.values()]
     parts = []
     for body_a, body_b in sorted(couples):
+        # Three pebbles are the degrees of freedom of a rigid part. If all of them are on a
+        # body, the bodies that constraints reach from there are the smallest rigid part.
         pebble_game.gather_pebbles(body_a, BODY_FREEDOMS)
         part = pebble_game.reachable_bodies([body_a, body_b])
         parts.append(part)

@@ -36,8 +36,13 @@ class CommonAxis(NamedTuple):
 
 
 def find_common_axes(mechanism: Mechanism) -> tuple[CommonAxis, ...]:
-    """Return the axes that several R pairs of one link have in common."""
+    """Return the axes that several R pairs of one link have in common.
+
+    All links that such pairs join rotate about this axis relative to each other.
+    """
     number = mechanism.pair_number
+    # Numbers of two R pairs with the same axis in a link they share, and of all such pairs
+    # whose axes agree only up to rounding.
     coaxial_couples: list[tuple[int, int]] = []
     rounded_pairs: set[int] = set()
     for axes in link_axes(mechanism).values():
@@ -52,6 +57,7 @@ def find_common_axes(mechanism: Mechanism) -> tuple[CommonAxis, ...]:
             is_equal = np.array_equal(axis_a, axis_b) or np.array_equal(axis_a, -axis_b)
             if not is_equal:
                 rounded_pairs.update(couple)
+    # Pairs that couples connect, directly or through others, have one axis.
     common_axes = []
     for pairs in connected_components(len(mechanism.pairs), coaxial_couples):
         if len(pairs) > 1:

@@ -47,6 +47,9 @@ Larger: more time. Smaller: wheels with many turns are not assembled.
 class GearTrain(NamedTuple):
     """The angles of pairs, and the rolled lengths, that follow from the inputs.
 
+    A rolled length is the arc length by which two wheels have rolled on each other. Angles
+    and rolled lengths are linear functions of the inputs.
+
     Attributes
     ----------
     followers
@@ -119,6 +122,8 @@ def find_gear_train(
     if whole and len(contacts) < len(numbers):
         return None
     while contacts:
+        # Each contact is a linear relation of pair angles. Followers are the related pairs
+        # that are not driven. Their factors in the relations are the rows of a matrix.
         relations = _Relations.of_contacts(contacts, len(mechanism.pairs), driven)
         follower_factors = relations.factors[:, relations.followers]
         _, singular_values, right_vectors = np.linalg.svd(follower_factors)
@@ -129,11 +134,13 @@ def find_gear_train(
         is_loose = np.any(np.abs(null_space) > RELATION_RANK_TOLERANCE, axis=0)
         # The angles of a contact follow from the inputs if none of them is loose.
         is_determined = ~np.any(follower_factors[:, is_loose], axis=1)
+        are_all_determined = bool(np.all(is_determined))
         has_repetitions = rank < len(contacts)
-        if np.all(is_determined) and not (has_repetitions and whole):
+        if are_all_determined and not (has_repetitions and whole):
             return _solve_train(mechanism, list(driven), contacts, relations)
-        if whole or np.all(is_determined):
+        if whole or are_all_determined:
             return None
+        # Leave out the contacts whose angles do not follow, and try again.
         contacts = [
             contact
             for contact, determined in zip(contacts, is_determined, strict=True)
@@ -144,6 +151,8 @@ def find_gear_train(
 
 class _Relations(NamedTuple):
     """The linear relations of pair variables by several contacts.
+
+    A rolling contact of two wheels keeps a sum of pair variables times factors constant.
 
     Attributes
     ----------
@@ -290,15 +299,16 @@ def _find_fitting_lengths(
     -------
     (n, 2) all lengths that fit, within the turns that are tried.
     """
-    side_count = 2 * MAX_REPEATED_CONTACT_TURNS + 1
-    counts = np.indices((side_count, side_count)).reshape(2, -1).T
-    tried = lengths + (counts - MAX_REPEATED_CONTACT_TURNS) * circumferences
-    deviations = np.abs(tried[:, 0] - tried[:, 1] - difference)
-    return tried[deviations < SAME_ROLLED_LENGTH_RAD]
+    # All combinations of whole turns of both circles, in both directions.
+    max_turns = MAX_REPEATED_CONTACT_TURNS
+    turns = np.indices((2 * max_turns + 1, 2 * max_turns + 1)).reshape(2, -1).T - max_turns
+    shifted_lengths = lengths + turns * circumferences
+    deviations = np.abs(shifted_lengths[:, 0] - shifted_lengths[:, 1] - difference)
+    return shifted_lengths[deviations < SAME_ROLLED_LENGTH_RAD]
 
 
 def _lengths_at_zero(contact: CarriedContact, joints: Sequence[Joint]) -> list[float]:
-    """Return the arc lengths (2,), rad, of the point of contact where all angles are zero.
+    """Return the arc lengths (2,), rad, of the point of contact if all angles are zero.
 
     Parameters
     ----------
@@ -307,12 +317,15 @@ def _lengths_at_zero(contact: CarriedContact, joints: Sequence[Joint]) -> list[f
     joints
         The joints of all pairs of the mechanism.
     """
+    # Rotations from the axes of each wheel to those of the carrier, along the R pairs
+    # between them. With each pair is the side (0 or 1) of its link nearer to the wheel. At
+    # the angle zero the frames of a pair in its two links coincide.
     rotations = []
     for path in contact.mesh.paths:
         rotation = np.eye(3)
-        for pair, side in path:
+        for pair, near_side in path:
             joint = revolute(joints[pair])
             frames = joint.first, joint.second
-            rotation = frames[1 - side] @ frames[side].T @ rotation
+            rotation = frames[1 - near_side] @ frames[near_side].T @ rotation
         rotations.append(rotation)
     return find_wheel_contact(contact.wheels, rotations)

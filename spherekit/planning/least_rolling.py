@@ -47,10 +47,9 @@ def find_least_rolled_turns(
         where all angles are zero.
     circumferences
         (m, 2) arc lengths of whole turns.
-    first_slopes
-        (m, m) see above.
-    matrix
-        (m, m) see above.
+    first_slopes, matrix
+        (m, m) derivatives of the lengths along the first circles by the angles a, with the
+        opposite sign, and the matrix of the equations for a.
 
     Returns
     -------
@@ -60,21 +59,25 @@ def find_least_rolled_turns(
     inverse = np.linalg.inv(matrix)
     rolled = lengths[:, 0] - first_slopes @ inverse @ (lengths[:, 0] - lengths[:, 1])
 
-    # The changes of all rolled lengths by one turn along each circle. Circles that change
-    # nothing, or the same as another one, are left out.
+    # The changes (m,) of all rolled lengths by one turn along each circle, which is that of
+    # the first (0) or second (1) wheel of a contact. Circles that change nothing, or the
+    # same as another one apart from the sign, are left out.
     changes: list[Floats] = []
     circles = []
     for contact, side in np.ndindex(*circumferences.shape):
         change = first_slopes @ inverse[:, contact] * (2 * side - 1)
         change[contact] += 1 - side
         change *= circumferences[contact, side]
-        known_changes = (
-            sense * earlier for earlier in (*changes, 0.0 * change) for sense in (1, -1)
-        )
-        if all(max_abs(change - x) > SAME_ROLLED_LENGTH_RAD for x in known_changes):
+        is_new = True
+        for earlier_change in (*changes, np.zeros_like(change)):
+            for sense in (1, -1):
+                difference = max_abs(change - sense * earlier_change)
+                is_new &= bool(difference > SAME_ROLLED_LENGTH_RAD)
+        if is_new:
             changes.append(change)
             circles.append((contact, side))
 
+    # Try all combinations of whole turns of these circles, from -max_turns to max_turns.
     turns_within_limit = 0.5 * (MAX_TURN_COMBINATIONS ** (1.0 / len(changes)) - 1.0)
     max_turns = min(MAX_TRIED_TURNS, int(turns_within_limit))
     if max_turns < 1:

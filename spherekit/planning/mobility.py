@@ -82,10 +82,11 @@ class PebbleGame:
     def _fetch_pebble(self, body: int, visited: set[int]) -> bool:
         """Move one free pebble to a body along constraints, and reverse these.
 
-        A constraint of the body holds one of its pebbles and points to another body. If
-        that body gives a free pebble instead, the constraint points back. The search is
-        depth first and does not enter bodies in `visited`, which is changed in place. The
-        result is False if no free pebble can be reached.
+        A pebble is a degree of freedom of a body. A constraint takes one of them from a
+        body and points to another body. If that body gives a free pebble instead, the first
+        body gets its pebble back, and the constraint points in the opposite direction. The
+        search is depth first and does not enter bodies in `visited`, which is changed in
+        place. The result is False if no free pebble can be reached.
         """
         for target in self.constraint_targets[body]:
             if target in visited:
@@ -147,7 +148,9 @@ class PebbleGame:
     def merge_bodies(self, part: set[int], into: int) -> None:
         """Replace a rigid part by one of its bodies, which has three free pebbles then.
 
-        A pebble is a degree of freedom of a body. The other bodies of the part lose theirs.
+        A pebble is a degree of freedom of a body. The other bodies of the part lose their
+        pebbles, and all constraints within the part are removed. Constraints from outside
+        that point to the part point to the remaining body.
         """
         self.gather_pebbles(into, BODY_FREEDOMS)
         for body, targets in enumerate(self.constraint_targets):
@@ -226,6 +229,7 @@ def check_mobility(
                 f"({listing(mechanism.names_of(driven))}); {inputs_to_declare(mobility)}"
             )
     except CountError:
+        # Constraints may be redundant, so that the count does not decide.
         has_rolling_pair = any(pair.rolls for pair in mechanism.pairs)
         if (by_rank or has_rolling_pair) and mobility <= len(driven):
             return merge_locked_links(mechanism, locked), None
@@ -254,7 +258,10 @@ def inputs_to_declare(mobility: int) -> str:
 
 
 def _play_on_links(mechanism: Mechanism) -> PebbleGame:
-    """Play the pebble game with all links and pairs.
+    """Play the pebble game with all links and pairs, which counts degrees of freedom.
+
+    Each link begins with three, and each constraint of a pair removes one of them unless it
+    is redundant.
 
     Raises
     ------
@@ -273,6 +280,7 @@ def _play_on_links(mechanism: Mechanism) -> PebbleGame:
                 f'each other already without pair "{pair.name}"; remove a pair or '
                 "add a link"
             )
+    # The links of every pair must be able to move relative to each other.
     for pair, (link_a, link_b) in zip(mechanism.pairs, mechanism.ends, strict=True):
         rigid_part = pebble_game.find_rigid_part(link_a, link_b)
         if rigid_part is not None:
@@ -354,6 +362,7 @@ def _play_with_locked_inputs(
     body_of_link = merge_locked_links(mechanism, locked)
     open_pairs = [k for k in range(len(mechanism.pairs)) if k not in locked]
     pebble_game, is_independent = play_on_bodies(mechanism, body_of_link, open_pairs)
+    # Merge each rigid part to the body with the smallest number.
     for number in open_pairs:
         link_a, link_b = mechanism.ends[number]
         part = pebble_game.find_rigid_part(body_of_link[link_a], body_of_link[link_b])
@@ -364,11 +373,12 @@ def _play_with_locked_inputs(
                 merged_body if body in part else body for body in body_of_link
             )
 
+    # An input that is not locked is stuck if both its links are in one body.
     moving_inputs = [pair for pair in driven if pair not in locked]
-    is_stuck = any(
-        body_of_link[link_a] == body_of_link[link_b]
-        for link_a, link_b in (mechanism.ends[pair] for pair in moving_inputs)
-    )
+    is_stuck = False
+    for pair in moving_inputs:
+        link_a, link_b = mechanism.ends[pair]
+        is_stuck |= body_of_link[link_a] == body_of_link[link_b]
     if not is_independent or is_stuck:
         raise CountError(
             f"{mechanism.name}: the inputs {listing(mechanism.names_of(driven))} are not "

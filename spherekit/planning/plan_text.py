@@ -118,7 +118,12 @@ def _pole_as_names(plan: Plan, pole: Pole) -> list[str]:
 
 
 def _step_as_dict(plan: Plan, step: Step) -> dict[str, Any]:
-    """Return a step as plain lists and dictionaries."""
+    """Return a step of a plan as plain lists and dictionaries.
+
+    A step gives all poles of an irreducible part (`BlockPoles`), a pole that is the axis of
+    a pair (`PrimaryPole`), or a pole at the intersection of lines (`LinePole`). Links and
+    pairs are given by their names. `round` is the number of the pass.
+    """
     names_of = plan.mechanism.names_of
     if isinstance(step, BlockPoles):
         opening = None if step.opening is None else _pole_as_names(plan, step.opening)
@@ -139,6 +144,8 @@ def _step_as_dict(plan: Plan, step: Step) -> dict[str, Any]:
     }
     if isinstance(step, PrimaryPole):
         return common_entries | {"pair": plan.mechanism.pairs[step.pair].name}
+    # The lines of a pole P_ij: great circles through P_ik and P_jk for third bodies k, and
+    # the contact planes of sliding pairs.
     lines: list[dict[str, Any]] = []
     for third in step.via:
         spanning_poles = [pole_of(end, third) for end in step.pole]

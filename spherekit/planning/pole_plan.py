@@ -56,9 +56,10 @@ class PrimaryPole:
 class LinePole:
     """A pole at the intersection of great circles.
 
-    A pole P_ij is the axis of the relative rotation of the bodies i and j. Any two of its
-    great circles determine it. The two with the best-conditioned intersection are chosen at
-    each configuration.
+    A pole P_ij is the axis of the relative rotation of the bodies i and j. By the
+    Aronhold-Kennedy theorem it lies on the great circle through P_ik and P_jk for every
+    third body k. Any two of its great circles determine it. The two with the
+    best-conditioned intersection are chosen at each configuration.
 
     Attributes
     ----------
@@ -251,7 +252,10 @@ def all_poles(count: int) -> tuple[Pole, ...]:
 
 
 def parse_pole(mechanism: Mechanism, text: str) -> Pole:
-    """Return the pole that ``3/1``, ``coupler/ground`` or, where clear, ``31`` names.
+    """Return the pole that a text names: ``3/1``, ``coupler/ground`` or ``31``.
+
+    A text without a slash is accepted if it can be divided into two names of links in one
+    way only.
 
     Raises
     ------
@@ -282,7 +286,9 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
 def ordered_pole(
     mechanism: Mechanism, pole: str | tuple[int | str, int | str]
 ) -> tuple[int, int]:
-    """Return two links, the first relative to the second, by their numbers.
+    """Return the numbers of two links, of which the first moves relative to the second.
+
+    A `Pole` has the smaller number first. Here the order of the argument is kept.
 
     Parameters
     ----------
@@ -298,9 +304,12 @@ def ordered_pole(
     """
     names = mechanism.links
     if isinstance(pole, str):
+        # `parse_pole` returns the smaller number first. The text shows the order.
         link_a, link_b = parse_pole(mechanism, pole)
         rising_texts = names[link_a] + names[link_b], f"{names[link_a]}/{names[link_b]}"
         return (link_a, link_b) if pole in rising_texts else (link_b, link_a)
+    # Two numbers or names become a text. Numbers that are no links stay in it, and are
+    # reported by `parse_pole`.
     words = [names[k] if isinstance(k, int) and 0 <= k < len(names) else k for k in pole]
     return ordered_pole(mechanism, "/".join(map(str, words)))
 
@@ -327,15 +336,16 @@ def table_cells(plan: Plan) -> list[list[str]]:
     that follow from the velocity equations of an irreducible part. Poles outside the plan
     are empty.
     """
-    starred_poles = {
-        pole
-        for block in plan.blocks
-        for pole, number in block.rounds.items()
-        if number == block.round
-    }
+    # Poles of irreducible parts that become known with the part itself, and not in one of
+    # its later passes.
+    starred_poles = set()
+    for block in plan.blocks:
+        for pole, round_number in block.rounds.items():
+            if round_number == block.round:
+                starred_poles.add(pole)
     mark_by_pole = {}
-    for pole, number in plan.rounds.items():
-        mark = roman_numeral(number) or PRIMARY_MARK
+    for pole, round_number in plan.rounds.items():
+        mark = roman_numeral(round_number) or PRIMARY_MARK
         mark_by_pole[pole] = mark + "*" if pole in starred_poles else mark
     return [
         [SELF_MARK if i == j else mark_by_pole.get(pole_of(i, j), "") for j in plan.bodies]

@@ -61,6 +61,8 @@ def plan(
             mechanism = mechanism.with_inputs(input_pair)
             driven = driven_pairs(mechanism)
     locked = tuple(pair for pair in driven if pair != moving_pair)
+    # Links that are rigid while the other inputs are locked are one body. The pebble game
+    # counts the degrees of freedom of all parts.
     body_of_link, pebble_game = check_mobility(mechanism, driven, locked, by_rank)
     empty_plan = Plan(
         mechanism=mechanism,
@@ -134,6 +136,7 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
     requested
         Poles of bodies.
     """
+    # Collect the requested poles, and all poles from which these follow.
     sources_by_pole = _choose_sources(whole_plan)
     needed_poles: set[Pole] = set()
     stack = list(requested)
@@ -143,6 +146,7 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
             needed_poles.add(pole)
             stack += sources_by_pole[pole]
 
+    # Keep the steps that give needed poles, and only their lines through needed poles.
     steps: list[Step] = []
     for step in whole_plan.steps:
         if isinstance(step, BlockPoles):
@@ -177,6 +181,7 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
     ancestors: dict[Pole, frozenset[Pole]] = {}
     sources_by_pole: dict[Pole, Iterable[Pole]] = {}
     for step in whole_plan.steps:
+        # The poles of an irreducible part follow from its pairs.
         if isinstance(step, BlockPoles):
             primary_poles = [pole_of(*whole_plan.ends[pair]) for pair in step.pairs]
             for pole in step.poles:
@@ -225,9 +230,10 @@ def _choose_cheapest_lines(
     }
 
     def cost(third: int) -> tuple[int, int]:
-        # Bodies of equal cost are taken in the order of their numbers.
+        """Return the number of needed poles. Bodies of equal cost are sorted by number."""
         return len(needed_by_third[third]), third
 
+    # Several third bodies may give the same great circle; the cheapest one is taken.
     circles = group_by_circle(step.via, step.pole, coaxial)
     cheapest_thirds = sorted((min(thirds, key=cost) for thirds in circles), key=cost)
     circle_count = max(2 - len(step.contacts), 0)

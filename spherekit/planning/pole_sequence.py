@@ -41,7 +41,10 @@ others is more often the best one, and planning of large parts takes longer.
 
 
 class KnownPoles:
-    """The poles of a chain that are known at some pass.
+    """The poles of a chain of bodies that are known at some pass.
+
+    A pole is the axis of the relative rotation of two bodies. Poles are found in passes, of
+    which each uses the poles of earlier ones.
 
     Attributes
     ----------
@@ -107,8 +110,9 @@ def find_all_steps(chain: Plan, pebble_game: PebbleGame | None) -> list[Step]:
             known_poles.add(primary_pole)
 
     unknown_poles = known_poles.unknown_of(combinations(chain.bodies, 2))
+    # The smallest part with one degree of freedom that contains a pole, once it was found.
     part_by_pole: dict[Pole, set[int]] = {}
-    round_number = 0
+    round_number = 0  # number of the pass
     while unknown_poles:
         round_number += 1
         new_steps: list[Step] = []
@@ -121,6 +125,7 @@ def find_all_steps(chain: Plan, pebble_game: PebbleGame | None) -> list[Step]:
                     chain, contacts_by_pole, known_poles, [pole], round_number
                 )
         if not new_steps:
+            # The pass finds nothing: solve a part from its velocity equations.
             block = _find_smallest_block(
                 chain, pebble_game, part_by_pole, unknown_poles, round_number
             )
@@ -185,8 +190,9 @@ def group_by_circle(
 ) -> list[tuple[int, ...]]:
     """Group third bodies k that give the same great circle through P_ik and P_jk.
 
-    Third bodies that turn about one axis with body i have the same pole P_ik, so their
-    great circles are the same. So it is for body j.
+    P_ij is the pole of the bodies i and j, the axis of their relative rotation. Third
+    bodies that turn about one axis with body i have the same pole P_ik, so their great
+    circles are the same. The same holds for body j.
 
     Parameters
     ----------
@@ -201,6 +207,7 @@ def group_by_circle(
     -------
     For each different great circle the third bodies that give it, rising.
     """
+    # Couples of third bodies, by their positions in `bodies`, that give the same circle.
     bodies = sorted(third_bodies)
     equal_couples: list[tuple[int, int]] = []
     for coaxial_bodies, _ in coaxial:
@@ -221,6 +228,9 @@ def _find_smallest_block(
     round_number: int,
 ) -> BlockPoles:
     """Return the smallest part with one degree of freedom that contains an unknown pole.
+
+    A part is a set of bodies and the pairs between them. It contains the pole of any two of
+    its bodies.
 
     Parameters
     ----------
@@ -281,26 +291,29 @@ def _choose_opening(
 
     def open_at(pole: Pole) -> BlockPoles:
         """Return the part with the passes that follow from one of its poles."""
-        known_then = known_poles.copy()
+        poles_after_opening = known_poles.copy()
         passes: list[LinePole] = []
-        steps = [LinePole(pole, block.round, ())]
+        # The opening pole counts as known. Then pass after pass is added.
+        steps = [LinePole(pole, block.round, via=())]
         while steps:
             for step in steps:
-                known_then.add(step)
-            unknown_poles = known_then.unknown_of(block.poles)
+                poles_after_opening.add(step)
+            unknown_poles = poles_after_opening.unknown_of(block.poles)
             next_round = steps[0].round + 1
             steps = _find_line_poles(
-                chain, contacts_by_pole, known_then, unknown_poles, next_round
+                chain, contacts_by_pole, poles_after_opening, unknown_poles, next_round
             )
             passes += steps
         return replace(block, opening=pole, passes=tuple(passes))
 
     def poles_left_and_passes(opened: BlockPoles) -> tuple[int, int]:
+        """Return the numbers of poles that passes do not find, and of passes."""
         poles_left = len(block.poles) - 1 - len(opened.passes)
         # If poles are left, they need a further pass.
         return poles_left, opened.last + (poles_left > 0)
 
     def most_lines_first(pole: Pole) -> tuple[int, Pole]:
+        """Return a sort key: poles on many great circles first, then by number."""
         return -len(known_poles.third_bodies(pole)), pole
 
     max_trials = max(1, MAX_OPENING_WORK // len(block.poles) ** 2)

@@ -37,6 +37,8 @@ def moving_pairs(
     """
     requested_links = frozenset(links)
     needed_groups = placing_groups(mechanism, assembly, requested_links)
+    # An input is needed if the links are no rigid body without it, while the others are
+    # locked and the groups are closed.
     needed_inputs = list(assembly.inputs)
     for pair in assembly.inputs:
         other_inputs = [other for other in needed_inputs if other != pair]
@@ -50,6 +52,8 @@ def placing_groups(
     mechanism: Mechanism, assembly: Assembly, links: frozenset[int]
 ) -> list[Group]:
     """Return the groups, in solving order, that place links relative to each other.
+
+    A group is a set of bodies that become one rigid body when all its pairs are closed.
 
     Parameters
     ----------
@@ -147,7 +151,10 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
 
 
 def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
-    """Return the mechanism of some of its pairs, as `part_for` does.
+    """Return the mechanism of some of its pairs and of the links that they join.
+
+    Outputs, masses, loads, joint limits and named modes stay if all links and pairs to
+    which they refer stay. The ground always stays.
 
     Parameters
     ----------
@@ -161,6 +168,7 @@ def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
     names = {pair.name for pair in pairs}
 
     def uses_remaining_parts(load: Load) -> bool:
+        """Return whether all links and pairs stay on which a load depends."""
         with_this_load = replace(mechanism, loads=(load,))
         return used_links(with_this_load) <= links and used_pairs(with_this_load) <= names
 
