@@ -55,8 +55,9 @@ def find_crossings(
 ) -> tuple[Floats, Indices]:
     """Return the points where arcs leave the region, and the margins that end it there.
 
-    The region is where all margins (functions of the direction) are at least 0. On each arc
-    the smallest margin changes its sign.
+    The region consists of the directions at which all margins (functions of the direction)
+    are at least 0. On each arc the smallest margin changes its sign. The margin that ends
+    the region is the one that becomes negative there.
 
     Parameters
     ----------

@@ -58,8 +58,8 @@ def chord_frames(start: Floats, end: Floats) -> Floats:
     # The difference of the ends keeps the digits of short chords.
     side = cross(start, end - start)
     size = np.linalg.norm(side, axis=1, keepdims=True)
-    left = side / np.where(size > 0.0, size, 1.0)
-    return np.stack([start, cross(left, start), left], axis=1)
+    to_left = side / np.where(size > 0.0, size, 1.0)
+    return np.stack([start, cross(to_left, start), to_left], axis=1)
 
 
 def points_beside_chords(
@@ -172,6 +172,10 @@ class BorderSegments(ArrayRows):
     ) -> "BorderSegments":
         """Return the segments between points of the border, in the lowest order.
 
+        A segment is the border of a region in one triangle of a mesh. The chord is the arc
+        of a great circle between its ends, and the order is the degree of the polynomial of
+        its height over the chord. Margins are functions that are at least 0 in the region.
+
         Parameters
         ----------
         evaluate
@@ -185,6 +189,8 @@ class BorderSegments(ArrayRows):
         is_searched
             (n,) segments whose border is searched. The others are their chords.
         """
+        # Begin with the chords, which have the height and the area zero, then search the
+        # border beside them.
         n = len(margin)
         start, stop = crossings
         segments = BorderSegments(
@@ -274,9 +280,11 @@ class BorderSegments(ArrayRows):
     ) -> tuple[Floats, Bools]:
         """Return the heights of the border over points of chords.
 
-        The height is searched up to a parabola over the chord, on both sides. The margin
-        must be negative on the right and positive on the left, and no other margin may be
-        negative at the height.
+        A chord is the arc of a great circle between two points of the border. The region is
+        to its left, and the height is the angle from the chord to the left. It is searched
+        up to a parabola over the chord, on both sides. The margin that is zero on the
+        border must be negative on the right and positive on the left, and no other margin
+        may be negative at the height.
 
         Parameters
         ----------
@@ -309,16 +317,16 @@ class BorderSegments(ArrayRows):
         # Fractions of the largest height: -1 on the right of the chord, 1 on the left.
         limits = np.repeat([-1.0, 1.0], len(u))
         at_limits = zero_margin(limits, np.tile(np.arange(len(u)), 2))
-        right, left = at_limits.reshape(2, -1)
-        is_sound = (right < 0.0) & (left >= 0.0)
+        value_on_right, value_on_left = at_limits.reshape(2, -1)
+        is_sound = (value_on_right < 0.0) & (value_on_left >= 0.0)
         bracketed = np.flatnonzero(is_sound)
         fraction = np.zeros(len(u))
         fraction[bracketed], _ = find_bracketed_zeros(
             lambda fraction, items: zero_margin(fraction, bracketed[items]),
             low=-np.ones(len(bracketed)),
             high=np.ones(len(bracketed)),
-            values_at_low=right[bracketed],
-            values_at_high=left[bracketed],
+            values_at_low=value_on_right[bracketed],
+            values_at_high=value_on_left[bracketed],
             tolerance=EPS / max_height[bracketed],
         )
         # No other margin may be negative on the border.
@@ -331,10 +339,11 @@ class BorderSegments(ArrayRows):
     def audit(self, evaluate: MarginEvaluator, selected: Indices) -> None:
         """Replace new segments (k,) on which another margin becomes negative by chords.
 
-        A margin is a function of the direction that is at least 0 in the region. One of
-        them is zero on the border segment, and no other one may be negative there. The
-        difference between another margin and the zero one is interpolated by a parabola
-        through every three samples, so that a minimum between samples is noticed.
+        A chord is the arc of a great circle between the ends of a segment of the border. A
+        margin is a function of the direction that is at least 0 in the region. One of them
+        is zero on the segment, and no other one may be negative there. The difference
+        between another margin and the zero one is interpolated by a parabola through every
+        three samples, so that a minimum between samples is noticed.
         """
         u = np.linspace(-1.0, 1.0, AUDIT_STEPS + 1)
         # New segments have the second order.

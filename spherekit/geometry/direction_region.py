@@ -184,9 +184,12 @@ class Region:
                 f"{point!r} is not a direction; give three finite numbers, not all 0"
             )
         direction = direction / length
-        evaluate = MarginEvaluator(self.margins, self.values)
+        # A direction is in the region if all margins are at least 0. The margins at the
+        # vertices of the mesh give their rounding errors.
+        evaluate = MarginEvaluator(self.margins, sampled=self.values)
         if smallest_margins(evaluate(direction[None]))[0] >= 0.0:
             return direction
+        # Outside, the nearest point is on the border.
         if not len(self.border.margin):
             raise RegionError(
                 "the region is empty, so no point of it is nearest; sets of margins that "

@@ -97,6 +97,10 @@ def middle_axis(
         |a + c|^2 and |a - c|^2.
     root
         The triple product t, a root of `triple_square`. Its sign chooses the assembly mode.
+
+    Returns
+    -------
+    The factors (cos A + cos C) / |a + c|^2, (cos A - cos C) / |a - c|^2 and t / |a x c|^2.
     """
     total = first_arc + second_arc
     difference = first_arc - second_arc

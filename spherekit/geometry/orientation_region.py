@@ -283,6 +283,13 @@ class _OrientationCells:
         certain if no margin can change its sign in the box. Otherwise the box is divided
         into small steps, and the part of each step in which all margins are positive is
         estimated.
+
+        Returns
+        -------
+        volumes
+            (n,) volume of the set in each box, of 8 pi^2 for all orientations.
+        is_certain
+            (n,) whether the volume is certain: all of the box or nothing.
         """
         # Bounds of each margin: those of its polynomial, widened by the slack. This is the
         # error of the polynomial at the check points times a safety factor.
@@ -310,12 +317,19 @@ class _OrientationCells:
         return volumes.sum(axis=1), is_certain
 
     def _sample(self, boxes: _Boxes) -> tuple[Floats, Floats]:
-        """Return margins at the samples (27, n, k) and check points (4, n, k) of n boxes.
+        """Return the margins at the samples and check points of n boxes.
 
         A margin that is NaN is replaced: by -1 if no other margin is negative at this
         point, because the orientation cannot be reached; otherwise by the largest value of
         the margin in the box, so that it does not bound the set. `deepest` and `depth` are
         updated.
+
+        Returns
+        -------
+        samples
+            (27, n, k) margins at a grid of 3 x 3 x 3 points in each box.
+        checks
+            (4, n, k) margins at four points between these.
         """
         # (31, n, 3) integer coordinates in the cube: samples, then check points.
         quarter_width = boxes.width[:, None] // 4

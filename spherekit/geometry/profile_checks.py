@@ -64,7 +64,7 @@ def check_colatitude(path: FourierPath) -> None:
     roots = np.roots(np.concatenate([positive_orders[::-1], negative_orders]))
     # Azimuth 0 is examined too, also if there are no roots.
     azimuths = np.angle(np.append(roots, 1.0))
-    colatitudes = path.colatitude(azimuths, 0)[0]
+    (colatitudes,) = path.colatitude(azimuths, derivatives=0)
     extreme = int(np.argmax(np.abs(colatitudes - 0.5 * np.pi)))
     if not 0.0 < colatitudes[extreme] < np.pi:
         raise ValueError(
@@ -118,6 +118,7 @@ def normalised_points(points: ArrayLike, closed: bool) -> Floats:
                 "closed curve returns to its first point by itself"
             )
         unit_points = np.concatenate([unit_points, unit_points[:1]])
+    # Arcs between successive points. Points are numbered from 1 in messages.
     steps = arc(unit_points[:-1], unit_points[1:])
     point_count = len(unit_points) - closed
     for k, step in enumerate(steps):
@@ -169,8 +170,8 @@ def check_no_self_intersection(path: SplinePath) -> None:
     i = i[are_separate]
     j = j[are_separate]
     # Arcs meet if each has its ends on both sides of the great circle of the other.
-    meets = _lie_on_both_sides(starts[i], ends[i], starts[j], ends[j])
-    meets &= _lie_on_both_sides(starts[j], ends[j], starts[i], ends[i])
+    meets = _lie_on_both_sides(a=starts[i], b=ends[i], c=starts[j], d=ends[j])
+    meets &= _lie_on_both_sides(a=starts[j], b=ends[j], c=starts[i], d=ends[i])
     if np.any(meets):
         first = np.argmax(meets)
         panels = sorted((i[first] // arcs_per_panel, j[first] // arcs_per_panel))

@@ -101,6 +101,13 @@ class Curve:
 
         An arc length is inside if it is finite and not beyond the end of an open curve.
         Beyond an end the parameter is that of the end.
+
+        Returns
+        -------
+        parameters
+            (n,) parameters of the path; NaN for an arc length that is not finite.
+        inside
+            (n,) whether the arc length belongs to the curve.
         """
         arcs = np.asarray(s, dtype=float)
         # The path of a curve that runs backwards starts at the end of an open curve, and at
@@ -245,7 +252,7 @@ def through(points: ArrayLike, closed: bool = True) -> Curve:
     path, table = spline_through(points, closed)
     if closed:
         check_no_self_intersection(path)
-    return Curve(path, table, table.length, closed)
+    return Curve(path, table, length=table.length, closed=closed)
 
 
 def spline_through(points: ArrayLike, closed: bool) -> tuple[SplinePath, ArcLength]:

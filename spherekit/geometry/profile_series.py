@@ -83,7 +83,12 @@ class ProfileSeries:
         positions = series.spread_positions(SLOPE_SAMPLES - 1)
         curvature_second = np.abs(series.derivative.evaluate(positions)[:, 7])
         bound = SLOPE_SAFETY_FACTOR_OF_PROFILES * float(np.max(curvature_second))
-        return ProfileSeries(series, curve.length, curve.closed, bound)
+        return ProfileSeries(
+            series=series,
+            length=curve.length,
+            closed=curve.closed,
+            max_curvature_second=bound,
+        )
 
     def evaluate(self, s: Floats) -> Floats:
         """Return the columns (8, n) at arc lengths s (n,); NaN beyond an open end."""

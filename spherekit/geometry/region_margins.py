@@ -63,6 +63,8 @@ class MarginEvaluator:
         RegionError
             The shape of the margins is wrong or has changed, or a margin is infinite.
         """
+        # The function is not called without points. Before the first call, the number of
+        # margins is not known.
         if not len(points):
             return np.zeros((0, len(self.rounding_errors) or 1))
         self.evaluations += len(points)

@@ -187,8 +187,9 @@ class RegionRefinement:
         """Return the area (T,) of the region (sr) that is assigned to each triangle.
 
         A triangle with all three vertices inside is counted as a whole. If one or two are
-        inside, the segments of the border in the triangle make fans with an inner vertex
-        (the apex), which cover the part of the region.
+        inside, the region in the triangle consists of the triangle of an inner vertex (the
+        apex) and the chord between the ends of the border, of the area between this chord
+        and the border, and, if two are inside, of one more triangle.
 
         A segment of the border may leave its triangle. A single value may therefore be
         wrong, but the sum over connected triangles is right.

@@ -66,7 +66,8 @@ def icosahedron(spacing: float) -> tuple[Floats, Indices]:
     # The 12 vertices are the corners of three perpendicular rectangles, whose sides are in
     # the ratio of the golden section.
     golden = 0.5 * (1.0 + np.sqrt(5.0))
-    rectangle = np.array([[0.0, y, golden * z] for y in (1, -1) for z in (1, -1)])
+    signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
+    rectangle = np.array([[0.0, y, golden * z] for y, z in signs])
     points = unit_rows(np.concatenate([np.roll(rectangle, k, axis=1) for k in range(3)]))
     # Three vertices that are neighbours make a face. The cosine between neighbours is
     # 0.447, between other vertices at most -0.447.
@@ -248,7 +249,7 @@ def bisect_triangles(points: Floats, triangles: Indices, is_marked: Bools) -> Bi
     first_cut, second_cut, third_cut = is_cut[sides].T
 
     def child(is_made: Bools, *vertices: Indices) -> Indices:
-        """Return a child (k, 3) of each old triangle for which it is made."""
+        """Return new triangles (k, 3) by their vertices, where `is_made` is true."""
         return np.stack(vertices, axis=1)[is_made]
 
     uncut = np.flatnonzero(~first_cut)

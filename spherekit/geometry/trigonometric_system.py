@@ -345,7 +345,12 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
             neighbours = solved[np.argmin(distances, axis=1)]
             result = _run_newton(equations[unsolved], angles[neighbours])
             is_solution = result.residual < MAX_SOLUTION_RESIDUAL
-            _store_complete(angles, unsolved, result.angles, is_solution)
+            _store_complete(
+                angles,
+                systems=unsolved,
+                solutions=result.angles,
+                is_solution=is_solution,
+            )
 
         # 3. Elimination with all starts for systems whose solutions are not complete yet.
         unsolved = systems[np.isnan(angles[:, 0, 0])]
@@ -444,7 +449,12 @@ def _eliminate(
         is_usable = np.all(np.isfinite(roots) & (roots != 0.0), axis=1)
         systems = systems[is_usable]
         solutions = _solve_at_roots(equations[systems], roots[is_usable], starts_per_root)
-        _store_complete(angles, systems, solutions.angles, solutions.is_solution)
+        _store_complete(
+            angles,
+            systems,
+            solutions=solutions.angles,
+            is_solution=solutions.is_solution,
+        )
 
 
 def _solve_at_roots(
@@ -465,7 +475,9 @@ def _solve_at_roots(
         Starts of Newton's method for each root, those with the smallest residuals.
     """
     starts = _start_angles(equations, -1j * np.log(roots))
-    starts = _best_starts(equations, starts, roots.shape[1], starts_per_root)
+    starts = _best_starts(
+        equations, starts, root_count=roots.shape[1], starts_per_root=starts_per_root
+    )
     # Starts with a large residual are dropped.
     starts[_relative_residual(equations, starts) > MAX_START_RESIDUAL] = np.nan
     result = _run_newton(equations, starts)
@@ -572,7 +584,12 @@ def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForm
     second_forms = remaining[:, :, 0, :, 0]
     second_zeros, second_weights = _form_zeros(second_forms)
     last_forms = np.einsum("nrkyz,nrsy->nrskz", remaining[:, :, 1:], second_zeros)
-    return RemainingForms(last_forms, second_zeros, second_forms, second_weights)
+    return RemainingForms(
+        last_forms=last_forms,
+        second_zeros=second_zeros,
+        second_forms=second_forms,
+        second_weights=second_weights,
+    )
 
 
 def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoots:

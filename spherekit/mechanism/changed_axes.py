@@ -151,13 +151,14 @@ def _rotate_components(rotation: Floats, texts: Names) -> Names:
     texts
         Expressions of the three components in the old axes.
     """
-    # Each new component is a sum of the old ones times a row of the matrix, without zeros.
-    sums = (
-        [
+    # Each new component is the sum of the old ones times the factors in a row of the
+    # matrix. Terms with the factor zero are left out.
+    new_texts = []
+    for row in rotation.tolist():
+        terms = [
             f"({factor!r})*({text})"
             for factor, text in zip(row, texts, strict=True)
             if factor
         ]
-        for row in rotation.tolist()
-    )
-    return tuple(" + ".join(terms) or "0" for terms in sums)
+        new_texts.append(" + ".join(terms) or "0")
+    return tuple(new_texts)

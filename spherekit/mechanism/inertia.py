@@ -173,7 +173,9 @@ def check_mass(mass: Mass) -> None:
     about = f" about the centre of mass ({mass.mass:g} kg at {list(mass.centre)} m)"
     # The difference of two tensors has their rounding errors. The tolerance is therefore
     # relative to the tensor about O, which is the larger one.
-    _check_principal_moments(key, central_tensor, MOMENT_TOLERANCE * max_abs(tensor), about)
+    _check_principal_moments(
+        key, central_tensor, tolerance=MOMENT_TOLERANCE * max_abs(tensor), about=about
+    )
 
 
 def check_tensor(key: str, tensor: Floats) -> None:
@@ -196,7 +198,7 @@ def check_tensor(key: str, tensor: Floats) -> None:
             f"{key}: not symmetric: row {i + 1}, column {j + 1} has {tensor[i, j]}, "
             f"row {j + 1}, column {i + 1} has {tensor[j, i]}"
         )
-    _check_principal_moments(key, tensor, MOMENT_TOLERANCE * largest, "")
+    _check_principal_moments(key, tensor, tolerance=MOMENT_TOLERANCE * largest, about="")
 
 
 def _check_principal_moments(

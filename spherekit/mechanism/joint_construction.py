@@ -94,8 +94,13 @@ def make_joints_in_pose(
 def make_contact_curves(mechanism: Mechanism, pair: Pair) -> tuple[Curve, Curve]:
     """Return the curves of both links of a contact, each in the axes of its link.
 
-    The tangents of the two curves agree at the contact. In an external contact the second
-    curve is therefore reversed.
+    The tangents of the two curves agree at the contact. In an external contact, where the
+    bodies are on opposite sides of the tangent, the second curve is therefore reversed.
+
+    Raises
+    ------
+    ModelError
+        If the numbers of a profile define no curve.
     """
     assert pair.profiles is not None
     curves = []

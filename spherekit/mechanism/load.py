@@ -506,7 +506,12 @@ def make_component(
         See `LoadComponent`.
     """
     expression = parse(magnitude, load_names(mechanism.angles))
-    return LoadComponent(expression, pair, moments, bearing_friction)
+    return LoadComponent(
+        magnitude=expression,
+        pair=pair,
+        moments=moments,
+        bearing_friction=bearing_friction,
+    )
 
 
 def format_number(value: float) -> str:

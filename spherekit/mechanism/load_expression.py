@@ -114,15 +114,15 @@ def fold(
         Returns the other form of a call. It is called with the operator or function and the
         converted arguments, which are converted in the order of the text.
     """
+    # A call is a tuple of its operator or function and its arguments. Other nodes are the
+    # names of variables, and numbers.
     if isinstance(node, tuple):
         function, *arguments = node
-        return convert_call(
-            function,
-            [
-                fold(argument, convert_number, convert_name, convert_call)
-                for argument in arguments
-            ],
-        )
+        converted_arguments = [
+            fold(argument, convert_number, convert_name, convert_call)
+            for argument in arguments
+        ]
+        return convert_call(function, converted_arguments)
     return convert_name(node) if isinstance(node, str) else convert_number(node)
 
 

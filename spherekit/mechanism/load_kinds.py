@@ -332,14 +332,11 @@ def _link_components(
     arm
         (3,) point of the link (m, link axes) at which a force acts; None for a moment.
     """
-    return tuple(
-        make_component(
-            mechanism,
-            magnitude,
-            moments=(LinkMoment(load.link, unit_vector, load.axes, arm),),
-        )
-        for magnitude, unit_vector in zip(magnitudes, _UNIT_VECTORS, strict=True)
-    )
+    components = []
+    for magnitude, unit_vector in zip(magnitudes, _UNIT_VECTORS, strict=True):
+        moment = LinkMoment(link=load.link, direction=unit_vector, axes=load.axes, arm=arm)
+        components.append(make_component(mechanism, magnitude, moments=(moment,)))
+    return tuple(components)
 
 
 @dataclass(frozen=True)

@@ -171,13 +171,15 @@ def _choose_kept_link(mechanism: Mechanism, pair: Pair) -> tuple[str, str]:
     The ground is kept in any case. Otherwise a link with contacts is kept, since the
     profiles of a kept link are not rotated. If neither or both links have contacts, the
     first link of the pair is kept.
+
+    Returns
+    -------
+    The names of the kept link and of the other link.
     """
-    links_with_contacts = {
-        link
-        for contact in mechanism.pairs
-        if not contact.kind.has_axis
-        for link in contact.links
-    }
+    links_with_contacts: set[str] = set()
+    for contact in mechanism.pairs:
+        if not contact.kind.has_axis:
+            links_with_contacts.update(contact.links)
     first, second = pair.links
     has_reason_for_first = first == mechanism.ground or first in links_with_contacts
     is_second_kept = second == mechanism.ground or (
@@ -273,12 +275,14 @@ def _is_at_reference_value(
                 f"{where}: {value:.6g} rad is outside its joint limits, {limit.low:.6g} to "
                 f"{limit.high:.6g} rad"
             )
+    # Only a mechanism given in a reference pose has a value that is kept.
     if isinstance(mechanism.geometry, SizeGeometry):
         return False
     reference_value = mechanism.geometry.values.get(pair.name, 0.0)
     difference = math.remainder(value - reference_value, 2.0 * math.pi)
     if abs(difference) <= REFERENCE_VALUE_TOLERANCE_RAD:
         return True
+    # At another value, the pose does not show where rolling contacts touch.
     rolling = [contact.name for contact in mechanism.pairs if contact.rolls]
     if rolling:
         raise ModelError(

@@ -440,18 +440,19 @@ class Mechanism:
         >>> import spherekit as sk
         >>> heavier = sk.load("four_bar").with_mass("4", [[4, 0, 0], [0, 4, 0], [0, 0, 1]])
         """
-        self.link(link)
-        masses = {item.link: item for item in self.masses}
+        self.link(link)  # checks that the link exists
+        mass_by_link = {item.link: item for item in self.masses}
         if tensor is None:
-            masses.pop(link, None)
+            mass_by_link.pop(link, None)
         else:
+            # Tuples of numbers; other shapes are refused.
             where = f"{self.name}: mass.{link}"
             rows = as_float_rows(f"{where}.tensor", tensor, (3, 3))
             mass_centre = None
             if centre is not None:
                 mass_centre = as_float_rows(f"{where}.centre", centre, (3,))
-            masses[link] = Mass(link, rows, mass, mass_centre)
-        return replace(self, masses=tuple(masses.values()))
+            mass_by_link[link] = Mass(link, tensor=rows, mass=mass, centre=mass_centre)
+        return replace(self, masses=tuple(mass_by_link.values()))
 
     @checked(ModelError)
     def with_loads(self, *loads: Load, without: Sequence[str] = ()) -> "Mechanism":
@@ -685,6 +686,7 @@ def _check_pair(where: str, pair: Pair) -> None:
     """
     if pair.type not in KINDS:
         raise ModelError(f'{where}: type "{pair.type}" is not one of {listing(KINDS)}')
+    # Exactly the contacts have profiles. R pairs have an axis instead.
     if (pair.profiles is None) != pair.kind.has_axis:
         raise ModelError(
             f"{where}: a contact pair (Cr, Cs) has a profile for each of its links, an R "

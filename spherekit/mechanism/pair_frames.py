@@ -52,6 +52,11 @@ def pair_frames(mechanism: Mechanism) -> tuple[PairFrames, PairFrames]:
     the pair. If v is the pair variable (rad), Z(v) the rotation matrix about z and R the
     rotation from link axes to ground axes, R_second = R_first F_first Z(v) F_second^T. The
     angle at which the variable reads zero is therefore contained in one of the two frames.
+
+    Returns
+    -------
+    The frames in the first links, and those in the second links, each by the name of the
+    pair. Contacts have no frame.
     """
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):
@@ -79,12 +84,17 @@ def pair_frames_from_sizes(
     geometry
         Sizes of the links, and the zero angle of each pair, by which its frame in the first
         link is rotated.
+
+    Returns
+    -------
+    The frames (3, 3) in the first links, and those in the second links, each by the name of
+    the pair. The z column is the axis, and the x column the zero direction of the variable.
     """
-    axes_by_link = {
-        link: axes_from_sizes(geometry.links.get(link, LinkSizes(())))
-        for pair in pairs
-        for link in pair.links
-    }
+    axes_by_link = {}
+    for pair in pairs:
+        for link in pair.links:
+            sizes = geometry.links.get(link, LinkSizes(()))
+            axes_by_link[link] = axes_from_sizes(sizes)
     first_frames = {}
     second_frames = {}
     for pair in pairs:

@@ -337,10 +337,10 @@ def _make_group(
     for number in pairs:
         link_a, link_b = mechanism.ends[number]
         bodies_of_pairs.append((body_of_link[link_a], body_of_link[link_b]))
-    links_of_body = {
-        body: tuple(link for link, owner in enumerate(body_of_link) if owner == body)
-        for body in chain(*bodies_of_pairs)
-    }
+    links_of_body = {}
+    for body in chain(*bodies_of_pairs):
+        links = [link for link, owner in enumerate(body_of_link) if owner == body]
+        links_of_body[body] = tuple(links)
     # The base body comes first, the others in the order of their links.
     bodies = sorted(
         links_of_body, key=lambda body: (body != base_body, links_of_body[body])
@@ -374,8 +374,10 @@ def _find_smallest_part(
     body_of_link
         For each link the smallest link of its body.
     """
-    # The two bodies of each open pair.
-    couples = [sorted(body_of_link[link] for link in ends) for ends in open_pairs.values()]
+    # The two bodies of each open pair, the one with the smaller number first.
+    couples = []
+    for link_a, link_b in open_pairs.values():
+        couples.append(sorted([body_of_link[link_a], body_of_link[link_b]]))
     parts = []
     for body_a, body_b in sorted(couples):
         # Three pebbles are the degrees of freedom of a rigid part. If all of them are on a

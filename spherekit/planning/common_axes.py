@@ -61,7 +61,7 @@ def find_common_axes(mechanism: Mechanism) -> tuple[CommonAxis, ...]:
     common_axes = []
     for pairs in connected_components(len(mechanism.pairs), coaxial_couples):
         if len(pairs) > 1:
-            links = frozenset(link for pair in pairs for link in mechanism.ends[pair])
+            links = frozenset().union(*(mechanism.ends[pair] for pair in pairs))
             is_exact = rounded_pairs.isdisjoint(pairs)
             common_axes.append(CommonAxis(links, pairs[0], is_exact))
     return tuple(common_axes)

@@ -254,8 +254,9 @@ def all_poles(count: int) -> tuple[Pole, ...]:
 def parse_pole(mechanism: Mechanism, text: str) -> Pole:
     """Return the pole that a text names: ``3/1``, ``coupler/ground`` or ``31``.
 
-    A text without a slash is accepted if it can be divided into two names of links in one
-    way only.
+    A pole is the axis of the relative rotation of two links, and is represented by their
+    numbers, the smaller one first. A text without a slash is accepted if it can be divided
+    into two names of links in one way only.
 
     Raises
     ------
@@ -263,6 +264,7 @@ def parse_pole(mechanism: Mechanism, text: str) -> Pole:
         If the text names no pole, or could name several.
     """
     number = mechanism.link_number
+    # All divisions of the text into two parts, and the poles of those that are links.
     if "/" in text:
         name_a, _, name_b = text.partition("/")
         splits = [(name_a, name_b)]
@@ -288,7 +290,8 @@ def ordered_pole(
 ) -> tuple[int, int]:
     """Return the numbers of two links, of which the first moves relative to the second.
 
-    A `Pole` has the smaller number first. Here the order of the argument is kept.
+    A `Pole`, which stands for the axis of their relative rotation, has the smaller number
+    first. Here the order of the argument is kept.
 
     Parameters
     ----------

@@ -63,7 +63,9 @@ def plan(
     locked = tuple(pair for pair in driven if pair != moving_pair)
     # Links that are rigid while the other inputs are locked are one body. The pebble game
     # counts the degrees of freedom of all parts.
-    body_of_link, pebble_game = check_mobility(mechanism, driven, locked, by_rank)
+    body_of_link, pebble_game = check_mobility(
+        mechanism, driven, locked=locked, by_rank=by_rank
+    )
     empty_plan = Plan(
         mechanism=mechanism,
         input=moving_pair,
@@ -85,6 +87,9 @@ def plan(
 
 def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
     """Return the pole of two bodies that a user names by links.
+
+    A pole is the axis of the relative rotation of two bodies. Links that are rigid while
+    the other inputs are locked form one body.
 
     Raises
     ------

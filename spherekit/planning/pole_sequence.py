@@ -158,8 +158,9 @@ def _find_line_poles(
 ) -> list[LinePole]:
     """Return a step for each pole that lies on at least two different known lines.
 
-    The lines of a pole P_ij are the great circles through P_ik and P_jk for third bodies k,
-    and the contact planes of sliding pairs between i and j.
+    A pole P_ij is the axis of the relative rotation of the bodies i and j. Its lines are
+    the great circles through P_ik and P_jk for third bodies k, and the contact planes of
+    sliding pairs between i and j. Two lines determine the pole.
 
     Parameters
     ----------
@@ -180,8 +181,13 @@ def _find_line_poles(
         contacts = tuple(contacts_by_pole.get(pole, ()))
         circles = group_by_circle(third_bodies, pole, chain.coaxial)
         if len(circles) + len(contacts) >= 2:
-            via = tuple(sorted(third_bodies))
-            steps.append(LinePole(pole, round_number, via, contacts))
+            step = LinePole(
+                pole,
+                round=round_number,
+                via=tuple(sorted(third_bodies)),
+                contacts=contacts,
+            )
+            steps.append(step)
     return steps
 
 
@@ -230,7 +236,7 @@ def _find_smallest_block(
     """Return the smallest part with one degree of freedom that contains an unknown pole.
 
     A part is a set of bodies and the pairs between them. It contains the pole of any two of
-    its bodies.
+    its bodies, which is the axis of their relative rotation.
 
     Parameters
     ----------
@@ -273,9 +279,11 @@ def _choose_opening(
 ) -> BlockPoles:
     """Return a part with the opening pole from which passes find the most other poles.
 
-    The part is solved from its velocity equations, which give all its poles. The opening
-    pole and the passes show how they also follow from each other as intersections of great
-    circles. If several find as many, the one that needs the fewest passes is chosen.
+    A pole is the axis of the relative rotation of two bodies. The part is solved from its
+    velocity equations, which give all its poles. The opening pole and the passes show how
+    they also follow from each other as intersections of great circles: each pass finds the
+    poles that lie on two lines through known poles. If several opening poles lead to
+    equally many others, the one that needs the fewest passes is chosen.
 
     Parameters
     ----------
@@ -301,7 +309,11 @@ def _choose_opening(
             unknown_poles = poles_after_opening.unknown_of(block.poles)
             next_round = steps[0].round + 1
             steps = _find_line_poles(
-                chain, contacts_by_pole, poles_after_opening, unknown_poles, next_round
+                chain,
+                contacts_by_pole,
+                known_poles=poles_after_opening,
+                poles=unknown_poles,
+                round_number=next_round,
             )
             passes += steps
         return replace(block, opening=pole, passes=tuple(passes))

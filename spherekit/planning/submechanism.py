@@ -41,11 +41,15 @@ def moving_pairs(
     # locked and the groups are closed.
     needed_inputs = list(assembly.inputs)
     for pair in assembly.inputs:
-        other_inputs = [other for other in needed_inputs if other != pair]
-        if _are_one_body(mechanism, other_inputs, needed_groups, requested_links):
-            needed_inputs = other_inputs
-    group_pairs = [pair for group in needed_groups for pair in group.pairs]
-    return tuple(sorted([*needed_inputs, *group_pairs]))
+        remaining_inputs = [needed for needed in needed_inputs if needed != pair]
+        if _are_one_body(
+            mechanism, remaining_inputs, groups=needed_groups, links=requested_links
+        ):
+            needed_inputs = remaining_inputs
+    pairs = needed_inputs.copy()
+    for group in needed_groups:
+        pairs += group.pairs
+    return tuple(sorted(pairs))
 
 
 def placing_groups(
@@ -67,9 +71,10 @@ def placing_groups(
     needed_groups = list(assembly.groups)
     # Later groups are left out first: only they can need earlier groups.
     for group in reversed(assembly.groups):
-        other_groups = [other for other in needed_groups if other is not group]
-        if _are_one_body(mechanism, assembly.inputs, other_groups, links):
-            needed_groups = other_groups
+        remaining_groups = [needed for needed in needed_groups if needed is not group]
+        # A group is left out if the links are one rigid body without it.
+        if _are_one_body(mechanism, assembly.inputs, groups=remaining_groups, links=links):
+            needed_groups = remaining_groups
     return needed_groups
 
 
@@ -105,16 +110,17 @@ def _are_one_body(
     # For each link the label of its rigid body, at first of those that inputs join.
     label_of_link = list(merge_locked_links(mechanism, inputs))
     for group in groups:
-        end_links = {link for pair in group.pairs for link in mechanism.ends[pair]}
-        # For each body of the group, the labels of those of its links that pairs of the
-        # group join. Two labels mean that these links are not rigid yet.
-        labels_of_bodies = [
-            {label_of_link[link] for link in end_links.intersection(group_body)}
-            for group_body in group.bodies
-        ]
-        if any(len(labels) > 1 for labels in labels_of_bodies):
-            return False
-        merged_labels = set().union(*labels_of_bodies)
+        # The links that pairs of the group join, in each body of the group. If those of one
+        # body have several labels, they are not rigid yet.
+        end_links: set[int] = set()
+        for pair in group.pairs:
+            end_links.update(mechanism.ends[pair])
+        merged_labels: set[int] = set()
+        for group_body in group.bodies:
+            labels = {label_of_link[link] for link in end_links.intersection(group_body)}
+            if len(labels) > 1:
+                return False
+            merged_labels |= labels
         new_label = min(merged_labels)
         label_of_link = [
             new_label if label in merged_labels else label for label in label_of_link
@@ -140,8 +146,10 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
         assembly = plan_assembly(mechanism)
     except CountError:
         return mechanism
-    driven_links = {link for pair in assembly.inputs for link in mechanism.ends[pair]}
     # The ground and the links of the inputs stay, so that all inputs can be driven.
+    driven_links: set[int] = set()
+    for pair in assembly.inputs:
+        driven_links.update(mechanism.ends[pair])
     needed_links = frozenset({0, *driven_links, *links})
     groups = placing_groups(mechanism, assembly, needed_links)
     pairs = {*assembly.inputs}.union(*(group.pairs for group in groups))
@@ -163,9 +171,12 @@ def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
     numbers
         Numbers of the pairs that stay.
     """
+    # The pairs that stay, their names, and the names of the ground and of their links.
     pairs = tuple(mechanism.pairs[number] for number in sorted(numbers))
-    links = {mechanism.links[0]} | {link for pair in pairs for link in pair.links}
     names = {pair.name for pair in pairs}
+    links = {mechanism.links[0]}
+    for pair in pairs:
+        links.update(pair.links)
 
     def uses_remaining_parts(load: Load) -> bool:
         """Return whether all links and pairs stay on which a load depends."""
@@ -192,10 +203,17 @@ def of_pairs(mechanism: Mechanism, numbers: Iterable[int]) -> Mechanism:
 def _reduce_geometry(
     geometry: SizeGeometry | PoseGeometry, links: set[str], pairs: set[str]
 ) -> SizeGeometry | PoseGeometry:
-    """Return the geometry of some links and pairs, given by their names.
+    """Return the geometry of some links and pairs.
 
     The axes of pairs that are left out stay as unpaired axes of their links, because arcs
     and angles are counted from one axis to the next.
+
+    Parameters
+    ----------
+    geometry
+        The sizes of all links, or the axes of all pairs in a reference pose.
+    links, pairs
+        Names of the links and pairs that stay.
     """
     if isinstance(geometry, PoseGeometry):
         return PoseGeometry(

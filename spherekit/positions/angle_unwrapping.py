@@ -297,11 +297,13 @@ class AngleUnwrapping:
         -------
         (variables,) pair variables (rad); NaN if the mode does not exist at the input.
         """
+        # All arrays have one row.
         inputs = np.array([[q]])
         values = self.solver.evaluate(mode, inputs).values
         if not all_finite(values):
             return values[0]
-        unwrapped: Floats = values + TURN * self.count(key, values, inputs, requested)
+        revolutions = self.count(key, values, inputs, requested)
+        unwrapped: Floats = values + TURN * revolutions
         return unwrapped[0]
 
     def _count_by_stretches(self, mode: int, values: Floats) -> Floats:
@@ -488,8 +490,9 @@ class AngleUnwrapping:
             The revolutions by which the followed angles exceed those of the targets. They
             are not connected if the path or the comparison fails.
         """
+        # The inputs move to q; the last configurations of the paths are `nodes`.
         followed = follow_inputs(
-            self._closure, self._driven, values, targets[:, self._driven]
+            self._closure, self._driven, values, q=targets[:, self._driven]
         )
         difference = (followed.nodes.values - targets)[:, self._angles]
         revolutions = np.round(difference / TURN)

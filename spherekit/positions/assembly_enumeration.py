@@ -131,7 +131,9 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
     variable_count = len(solver.mechanism.variable_owners)
     values = np.reshape([state.values[0] for _, state in modes], (-1, variable_count))
     signs = tuple(signs for signs, _ in modes)
-    return ConfigurationsAtInput(signs, values, tuple(methods), is_truncated)
+    return ConfigurationsAtInput(
+        signs=signs, values=values, methods=tuple(methods), is_truncated=is_truncated
+    )
 
 
 def _search_in_gear_phase(
@@ -293,6 +295,8 @@ def group_matrices(
 ) -> Floats:
     """Return the matrices of a group whose determinants distinguish its modes.
 
+    A group is a set of bodies that are placed together. A dyad is a group of three R pairs.
+
     Parameters
     ----------
     solver
@@ -310,7 +314,10 @@ def group_matrices(
     group = solver.assembly.groups[position]
     if group.is_dyad:
         return linearisation.axes[:, list(group.pairs)]
-    variables = [v for pair in group.pairs for v in solver.mechanism.variables_of(pair)]
+    # The velocity equations of the group, from the velocity vectors of its variables.
+    variables: list[int] = []
+    for pair in group.pairs:
+        variables += solver.mechanism.variables_of(pair)
     return group_tree(group, solver.joints).jacobian(linearisation.vectors[:, variables])
 
 

@@ -337,17 +337,19 @@ class ConfigurationGraph:
     def _join_in_directions(self, directions: Sequence[int]) -> None:
         """Follow paths in some directions until no untried path can join two pieces.
 
-        In each round, at most `paths_per_piece` paths are followed for each piece. This
-        number grows from round to round by the factor `PORTION_GROWTH`.
+        A piece is a set of joined nodes (configurations) with at most one node per sample.
+        A path leads from a node to the next sample in a direction. In each round, at most
+        `paths_per_piece` paths are followed for each piece. This number grows from round to
+        round by the factor `PORTION_GROWTH`.
         """
         paths_per_piece = 1
         while True:
-            count = 0
+            path_count = 0
             for direction in directions:
                 nodes = self._select_starts(direction, paths_per_piece)
-                count += len(nodes)
+                path_count += len(nodes)
                 self._join_along_paths(nodes, direction)
-            if not count:
+            if not path_count:
                 return
             paths_per_piece *= PORTION_GROWTH
 
@@ -487,8 +489,8 @@ class ConfigurationGraph:
         followed = follow_inputs(
             self.solver.closure,
             self._driven,
-            starts,
-            goals,
+            values=starts,
+            q=goals,
             smallest_step=SMALLEST_STEP_RAD,
         )
         # Add the whole periods again.
@@ -537,14 +539,16 @@ class ConfigurationGraph:
         )
         ends = np.concatenate([np.empty(0, np.intp), *(end for _, end in self._edges)])
         edges = coo_array((np.ones(len(starts)), (starts, ends)), shape=(count, count))
-        component = connected_components(edges, directed=False)[1]
+        _, component = connected_components(edges, directed=False)
         modes_of_components: dict[int, list[Indices]] = {}
         for nodes in self._pieces():
             modes = modes_of_components.setdefault(int(component[nodes[0]]), [])
             _put_into_first_mode(
                 modes, nodes, sample=self.sample[nodes], count=len(self.input_grid)
             )
-        all_modes = [mode for modes in modes_of_components.values() for mode in modes]
+        all_modes: list[Indices] = []
+        for modes in modes_of_components.values():
+            all_modes += modes
 
         def size_and_start(mode: Indices) -> tuple[int, tuple[int, int]]:
             """Return the sort key of a mode: large modes first, then by the first node."""
@@ -581,7 +585,8 @@ def _put_into_first_mode(
 ) -> None:
     """Put the nodes of a piece into the first mode that has no node at their samples.
 
-    A mode has at most one node (configuration) at each sample.
+    A node is one configuration at one sample of the inputs, and a piece is a set of joined
+    nodes. An assembly mode has at most one node at each sample.
 
     Parameters
     ----------

@@ -397,13 +397,13 @@ class _CurveSearch:
                 continue
             self.curves.append(curve)
             values = values[~curve.passes(values)]
+        # Near a crossing no curve can be followed, because the curves that cross end there.
         for start, message in failures:
-            # Near a crossing no curve can be followed; the curves that cross end there.
-            is_near_crossing = any(
-                max_abs(curve.wrapped(start - end)) < UNCHECKED_CROSSING_DISTANCE_RAD
-                for curve in self.curves
-                for end in _crossing_ends([curve])
-            )
+            is_near_crossing = False
+            for curve in self.curves:
+                for end in _crossing_ends([curve]):
+                    distance = max_abs(curve.wrapped(start - end))
+                    is_near_crossing |= bool(distance < UNCHECKED_CROSSING_DISTANCE_RAD)
             if not is_near_crossing:
                 self.problems.append(message)
 

@@ -220,19 +220,24 @@ class CurveContinuation(ABC, Generic[Node]):
         # All arrays have one entry for each of the k curves. A step is tried from the last
         # node of each.
         nodes = self.last_nodes.rows(rows)
-        tried = self.try_steps(rows, nodes, steps)
+        tried_steps = self.try_steps(rows, nodes, steps)
         # A curve whose step passes its start is closed, and ends at the start.
-        end_nodes, closes = self._find_closing_laps(rows, nodes, steps, tried)
+        end_nodes, closes = self._find_closing_laps(rows, nodes, steps, tried_steps)
         self.append_nodes(rows[closes], end_nodes.rows(closes))
         self.end_status[rows[closes]] = Status.OK
         self.is_closed[rows[closes]] = True
-        is_taken = self.select_steps(rows, steps, tried.nodes, tried.is_verified & ~closes)
-        self.append_nodes(rows[is_taken], tried.nodes.rows(is_taken))
+        is_taken = self.select_steps(
+            rows,
+            steps,
+            new_nodes=tried_steps.nodes,
+            is_verified=tried_steps.is_verified & ~closes,
+        )
+        self.append_nodes(rows[is_taken], tried_steps.nodes.rows(is_taken))
         # The next step aims at a certain change of the equations, which grows with the
         # length of the step. The tiny number prevents a division by zero on straight
         # curves.
         aimed_change = AIMED_CHANGE_RATIO * self.step_tests.change
-        growth = np.clip(aimed_change / (tried.changes + 1e-300), 0.5, 2.0)
+        growth = np.clip(aimed_change / (tried_steps.changes + 1e-300), 0.5, 2.0)
         is_unfinished = self.end_status[rows] == UNFINISHED
         return np.where(is_taken, growth, np.where(is_unfinished, 0.0, 1.0))
 
@@ -246,12 +251,13 @@ class CurveContinuation(ABC, Generic[Node]):
             self._trail.append((rows, new_nodes))
 
     def _find_closing_laps(
-        self, rows: Indices, nodes: Node, steps: Floats, tried: TriedSteps[Node]
+        self, rows: Indices, nodes: Node, steps: Floats, tried_steps: TriedSteps[Node]
     ) -> tuple[Node, Bools]:
         """Find the curves whose step passes their start, whole periods on.
 
-        Such a curve is closed: the step has to point in the direction of the start, to meet
-        it within the error of the prediction, and to reach it exactly.
+        A lap is the part of a closed curve until it returns to its start. All angles may
+        have grown by whole periods then. A lap closes if the step points in the direction
+        of the start, meets it within the error of the prediction, and reaches it exactly.
 
         Parameters
         ----------
@@ -261,7 +267,7 @@ class CurveContinuation(ABC, Generic[Node]):
             (k) last nodes of the curves.
         steps
             (k,) lengths of the steps (rad).
-        tried
+        tried_steps
             The steps from these nodes.
 
         Returns
@@ -274,7 +280,7 @@ class CurveContinuation(ABC, Generic[Node]):
         # The start of each curve, shifted by whole periods to be near the middle of the
         # step.
         starts = self.start_nodes.rows(rows)
-        middle = 0.5 * (nodes.values + tried.nodes.values)
+        middle = 0.5 * (nodes.values + tried_steps.nodes.values)
         values = starts.values + whole_laps(middle - starts.values, self.periods)
         end_nodes = self.start_after_periods(starts, nodes, values)
         # Projection of the start on the tangent, and its distance from the extrapolation.
@@ -285,7 +291,7 @@ class CurveContinuation(ABC, Generic[Node]):
         miss = max_abs(values - predicted, axis=1)
         # The first nodes are near the start, too, but have not been away from it.
         was_away = self.lengths[rows] > 4.0 * NEAR_END_RAD
-        closes = tried.is_verified & all_finite(end_nodes.values, 1) & was_away
+        closes = tried_steps.is_verified & all_finite(end_nodes.values, 1) & was_away
         closes &= (distances > -NEAR_END_RAD) & (distances <= steps)
         closes &= miss <= self.step_tests.correction * steps
         closes &= np.vecdot(starts.tangents, nodes.tangents) >= MIN_LAP_COSINE

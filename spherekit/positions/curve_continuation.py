@@ -126,6 +126,7 @@ class _ArcNodes(CurvePoints):
         points = points.rows(chosen)
         equations = bordered(linearisation.jacobian[chosen], points.tangents)
         inverse = left_inverse(equations)
+        # Distances from the limits, and their derivatives by the variables.
         margins, gradients = limits.margins(
             points.values,
             linearisation.states.curvatures[chosen],
@@ -137,6 +138,7 @@ class _ArcNodes(CurvePoints):
             inverse=inverse,
             reciprocal_condition=bordered_reciprocal_condition(equations, inverse),
             margins=margins,
+            # In the sum, n is a point, l a limit and v a variable.
             approach=-np.einsum("nlv,nv->nl", gradients, points.tangents),
         )
 
@@ -169,7 +171,8 @@ def follow_arc(
     """
     limits = CurveLimits.of_mechanism(closure, stops or {})
     start = _make_start_node(closure, np.asarray(values, dtype=float), limits)
-    return _follow_both_senses(closure, [start], limits, longest)[0]
+    (curve,) = _follow_both_senses(closure, [start], limits, longest)
+    return curve
 
 
 def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCurve | None]:
@@ -522,13 +525,19 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
 
             # The last node of the curve becomes the point at which the limit is reached, if
             # an ordinary verified step leads to the same point.
-            landing, _ = newton(compute_steps, node.values, LANDING_STEPS, LANDING_STEP_RAD)
+            landing, _ = newton(
+                compute_steps,
+                node.values,
+                max_steps=LANDING_STEPS,
+                last_step=LANDING_STEP_RAD,
+            )
             distance = np.sum(node.tangents * (landing - node.values), axis=1)
-            tried = self.try_steps(row, node, distance)
-            miss = max_abs(tried.nodes.values - landing)
-            if not (distance[0] > 0.0 and tried.is_verified[0] and miss < SAME_START_RAD):
+            last_step = self.try_steps(row, node, distance)
+            miss = max_abs(last_step.nodes.values - landing)
+            is_ahead = distance[0] > 0.0
+            if not (is_ahead and last_step.is_verified[0] and miss < SAME_START_RAD):
                 return
-            self.append_nodes(row, tried.nodes)
+            self.append_nodes(row, last_step.nodes)
         self.end_status[row] = self.limits.statuses[number]
 
     def end_stuck_curve(self, row: int) -> None:

@@ -83,24 +83,22 @@ class CurveLimits:
             Lowest and highest value (rad) of variables, by their numbers. Beyond them the
             status is OK.
         """
-        contacts = list(iterate_contact_profiles(closure.joints))
+        # Each range is a variable, its lowest and highest value, and the status beyond.
         ranges = [(variable, ends, Status.OK) for variable, ends in stops.items()]
-        for _, profiles in contacts:
+        contacts = []
+        for pair, profiles in iterate_contact_profiles(closure.joints):
+            variables = [profile.variable for profile in profiles]
+            contacts.append(ContactLimit(pair, tuple(variables)))
             for profile in profiles:
+                # Arc lengths of a profile are counted from its start.
                 if not profile.curve.closed:
                     ends = (-profile.start, profile.curve.length - profile.start)
                     ranges.append((profile.variable, ends, Status.OFF_PROFILE))
         bounds = []
         for variable, (lowest, highest), status in ranges:
-            bounds.append(VariableBound(variable, lowest, 1.0, status))
-            bounds.append(VariableBound(variable, highest, -1.0, status))
-        return CurveLimits(
-            tuple(bounds),
-            tuple(
-                ContactLimit(pair, tuple(profile.variable for profile in profiles))
-                for pair, profiles in contacts
-            ),
-        )
+            bounds.append(VariableBound(variable, lowest, sense=1.0, status=status))
+            bounds.append(VariableBound(variable, highest, sense=-1.0, status=status))
+        return CurveLimits(tuple(bounds), tuple(contacts))
 
     @cached_property
     def statuses(self) -> tuple[Status, ...]:

@@ -221,7 +221,12 @@ def correct(
         misses = targets[rows] - np.vecdot(borders[rows], current_values)
         return bordered_step(closure.take(rows).at(current_values), borders[rows], misses)
 
-    return newton(compute_steps, values, MAX_CORRECTION_STEPS, LAST_CORRECTION_RAD)
+    return newton(
+        compute_steps,
+        values,
+        max_steps=MAX_CORRECTION_STEPS,
+        last_step=LAST_CORRECTION_RAD,
+    )
 
 
 def bordered_step(linearisation: Linearisation, borders: Floats, misses: Floats) -> Floats:

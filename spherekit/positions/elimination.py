@@ -96,6 +96,8 @@ def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
     is_real_of_orders: list[Bools] = []
     problem = ""
     for order in find_elimination_orders(group):
+        # Solve the equations of the only sample for the angles of the tree. Solutions whose
+        # imaginary part may be rounding are candidates for real ones.
         equations = geometry.form_equations(order)[0]
         tree_angles, problem = find_near_real_angles(equations, order.incidence)
         imaginary_part = max_abs(tree_angles.imag, axis=1)

@@ -196,9 +196,9 @@ def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floa
     -------
     (n,) sine that is zero at the dead centre of the dyad, as `close_dyad` returns it.
     """
-    # Positions of the pairs in the group: the near and the far pair join the two free
-    # bodies 1 and 2 to the base body 0, and the middle pair joins them to each other.
-    near, middle, far = group.dyad_positions
+    # Positions of the pairs in the group: the outer pairs join the two free bodies 1 and 2
+    # to the base body 0, and the middle pair joins them to each other.
+    first_outer, middle, second_outer = group.dyad_positions
 
     def pair_axis(position: int, body: int) -> Floats:
         """Return the axis (n, 3) of a pair of the group, in the axes of a body."""
@@ -209,11 +209,11 @@ def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floa
         return state.within[state.ends[pair][side]] @ frame[:, 2]
 
     closure = close_dyad(
-        first=pair_axis(near, 0),
-        second=pair_axis(far, 0),
-        first_body=(pair_axis(near, 1), pair_axis(middle, 1)),
-        second_body=(pair_axis(far, 2), pair_axis(middle, 2)),
-        # The parity converts the sign to the order middle, near, far of the axes.
+        first=pair_axis(first_outer, 0),
+        second=pair_axis(second_outer, 0),
+        first_body=(pair_axis(first_outer, 1), pair_axis(middle, 1)),
+        second_body=(pair_axis(second_outer, 2), pair_axis(middle, 2)),
+        # The parity converts the sign to the order middle, first outer, second outer.
         sign=group.dyad_parity * sign,
         slack=state.slack,
     )
@@ -331,15 +331,18 @@ def place_train_bodies(
     The rotation (..., 3, 3) from the axes of each body of the group to those of its first
     body.
     """
+    # Each path is a pair (by its position in the group), a body that is placed already, and
+    # the body that the pair places.
     rotations: dict[int, Array] = {0: np.eye(3)}
     for position, parent, child in find_train_paths(group, angles):
         pair = group.pairs[position]
         joint = revolute(joints[pair])
         first_link, second_link = ends[pair]
-        first_from_second = within[first_link] @ joint.first @ about_z(angles[pair])
-        first_from_second = first_from_second @ transpose(
-            within[second_link] @ joint.second
-        )
+        # F_first Z(angle) F_second^T, with the frames F of the pair in its two bodies.
+        first_frame = within[first_link] @ joint.first
+        second_frame = within[second_link] @ joint.second
+        first_from_second = first_frame @ about_z(angles[pair])
+        first_from_second = first_from_second @ transpose(second_frame)
         is_forward = group.ends[position][0] == parent
         rotations[child] = rotations[parent] @ (
             first_from_second if is_forward else transpose(first_from_second)

@@ -17,8 +17,9 @@ parallel axes are enlarged as if they were a spread.
 def group_reciprocal_condition(jacobians: Floats) -> Floats:
     """Return the reciprocal condition numbers of the Jacobians of a group.
 
-    The result does not depend on how close together the axes of the group are: a group
-    whose axes all lie in a small part of the sphere is small, not singular.
+    A group is a set of bodies that are placed together by closing their loops. The result
+    does not depend on how close together the axes of the group are: a group whose axes all
+    lie in a small part of the sphere is small, not singular.
 
     Parameters
     ----------
@@ -43,7 +44,7 @@ def _equalise_directions(jacobians: Floats) -> Floats:
     """Return Jacobians (n, 3 loops, variables) scaled as if their axes were far apart.
 
     The columns of a Jacobian consist of vectors in space, one for each loop. If the axes of
-    a group are close together, all these vectors have nearly one direction. Their
+    the pairs are close together, all these vectors have nearly one direction. Their
     components along it are divided by the largest singular value of all vectors, and the
     components across it by the second. All loops are scaled alike, so that the rank of the
     Jacobian does not change.

@@ -69,8 +69,9 @@ def find_group_configurations(
 ) -> tuple[list[Floats], SolutionMethod]:
     """Return the closed configurations of a group at one sample, and the method.
 
-    These are all configurations if elimination applies and its checks succeed. Otherwise
-    they are those that elimination and a search from random starts have found.
+    A group is a set of bodies that are placed together by closing their loops. The result
+    contains all configurations if elimination applies and its checks succeed. Otherwise it
+    contains those to which elimination and random starts have led.
 
     Parameters
     ----------
@@ -119,6 +120,9 @@ def find_distinct_by_elimination(
     group: Group, closure: Closure
 ) -> tuple[DistinctConfigurations, str]:
     """Close a group from the solutions of its arc equations, without repetitions.
+
+    The arc equations state that links with two pairs keep the axes of these at a fixed arc.
+    Elimination computes their solutions, and Newton's method closes the loops from each.
 
     Parameters
     ----------

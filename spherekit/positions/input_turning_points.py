@@ -119,6 +119,8 @@ class InputTurningPoints(NamedTuple):
         """
         if self.low == self.high:
             return Completeness(Guarantee.COMPLETE, "all modes at the only input")
+        # Without a gap no mode can be missing. `count` is the number of inputs at which
+        # modes are known to meet.
         gap = self.gap(step)
         count = len(self.places) + len(self.crossing_inputs)
         if not gap:
@@ -233,7 +235,7 @@ def _with_crossings(
     still_doubtful = []
     for start, stop in turning_points.doubtful.tolist():
         crossings_in_interval = find_crossings(
-            solver, start, stop, turning_points.low, turning_points.high
+            solver, start, stop, low=turning_points.low, high=turning_points.high
         )
         crossings += crossings_in_interval
         if not crossings_in_interval:

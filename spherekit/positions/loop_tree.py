@@ -215,6 +215,7 @@ def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
     """
     if not tree.chords:
         return 0, ()
+    # The matrix of the velocity equations: three rows for each loop.
     jacobian = tree.jacobian(vectors[None])[0]
     left_vectors, singular_values, _ = np.linalg.svd(jacobian)
     rank = int(np.sum(singular_values > RANK_TOLERANCE * singular_values[0]))

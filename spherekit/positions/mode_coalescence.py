@@ -106,9 +106,10 @@ class ModeCoalescence:
     def __init__(self, solver: PositionSolver) -> None:
         """Choose an elimination order for each group, and find on which groups it depends.
 
-        The elimination order states in which order the unknown angles of a group are
-        eliminated from its equations. The first one whose determinants are finite at some
-        test inputs is used.
+        A group is a set of bodies that are placed together. Its elimination order states in
+        which order the unknown angles are eliminated from its equations. The first order
+        whose determinants are finite at some test inputs is used. The position of a group,
+        and so its determinants, may differ between the modes of earlier groups.
         """
         self.solver = solver
         self.groups = solver.assembly.groups
@@ -152,8 +153,9 @@ class ModeCoalescence:
     def __call__(self, position: int, q: Floats) -> Floats:
         """Evaluate the function of a group, whose sign changes where two modes meet.
 
-        It is the product of the determinants of the group's equations in all its modes,
-        real and complex.
+        A group is a set of bodies that are placed together, and a mode is one solution of
+        its equations. The function is the product of the determinants of these equations in
+        all modes, real and complex.
 
         Parameters
         ----------
@@ -256,7 +258,11 @@ class ModeCoalescence:
             mode_count = self._count_modes(position)
             if order is None:
                 rotations = place_train_bodies(
-                    group, within, ends, self.solver.joints, train_angles
+                    group,
+                    within=within,
+                    ends=ends,
+                    joints=self.solver.joints,
+                    angles=train_angles,
                 )
             else:
                 geometry = GroupGeometry(group, self._pair_frames(group.pairs, within))
@@ -300,6 +306,9 @@ class ModeCoalescence:
 
     def _find_dependence(self, position: int, determinants: Complexes) -> frozenset[int]:
         """Return the positions of the earlier groups on whose modes a group depends.
+
+        A mode of a group is one solution of its equations. A group depends on the modes of
+        an earlier group if its determinants differ between them.
 
         Parameters
         ----------

@@ -175,12 +175,15 @@ class ModeMeeting:
             Whether modes follow their smooth curves through crossings (crossings "pass"),
             and do not keep their signs (crossings "end").
         """
-        groups = [
+        # Modes that meet at one configuration, such as "0 and 1". Each set occurs once.
+        meeting_modes = [
             " and ".join(map(str, numbers))
             for numbers in dict.fromkeys(self.modes)
             if len(numbers) > 1
         ]
-        event = f"modes {', '.join(groups)} meet" if groups else "curves cross"
+        event = "curves cross"
+        if meeting_modes:
+            event = f"modes {', '.join(meeting_modes)} meet"
         event += f" at {input_pair} = {degrees_text(self.input)} deg"
         if not self.resolved:
             return f"{event}; which of them continue each other is not known"

@@ -106,7 +106,8 @@ def _find_named_mode(
     reason
         Why no mode has these angles; empty if one has them.
     """
-    # Such a mode is known at the samples of a grid only, and not at the stated inputs.
+    # The guide of a mode has its verified configurations. If they are known at the samples
+    # of a grid only, the mode cannot be evaluated at the stated inputs.
     if any(isinstance(mode.guide, ModeOverGrid) for mode in assembly_modes):
         return -1, "modes followed over samples of several inputs have no names"
     inputs = solver.mechanism.input_pairs

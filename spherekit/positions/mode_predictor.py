@@ -196,14 +196,18 @@ def follow_each(
     # All regular configurations are followed together, which is faster. At a dead centre,
     # derivatives by the input are infinite, so these are followed one by one.
     regular_starts = start_nodes.rows(is_regular)
-    regular_curves = iter(_follow_from_nodes(closure, driven, regular_starts, low, high))
+    regular_curves = iter(
+        _follow_from_nodes(closure, driven, starts=regular_starts, low=low, high=high)
+    )
     curves = []
     for configuration, is_regular_start in zip(values, is_regular, strict=True):
         if is_regular_start:
             curves.append(next(regular_curves))
         else:
             curves.append(
-                _follow_from_dead_centre(closure, driven, configuration, low, high)
+                _follow_from_dead_centre(
+                    closure, driven, values=configuration, low=low, high=high
+                )
             )
     return curves
 

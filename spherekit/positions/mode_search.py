@@ -139,6 +139,7 @@ class ModeSearch:
 
     def _find_modes_over_samples(self, search: bool, independent: bool) -> None:
         """Find the modes of a mechanism with several inputs at the samples."""
+        # The constructor runs the search. `claim` states how complete the modes are.
         modes = SampledModes(
             self.solver, self.input_grid, search=search, shares_numbers=independent
         )
@@ -169,7 +170,8 @@ class ModeSearch:
 
         A dyad closes in two ways, which its sign distinguishes. A mode is a combination of
         signs with which the mechanism closes at some input. The results are stored in
-        `assembly_modes`, `claim`, `probes` and `methods`.
+        `assembly_modes`, `claim` (how complete they are), `probes` (number of inputs at
+        which they were searched) and `methods`.
 
         Parameters
         ----------

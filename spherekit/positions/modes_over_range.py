@@ -201,7 +201,7 @@ class ModesOverRange:
         is_outside = np.abs(distance) > 0.5 * np.ptp(self.input_grid.q, axis=0)
         shift = np.where(is_outside, whole_laps(distance, solver.periods), 0.0)
         values = solver.shift_inputs(solver.reference[None], reference_input + shift)
-        closed_values, curve = self._follow_configurations(values)[0]
+        ((closed_values, curve),) = self._follow_configurations(values)
         self._add_mode(closed_values, curve)
         # With rolling contacts (`gear_phases`), the curve of the pose may reach the range
         # although its mode does not.
@@ -227,15 +227,25 @@ class ModesOverRange:
         mobility by rank is not 1.
         """
         solver = self.solver
-        values = solver.closure.solve(values, solver.driven).values
+        values = solver.closure.solve(values, fixed=solver.driven).values
+        # With redundant constraints, the rank of the velocity equations decides whether a
+        # configuration can move.
         is_mobile = np.ones(len(values), dtype=bool)
         if any(group.redundant for group in self.groups):
             mobilities = [solver.compute_mobility(row) for row in values]
             self._mobilities += mobilities
             is_mobile = np.array(mobilities) == 1
+        # All mobile configurations are followed together.
         low, high = self.input_grid.range
-        driven = solver.driven[0]
-        curves = iter(follow_each(solver.closure, driven, values[is_mobile], low, high))
+        curves = iter(
+            follow_each(
+                solver.closure,
+                driven=solver.driven[0],
+                values=values[is_mobile],
+                low=low,
+                high=high,
+            )
+        )
         return [
             (row, next(curves) if mobile else None)
             for row, mobile in zip(values, is_mobile, strict=True)
@@ -481,8 +491,9 @@ class ModesOverRange:
         """
         for assembly_mode in self.assembly_modes[self._extended_modes :]:
             self._extended_modes += 1
+            # The guide of the mode: its verified configurations over the input. Both ends
+            # have the status OK if it covers the whole range.
             curve = assembly_mode.guide
-            # Both ends have the status OK if the mode covers the whole range.
             if not isinstance(curve, ModeCurve) or curve.ends == (Status.OK, Status.OK):
                 continue
             values = curve.values[len(curve.values) // 2]

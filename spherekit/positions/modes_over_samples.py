@@ -218,7 +218,7 @@ class SampledModes:
         """Return a node of the graph that belongs to the mode of the reference pose.
 
         A node is one configuration at one sample. Verified steps lead from the reference
-        pose to the samples; the configurations that they reach are a sheet.
+        pose to the samples. The set of configurations that they reach is called a sheet.
 
         Parameters
         ----------
@@ -258,6 +258,8 @@ class SampledModes:
     def _follow_sheet(self, values: Floats) -> ModeOverGrid | None:
         """Return the sheet that verified steps reach from a configuration.
 
+        A sheet is a set of configurations, at most one at each sample of the inputs.
+
         Parameters
         ----------
         values
@@ -277,9 +279,10 @@ class SampledModes:
             self.mobilities.append(mobility)
             if mobility != len(driven):
                 return None
-        return sheets_through(
+        (sheet,) = sheets_through(
             self.solver.closure, driven, self.input_grid, values=closed_values
-        )[0]
+        )
+        return sheet
 
     def _add_sheet(self, sheet: ModeOverGrid) -> None:
         """Add a sheet to the graph, and give its new nodes the number of the sheet."""
@@ -410,7 +413,7 @@ class SampledModes:
         q = self.input_grid.q
         low = np.min(q, axis=0)
         high = np.max(q, axis=0)
-        starts = random_starts(self.solver, low, high, q[samples])
+        starts = random_starts(self.solver, low, high, samples=q[samples])
         variables = len(self.solver.mechanism.variable_owners)
         statistics = SearchStatistics(variables, min_rounds=RANGE_ROUNDS)
         while statistics.needs_more_starts and not self._has_most_sheets:

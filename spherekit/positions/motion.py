@@ -280,13 +280,13 @@ def make_motion(solver: PositionSolver, values: Floats) -> Motion:
         (n, variables) configurations (rad). All rows have the status OK, also singular
         ones.
     """
-    closure = solver.closure.at(values)
+    linearisation = solver.closure.at(values)
     configurations = ModeConfigurations(
         values=values,
-        rotations=closure.rotations,
+        rotations=linearisation.rotations,
         status=np.full(len(values), Status.OK, dtype=np.int8),
-        residual=closure.closure_residual,
-        singular_error=nans(len(values)),
+        residual=linearisation.closure_residual,
+        singular_error=nans(len(values)),  # not computed
     )
     return arrange_rows(
         solver,
@@ -323,6 +323,7 @@ def arrange_rows(
     is_path
         Whether successive samples are neighbours.
     """
+    # The rows of all modes follow each other, so the samples are repeated for each mode.
     mode_numbers = [mode.number for mode in assembly_modes] or [0]
     count = len(mode_numbers)
     return Motion(

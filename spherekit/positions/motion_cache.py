@@ -54,8 +54,9 @@ def kinematics_only(mechanism: Mechanism) -> Mechanism:
 def assembly_by_count_or_rank(mechanism: Mechanism) -> Assembly:
     """Return the groups of a mechanism in the order in which they are solved.
 
-    If counting gives too few degrees of freedom, configurations are searched and the rank
-    of the velocity equations decides.
+    A group is a set of bodies that are placed together by closing their loops. If counting
+    links and pairs gives too few degrees of freedom, configurations are searched and the
+    rank of the velocity equations decides.
 
     Raises
     ------

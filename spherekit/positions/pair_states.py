@@ -132,7 +132,12 @@ class JointsOfKind(NamedTuple):
 
 @lru_cache(maxsize=512)
 def group_joints_by_kind(joints: tuple[Joint, ...]) -> tuple[JointsOfKind, ...]:
-    """Return the joints in groups of one kind each, in the order of first occurrence."""
+    """Return the joints sorted by kind (revolute, rolling, sliding), to evaluate together.
+
+    The kinds are in the order of their first occurrence. Results are cached, because the
+    same joints are evaluated again and again.
+    """
+    # Numbers of the pairs and of their variables, which are numbered pair after pair.
     pairs_by_kind: dict[Kind, list[int]] = {}
     variables_by_kind: dict[Kind, list[int]] = {}
     for pair, first_variable, joint in enumerate_joints(joints):
@@ -141,15 +146,16 @@ def group_joints_by_kind(joints: tuple[Joint, ...]) -> tuple[JointsOfKind, ...]:
         variables_by_kind.setdefault(kind, []).extend(
             range(first_variable, first_variable + joint.variable_count)
         )
-    return tuple(
-        JointsOfKind(
+    kinds = []
+    for kind, pairs in pairs_by_kind.items():
+        joints_of_kind = JointsOfKind(
             kind=kind,
             joints=tuple(joints[pair] for pair in pairs),
             pairs=_as_slice(pairs),
             variables=_as_slice(variables_by_kind[kind]),
         )
-        for kind, pairs in pairs_by_kind.items()
-    )
+        kinds.append(joints_of_kind)
+    return tuple(kinds)
 
 
 def _as_slice(indices: list[int]) -> IndexRange:

@@ -134,7 +134,9 @@ class PositionAnalysis:
         self.crossings = crossings
         self.numbering_input = np.nan
         self.mechanism = driven_at(mechanism, input_pair)
-        self.input_grid = make_input_grid(self.mechanism, samples, grid, path)
+        self.input_grid = make_input_grid(
+            self.mechanism, samples, wants_grid=grid, path=path
+        )
         # The mobility is first counted on the graph of links and pairs. Constraints that
         # repeat each other make this count too small. Then the rank of the velocity
         # equations at the configurations decides.
@@ -189,7 +191,9 @@ class PositionAnalysis:
         self.solver = PositionSolver(self.mechanism, self.assembly)
         if not self._follow:
             return ()
-        mode_search = ModeSearch(self.solver, self.input_grid, search, self._independent)
+        mode_search = ModeSearch(
+            self.solver, self.input_grid, search=search, independent=self._independent
+        )
         # `claim` states how complete the modes are, and `methods` how they were found.
         # `probes` counts the inputs at which they were searched.
         self.methods = mode_search.methods
@@ -313,6 +317,8 @@ class PositionAnalysis:
             If several inputs drive irreducible groups. Their modes are known at the samples
             of the analysis only.
         """
+        # Groups without a closed form are placed from verified configurations of the mode,
+        # its guide. With several inputs these are known at the samples of a grid only.
         if any(isinstance(mode.guide, ModeOverGrid) for mode in self.assembly_modes):
             raise SolveError(
                 f"{self.mechanism.name}: with several inputs and irreducible groups the "

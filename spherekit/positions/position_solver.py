@@ -121,9 +121,11 @@ class PositionSolver:
         self.assembly = assembly
         self.joints, self.reference = make_joints_in_pose(mechanism)
         self.closure = Closure.of_mechanism(mechanism, self.joints)
-        self.driven = tuple(
-            number for pair in assembly.inputs for number in mechanism.variables_of(pair)
-        )
+        # Numbers of the variables that are inputs.
+        driven: list[int] = []
+        for pair in assembly.inputs:
+            driven += mechanism.variables_of(pair)
+        self.driven = tuple(driven)
         # Inputs from which angles are counted over full revolutions.
         self.anchor = np.zeros(len(self.driven))
         # Configurations that are known but for rounding; callers add crossings of curves.

@@ -99,8 +99,9 @@ class GroupFold:
     def estimate_root(self, loops: "GroupLoops", start: Array, determinant: float) -> Array:
         """Estimate the root of f that belongs to an assembly mode.
 
-        f(x) = e + h x^2 / 2 is the closure residual at the distance x from the fold. Its
-        two roots belong to two modes, with opposite signs of the determinant.
+        At a fold two configurations of the bodies meet. f(x) = e + h x^2 / 2 is the closure
+        residual at the distance x from the fold. Its two roots, x = +- sqrt(-2 e / h),
+        belong to two modes, with opposite signs of the determinant.
 
         Parameters
         ----------

@@ -196,7 +196,7 @@ class QuadAssembly:
                     self._place_dyad(bodies, group, sign)
                 else:
                     determinant = determinants[position] if determinants else 0.0
-                    self._close_group(bodies, group, determinant, starts)
+                    self._close_group(bodies, group, determinant=determinant, starts=starts)
             values = bodies.values.astype(float)
         # The rounding to float64, and that of bringing angles into one turn.
         error = 4.0 * EPS + bodies.error
@@ -230,8 +230,10 @@ class QuadAssembly:
         identity = np.broadcast_to(np.eye(3).astype(quad()), (n, 3, 3))
         within = dict.fromkeys(range(len(mechanism.links)), identity)
         values = np.full((n, len(mechanism.variable_owners)), np.nan).astype(quad())
+        # An R pair has one variable.
         for pair, input_values in zip(self.assembly.inputs, q.T, strict=True):
-            values[:, mechanism.variables_of(pair)[0]] = input_values.astype(quad())
+            (variable,) = mechanism.variables_of(pair)
+            values[:, variable] = input_values.astype(quad())
         # Each branch of the tree is an input pair, a link that is placed in its body, and
         # the link that the pair adds to it.
         branches = find_spanning_tree(
@@ -240,7 +242,8 @@ class QuadAssembly:
         for pair, parent, child in branches:
             # R_second = R_first F_first Z(angle) F_second^T.
             first_frame, second_frame = self.frames[pair]
-            angle = values[:, mechanism.variables_of(pair)[0]]
+            (variable,) = mechanism.variables_of(pair)
+            angle = values[:, variable]
             rotated_frame = multiply_matrices(first_frame, rotate_about_z(angle))
             first_from_second = multiply_matrices(rotated_frame, second_frame.T)
             is_forward = mechanism.ends[pair][0] == parent

@@ -193,6 +193,7 @@ def descend_to_closure(
     is_near_closed
         (n,) whether the residuals are so small that Newton's method closes the loops.
     """
+    # The unknowns are the variables that are not fixed.
     free = [v for v in range(values.shape[1]) if v not in fixed]
     free_low = np.broadcast_to(low, values.shape[1])[free]
     free_high = np.broadcast_to(high, values.shape[1])[free]
@@ -205,6 +206,7 @@ def descend_to_closure(
         linearisation = closure.take(rows).at(all_values)
         return linearisation.residual.copy(), linearisation.jacobian[:, :, free]
 
+    # `squares` (n,) are the sums of squared residuals at the minima.
     values[:, free], squares = minimize_squares(
         evaluate_residuals, values[:, free], free_low, free_high, NEWTON_START_RAD
     )

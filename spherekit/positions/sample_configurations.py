@@ -134,8 +134,8 @@ def enumerate_configurations(solver: PositionSolver, q: Floats) -> SampleConfigu
 def _polish(solver: PositionSolver, values: Floats) -> Floats:
     """Return closed configurations after one more Newton step of all their loops.
 
-    A group counts as closed at a residual below 1e-15 rad. Multiplied by the inverse of the
-    Jacobian, this is an error of about 1e-14 rad in the variables. A tenth of it is
+    The loops count as closed at a residual below 1e-15 rad. Multiplied by the inverse of
+    the Jacobian, this is an error of about 1e-14 rad in the variables. A tenth of it is
     rounding; the step removes the rest.
 
     Parameters
@@ -194,7 +194,9 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
                 state.merge(group, rotations)
                 state.values[:, group_variables(state, group)] = solutions.values
             sample = sample[parent]
-    return SampleConfigurations(sample, state.values, is_complete, problem)
+    return SampleConfigurations(
+        sample=sample, values=state.values, is_complete=is_complete, problem=problem
+    )
 
 
 def _place_both_modes(state: AssemblyState, group: Group) -> tuple[AssemblyState, Indices]:
@@ -313,16 +315,19 @@ def _eliminate_samples(group: Group, closure: Closure) -> SampleConfigurations:
     assert closure.body_from_links is not None
     count = len(closure.body_from_links[0])
     is_complete = np.zeros(count, dtype=bool)
+    # Parts of the result: samples, and configurations there.
     samples = [np.empty(0, dtype=np.intp)]
     values = [np.empty((0, len(group.pairs)))]
+    # 1. and 2.: all samples that are not complete yet, in batches.
     for solve in (_solve_real_roots, _solve_all_roots):
         (unsolved_rows,) = np.nonzero(~is_complete)
         for first in range(0, len(unsolved_rows), SAMPLES_AT_ONCE):
             rows = unsolved_rows[first : first + SAMPLES_AT_ONCE]
-            batch = _solve_batch(group, closure.take(rows), len(rows), solve)
+            batch = _solve_batch(group, closure.take(rows), count=len(rows), solve=solve)
             is_complete[rows] = batch.is_complete
             samples.append(rows[batch.sample])
             values.append(batch.values)
+    # 3.: the remaining samples one by one.
     doubtful = np.flatnonzero(~is_complete)
     problem = "elimination was doubtful at too many samples"
     problems = [problem] if len(doubtful) > MAX_EXAMINED_SAMPLES else []
@@ -333,11 +338,15 @@ def _eliminate_samples(group: Group, closure: Closure) -> SampleConfigurations:
         problems += [reason] if reason else []
         samples.append(np.full(len(configurations), row))
         values.append(configurations)
+    # Sort by sample, then by the angles. `lexsort` takes the last key first.
     sample = np.concatenate(samples)
     all_values = np.concatenate(values)
     order = np.lexsort((*sortable_angles(all_values).T[::-1], sample))
     return SampleConfigurations(
-        sample[order], all_values[order], is_complete, problems[0] if problems else ""
+        sample=sample[order],
+        values=all_values[order],
+        is_complete=is_complete,
+        problem=problems[0] if problems else "",
     )
 
 

@@ -144,4 +144,4 @@ def _fit_splines(
             run_nodes = nodes[first:stop]
             run_values[:, is_angle] = np.unwrap(run_values[:, is_angle], axis=0)
             spline = make_interp_spline(run_nodes, run_values, k=SPLINE_DEGREE)
-            yield ModeSpline(mode, run_nodes[0], run_nodes[-1], spline)
+            yield ModeSpline(mode, first=run_nodes[0], last=run_nodes[-1], evaluate=spline)
