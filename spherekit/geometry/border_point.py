@@ -53,8 +53,9 @@ def points_on_arcs(start: Floats, end: Floats, angle: Floats) -> Floats:
 def find_crossings(
     evaluate: MarginEvaluator, inside: Floats, outside: Floats
 ) -> tuple[Floats, Indices]:
-    """Return the points where arcs leave the region, and the margins that end it there.
+    """Return the points where arcs leave a region, and the margins that end it there.
 
+    The region is a set of directions. An arc of a great circle crosses its border once.
     The region consists of the directions at which all margins (functions of the direction)
     are at least 0. On each arc the smallest margin changes its sign. The margin that ends
     the region is the one that becomes negative there.

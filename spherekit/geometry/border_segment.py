@@ -185,7 +185,8 @@ class BorderSegments(ArrayRows):
         margin, triangle, is_leading
             (n,) as in the class.
         crossings
-            `start` and `stop` of the class.
+            `start` and `stop` of the class: numbers of the points at which the border
+            crosses the edges of its triangle.
         is_searched
             (n,) segments whose border is searched. The others are their chords.
         """
@@ -445,7 +446,8 @@ def find_nearest_point(
         cosine = np.vecdot(points, direction)
         u = find_real_zeros(chebyshev.chebder(coefficient_matrix(ORDERS[-1]) @ cosine))
         height = nearby.height[segment] @ interpolation_matrix(ORDERS[-1], u).T
-        candidates.append(nearby._points_at(segment, u, height)[0])
+        (extremal_points,) = nearby._points_at(segment, u, height)
+        candidates.append(extremal_points)
     # Candidates outside the region are left out, unless all are.
     points = np.concatenate(candidates)
     tolerance = BORDER_TOLERANCE_FACTOR * np.max(evaluate.rounding_errors)

@@ -188,8 +188,8 @@ class RegionRefinement:
 
         A triangle with all three vertices inside is counted as a whole. If one or two are
         inside, the region in the triangle consists of the triangle of an inner vertex (the
-        apex) and the chord between the ends of the border, of the area between this chord
-        and the border, and, if two are inside, of one more triangle.
+        apex) and the chord (the straight arc between the ends of the border), of the area
+        between this chord and the border, and, if two are inside, of one more triangle.
 
         A segment of the border may leave its triangle. A single value may therefore be
         wrong, but the sum over connected triangles is right.
@@ -239,7 +239,8 @@ class RegionRefinement:
         """
         segments = self.segments
         number = np.arange(len(segments.start))
-        # The leading and the second segment in the triangle that is entered at a crossing.
+        # The leading and the second segment in the triangle that is entered at a crossing,
+        # -1 if there is none. Crossings are numbered as in `_crossing_keys`.
         leading_at = np.full(len(self._crossing_keys), -1)
         second_at = np.full(len(self._crossing_keys), -1)
         leading_at[segments.start[segments.is_leading]] = number[segments.is_leading]
@@ -380,7 +381,8 @@ class RegionRefinement:
 
         Returns
         -------
-        (n,) numbers of crossings. New ones are computed and stored.
+        (n,) numbers of crossings. The keys, points and margins of new ones are computed and
+        appended to `_crossing_keys`, `_crossing_points` and `_crossing_margins`.
         """
         # An integer key identifies each edge: the vertex inside in its upper 32 bits, and
         # the vertex outside in its lower ones. Edges with a known key are not searched.

@@ -334,7 +334,9 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
         # 1. Elimination for some systems, with one start of Newton's method for each root.
         systems = np.arange(n)
         stride = ELIMINATION_STRIDE if t == 3 else 1
-        _eliminate(angles, equations, incidence, systems[::stride], starts_per_root=1)
+        _eliminate(
+            angles, equations, incidence, systems=systems[::stride], starts_per_root=1
+        )
 
         # 2. Newton's method for the others, from solutions of the nearest solved system.
         is_unsolved = np.isnan(angles[:, 0, 0])
@@ -355,7 +357,11 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
         # 3. Elimination with all starts for systems whose solutions are not complete yet.
         unsolved = systems[np.isnan(angles[:, 0, 0])]
         _eliminate(
-            angles, equations, incidence, unsolved, starts_per_root=MAX_STARTS_PER_ROOT
+            angles,
+            equations,
+            incidence,
+            systems=unsolved,
+            starts_per_root=MAX_STARTS_PER_ROOT,
         )
     return angles
 
@@ -433,6 +439,9 @@ def _eliminate(
 ) -> None:
     """Solve some systems by elimination and store complete solutions in `angles`.
 
+    The eliminant is a polynomial in e^(ix), x the first angle. Each of its roots gives the
+    first angle of a solution, and starts of Newton's method for the others.
+
     Parameters
     ----------
     angles
@@ -446,6 +455,7 @@ def _eliminate(
     """
     if len(systems):
         roots = _find_eliminant_roots(equations[systems], incidence).roots
+        # A root that is zero or infinite has no angle.
         is_usable = np.all(np.isfinite(roots) & (roots != 0.0), axis=1)
         systems = systems[is_usable]
         solutions = _solve_at_roots(equations[systems], roots[is_usable], starts_per_root)

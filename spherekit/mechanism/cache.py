@@ -45,6 +45,7 @@ class MechanismCache:
             Function that computes the result.
         """
         key = mechanism.content, request
+        # Other threads wait until the result is computed.
         with self._lock:
             # Removing and inserting the result again makes it the most recently used one.
             is_cached = key in self._results

@@ -74,12 +74,11 @@ def make_joints_in_pose(
             pose_variables.append(pose.values.get(pair.name, 0.0) if pose else 0.0)
             continue
         curves = make_contact_curves(mechanism, pair)
-        # In a reference pose the profiles themselves show where they touch.
-        start = (
-            find_contact_lengths(mechanism, pair, curves, profile_gap)
-            if pose
-            else pair.start
-        )
+        # Arc lengths along both profiles at the contact. In a reference pose the profiles
+        # themselves show where they touch.
+        start = pair.start
+        if pose:
+            start = find_contact_lengths(mechanism, pair, curves, profile_gap)
         if pair.type == "Cr":
             # The arc length of rolling is counted from the reference pose.
             joints.append(Rolling(*curves, start))

@@ -593,7 +593,10 @@ def _check_names(where: str, mechanism: Mechanism) -> None:
         names = mechanism.links if reference.what == "link" else [*mechanism.pair_number]
         if reference.name not in names:
             raise unknown_name_error(
-                f"{where}: {reference.key}", reference.what, reference.name, names
+                f"{where}: {reference.key}",
+                what=reference.what,
+                name=reference.name,
+                names=names,
             )
 
 

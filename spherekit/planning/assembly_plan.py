@@ -230,7 +230,9 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     # Two wheels on a common carrier repeat one constraint of the carrier.
     carried_contacts = find_carried_contacts(mechanism)
     try:
-        groups = split_into_groups(mechanism, body_of_link, open_pairs, carried_contacts)
+        groups = split_into_groups(
+            mechanism, body_of_link, open_pairs, carried_contacts=carried_contacts
+        )
     except CountError:
         # Constraints are redundant in another way than by wheels on carriers. Counting
         # cannot find groups then, so all bodies are placed together.

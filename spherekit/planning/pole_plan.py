@@ -350,10 +350,13 @@ def table_cells(plan: Plan) -> list[list[str]]:
     for pole, round_number in plan.rounds.items():
         mark = roman_numeral(round_number) or PRIMARY_MARK
         mark_by_pole[pole] = mark + "*" if pole in starred_poles else mark
-    return [
-        [SELF_MARK if i == j else mark_by_pole.get(pole_of(i, j), "") for j in plan.bodies]
-        for i in plan.bodies
-    ]
+    rows = []
+    for i in plan.bodies:
+        row = []
+        for j in plan.bodies:
+            row.append(SELF_MARK if i == j else mark_by_pole.get(pole_of(i, j), ""))
+        rows.append(row)
+    return rows
 
 
 def titled_rows(plan: Plan) -> list[list[str]]:

@@ -98,6 +98,7 @@ def _pole_of_bodies(whole_plan: Plan, pole: Pole | str) -> Pole:
     """
     mechanism = whole_plan.mechanism
     names = mechanism.links
+    # The numbers of two links, and the pole of the bodies to which they belong.
     i, j = parse_pole(mechanism, pole) if isinstance(pole, str) else pole
     if not 0 <= min(i, j) <= max(i, j) < len(names):
         raise PlanError(

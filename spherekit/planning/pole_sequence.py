@@ -177,6 +177,7 @@ def _find_line_poles(
     """
     steps = []
     for pole in poles:
+        # Third bodies can give the same great circle, which then counts once.
         third_bodies = known_poles.third_bodies(pole)
         contacts = tuple(contacts_by_pole.get(pole, ()))
         circles = group_by_circle(third_bodies, pole, chain.coaxial)
@@ -220,10 +221,10 @@ def group_by_circle(
         if not coaxial_bodies.isdisjoint(pole):
             indices = [k for k, body in enumerate(bodies) if body in coaxial_bodies]
             equal_couples += pairwise(indices)
-    return [
-        tuple(bodies[k] for k in indices)
-        for indices in connected_components(len(bodies), equal_couples)
-    ]
+    circles = []
+    for indices in connected_components(len(bodies), equal_couples):
+        circles.append(tuple(bodies[k] for k in indices))
+    return circles
 
 
 def _find_smallest_block(

@@ -370,16 +370,17 @@ class AngleUnwrapping:
         (anchor,) = self.solver.anchor
         angles = self._angles
         if np.isfinite(period):
-            # One period from the anchor on contains all configurations.
+            # One period from the anchor on contains all configurations. The start is
+            # shifted into it by whole periods.
             start_input = anchor + np.mod(start[driven] - anchor, period)
-            values = self.solver.shift_inputs(start[None], np.array([[start_input]]))[0]
+            (values,) = self.solver.shift_inputs(start[None], np.array([[start_input]]))
             ends = [anchor, anchor + period]
         else:
             values = start
             ends = [anchor, *inputs.tolist()]
-        curve = follow_each(
+        (curve,) = follow_each(
             self._closure, driven, values[None], low=min(ends), high=max(ends)
-        )[0]
+        )
         low, high = curve.inputs[[0, -1]]
         # Revolutions of the angles in one period; none if the curve ends before.
         growth = (curve.values[-1] - curve.values[0])[angles]

@@ -202,7 +202,8 @@ def enumerate_modes(
     ) -> Iterator[tuple[tuple[int, ...], AssemblyState]]:
         """Yield all modes in which the first groups have these signs and this state.
 
-        The next group is placed in each of its modes, and then the groups after it.
+        A group is a set of bodies that are placed together. The next group is placed in
+        each of its modes, and then the groups after it.
         """
         position = len(signs)
         if position == group_count:

@@ -429,7 +429,11 @@ class ArcCurve(Chords):
         return np.isin(np.arange(len(values)), hits.configurations)
 
     def _project_points(self, values: Floats) -> ChordProjections:
-        """Return the projections of configurations (n, variables) that are on the curve."""
+        """Return the projections of configurations (n, variables) that are on the curve.
+
+        A configuration is projected on the chords near it, which are the straight lines
+        between successive nodes of the curve.
+        """
         projections = self.project(values, self.periods)
         # The points of the curve with the same projections on the chords. A configuration
         # is on the curve if it equals the point, apart from whole periods. Both are

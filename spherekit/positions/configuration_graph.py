@@ -143,7 +143,8 @@ class ConfigurationGraph:
         (m,) node of each configuration, new or already present. Each new node is a piece of
         its own.
         """
-        # `find` returns -1 for a configuration that is no node yet.
+        # `find` returns -1 for a configuration that is no node yet. `_driven` are the
+        # numbers of the variables of the inputs.
         nodes = self.find(sample, values)
         (missing,) = np.nonzero(nodes < 0)
         if not len(missing):
@@ -305,12 +306,15 @@ class ConfigurationGraph:
         (n,) whether the signs of the nodes of a sample add up to another number than zero.
         False for samples with a singular node, which has no sign.
         """
+        # Sums over the nodes of each sample: of the signs, and of singular nodes, which are
+        # not regular.
         count = len(self.input_grid)
-        sums = np.bincount(
-            self.sample, np.where(self._is_regular, self._determinant_sign, 0.0), count
+        signs = np.where(self._is_regular, self._determinant_sign, 0.0)
+        sign_sums = np.bincount(self.sample, weights=signs, minlength=count)
+        singular_counts = np.bincount(
+            self.sample, weights=~self._is_regular, minlength=count
         )
-        singular = np.bincount(self.sample, ~self._is_regular, count)
-        return (sums != 0.0) & (singular == 0)
+        return (sign_sums != 0.0) & (singular_counts == 0)
 
     def join(self) -> None:
         """Join nodes at neighbouring samples, as far as the division into modes needs it.
@@ -366,7 +370,8 @@ class ConfigurationGraph:
           This is not required at a target where configurations may be missing, because
           the path can lead to a new node there.
         """
-        # -1 means: no sample (`target`), no node (`ends`), no path (`_partner`).
+        # `_is_regular` marks nodes that are not singular. -1 means: no sample (`target`),
+        # no node (`ends`), no path (`_partner`).
         # `direction ^ 1` is the opposite direction.
         target = self._neighbours[direction][self.sample]
         is_candidate = (target >= 0) & self._is_regular & ~self._is_tried[direction]
@@ -434,6 +439,7 @@ class ConfigurationGraph:
         for first in range(0, len(nodes), PATHS_AT_ONCE):
             chunk = nodes[first : first + PATHS_AT_ONCE]
             self._progress.tell(lambda: f"{len(self._nodes_of_piece)} pieces")
+            # The sample next to that of each node.
             target = self._neighbours[direction][self.sample[chunk]]
             is_verified, values = self._follow_paths(chunk, target)
             starts_of_chunks.append(chunk[is_verified])

@@ -222,7 +222,9 @@ class CurveContinuation(ABC, Generic[Node]):
         nodes = self.last_nodes.rows(rows)
         tried_steps = self.try_steps(rows, nodes, steps)
         # A curve whose step passes its start is closed, and ends at the start.
-        end_nodes, closes = self._find_closing_laps(rows, nodes, steps, tried_steps)
+        end_nodes, closes = self._find_closing_laps(
+            rows, nodes, steps, tried_steps=tried_steps
+        )
         self.append_nodes(rows[closes], end_nodes.rows(closes))
         self.end_status[rows[closes]] = Status.OK
         self.is_closed[rows[closes]] = True
@@ -320,8 +322,9 @@ class CurveContinuation(ABC, Generic[Node]):
         """Return which steps (k,) pass the last test, that both ends predict the middle.
 
         The middle is interpolated between both ends with their first two derivatives, at
-        its projection on the chord from start to end. The interpolation must agree with the
-        corrected middle within the limits of `step_tests`.
+        its projection on the chord, which is the straight line from start to end. The
+        interpolation must agree with the corrected middle within the limits of
+        `step_tests`.
 
         Parameters
         ----------

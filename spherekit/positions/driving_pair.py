@@ -28,8 +28,8 @@ def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
     The mechanism is driven at one pair. Assembly modes meet at certain values of this
     input, where a function of the input changes its sign. The cost is the time of one value
     of this function. The given solver is returned if its cost is acceptable, if the
-    functions are unknown for every driving pair, or if a group has contacts or redundant
-    constraints.
+    functions are unknown for every driving pair, or if a group (a set of bodies that are
+    placed together) has contacts or redundant constraints.
     """
     if any(not group.revolute or group.redundant for group in solver.assembly.groups):
         return solver

@@ -98,7 +98,8 @@ def find_group_configurations(
     else:
         distinct, problem = find_distinct_by_elimination(group, closure)
         if not problem:
-            root_count = find_elimination_orders(group)[0].root_count
+            first_order = find_elimination_orders(group)[0]
+            root_count = first_order.root_count
             description = f"elimination: all {root_count} complex roots"
             doubt = 0.0
             if distinct.is_truncated:

@@ -117,8 +117,13 @@ def nodes_at(
     opening_rate = np.einsum("nij,nj->ni", linearisation.jacobian, slope)
     slope[:, passive] = -np.einsum("nij,nj->ni", inverse, opening_rate)
     bend[:, passive] = -np.einsum("nij,nj->ni", inverse, linearisation.bias(slope))
-    sign = determinant_sign(passive_jacobian)
-    return InputPathNodes(direction, linearisation.values, slope, bend, sign)
+    return InputPathNodes(
+        direction=direction,
+        values=linearisation.values,
+        slope=slope,
+        bend=bend,
+        sign=determinant_sign(passive_jacobian),
+    )
 
 
 def determinant_sign(matrices: Floats) -> Floats:

@@ -168,7 +168,7 @@ class Closure:
         The closure at the last values. The caller checks whether the loops are closed.
         """
         linearisation, _ = self.solve_with_step_sizes(
-            values, fixed, max_steps, longest_step
+            values, fixed, max_steps=max_steps, longest_step=longest_step
         )
         return linearisation
 

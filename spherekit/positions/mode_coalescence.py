@@ -231,7 +231,9 @@ class ModeCoalescence:
         """Place the first groups in all their complex modes.
 
         A complex mode is one of the real or complex solutions of the equations of a group.
-        A body is a set of links whose relative orientations are known.
+        A body is a set of links whose relative orientations are known. `_orders` has the
+        elimination order of each group, by which its equations are solved (None for a train
+        of wheels), and `_dependences` the earlier groups on whose modes it depends.
 
         Parameters
         ----------
@@ -307,8 +309,9 @@ class ModeCoalescence:
     def _find_dependence(self, position: int, determinants: Complexes) -> frozenset[int]:
         """Return the positions of the earlier groups on whose modes a group depends.
 
-        A mode of a group is one solution of its equations. A group depends on the modes of
-        an earlier group if its determinants differ between them.
+        A group is a set of bodies that are placed together, and a mode of it is one
+        solution of its equations. A group depends on the modes of an earlier group if its
+        determinants differ between them.
 
         Parameters
         ----------

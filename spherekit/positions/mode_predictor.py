@@ -239,7 +239,7 @@ def _follow_from_dead_centre(
     ordered = sorted(points, key=lambda point: tuple(np.round(values - point, 6)))
     # The last start is the dead centre itself.
     starts = _nodes_with_rising_input(closure, driven, np.array([*ordered, values]))
-    curves = _follow_from_nodes(closure, driven, starts, low, high)
+    curves = _follow_from_nodes(closure, driven, starts=starts, low=low, high=high)
     tried_steps = sum(curve.tried_steps for curve in curves)
     for curve in curves[:-1]:
         for end in (0, -1):
@@ -247,7 +247,8 @@ def _follow_from_dead_centre(
             input_difference = difference[driven]
             if input_difference and max_abs(difference) < DEAD_CENTRE_END_RAD:
                 # Insert the dead centre before the first node, or behind the last one. Its
-                # slope by the input is infinite, so that of the chord is used instead.
+                # slope by the input is infinite. The slope of the straight line from the
+                # dead centre to the node is used instead.
                 index = end % (len(curve.inputs) + 1)
                 slope = difference / input_difference
                 return ModeCurve(

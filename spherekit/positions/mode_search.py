@@ -103,14 +103,16 @@ class ModeSearch:
     ) -> None:
         """Search the assembly modes of a mechanism at the samples of its inputs.
 
-        The method depends on the mechanism. If all groups are dyads or trains of wheels, a
-        mode is a combination of their signs. Otherwise modes are followed: over the range
-        of a single input, or from sample to sample of several inputs.
+        The links are placed group by group: dyads in closed form, larger groups by Newton's
+        method. If all groups are dyads or trains of wheels, a mode is a combination of
+        their signs. Otherwise modes are followed: over the range of a single input, or from
+        sample to sample of several inputs. Parameters: see the class.
         """
         self.solver = solver
         self.input_grid = input_grid
         # Results. `claim` states how complete the modes are, `methods` how the modes of
         # each group were found, and `probes` at how many inputs they were searched.
+        # `crossings` are configurations at which curves of configurations cross.
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []

@@ -139,12 +139,13 @@ class ModesOverRange:
         """Search the assembly modes of a mechanism over the range of its input.
 
         A mode is a curve of configurations over the input. The mode of the reference pose
-        is followed first, then all others are searched.
+        is followed first, then all others are searched. Parameters: see the class.
         """
         self.solver = solver
         self.input_grid = input_grid
         # Results. `claim` states how complete the modes are, `methods` by which method the
-        # configurations of each group were computed, and `probes` at how many inputs.
+        # configurations of each group (a set of links that are placed together) were
+        # computed, and `probes` at how many inputs. Curves cross at `crossings`.
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []
         self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
@@ -275,7 +276,7 @@ class ModesOverRange:
         # The signs that distinguish the mode are those at the middle of its curve, because
         # `values` may be at a dead centre, where determinants are zero.
         values = curve.values[len(curve.values) // 2]
-        determinants = group_signs(self.solver, values[None], least=0.0)[0]
+        (determinants,) = group_signs(self.solver, values[None], least=0.0)
         self.assembly_modes.append(
             AssemblyMode(
                 number=len(self.assembly_modes),
@@ -286,6 +287,7 @@ class ModesOverRange:
             )
         )
         self._progress.tell(lambda: f"{len(self.assembly_modes)} followed")
+        # The number of the family of each mode.
         new_family = max(self._families, default=-1) + 1
         self._families.append(new_family if family is None else family)
         return True
@@ -498,13 +500,17 @@ class ModesOverRange:
                 continue
             values = curve.values[len(curve.values) // 2]
             was_followed = any(
-                followed_curve.passes(values[None])[0] for followed_curve in self._curves
+                followed_curve.passes(values[None]).item()
+                for followed_curve in self._curves
             )
             if not was_followed:
                 self._add_modes_on_curve(values, self._families[assembly_mode.number])
 
     def _add_modes_on_curve(self, values: Floats, family: int | None = None) -> None:
         """Add the modes in the range that are on the curve through a configuration.
+
+        A configuration curve consists of all configurations that the mechanism can reach
+        without being taken apart. A mode is a part of it on which the input rises or falls.
 
         Parameters
         ----------
@@ -527,7 +533,9 @@ class ModesOverRange:
         # is added by the configuration in its middle.
         low, high = self.input_grid.range
         (period,) = self.solver.periods
-        pieces = monotone_pieces(curve, self.solver.input_variable, low, high, period)
+        pieces = monotone_pieces(
+            curve, driven=self.solver.input_variable, low=low, high=high, period=period
+        )
         middles = np.array([piece.middle for piece in pieces])
         self._add_new_modes(middles.reshape(-1, curve.nodes.values.shape[1]), family)
 

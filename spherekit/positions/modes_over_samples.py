@@ -102,12 +102,13 @@ class SampledModes:
 
         Configurations are the nodes of a graph, and verified paths between neighbouring
         samples join them to modes. A sheet is the set of nodes that such paths reach from
-        one start.
+        one start. Parameters: see the class.
         """
         self.solver = solver
         self.input_grid = input_grid
         # Results. `claim` states how complete the modes are, `methods` by which method the
-        # configurations of each group were computed, and `probes` at how many samples.
+        # configurations of each group of links were computed, and `probes` at how many
+        # samples.
         # `mobilities` are numbers of degrees of freedom at starts of sheets.
         self.claim = REFERENCE_ONLY
         self.groups = solver.assembly.groups
@@ -471,7 +472,9 @@ class SampledModes:
         ]
 
     def _signs_of_modes(self, modes: Sequence[Indices]) -> SmallIntegers:
-        """Return the sign of each group in each mode.
+        """Return the sign of each group of links in each mode.
+
+        A mode is given by its nodes in the graph, which are configurations at samples.
 
         Parameters
         ----------
@@ -510,7 +513,10 @@ class SampledModes:
         return sorted(united_modes, key=lambda mode: -int(np.sum(mode >= 0)))
 
     def _make_mode(self, number: int, mode: Indices, signs: SmallIntegers) -> AssemblyMode:
-        """Return an assembly mode, from its nodes.
+        """Return an assembly mode, from its nodes in the graph.
+
+        A node is one configuration at one sample of the inputs. The configurations of the
+        mode become its guide, from which Newton's method starts.
 
         Parameters
         ----------

@@ -127,7 +127,8 @@ class PositionAnalysis:
         """Sample the inputs, search the assembly modes, and name them.
 
         An assembly mode is one of the ways in which the mechanism can be put together at
-        given inputs. Parameters: see the class.
+        given inputs. `crossings` is "end" or "pass": what modes do where curves of
+        configurations cross. Other parameters: see the class.
         """
         self._follow = follow
         self._independent = independent
@@ -195,7 +196,8 @@ class PositionAnalysis:
             self.solver, self.input_grid, search=search, independent=self._independent
         )
         # `claim` states how complete the modes are, and `methods` how they were found.
-        # `probes` counts the inputs at which they were searched.
+        # `probes` counts the inputs at which they were searched. Curves of configurations
+        # cross at `crossings`.
         self.methods = mode_search.methods
         self.claim = mode_search.claim
         self._probe_count = mode_search.probes
@@ -209,8 +211,9 @@ class PositionAnalysis:
     def _pass_crossings(self) -> None:
         """Replace the modes by those that follow smooth curves through crossings.
 
-        A smooth curve has the number of the mode on it at the reference pose, if this input
-        is in the range and is not a crossing, and otherwise at the low end of the range.
+        `_modes_with_constant_signs` are the modes without this. A smooth curve has the
+        number of the mode on it at the input of the reference pose, if this input is in the
+        range and no crossing. Otherwise it is the mode at the low end of the range.
 
         Raises
         ------

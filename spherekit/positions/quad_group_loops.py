@@ -239,10 +239,10 @@ class GroupLoops:
     def find_fold(self, values: Array) -> GroupFold:
         """Find the fold near variables (n, pairs), in rad.
 
-        At a fold two configurations of the group meet. v and u are the right and left
-        singular vectors of the smallest singular value s of the Jacobian. Loops moved by x
-        along v are open along u by f(x) = e + s x + h x^2 / 2. At the fold the slope s is
-        zero, and the loops close in all directions but u. Both conditions are solved by
+        At a fold two configurations of a group of bodies meet. v and u are the right and
+        left singular vectors of the smallest singular value s of the Jacobian. Loops moved
+        by x along v are open along u by f(x) = e + s x + h x^2 / 2. At the fold the slope s
+        is zero, and the loops close in all directions but u. Both conditions are solved by
         Newton's method, whose step along v is -s / h.
         """
         values = values.copy()

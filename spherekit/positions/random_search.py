@@ -278,11 +278,14 @@ class DistinctConfigurations:
         rolled_sum = np.sum(np.abs(values[:, self._rolling_variables]), axis=1)
         order = np.argsort(rolled_sum, kind="stable")
         for row in order[exists[order]].tolist():
-            # Compare with all configurations so far, each of which has its own tolerance.
+            # Compare the rotations (bodies, 3, 3) with those of all configurations so far,
+            # each of which has its own tolerance.
             distances = self._measure_distances(values[row], rotations[row])
             equal = np.flatnonzero(
                 distances <= np.maximum(tolerance[row], self._tolerances)
             )
+            # A group that can move has infinitely many configurations, so the number of
+            # singular ones is limited.
             has_room = len(self.values) < MAX_MODES and not (
                 is_singular[row] and self._singular_count == MAX_SINGULAR_MODES
             )
@@ -316,6 +319,7 @@ class DistinctConfigurations:
         kept_rotations = np.array(self._rotations).reshape(-1, *rotations.shape)
         kept_values = np.array(self.values).reshape(-1, len(values))
         differences = np.abs(values - kept_values)
+        # Variables that count how far two wheels have rolled, with their joints.
         is_repetition = np.ones(len(differences), dtype=bool)
         for variable, joint in self._rolling:
             # Revolutions of either wheel: axes are wheel, configuration.
@@ -336,7 +340,8 @@ def search_group(
 ) -> SearchStatistics:
     """Search the closed configurations of a group at one sample from random starts.
 
-    The search ends when each configuration was reached often enough, or at a limit of time.
+    A group is a set of bodies that are placed together by closing their loops. The search
+    ends when each configuration was reached often enough, or at a limit of time.
 
     Parameters
     ----------

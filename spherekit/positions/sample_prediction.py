@@ -79,7 +79,10 @@ def make_sample_predictor(
     @cache
     def fit_once() -> list[ModeSpline]:
         """Solve the nodes and return the splines. Later calls return the same splines."""
-        return list(_fit_splines(position_analysis, samples_per_node, passive, is_angle))
+        splines = _fit_splines(
+            position_analysis, samples_per_node, passive=passive, is_angle=is_angle
+        )
+        return list(splines)
 
     def predict_samples(start: int, stop: int, out: Floats) -> None:
         """Write the samples from start up to stop into out (variables, modes, samples)."""
