@@ -134,7 +134,8 @@ class RegionRefinement:
     def refine(self, tolerance: float, feature: float, max_evaluations: int) -> None:
         """Refine until the error of the area is small enough, or nothing more helps.
 
-        In each round, triangles are cut for the first of these reasons that applies to any:
+        Each triangle of the mesh has a class, which says how the region lies in it. In each
+        round, triangles are cut for the first of these reasons that applies to any of them:
         their class shows too little; the search of the border has failed in them; the error
         of the area is too large.
 

@@ -61,7 +61,9 @@ def find_common_axes(mechanism: Mechanism) -> tuple[CommonAxis, ...]:
     common_axes = []
     for pairs in connected_components(len(mechanism.pairs), coaxial_couples):
         if len(pairs) > 1:
-            links = frozenset().union(*(mechanism.ends[pair] for pair in pairs))
+            links: set[int] = set()
+            for pair in pairs:
+                links.update(mechanism.ends[pair])
             is_exact = rounded_pairs.isdisjoint(pairs)
-            common_axes.append(CommonAxis(links, pairs[0], is_exact))
+            common_axes.append(CommonAxis(frozenset(links), pairs[0], is_exact))
     return tuple(common_axes)

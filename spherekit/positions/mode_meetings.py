@@ -411,7 +411,7 @@ def follow_smooth_curves(
         # the interval of `start`, and is extended upwards, then downwards. At each meeting,
         # `successors` and `predecessors` map the modes that change to their new numbers.
         numbers = [mode.number]
-        is_claimed = False
+        is_claimed = False  # whether another mode changes to the number of this one
         for meeting in meetings[first:]:
             is_claimed |= _is_claimed_by_another(numbers[-1], meeting.successors)
             numbers.append(meeting.successors.get(numbers[-1], numbers[-1]))

@@ -500,8 +500,7 @@ class ModesOverRange:
                 continue
             values = curve.values[len(curve.values) // 2]
             was_followed = any(
-                followed_curve.passes(values[None]).item()
-                for followed_curve in self._curves
+                followed_curve.passes(values[None]).all() for followed_curve in self._curves
             )
             if not was_followed:
                 self._add_modes_on_curve(values, self._families[assembly_mode.number])
