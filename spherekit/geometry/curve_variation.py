@@ -289,12 +289,15 @@ def differentiate_fourier(
 def differentiate_spline(
     points: ArrayLike, change: ArrayLike, closed: bool, backwards: bool = False
 ) -> CurveDerivative:
-    """Return the derivative of the curve of `spherekit.geometry.profile_curve.through`.
+    """Return the derivative of the smooth spline curve through points.
+
+    `spherekit.geometry.profile_curve.through` makes this curve.
 
     Parameters
     ----------
     points, change
-        (m, 3) unit vectors, and their derivatives by the design variable.
+        (m, 3) unit vectors in the order of the curve, and their derivatives by the design
+        variable.
     closed, backwards
         Whether the curve is closed, and whether it is run backwards.
     """

@@ -13,6 +13,7 @@ interpolated by a polynomial of degree 2 in each coordinate, from 27 samples.
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -185,8 +186,7 @@ def find_orientations(
         error = float(cells.error.sum())
         wanted_error = tolerance * volume
         message = f"volume {volume:.4g} +- {error:.2g}, to be known to {wanted_error:.2g}"
-        # `tell` takes a function, which is called only if the text is shown.
-        progress.tell(lambda text=message: text)
+        progress.tell(partial(str, message))  # called only if a report is due
         if error <= wanted_error:
             break
         # All uncertain cells at this limit would together use half of the wanted error.

@@ -276,8 +276,9 @@ def axes_about(centre: ArrayLike) -> Floats:
             f"the centre has length {abs(size):.9g}; it has to be a unit vector"
         )
     unit = vector / size
+    # The coordinate axis x or y, from which the part along the centre is removed. The
+    # second pass removes the rounding error of the first one.
     first = np.eye(3)[1 if abs(unit[0]) > MAX_FIRST_COMPONENT else 0]
-    # The second pass removes the rounding error of the first one.
     for _ in range(2):
         first = first - dot(first, unit) * unit
         first = first / np.sqrt(dot(first, first))

@@ -130,7 +130,7 @@ class Pair:
         it is not stated.
     pressure_angle
         Pressure angle (rad) of the teeth of a rolling contact. The force that presses the
-        wheels apart is its tangent times the force that rotates them.
+        wheels apart is the tangent of this angle times the force that rotates them.
     """
 
     name: str

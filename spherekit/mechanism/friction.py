@@ -139,7 +139,12 @@ class Bearings(BearingFriction):
         return np.stack(loads, axis=-2)
 
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
-        """See `Load`."""
+        """Check the fields of the load, which has all bearings of its pair.
+
+        `key` is the key of the load in the file of the mechanism, for messages. A
+        `ModelError` is raised if the positions give no lever arm, if the axial shares do
+        not add up to 1 or are not all 0, or if another load has bearings of the same pair.
+        """
         super().check(key, mechanism)
         # One bearing needs a lever arm from the centre, two bearings one between them.
         first, *others = self.positions or (0.0,)

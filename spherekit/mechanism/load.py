@@ -363,7 +363,9 @@ class TorqueTable(Load):
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
         """See `Load`."""
         super().check(key, mechanism)
-        check_table_rows(f"{key}.", "torques", self.times, self.torques, 2)
+        check_table_rows(
+            f"{key}.", "torques", times=self.times, values=self.torques, min_rows=2
+        )
         if self.periodic and self.torques[0] != self.torques[-1]:
             raise ModelError(
                 f"{key}.torques: a periodic table ends with the torque it starts with, but "

@@ -95,7 +95,11 @@ class Gravity(Load):
     acceleration: Vector
 
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
-        """See `Load`."""
+        """Check the acceleration, and that all moving links with inertia have a weight.
+
+        `key` is the key of the load in the file of the mechanism, for messages. A moving
+        link without mass and centre of mass raises a `ModelError`.
+        """
         super().check(key, mechanism)
         moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
         if not moving:
@@ -111,7 +115,7 @@ class Gravity(Load):
             )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """See `Load`."""
+        """Return one component: the weights of all moving links as moments on the links."""
         weights = []
         for mass in mechanism.masses:
             if mass.link != mechanism.ground:

@@ -211,9 +211,10 @@ class PositionAnalysis:
     def _pass_crossings(self) -> None:
         """Replace the modes by those that follow smooth curves through crossings.
 
-        `_modes_with_constant_signs` are the modes without this. A smooth curve has the
-        number of the mode on it at the input of the reference pose, if this input is in the
-        range and no crossing. Otherwise it is the mode at the low end of the range.
+        `_modes_with_constant_signs` keeps the former modes, which end at crossings. A
+        smooth curve gets the number of the former mode that is on it at the input of the
+        reference pose, if this input is in the range and not at a crossing. Otherwise it
+        gets the number of the former mode at the low end of the range.
 
         Raises
         ------
@@ -405,7 +406,8 @@ def trace(
 ) -> Motion:
     """Return the motion of a mechanism over the ranges of its inputs.
 
-    Parameters and errors are those of `PositionAnalysis`.
+    The motion contains the configurations of all assembly modes at all samples. Parameters
+    and errors are those of `PositionAnalysis`; the mechanism may also be a name or a file.
     """
     position_analysis = PositionAnalysis(
         mechanism_of(mechanism),

@@ -461,10 +461,11 @@ def _sine_of_arc(arc: HalfAngle) -> Floats:
 def _dyad_error(error: Floats, triple: Floats, sines: Sequence[Floats]) -> Floats:
     """Return a bound of the error of the bodies of a dyad, after it is placed.
 
-    Away from the dead centre, the error of the body before is divided by the triple
-    product. At the dead centre the triple product is zero. The dyad is then a flat
-    spherical triangle, and the error of its angles is the square root of the error, divided
-    by the sine of an arc next to the angle. The smaller of both bounds is used.
+    With the error e of the body that carries the outer axes, the triple product t of the
+    axes, and the smallest sine s of the three arcs of the spherical triangle, the bound is
+    4 (e + min(e / t, sqrt(2 e) / s)). The first part applies away from the dead centre,
+    where t is zero. There the dyad is a flat spherical triangle, and the errors of its
+    angles are square roots of e.
 
     Parameters
     ----------

@@ -365,8 +365,9 @@ def search_group(
     while statistics.needs_more_starts and len(distinct.values) < MAX_MODES:
         starts = random.uniform(low, high, (STARTS_PER_ROUND, len(low)))
         values, is_near_closed = descend_to_closure(closure, starts)
+        # The index of the configuration to which each start has led, -1 for none.
         hits = distinct.add(_close_by_newton(closure, values[is_near_closed]))
-        statistics.add(STARTS_PER_ROUND, hits, len(distinct.values))
+        statistics.add(STARTS_PER_ROUND, hits=hits, total=len(distinct.values))
         progress.tell(lambda: statistics.describe("modes"))
     return statistics
 
