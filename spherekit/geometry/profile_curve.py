@@ -264,8 +264,9 @@ def spline_through(points: ArrayLike, closed: bool) -> tuple[SplinePath, ArcLeng
 def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, ArcLength]]:
     """Yield the splines that lead to `spline_through`, each with its arc length.
 
-    The knots of the first spline are the sums of the arcs between the points. Those of
-    every other spline are arc lengths of the spline before it.
+    Knots are the parameters at the points, and should be nearly arc lengths. Those of the
+    first spline are the sums of the arcs between the points. Those of every later spline
+    are the arc lengths of the points on the spline before it.
 
     Parameters
     ----------

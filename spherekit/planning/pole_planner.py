@@ -178,12 +178,13 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
     """Return the poles from which each pole of a plan follows.
 
     A primary pole is the axis or contact line of a pair and needs no other. A secondary
-    pole has the sources of the lines with the fewest ancestors, which are the poles that
-    have to be computed before it. The poles of an irreducible part have the primary poles
-    of its pairs.
+    pole P_ij is the intersection of great circles, each through the poles P_ik and P_jk of
+    a third body k. Its sources are the poles on those circles that need the fewest other
+    poles. The poles of an irreducible part of the mechanism are computed together, from the
+    primary poles of its pairs.
     """
-    # The ancestors of a pole are the poles to be computed until it is known, with itself.
-    # Primary poles cost nothing.
+    # The ancestors of a pole are all poles to be computed until it is known, itself
+    # included. Primary poles have none, because they cost nothing.
     ancestors: dict[Pole, frozenset[Pole]] = {}
     sources_by_pole: dict[Pole, Iterable[Pole]] = {}
     for step in whole_plan.steps:
@@ -194,6 +195,7 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
                 ancestors[pole] = frozenset([pole])
                 sources_by_pole[pole] = primary_poles
         elif isinstance(step, LinePole):
+            # `via` are the third bodies of the chosen circles.
             via, needed = _choose_cheapest_lines(step, ancestors, whole_plan.coaxial)
             ancestors[step.pole] = needed | {step.pole}
             sources_by_pole[step.pole] = replace(step, via=via).sources

@@ -106,7 +106,9 @@ class ModeSearch:
         The links are placed group by group: dyads in closed form, larger groups by Newton's
         method. If all groups are dyads or trains of wheels, a mode is a combination of
         their signs. Otherwise modes are followed: over the range of a single input, or from
-        sample to sample of several inputs. Parameters: see the class.
+        sample to sample of several inputs. `search` says whether to search for modes other
+        than that of the reference pose, and `independent` whether the samples are unrelated
+        to each other, not a motion.
         """
         self.solver = solver
         self.input_grid = input_grid

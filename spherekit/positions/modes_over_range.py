@@ -139,7 +139,8 @@ class ModesOverRange:
         """Search the assembly modes of a mechanism over the range of its input.
 
         A mode is a curve of configurations over the input. The mode of the reference pose
-        is followed first, then all others are searched. Parameters: see the class.
+        is followed first, then all others are searched, if `search` asks for them, if there
+        is no reference pose, or if its mode is not in the range.
         """
         self.solver = solver
         self.input_grid = input_grid

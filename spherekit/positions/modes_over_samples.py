@@ -102,7 +102,9 @@ class SampledModes:
 
         Configurations are the nodes of a graph, and verified paths between neighbouring
         samples join them to modes. A sheet is the set of nodes that such paths reach from
-        one start. Parameters: see the class.
+        one start. `search` says whether to look for modes other than that of the reference
+        pose, and `shares_numbers` whether modes with the same signs and no neighbouring
+        samples become one mode.
         """
         self.solver = solver
         self.input_grid = input_grid
