@@ -90,8 +90,10 @@ class Crossing(NamedTuple):
         Whether second-order terms determine the number of curves. If not, `tangents` is
         empty.
     miss
-        Largest closure residual (rad) and null singular value. A mechanism whose sizes
-        miss a crossing by less than rounding cannot be distinguished from one that has it.
+        How far the configuration is from a crossing: the larger of the closure residual
+        (rad) and the largest singular value of the velocity equations that counts as zero.
+        A mechanism whose sizes miss a crossing by less than rounding cannot be
+        distinguished from one that has it.
     error
         Size (rad) of the last correction of `values`.
     """
