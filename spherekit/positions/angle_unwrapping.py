@@ -491,7 +491,8 @@ class AngleUnwrapping:
             The revolutions by which the followed angles exceed those of the targets. They
             are not connected if the path or the comparison fails.
         """
-        # The inputs move to q; the last configurations of the paths are `nodes`.
+        # The inputs, which are the variables `_driven`, move to q. The last configurations
+        # of the paths are `nodes`.
         followed = follow_inputs(
             self._closure, self._driven, values, q=targets[:, self._driven]
         )

@@ -499,7 +499,7 @@ class ConfigurationGraph:
             q=goals,
             smallest_step=SMALLEST_STEP_RAD,
         )
-        # Add the whole periods again.
+        # `nodes` are the last configurations of the paths. Add the whole periods again.
         values = self.solver.shift_inputs(followed.nodes.values, self.input_grid.q[sample])
         return followed.status == Status.OK, values
 

@@ -152,7 +152,10 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
         return motions
 
     def step_to_sphere(points: Floats, _: Indices) -> Floats:
-        """Return Newton's step that closes the loops at the radius."""
+        """Return Newton's step that closes the loops at the radius.
+
+        The additional equation is that the distance from `values` is the radius.
+        """
         offsets = points - values
         distances = np.linalg.norm(offsets, axis=1)
         directions = offsets / distances[:, None]

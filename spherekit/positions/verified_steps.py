@@ -79,6 +79,8 @@ class Verification:
         length
             (n,) lengths of the steps along the path (rad).
         """
+        # The first Newton step is the error of the prediction. Rounding may cause up to
+        # `slack` of it, and `settled` is the size below which the ratio is rounding.
         first_step, ratio = step_sizes
         is_near = first_step <= self.correction * length + self.slack
         contracts = (first_step <= self.settled) | (ratio <= MAX_CONTRACTION)
