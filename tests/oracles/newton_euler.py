@@ -1,4 +1,10 @@
-"""Newton's and Euler's equations of all links with all reactions, written by themselves."""
+"""Newton's and Euler's equations of all links with all reactions.
+
+They are written without spherekit's dynamics: unknown are the angular velocities and
+accelerations of all links and the reactions of all pairs, solved by least squares. Only
+the orientations of links and the frames of contacts are spherekit's. Units are SI, vectors
+in ground axes, moments about the centre of the sphere.
+"""
 
 from dataclasses import replace
 
@@ -12,13 +18,12 @@ from spherekit.positions.loop_closure import Closure
 
 
 def random_mass(random, link):
-    """Return the mass of a link made of five points in and about the unit sphere."""
+    """Return the mass of a link made of five random point masses about the centre."""
     points = random.normal(size=(5, 3)) * 0.5
     weights = random.uniform(0.2, 2.0, size=5)
-    tensor = sum(
-        m * (r @ r * np.eye(3) - np.outer(r, r))
-        for m, r in zip(weights, points, strict=True)
-    )
+    tensor = np.zeros((3, 3))
+    for weight, point in zip(weights, points, strict=True):
+        tensor += weight * (point @ point * np.eye(3) - np.outer(point, point))
     centre = weights @ points / weights.sum()
     return Mass(
         link,
@@ -29,258 +34,414 @@ def random_mass(random, link):
 
 
 def with_point_masses(name):
-    """Return a (shipped) mechanism without its loads, five points of mass in each link."""
-    made = sk.load(name) if isinstance(name, str) else name
-    random = np.random.default_rng(sum(map(ord, made.name)))
-    masses = tuple(random_mass(random, link) for link in made.links if link != made.ground)
-    return replace(made, masses=masses, loads=())
+    """Return a mechanism without its loads, with random point masses on all moving links.
+
+    `name` is a mechanism or the name of a shipped one. The masses depend on its name only.
+    """
+    mechanism = sk.load(name) if isinstance(name, str) else name
+    random = np.random.default_rng(sum(map(ord, mechanism.name)))
+    moving_links = [link for link in mechanism.links if link != mechanism.ground]
+    masses = tuple(random_mass(random, link) for link in moving_links)
+    return replace(mechanism, masses=masses, loads=())
 
 
 def with_masses_and_loads(name, random):
-    """Return a shipped mechanism with masses on all links and loads of many kinds."""
+    """Return a shipped mechanism with masses on all links and one load of every kind.
+
+    `moments` and `bearing_forces` evaluate exactly these loads by hand.
+
+    Returns
+    -------
+    mechanism
+        Mechanism with masses and loads.
+    joint
+        Name of the R pair with motor, spring, damper and friction.
+    """
     mechanism = sk.load(name)
     moving = mechanism.links[1:]
-    joint = next(p for p in reversed(mechanism.pairs) if p.type == "R")
+    joint = next(p.name for p in reversed(mechanism.pairs) if p.type == "R")
     loads = (
         sk.Gravity("weight", (1.0, -2.0, -9.0)),
-        sk.PairTorque(
-            "motor", joint.name, f"2*cos(theta_{joint.name}) - dtheta_{joint.name}"
-        ),
+        sk.PairTorque("motor", joint, f"2*cos(theta_{joint}) - dtheta_{joint}"),
         sk.PointForce("push", moving[-1], (0.3, -0.2, 0.9), ("1", "2*t", "-1"), "ground"),
         sk.PointForce("pull", moving[0], (0.1, 0.5, 0.4), ("t", "-1", "0.5"), "link"),
         sk.Moment("turn", moving[-1], ("0.3", "t", "1"), "link"),
-        sk.Spring("coil", joint.name, 0.7, 0.2),
-        sk.Damper("oil", joint.name, 0.4),
-        sk.Friction("rub", joint.name, 0.6, 0.1, 0.5),
+        sk.Spring("coil", joint, 0.7, 0.2),
+        sk.Damper("oil", joint, 0.4),
+        sk.Friction("rub", joint, 0.6, 0.1, 0.5),
     )
     masses = tuple(random_mass(random, link) for link in moving)
-    return replace(mechanism, masses=masses, loads=loads), joint.name
+    return replace(mechanism, masses=masses, loads=loads), joint
 
 
 def row_of_torques(found, row, joint):
-    """Return what the functions below take, of a row of torques that were found."""
-    made, values = found.mechanism, found.values[row]
-    moved = found.input_rates[row], found.input_accelerations[row]
-    return made, values, values[made.angles[joint]], found.t[row], *moved, joint
+    """Return the positional arguments of `newton_euler` for a row of inverse dynamics.
+
+    Parameters
+    ----------
+    found
+        Result of `inverse_dynamics`.
+    row
+        Number of the row.
+    joint
+        R pair with loads, from `with_masses_and_loads`.
+    """
+    mechanism = found.mechanism
+    values = found.values[row]
+    angle = values[mechanism.angles[joint]]
+    dq = found.input_rates[row]
+    ddq = found.input_accelerations[row]
+    return mechanism, values, angle, found.t[row], dq, ddq, joint
 
 
 def newton_euler(mechanism, values, angle, t, dq, ddq, joint, full=False, torques=None):
-    """Return the torques (m,) at the inputs from the equations of all links with reactions.
+    """Return the torques at the inputs by Euler's equation of every link.
 
-    `dq` and `ddq` (m,) are those of the inputs. The loads are those of `loaded`, or
-    `torques` at pairs alone. Angular velocities of all links are the
-    unknowns; no pair variable is differentiated. `full` gives by pair the reactions about
-    the directions that it holds: of R pairs x and y of its frame, of contacts the tangent
-    and, where they do not slide, the normal.
+    I alpha + w x (I w) = sum of all moments, for each link about the centre of the sphere,
+    where reactions of pairs are unknown moments about the directions that they hold.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism with masses.
+    values
+        (variables,) configuration, rad.
+    angle, joint
+        Angle (rad) and name of the R pair with loads, from `with_masses_and_loads`.
+    t
+        Time, s.
+    dq, ddq
+        (inputs,) rates and accelerations of the inputs, rad/s and rad/s^2.
+    full
+        Whether the reactions of all pairs are returned instead.
+    torques
+        Torques (N m) by pair that replace all loads. By default the loads are those of
+        `with_masses_and_loads`.
+
+    Returns
+    -------
+    (inputs,) torques in N m. If `full`, reactions by pair: of R and Cr pairs about x and y
+    of their frame (for contacts tangent and normal), of Cs pairs about the tangent.
     """
-    turns, w, alpha, plans, A, drive = link_motions(mechanism, values, dq, ddq)
-    count = len(mechanism.links)
+    turns, w, alpha, frames, constraints, drive = link_motions(mechanism, values, dq, ddq)
+    link_count = len(mechanism.links)
     if torques is None:
         applied = moments(mechanism, turns, w, angle, t, joint)
     else:
-        applied = np.zeros((count, 3))
-        for k, a, b, _, _, axis in plans:
-            size = torques.get(mechanism.pairs[k].name, 0.0)
-            applied[b], applied[a] = applied[b] + size * axis, applied[a] - size * axis
-    right = []
-    for link in range(1, count):
+        applied = np.zeros((link_count, 3))
+        for k, a, b, _, _, axis in frames:
+            torque = torques.get(mechanism.pairs[k].name, 0.0)
+            applied[b] += torque * axis
+            applied[a] -= torque * axis
+    inertial = []
+    for link in range(1, link_count):
         mass = next(m for m in mechanism.masses if m.link == mechanism.links[link])
         tensor = turns[link] @ np.array(mass.tensor) @ turns[link].T
-        spin = np.cross(w[link], tensor @ w[link])
-        right.append(tensor @ alpha[link] + spin - applied[link])
-    reactions = np.linalg.lstsq(np.vstack([A, drive]).T, np.concatenate(right))[0]
+        gyroscopic = np.cross(w[link], tensor @ w[link])
+        inertial.append(tensor @ alpha[link] + gyroscopic - applied[link])
+    directions = np.vstack([constraints, drive]).T
+    reactions = np.linalg.lstsq(directions, np.concatenate(inertial))[0]
     if not full:
         return reactions[-len(drive) :]
-    moments_by_pair, at = {}, 0
-    for k, *_ in plans:
-        held = 1 if mechanism.pairs[k].type == "Cs" else 2
-        moments_by_pair[mechanism.pairs[k].name] = reactions[at : at + held]
-        at += held
+    moments_by_pair = {}
+    first = 0
+    for k, *_ in frames:
+        pair = mechanism.pairs[k]
+        count = 1 if pair.type == "Cs" else 2
+        moments_by_pair[pair.name] = reactions[first : first + count]
+        first += count
     return moments_by_pair
 
 
 def check_simulated_motion(found, drive, grips=(), speed=1.0, within=1e-11, dry=()):
-    """Hold a simulation to be the motion under torques at its inputs.
+    """Assert that a simulation is a motion under given torques.
 
-    In each step its variables and rates are integrals of its rates and accelerations, at
-    which links that pairs hold together need the torques that `drive` gives of a time and
-    the rates of the inputs; steps begin where those before them end. Bearings at pairs rub
-    by what these `grips` make of the moment across, and `dry` (N m) at others whatever
-    that is.
+    In every time step, (1) variables and rates are the integrals of rates and
+    accelerations, by Chebyshev series through 28 nodes, (2) a step begins where the one
+    before ends, and (3) at one time Euler's equations of all links need the torques that
+    `drive` gives.
+
+    Parameters
+    ----------
+    found
+        Simulation.
+    drive
+        Function of time and input rates (inputs,) that returns the torques (inputs,) at the
+        inputs.
+    grips
+        For bearings with friction, the friction torque (N m) per moment across the axis
+        (N m) by pair. The torque is this times tanh(rate / speed).
+    speed
+        Rate (rad/s) at which friction of bearings has nearly its full size.
+    within
+        Allowed deviation: rad, rad/s and N m.
+    dry
+        Friction torques (N m) by pair that do not depend on reactions.
     """
-    count, made, chebyshev = 28, found.mechanism, np.polynomial.chebyshev
-    nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
-    after = found.path.starts[1:]
-    joined = (found.at(t) for t in (np.nextafter(after, 0.0), after))
-    ends, starts = (np.hstack([x.values, x.input_rates]) for x in joined)
+    node_count = 28
+    mechanism = found.mechanism
+    chebyshev = np.polynomial.chebyshev
+    nodes = np.cos(np.pi * (np.arange(node_count) + 0.5) / node_count)
+
+    step_starts = found.path.starts[1:]
+    before = found.at(np.nextafter(step_starts, 0.0))
+    after = found.at(step_starts)
+    ends = np.hstack([before.values, before.input_rates])
+    starts = np.hstack([after.values, after.input_rates])
     assert np.allclose(ends, starts, rtol=0.0, atol=within)
+
     for start, length in zip(found.path.starts, found.path.lengths, strict=True):
-        t = start + 0.5 * length * (nodes + 1.0)
-        history = found.at(t)
-        for rates, values in (
+        history = found.at(start + 0.5 * length * (nodes + 1.0))
+        for rates, integrals in (
             (history.value_rates, history.values),
             (history.input_accelerations, history.input_rates),
         ):
-            series = chebyshev.chebfit(nodes, 0.5 * length * rates, count - 1)
-            gap = chebyshev.chebval(nodes, chebyshev.chebint(series)).T - values
-            assert np.max(np.abs(gap - gap[0])) < within
-        moving = history.input_rates[9], history.input_accelerations[9]
-        state = made, history.values[9], 0.0, t[9], *moving, ""
-        slowed = {
-            pair: -np.tanh(history.value_rates[9, made.angles[pair]] / speed)
-            for pair in (*grips, *dry)
-        }
-        rubbing = {pair: dry[pair] * slowed[pair] for pair in dry}
+            series = chebyshev.chebfit(nodes, 0.5 * length * rates, node_count - 1)
+            gap = chebyshev.chebval(nodes, chebyshev.chebint(series)).T - integrals
+            assert np.max(np.abs(gap - gap[0])) < within  # equal but for a constant
+
+        node = 9  # any node inside the step
+        time = history.t[node]
+        dq = history.input_rates[node]
+        ddq = history.input_accelerations[node]
+        state = (mechanism, history.values[node], 0.0, time, dq, ddq, "")
+        friction_signs = {}
+        for pair in (*grips, *dry):
+            rate = history.value_rates[node, mechanism.angles[pair]]
+            friction_signs[pair] = -np.tanh(rate / speed)
+        friction = {pair: dry[pair] * friction_signs[pair] for pair in dry}
+        # Reactions depend on the friction of bearings and the reverse: fixed-point steps.
         for _ in range(60 if grips else 0):
-            held = newton_euler(*state, full=True, torques=rubbing)
+            reactions = newton_euler(*state, full=True, torques=friction)
             for pair in grips:
-                rubbing[pair] = grips[pair] * slowed[pair] * np.hypot(*held[pair])
-        needed = newton_euler(*state, torques=rubbing)
-        assert needed == pytest.approx(drive(t[9], moving[0]), abs=within)
+                moment_across = np.hypot(*reactions[pair])
+                friction[pair] = grips[pair] * friction_signs[pair] * moment_across
+        needed = newton_euler(*state, torques=friction)
+        assert needed == pytest.approx(drive(time, dq), abs=within)
 
 
 def link_motions(mechanism, values, dq, ddq):
-    """Return turns, angular velocities and accelerations of all links, and the pairs.
+    """Return the motion of all links at one configuration, and the directions of its pairs.
 
-    Of each pair its number, links and frame; then the equations of velocities, and what the
-    inputs turn about.
+    Parameters
+    ----------
+    mechanism, values
+        Mechanism, and its configuration (variables,) in rad.
+    dq, ddq
+        (inputs,) rates and accelerations of the inputs.
+
+    Returns
+    -------
+    turns
+        (links, 3, 3) orientations.
+    w, alpha
+        (links, 3) angular velocities and accelerations.
+    frames
+        Per pair its number, the numbers of its links, and x, y, z of its frame. For
+        contacts these are tangent, normal and contact point.
+    constraints
+        (rows, 3 links - 3) velocity equations: directions that pairs hold.
+    drive
+        (inputs, 3 links - 3) rows that take link rates to input rates.
     """
     joints = make_joints(mechanism)
-    at = Closure.of_mechanism(mechanism, joints).at(values[None])
-    placed, states = at.rotations, at.states
-    turns, count = placed[0], len(mechanism.links)
-    rows, rates, drives = [], [], {}
-    plans = []
+    closure = Closure.of_mechanism(mechanism, joints).at(values[None])
+    states = closure.states
+    turns = closure.rotations[0]
+    link_count = len(mechanism.links)
+    frames = []
     for k, (a, b) in enumerate(mechanism.ends):
         frame = turns[a] @ states.first[0, k]
-        plans.append((k, a, b, *frame.T))
-    for k, a, b, tangent, normal, point in plans:
-        kind = mechanism.pairs[k].type
-        for vector in (tangent,) if kind == "Cs" else (tangent, normal):
-            rows.append(spread(count, a, b, vector))
-        drives[mechanism.pairs[k].name] = spread(count, a, b, point)
-    A = np.array(rows)
-    drive = np.array([drives[item.pair] for item in mechanism.inputs])
-    w = np.linalg.lstsq(np.vstack([A, drive]), np.append(np.zeros(len(A)), dq))[0]
+        frames.append((k, a, b, *frame.T))
+
+    rows = []
+    drive_by_pair = {}
+    for k, a, b, tangent, normal, point in frames:
+        pair = mechanism.pairs[k]
+        rows.append(relative_rate_row(link_count, a, b, tangent))
+        if pair.type != "Cs":  # a Cs pair lets links turn about the normal too
+            rows.append(relative_rate_row(link_count, a, b, normal))
+        drive_by_pair[pair.name] = relative_rate_row(link_count, a, b, point)
+    constraints = np.array(rows)
+    drive = np.array([drive_by_pair[item.pair] for item in mechanism.inputs])
+    equations = np.vstack([constraints, drive])
+
+    prescribed = np.append(np.zeros(len(constraints)), dq)
+    w = np.linalg.lstsq(equations, prescribed)[0]
     w = np.vstack([np.zeros(3), w.reshape(-1, 3)])
-    for k, a, b, tangent, normal, point in plans:
+
+    # Derivative of the equations: their directions move with the first link, and the
+    # contact point moves along its profile at the rate s.
+    accelerations = []
+    for k, a, b, tangent, normal, point in frames:
         k1, k2 = states.curvatures[0, k]
         relative = w[b] - w[a]
-        kind, s = mechanism.pairs[k].type, 0.0
-        if kind == "Cs":
+        pair_type = mechanism.pairs[k].type
+        s = 0.0
+        if pair_type == "Cs":
             s = (relative @ point - k2 * relative @ normal) / (k1 - k2)
-        elif kind == "Cr":
+        elif pair_type == "Cr":
             s = relative @ point / (k1 - k2)
-        moved = np.cross(w[a], tangent) + s * (k1 * normal - point) * (kind != "R")
-        rates.append(-moved @ relative)
-        if kind != "Cs":
-            turned = np.cross(w[a], normal) - s * k1 * tangent * (kind != "R")
-            rates.append(-turned @ relative)
-    alpha = np.linalg.lstsq(np.vstack([A, drive]), np.append(rates, ddq))[0]
+        is_contact = pair_type != "R"
+        tangent_change = np.cross(w[a], tangent) + s * (k1 * normal - point) * is_contact
+        accelerations.append(-tangent_change @ relative)
+        if pair_type != "Cs":
+            normal_change = np.cross(w[a], normal) - s * k1 * tangent * is_contact
+            accelerations.append(-normal_change @ relative)
+    alpha = np.linalg.lstsq(equations, np.append(accelerations, ddq))[0]
     alpha = np.vstack([np.zeros(3), alpha.reshape(-1, 3)])
-    return turns, w, alpha, plans, A, drive
+    return turns, w, alpha, frames, constraints, drive
 
 
-def spread(count, a, b, vector):
-    row = np.zeros((count, 3))
-    row[b], row[a] = vector, -vector
+def relative_rate_row(link_count, a, b, vector):
+    """Return the row (3 links - 3,) that takes link rates to (w_b - w_a) . vector."""
+    row = np.zeros((link_count, 3))
+    row[b] = vector
+    row[a] = -vector
     return row[1:].ravel()
 
 
 def moments(mechanism, turns, w, angle, t, joint):
-    """Return the moments (links, 3) of the loads of `loaded` about the centre."""
+    """Return the moments (links, 3) of the loads of `with_masses_and_loads`, in N m.
+
+    Written by hand, load by load; arguments as in `newton_euler` and `link_motions`.
+    """
     number = mechanism.link_number
-    last, first = number[mechanism.links[-1]], number[mechanism.links[1]]
-    found = np.zeros((len(mechanism.links), 3))
-    for mass in mechanism.masses:
+    last = number[mechanism.links[-1]]
+    first = number[mechanism.links[1]]
+    total = np.zeros((len(mechanism.links), 3))
+    for mass in mechanism.masses:  # weight
         link = number[mass.link]
-        arm = turns[link] @ np.array(mass.centre)
-        found[link] += np.cross(arm, mass.mass * np.array([1.0, -2.0, -9.0]))
+        centre = turns[link] @ np.array(mass.centre)
+        total[link] += np.cross(centre, mass.mass * np.array([1.0, -2.0, -9.0]))
     arm = turns[last] @ np.array([0.3, -0.2, 0.9])
-    found[last] += np.cross(arm, [1.0, 2.0 * t, -1.0])
-    arm = np.cross([0.1, 0.5, 0.4], [t, -1.0, 0.5])
-    found[first] += turns[first] @ arm
-    found[last] += turns[last] @ np.array([0.3, t, 1.0])
+    total[last] += np.cross(arm, [1.0, 2.0 * t, -1.0])  # push
+    pull_in_link = np.cross([0.1, 0.5, 0.4], [t, -1.0, 0.5])
+    total[first] += turns[first] @ pull_in_link
+    total[last] += turns[last] @ np.array([0.3, t, 1.0])  # turn
+
     pair = mechanism.pair_number[joint]
     a, b = mechanism.ends[pair]
     axis = turns[a] @ make_joints(mechanism)[pair].first[:, 2]
     rate = (w[b] - w[a]) @ axis
-    torque = 2.0 * np.cos(angle) - rate - 0.7 * (angle - 0.2) - 0.4 * rate
-    torque -= 0.6 * np.tanh(rate / 0.5) + 0.1 * rate
-    found[b] += torque * axis
-    found[a] -= torque * axis
-    return found
+    motor = 2.0 * np.cos(angle) - rate
+    spring = -0.7 * (angle - 0.2)
+    damper = -0.4 * rate
+    friction = -0.6 * np.tanh(rate / 0.5) - 0.1 * rate
+    torque = motor + spring + damper + friction
+    total[b] += torque * axis
+    total[a] -= torque * axis
+    return total
 
 
 def bearing_forces(mechanism, values, angle, t, dq, ddq, joint, sides=None):
-    """Return the forces on bearings and contacts of links that nothing holds at O.
+    """Return the forces on bearings and contacts of links that nothing holds at the centre.
 
-    Every R pair has two bearings, each a point that holds its links together across the
-    axis, the one with `axial` 1 along it too; contacts hold theirs at their distance. So
-    each link is a free body with Newton's equation and Euler's about its centre of mass.
-    Teeth push along the normal of a flank, which has +1 or -1 in `sides`, and do not pull.
-    The forces (3,) in ground axes are of the first link on the second, by pair, or by the
-    load of the bearings and the number of the bearing; then how many are not determined,
-    and what misses the equations.
+    Every link is a free body, with Newton's equation and Euler's about its centre of mass.
+    An R pair has two bearings: each is a point that holds its links together across the
+    axis, and the one whose `axial` is 1 along the axis too. A contact pushes at its
+    distance from the centre of the sphere. Teeth push along the normal of a flank and do
+    not pull.
+
+    Parameters
+    ----------
+    mechanism, values, angle, t, dq, ddq, joint
+        As in `newton_euler`; the loads include `sk.Bearings` for all R pairs.
+    sides
+        +1 or -1 for the flank that carries the load, by pair of toothed wheels.
+
+    Returns
+    -------
+    forces
+        (3,) forces in N, in ground axes, of the first link on the second. Keys are (load of
+        the bearings, number of the bearing) or (pair, 0) for contacts; (pair, "torque")
+        holds the torque vector of an input.
+    undetermined
+        Number of forces that the equations do not determine.
+    residual
+        Largest residual of the equations.
     """
-    turns, w, alpha, plans, _, _ = link_motions(mechanism, values, dq, ddq)
-    number, count = mechanism.link_number, len(mechanism.links)
-    centres, right = np.zeros((count, 3)), np.zeros((count, 6))
-    weight = np.array([1.0, -2.0, -9.0])
+    turns, w, alpha, frames, _, _ = link_motions(mechanism, values, dq, ddq)
+    number = mechanism.link_number
+    link_count = len(mechanism.links)
+    gravity = np.array([1.0, -2.0, -9.0])
+
+    # Right sides (links, 6): inertia minus loads, force first, then moment.
+    centres = np.zeros((link_count, 3))
+    right_sides = np.zeros((link_count, 6))
     for mass in mechanism.masses:
         k = number[mass.link]
-        c, m = turns[k] @ np.array(mass.centre), mass.mass
+        c = turns[k] @ np.array(mass.centre)
+        m = mass.mass
         tensor = turns[k] @ np.array(mass.tensor) @ turns[k].T
-        tensor = tensor - m * (c @ c * np.eye(3) - np.outer(c, c))
-        faster = np.cross(alpha[k], c) + np.cross(w[k], np.cross(w[k], c))
+        tensor = tensor - m * (c @ c * np.eye(3) - np.outer(c, c))  # parallel axes
+        acceleration = np.cross(alpha[k], c) + np.cross(w[k], np.cross(w[k], c))
         centres[k] = c
-        right[k, :3] = m * (faster - weight)
-        right[k, 3:] = tensor @ alpha[k] + np.cross(w[k], tensor @ w[k])
-    last, first = number[mechanism.links[-1]], number[mechanism.links[1]]
-    for k, place, force in (
-        (last, turns[last] @ [0.3, -0.2, 0.9], np.array([1.0, 2.0 * t, -1.0])),
-        (first, turns[first] @ [0.1, 0.5, 0.4], turns[first] @ [t, -1.0, 0.5]),
+        right_sides[k, :3] = m * (acceleration - gravity)
+        right_sides[k, 3:] = tensor @ alpha[k] + np.cross(w[k], tensor @ w[k])
+
+    last = number[mechanism.links[-1]]
+    first = number[mechanism.links[1]]
+    push_point = turns[last] @ [0.3, -0.2, 0.9]
+    push_force = np.array([1.0, 2.0 * t, -1.0])
+    pull_point = turns[first] @ [0.1, 0.5, 0.4]
+    pull_force = turns[first] @ [t, -1.0, 0.5]
+    for k, point, force in (
+        (last, push_point, push_force),
+        (first, pull_point, pull_force),
     ):
-        right[k, :3] -= force
-        right[k, 3:] -= np.cross(place - centres[k], force)
-    couples = moments(replace(mechanism, masses=(), loads=()), turns, w, angle, t, joint)
-    couples[last] -= np.cross(turns[last] @ [0.3, -0.2, 0.9], [1.0, 2.0 * t, -1.0])
+        right_sides[k, :3] -= force
+        right_sides[k, 3:] -= np.cross(point - centres[k], force)
+
+    # The other loads are couples: all moments less those of the two forces.
+    without_weight = replace(mechanism, masses=(), loads=())
+    couples = moments(without_weight, turns, w, angle, t, joint)
+    couples[last] -= np.cross(push_point, push_force)
     couples[first] -= turns[first] @ np.cross([0.1, 0.5, 0.4], [t, -1.0, 0.5])
-    right[:, 3:] -= couples
-    bearings = {x.pair: x for x in mechanism.loads if isinstance(x, sk.Bearings)}
-    columns, meant = [], []
+    right_sides[:, 3:] -= couples
 
-    def column(a, b, place, vector, key):
-        rows = np.zeros((count, 6))
-        for k, sense in ((b, 1.0), (a, -1.0)):
-            rows[k] += sense * np.append(vector, np.cross(place - centres[k], vector))
+    # One column (6 links - 6,) per unknown: the effect of a unit force on both links.
+    columns = []
+    unknowns = []
+
+    def add_force(a, b, point, vector, key):
+        rows = np.zeros((link_count, 6))
+        for k, sign in ((b, 1.0), (a, -1.0)):
+            rows[k] += sign * np.append(vector, np.cross(point - centres[k], vector))
         columns.append(rows[1:].ravel())
-        meant.append((key, vector))
+        unknowns.append((key, vector))
 
-    for k, a, b, x, y, z in plans:
+    bearings = {x.pair: x for x in mechanism.loads if isinstance(x, sk.Bearings)}
+    input_pairs = [item.pair for item in mechanism.inputs]
+    for k, a, b, x, y, z in frames:
         pair = mechanism.pairs[k]
         if pair.type == "R":
             load = bearings[pair.name]
-            for n, (at, share) in enumerate(zip(load.positions, load.axial, strict=True)):
-                for vector in (x, y, z) if share else (x, y):
-                    column(a, b, at * z, vector, (load.name, n))
+            for n, (position, is_axial) in enumerate(
+                zip(load.positions, load.axial, strict=True)
+            ):
+                for vector in (x, y, z) if is_axial else (x, y):
+                    add_force(a, b, position * z, vector, (load.name, n))
         elif pair.pressure_angle is not None:
             # Normal to the flank: y of the pair points to the side of the first wheel.
             vector = sides[pair.name] * x - np.tan(pair.pressure_angle) * y
-            column(a, b, pair.distance * z, vector, (pair.name, 0))
+            add_force(a, b, pair.distance * z, vector, (pair.name, 0))
         else:
             for vector in (y,) if pair.type == "Cs" else (x, y):
-                column(a, b, pair.distance * z, vector, (pair.name, 0))
-        if pair.name in [item.pair for item in mechanism.inputs]:
-            rows = np.zeros((count, 6))
-            rows[b, 3:], rows[a, 3:] = z, -z
+                add_force(a, b, pair.distance * z, vector, (pair.name, 0))
+        if pair.name in input_pairs:
+            rows = np.zeros((link_count, 6))
+            rows[b, 3:] = z
+            rows[a, 3:] = -z
             columns.append(rows[1:].ravel())
-            meant.append(((pair.name, "torque"), z))
+            unknowns.append(((pair.name, "torque"), z))
+
     matrix = np.array(columns).T
-    sizes = np.linalg.lstsq(matrix, right[1:].ravel())[0]
-    rank = np.linalg.matrix_rank(matrix)
-    forces = {key: np.zeros(3) for key, _ in meant}
-    for size, (key, vector) in zip(sizes, meant, strict=True):
+    right_side = right_sides[1:].ravel()
+    sizes = np.linalg.lstsq(matrix, right_side)[0]
+    undetermined = matrix.shape[1] - np.linalg.matrix_rank(matrix)
+    forces = {key: np.zeros(3) for key, _ in unknowns}
+    for size, (key, vector) in zip(sizes, unknowns, strict=True):
         forces[key] = forces[key] + size * vector
-    missed = np.max(np.abs(matrix @ sizes - right[1:].ravel()))
-    return forces, matrix.shape[1] - rank, missed
+    residual = np.max(np.abs(matrix @ sizes - right_side))
+    return forces, undetermined, residual

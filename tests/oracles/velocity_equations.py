@@ -1,4 +1,8 @@
-"""Independent ways to the same numbers; nothing here calls a solver of spherekit."""
+"""Velocity equations of all links and what follows from them, by linear algebra.
+
+Unknown are the angular velocities of all links; no pair variable and no pole appears.
+Nothing here calls a solver of spherekit. "Rates" are rad per rad of the moving input.
+"""
 
 import numpy as np
 
@@ -18,60 +22,122 @@ def revolute_frames(mechanism):
 def velocity_equations(ends, axes, types=None, held=()):
     """Return the matrix that takes the rates of all links to what pairs do not allow.
 
-    w_b - w_a has no component across a pair's axis, of a Cs pair along its normal, and of
-    a pair that is held none at all.
+    The rows of a pair say: w_b - w_a has no component across the axis of an R or Cr pair,
+    none along the normal of a Cs pair, and vanishes if the pair is locked.
+
+    Parameters
+    ----------
+    ends
+        Numbers (a, b) of the two links of each pair.
+    axes
+        (pairs, 3) unit vectors: axes, or normals of Cs pairs.
+    types
+        Types of the pairs; all are R pairs by default.
+    held
+        Numbers of the pairs that are locked.
+
+    Returns
+    -------
+    (rows, 3 links) matrix.
     """
-    count, rows = 1 + max(max(pair) for pair in ends), []
-    for k, ((a, b), u) in enumerate(zip(ends, axes, strict=True)):
-        across = u[None] if types and types[k] == "Cs" else np.eye(3) - np.outer(u, u)
-        across = np.eye(3) if k in held else across
-        rows.append(np.zeros((len(across), 3 * count)))
-        rows[-1][:, 3 * b : 3 * b + 3], rows[-1][:, 3 * a : 3 * a + 3] = across, -across
+    link_count = 1 + max(max(pair) for pair in ends)
+    rows = []
+    for k, ((a, b), axis) in enumerate(zip(ends, axes, strict=True)):
+        if k in held:
+            constraint = np.eye(3)
+        elif types and types[k] == "Cs":
+            constraint = axis[None]
+        else:
+            constraint = np.eye(3) - np.outer(axis, axis)
+        row = np.zeros((len(constraint), 3 * link_count))
+        row[:, 3 * b : 3 * b + 3] = constraint
+        row[:, 3 * a : 3 * a + 3] = -constraint
+        rows.append(row)
     return np.vstack(rows)
 
 
 def null_space(count, ends, axes, types=None):
-    """Return link rates (count, 3) with |w| = 1 in all, and the relative gap.
+    """Return the only motion that the pairs allow while link 0 is fixed.
 
-    One link fixed, singular value decomposition; the gap is the second smallest singular
-    value over the largest.
+    It is the right singular vector of the smallest singular value.
+
+    Parameters
+    ----------
+    count
+        Number of links.
+    ends, axes, types
+        As in `velocity_equations`.
+
+    Returns
+    -------
+    rates
+        (count, 3) link rates, with |w| = 1 over all links; the sign is arbitrary.
+    gap
+        Second smallest singular value over the largest. Near 0 there is a second motion.
     """
-    _, values, right = np.linalg.svd(velocity_equations(ends, axes, types)[:, 3:])
+    equations = velocity_equations(ends, axes, types)[:, 3:]
+    _, singular_values, right_vectors = np.linalg.svd(equations)
     size = 3 * count - 3
-    w = np.vstack([np.zeros(3), right[size - 1].reshape(-1, 3)])
-    return w, values[size - 2] / values[0]
+    rates = np.vstack([np.zeros(3), right_vectors[size - 1].reshape(-1, 3)])
+    return rates, singular_values[size - 2] / singular_values[0]
 
 
 def closure_gap(mechanism, rotations, frames):
-    """Return the largest misalignment (rad) of a pair's axis between its two links."""
-    first, second = frames
-    worst = 0.0
+    """Return the largest angle (rad) between the axis of a pair in its two links.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism whose loops are closed.
+    rotations
+        (n, links, 3, 3) orientations of the links in the ground frame.
+    frames
+        Frames of the R pairs in both links, from `revolute_frames`.
+    """
+    first_frames, second_frames = frames
+    largest_gap = 0.0
     for k, (a, b) in enumerate(mechanism.ends):
-        one = rotations[:, a] @ first[k, :, 2]
-        other = rotations[:, b] @ second[k, :, 2]
-        sine = np.linalg.norm(np.cross(one, other), axis=1)
-        worst = max(worst, float(np.nanmax(np.arctan2(sine, np.sum(one * other, axis=1)))))
-    return worst
+        first_axis = rotations[:, a] @ first_frames[k, :, 2]
+        second_axis = rotations[:, b] @ second_frames[k, :, 2]
+        sine = np.linalg.norm(np.cross(first_axis, second_axis), axis=1)
+        cosine = np.sum(first_axis * second_axis, axis=1)
+        largest_gap = max(largest_gap, float(np.nanmax(np.arctan2(sine, cosine))))
+    return largest_gap
 
 
 def least_misfit(ends, axes, locked, link, of, direction=None):
-    """Return the least misfit for a unit rate of a link relative to another.
+    """Return the least misfit of the pairs if a link has a unit rate relative to another.
 
-    All pairs locked it is 1. From link rates: the rows of the inverse of the equations
-    that the link's rate has, by singular values; turning about a direction does not count.
+    The misfit is the norm of the relative rates that the pairs do not allow. It is divided
+    by the misfit with all pairs locked, which makes it 1 there and 0 if the link can move.
+
+    Parameters
+    ----------
+    ends, axes
+        As in `velocity_equations`.
+    locked
+        Numbers of the locked pairs.
+    link, of
+        Numbers of the link that turns, and of the link relative to which it turns.
+    direction
+        Unit vector; rates about it are not counted. By default all rates are.
     """
 
-    def turned(held):
-        rows = velocity_equations(ends, axes, held=held)
-        kept = [k for k in range(rows.shape[1]) if k // 3 != of]
-        _left, sizes, right = np.linalg.svd(rows[:, kept], full_matrices=False)
-        own = [kept.index(3 * link + k) for k in range(3)]
-        part = right[:, own].T
+    def inverse_misfit(held):
+        """Return the largest rate of the link for a unit misfit, by singular values."""
+        equations = velocity_equations(ends, axes, held=held)
+        columns = [k for k in range(equations.shape[1]) if k // 3 != of]
+        _, singular_values, right_vectors = np.linalg.svd(
+            equations[:, columns], full_matrices=False
+        )
+        link_columns = [columns.index(3 * link + k) for k in range(3)]
+        link_part = right_vectors[:, link_columns].T
         if direction is not None:
-            part = part - np.outer(direction, direction @ part)
-        return np.linalg.norm(part / sizes, 2)
+            link_part = link_part - np.outer(direction, direction @ link_part)
+        return np.linalg.norm(link_part / singular_values, 2)
 
-    return turned(range(len(ends))) / turned(locked)
+    all_pairs = range(len(ends))
+    return inverse_misfit(all_pairs) / inverse_misfit(locked)
 
 
 def sine_between_lines(direction, vector):
@@ -81,122 +147,201 @@ def sine_between_lines(direction, vector):
 
 
 def locked_rates(motion, row, moved):
-    """Return link rates (count, 3) of one row while inputs move, and the relative gap.
+    """Return the link rates of one row while some inputs move, by least squares.
 
-    `moved` is the number of the only input pair that moves, at unit rate, or a mapping
-    from input pairs to their rates. The velocity equations of R, Cr and Cs pairs, with
-    the rate of every input given, by least squares.
+    The velocity equations of R, Cr and Cs pairs are solved with the rate of every input
+    prescribed.
+
+    Parameters
+    ----------
+    motion, row
+        Motion, and number of the row.
+    moved
+        Number of the only input pair that moves, at unit rate, or a mapping from numbers
+        of input pairs to their rates.
+
+    Returns
+    -------
+    rates
+        (links, 3) angular velocities in ground axes.
+    gap
+        Smallest singular value over the largest. Near 0 the inputs do not determine the
+        motion.
     """
-    rates = moved if isinstance(moved, dict) else {moved: 1.0}
-    made, axes = motion.mechanism, motion.axes[row]
-    types, held = [pair.type for pair in made.pairs], motion.assembly.inputs
-    matrix = velocity_equations(made.ends, axes, types, held)[:, 3:]
-    right = [
-        rates.get(k, 0.0) * axes[k] if k in held else np.zeros(1 if kind == "Cs" else 3)
-        for k, kind in enumerate(types)
-    ]
-    values = np.linalg.svd(matrix, compute_uv=False)
-    found = np.linalg.lstsq(matrix, np.concatenate(right), rcond=None)[0]
-    return np.vstack([np.zeros(3), found.reshape(-1, 3)]), values[-1] / values[0]
+    input_rates = moved if isinstance(moved, dict) else {moved: 1.0}
+    mechanism = motion.mechanism
+    axes = motion.axes[row]
+    types = [pair.type for pair in mechanism.pairs]
+    inputs = motion.assembly.inputs
+    matrix = velocity_equations(mechanism.ends, axes, types, inputs)[:, 3:]
+    relative_rates = []
+    for k, pair_type in enumerate(types):
+        if k in inputs:
+            relative_rates.append(input_rates.get(k, 0.0) * axes[k])
+        else:
+            relative_rates.append(np.zeros(1 if pair_type == "Cs" else 3))
+    singular_values = np.linalg.svd(matrix, compute_uv=False)
+    solution = np.linalg.lstsq(matrix, np.concatenate(relative_rates), rcond=None)[0]
+    rates = np.vstack([np.zeros(3), solution.reshape(-1, 3)])
+    return rates, singular_values[-1] / singular_values[0]
 
 
 def link_rates(mechanism, rotations, inputs, moved):
-    """Return w and dw (n, links, 3) of links in ground axes per unit rate of an input.
+    """Return angular velocities of all links and their derivatives by one input.
 
-    The velocity equations of all pairs and their derivative, solved by least squares for
-    all rows at once; the inputs other than `moved` stand still. `rotations` (n, links, 3,
-    3). Contacts are external ones of circles: their line and its change follow from the
-    two centres. Also returned: the singular values of the equations (n, 3 links - 3),
-    the largest entry that the equations leave over (n,), the equations without the
-    moved input's own (n, rows, 3 links - 3), and the largest miss (n,) of any pair.
+    The velocity equations of all pairs and their derivative are solved by least squares
+    for all rows at once. The inputs other than `moved` are locked. Contacts are external
+    ones of circles, whose axis and its change follow from the two centres.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism of R, Cr and Cs pairs.
+    rotations
+        (n, links, 3, 3) orientations of the links in the ground frame.
+    inputs, moved
+        Numbers of all input pairs, and of the one that moves at unit rate.
+
+    Returns
+    -------
+    w, dw
+        (n, links, 3) angular velocities in ground axes per unit rate, and derivatives.
+    singular_values
+        (n, 3 links - 3) singular values of the equations, largest first.
+    residuals
+        (n,) largest residual of an equation.
+    free_matrix
+        (n, rows, 3 links - 3) equations without those that prescribe the moved input.
+    gaps
+        (n,) largest gap of a pair between its two links.
     """
-    n, count = len(rotations), len(mechanism.links)
+    n = len(rotations)
+    link_count = len(mechanism.links)
     joints = make_joints(mechanism)
-    rows, right, pairs, missed = [], [], [], np.zeros(n)
-    for k, (pair, (a, b)) in enumerate(zip(mechanism.pairs, mechanism.ends, strict=True)):
+    gaps = np.zeros(n)
+
+    # The line of a pair: its axis in the first link, or the two centres with their weights.
+    lines = []
+    for joint, pair, (a, b) in zip(joints, mechanism.pairs, mechanism.ends, strict=True):
         if pair.type == "R":
-            line = (1.0, rotations[:, a] @ joints[k].first[:, 2], a), None
-            other = rotations[:, b] @ joints[k].second[:, 2]
-            missed = np.maximum(missed, np.linalg.norm(line[0][1] - other, axis=1))
-        else:
-            circles = pair.profiles
-            centres = [
-                rotations[:, link] @ np.array(circle.centre)
-                for link, circle in zip((a, b), circles, strict=True)
-            ]
-            r1, r2 = (circle.radius for circle in circles)
-            apart = np.linalg.norm(centres[0] - centres[1], axis=1)
-            missed = np.maximum(missed, np.abs(apart - 2 * np.sin((r1 + r2) / 2)))
-            line = (
-                (np.sin(r2) / np.sin(r1 + r2), centres[0], a),
-                (np.sin(r1) / np.sin(r1 + r2), centres[1], b),
-            )
-        pairs.append((pair.type, a, b, line))
-        u = _line(pair.type, line)
+            axis = rotations[:, a] @ joint.first[:, 2]
+            axis_in_second = rotations[:, b] @ joint.second[:, 2]
+            gaps = np.maximum(gaps, np.linalg.norm(axis - axis_in_second, axis=1))
+            lines.append(((1.0, axis, a), None))
+            continue
+        first_circle, second_circle = pair.profiles
+        first_centre = rotations[:, a] @ np.array(first_circle.centre)
+        second_centre = rotations[:, b] @ np.array(second_circle.centre)
+        r1, r2 = first_circle.radius, second_circle.radius
+        distance = np.linalg.norm(first_centre - second_centre, axis=1)
+        gaps = np.maximum(gaps, np.abs(distance - 2 * np.sin((r1 + r2) / 2)))
+        # The contact point divides the arc r1 + r2 between the centres.
+        first_term = (np.sin(r2) / np.sin(r1 + r2), first_centre, a)
+        second_term = (np.sin(r1) / np.sin(r1 + r2), second_centre, b)
+        lines.append((first_term, second_term))
+
+    # Equations: relative rates that the pairs do not allow, or that the inputs prescribe.
+    blocks = []
+    prescribed_rates = []
+    for k, (pair, (a, b)) in enumerate(zip(mechanism.pairs, mechanism.ends, strict=True)):
+        u = _line(pair.type, lines[k])
         if pair.type == "Cs":
-            across = u[:, None]
+            constraint = u[:, None]
         elif k in inputs:
-            across = np.broadcast_to(np.eye(3), (n, 3, 3))
+            constraint = np.broadcast_to(np.eye(3), (n, 3, 3))
         else:
-            across = np.eye(3) - u[:, :, None] * u[:, None, :]
-        block = np.zeros((n, across.shape[1], 3 * count))
-        block[:, :, 3 * b : 3 * b + 3] = across
-        block[:, :, 3 * a : 3 * a + 3] = -across
-        rows.append(block)
-        right.append(u if k == moved else np.zeros(across.shape[:2]))
-    matrix = np.concatenate(rows, axis=1)[:, :, 3:]
-    one, values, two = np.linalg.svd(matrix, full_matrices=False)
+            constraint = np.eye(3) - u[:, :, None] * u[:, None, :]
+        block = np.zeros((n, constraint.shape[1], 3 * link_count))
+        block[:, :, 3 * b : 3 * b + 3] = constraint
+        block[:, :, 3 * a : 3 * a + 3] = -constraint
+        blocks.append(block)
+        prescribed_rates.append(u if k == moved else np.zeros(constraint.shape[:2]))
+    matrix = np.concatenate(blocks, axis=1)[:, :, 3:]
+    prescribed = np.concatenate(prescribed_rates, axis=1)
+    left_vectors, singular_values, right_vectors = np.linalg.svd(
+        matrix, full_matrices=False
+    )
+
+    def solve(right_side):
+        """Return the link vectors (n, links, 3) of the least-squares solution."""
+        scaled = np.einsum("nij,ni->nj", left_vectors, right_side) / singular_values
+        solution = np.einsum("nij,ni->nj", right_vectors, scaled)
+        with_ground = np.concatenate([np.zeros((n, 3)), solution], axis=1)
+        return with_ground.reshape(n, link_count, 3)
+
     with np.errstate(divide="ignore", invalid="ignore"):
+        w = solve(prescribed)
+        relative_rates = np.einsum("nij,nj->ni", matrix, w[:, 1:].reshape(n, -1))
+        residuals = np.max(np.abs(relative_rates - prescribed), axis=1)
 
-        def solved(sides):
-            found = np.einsum("nij,ni->nj", one, sides) / values
-            flat = np.einsum("nij,ni->nj", two, found)
-            return np.concatenate([np.zeros((n, 3)), flat], axis=1).reshape(n, count, 3)
-
-        w = solved(np.concatenate(right, axis=1))
-        left = np.einsum("nij,nj->ni", matrix, w[:, 1:].reshape(n, -1))
-        over = np.max(np.abs(left - np.concatenate(right, axis=1)), axis=1)
-        bias = []
-        for k, (kind, a, b, line) in enumerate(pairs):
-            u, du = _line(kind, line), _line_change(kind, line, w)
+        # Derivative of the equations: the change of the lines at the rates w.
+        derivative_terms = []
+        for k, (pair, (a, b)) in enumerate(
+            zip(mechanism.pairs, mechanism.ends, strict=True)
+        ):
+            u = _line(pair.type, lines[k])
+            du = _line_change(pair.type, lines[k], w)
             relative = w[:, b] - w[:, a]
-            if kind == "Cs":
-                bias.append(-np.sum(du * relative, axis=1)[:, None])
+            if pair.type == "Cs":
+                derivative_terms.append(-np.sum(du * relative, axis=1)[:, None])
             elif k in inputs and k != moved:
-                bias.append(np.zeros((n, 3)))
+                derivative_terms.append(np.zeros((n, 3)))
             else:
-                bias.append(np.sum(u * relative, axis=1)[:, None] * du)
-        dw = solved(np.concatenate(bias, axis=1))
-    free = matrix.copy()
-    at = sum(block.shape[1] for block in rows[:moved])
-    u = _line("R", pairs[moved][3])
-    keep = np.eye(3) - u[:, :, None] * u[:, None, :]
-    free[:, at : at + 3] = keep @ free[:, at : at + 3]
-    return w, dw, values, over, free, missed
+                derivative_terms.append(np.sum(u * relative, axis=1)[:, None] * du)
+        dw = solve(np.concatenate(derivative_terms, axis=1))
+
+    # Without its prescribed rate the moved input is an ordinary R pair.
+    free_matrix = matrix.copy()
+    first_row = sum(block.shape[1] for block in blocks[:moved])
+    rows = slice(first_row, first_row + 3)
+    u = _line("R", lines[moved])
+    across_axis = np.eye(3) - u[:, :, None] * u[:, None, :]
+    free_matrix[:, rows] = across_axis @ free_matrix[:, rows]
+    return w, dw, singular_values, residuals, free_matrix, gaps
 
 
 def _line(kind, line):
-    """Return the unit vector of a pair: an axis, of Cs what it does not turn about."""
-    (s1, c1, _), second = line
-    if second is None:
-        return s1 * c1
-    s2, c2, _ = second
+    """Return the unit vector (n, 3) of a pair.
+
+    It is the axis of an R pair, the contact point of a Cr pair, and of a Cs pair the normal
+    to the plane of both centres, about which the links do not turn.
+
+    Parameters
+    ----------
+    kind
+        Type of the pair.
+    line
+        Two terms (weight, vector (n, 3), link that carries the vector); the second is None
+        for R pairs.
+    """
+    (first_weight, first_centre, _), second_term = line
+    if second_term is None:
+        return first_weight * first_centre
+    second_weight, second_centre, _ = second_term
     if kind == "Cr":
-        return s1 * c1 + s2 * c2
-    normal = np.cross(c1, c2)
+        return first_weight * first_centre + second_weight * second_centre
+    normal = np.cross(first_centre, second_centre)
     return normal / np.linalg.norm(normal, axis=1, keepdims=True)
 
 
 def _line_change(kind, line, w):
-    (s1, c1, a), second = line
-    d1 = np.cross(w[:, a], c1)
-    if second is None:
-        return s1 * d1
-    s2, c2, b = second
-    d2 = np.cross(w[:, b], c2)
+    """Return the derivative (n, 3) of the vector of `_line` at link rates w (n, links, 3).
+
+    A vector c that is fixed in a link changes by w x c.
+    """
+    (first_weight, first_centre, a), second_term = line
+    first_change = np.cross(w[:, a], first_centre)
+    if second_term is None:
+        return first_weight * first_change
+    second_weight, second_centre, b = second_term
+    second_change = np.cross(w[:, b], second_centre)
     if kind == "Cr":
-        return s1 * d1 + s2 * d2
-    normal, change = np.cross(c1, c2), np.cross(d1, c2) + np.cross(c1, d2)
+        return first_weight * first_change + second_weight * second_change
+    normal = np.cross(first_centre, second_centre)
+    normal_change = np.cross(first_change, second_centre)
+    normal_change = normal_change + np.cross(first_centre, second_change)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     u = normal / length
-    return (change - u * np.sum(u * change, axis=1, keepdims=True)) / length
+    # Derivative of a normalized vector: only the part across it remains.
+    along = np.sum(u * normal_change, axis=1, keepdims=True)
+    return (normal_change - u * along) / length
