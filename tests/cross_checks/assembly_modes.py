@@ -36,28 +36,44 @@ def asked_inputs(evidence, count=INPUTS):
 
 
 def at_sample(evidence, sample):
-    """Return the inputs of a sample, and the configurations (n, variables) of a run."""
+    """Return the inputs (inputs,) of a sample, and its OK rows as values (n, variables)."""
     motion = evidence.motion
-    here = motion.sample == sample
-    return motion.inputs[here][0], motion.values[here & (motion.status == Status.OK)]
+    is_at_sample = motion.sample == sample
+    is_ok = motion.status == Status.OK
+    return motion.inputs[is_at_sample][0], motion.values[is_at_sample & is_ok]
 
 
-def compare(notes, where, one, other):
-    """Note configurations that one of two has and the other lacks, by what that claims.
+def compare(notes, inputs_text, first, second):
+    """Note configurations that one of two sources has and the other lacks.
 
-    Each is its name, its configurations, and its claim, None where it may lack some.
+    Each source is checked by its own claim of completeness. If it claims that it is
+    complete, a lack is a contradiction; with a weaker claim (a sampled search) the lack is
+    only noted as not found. A source without a claim may lack any number.
+
+    Parameters
+    ----------
+    notes
+        `Notes` that receive the findings.
+    inputs_text
+        Inputs of the configurations, in words.
+    first, second
+        Each a tuple of the name of a source, its configurations as orientations (n, links,
+        3, 3), and its claim (`Completeness` or None).
     """
-    for (who, mine, claim), (whom, theirs, _) in ((one, other), (other, one)):
+    for (name, configurations, claim), (other_name, other_configurations, _) in (
+        (first, second),
+        (second, first),
+    ):
         if claim is None:
             continue
         notes.judged()
-        missing = count_missing(theirs, mine, SAME)
+        missing = count_missing(other_configurations, configurations, SAME)
         if missing:
-            complete = claim.guarantee is Guarantee.COMPLETE
+            is_contradiction = claim.guarantee is Guarantee.COMPLETE
             notes.found(
-                f"{who} lacks {missing} configurations that {whom} has at {where}; "
-                f'it claims "{claim}"',
-                Kind.CONTRADICTION if complete else Kind.SHORT,
+                f"{name} lacks {missing} configurations that {other_name} has at "
+                f'{inputs_text}; it claims "{claim}"',
+                Kind.CONTRADICTION if is_contradiction else Kind.SHORT,
             )
 
 
@@ -68,57 +84,80 @@ def place_of(q):
 
 @check("run and curves", "a run and the configuration curves have the same modes")
 def run_and_curves(evidence, notes):
-    """Compare the rows of samples with the points of curves at their inputs."""
+    """Compare the rows of some samples with the points of curves at the same input.
+
+    Configuration curves are followed independently of samples, over the whole range of the
+    only input.
+    """
     if not evidence.single:
         return
-    tracer, found = evidence.tracer, evidence.configurations
-    rolls = any(pair.type == "Cr" for pair in tracer.mechanism.pairs)
+    position_analysis = evidence.tracer
+    curves = evidence.configurations
+    # Wheels in mesh return to the same input in another configuration, so the curves may
+    # have more configurations at an input than the run.
+    has_wheels = any(pair.type == "Cr" for pair in position_analysis.mechanism.pairs)
+    run_claim = None if has_wheels else position_analysis.claim
+    variable = position_analysis.solver.input_variable
     for sample in asked_inputs(evidence):
-        q, values = at_sample(evidence, sample)
-        points = [
-            each.curve.at(s).values
-            for each in found.curves
-            for s in each.curve.at_input(tracer.solver.input_variable, float(q[0])).places
-        ]
-        on_curves = placed(tracer, np.array(points))
-        # Wheels in mesh come back to an input in another configuration.
-        run = "a run", placed(tracer, values), None if rolls else tracer.claim
-        compare(notes, place_of(q), ("the set of curves", on_curves, found.claim), run)
+        inputs, values = at_sample(evidence, sample)
+        points = []
+        for item in curves.curves:
+            for s in item.curve.at_input(variable, float(inputs[0])).places:
+                points.append(item.curve.at(s).values)
+        on_curves = placed(position_analysis, np.array(points))
+        in_run = placed(position_analysis, values)
+        compare(
+            notes,
+            place_of(inputs),
+            ("the set of curves", on_curves, curves.claim),
+            ("a run", in_run, run_claim),
+        )
 
 
 @check("run and forward", "forward kinematics finds the modes that a run has")
 def run_and_forward(evidence, notes):
-    """Compare the rows of samples with all configurations found at one input."""
-    tracer = evidence.tracer
+    """Compare the rows of three samples with all configurations found at each input."""
+    position_analysis = evidence.tracer
     for sample in asked_inputs(evidence, 3):
-        q, values = at_sample(evidence, sample)
-        here = enumerate_assemblies(tracer.solver, q)
-        held = Guarantee.COMPLETE if here.is_complete else Guarantee.SAMPLED
-        claim = Completeness(held, "forward kinematics")
-        alone = placed(tracer, here.values)
-        run = "a run", placed(tracer, values), tracer.claim
-        compare(notes, place_of(q), ("forward kinematics", alone, claim), run)
+        inputs, values = at_sample(evidence, sample)
+        assemblies = enumerate_assemblies(position_analysis.solver, inputs)
+        guarantee = Guarantee.COMPLETE if assemblies.is_complete else Guarantee.SAMPLED
+        claim = Completeness(guarantee, "forward kinematics")
+        by_forward_kinematics = placed(position_analysis, assemblies.values)
+        in_run = placed(position_analysis, values)
+        compare(
+            notes,
+            place_of(inputs),
+            ("forward kinematics", by_forward_kinematics, claim),
+            ("a run", in_run, position_analysis.claim),
+        )
 
 
 @check("whole turns", "a range a whole turn on has the same modes, without wheels in mesh")
 def whole_turns(evidence, notes):
-    """Compare the rows of samples with those of the range moved by a turn."""
+    """Compare the rows of three samples with those of the range moved by a turn."""
     if any(pair.type == "Cr" for pair in evidence.mechanism.pairs):
         return
-    motion, tracer = evidence.motion, evidence.tracer
+    motion = evidence.motion
+    position_analysis = evidence.tracer
     samples = asked_inputs(evidence, 3)
-    moved = tuple(
+    moved_inputs = tuple(
         replace(item, start=item.start + 2.0 * np.pi, stop=item.stop + 2.0 * np.pi)
-        for item in tracer.mechanism.inputs
+        for item in position_analysis.mechanism.inputs
     )
-    again = PositionAnalysis(
-        replace(tracer.mechanism, inputs=moved), samples=evidence.samples
-    )
-    other = again.motion()
+    moved_mechanism = replace(position_analysis.mechanism, inputs=moved_inputs)
+    moved_analysis = PositionAnalysis(moved_mechanism, samples=evidence.samples)
+    moved_motion = moved_analysis.motion()
+    assert motion.samples == moved_motion.samples
     for sample in samples:
-        q, values = at_sample(evidence, sample)
-        chosen = (other.sample == sample) & (other.status == Status.OK)
-        assert motion.samples == other.samples
-        alone = "a run a turn on", placed(tracer, other.values[chosen]), again.claim
-        run = "a run", placed(tracer, values), tracer.claim
-        compare(notes, place_of(q), alone, run)
+        inputs, values = at_sample(evidence, sample)
+        rows = (moved_motion.sample == sample) & (moved_motion.status == Status.OK)
+        # Both are placed by the same position analysis, in whose variables they are given.
+        a_turn_on = placed(position_analysis, moved_motion.values[rows])
+        in_run = placed(position_analysis, values)
+        compare(
+            notes,
+            place_of(inputs),
+            ("a run a turn on", a_turn_on, moved_analysis.claim),
+            ("a run", in_run, position_analysis.claim),
+        )

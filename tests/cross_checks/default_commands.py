@@ -22,20 +22,22 @@ AT_REST = ("NO_POLE", "ILL_CONDITIONED")
 """Statuses of one pole alone: the rate of the links is known there."""
 
 
-def _asks(analysis):
+def _register_default_command(analysis):
+    """Register the check of one analysis by its default command."""
+
     @check(
         f"{analysis} by default",
         f"`run -a {analysis}` answers or says why not; rows in range, numbers exactly "
         "where the status is OK, no empty table without a word, counts as printed",
     )
-    def ask(evidence, notes):
-        ran = evidence.ran(analysis)
-        if not answered(ran, analysis, notes):
+    def check_default_command(evidence, notes):
+        run = evidence.ran(analysis)
+        if not answered(run, analysis, notes):
             return
-        for name, frame in ran.tables.items():
+        for name, frame in run.tables.items():
             judge_rows(evidence, name, frame, notes)
-        judge_main(ran, analysis, notes)
-        judge_counts(ran, notes)
+        judge_main(run, analysis, notes)
+        judge_counts(run, notes)
 
 
 def answered(ran, analysis, notes):
@@ -51,61 +53,76 @@ def answered(ran, analysis, notes):
 
 
 def judge_rows(evidence, name, frame, notes):
-    """Note rows out of range, and numbers that are there or missing against the status."""
-    _in_range(evidence, name, frame, notes)
+    """Note rows outside the range, and columns that disagree with the status of a row.
+
+    Columns of `FINITE` must hold a number in every row that is OK. Columns of `EMPTY` must
+    be empty in every other row, except at rest (`AT_REST`).
+
+    Parameters
+    ----------
+    evidence, notes
+        Mechanism with its runs, and the notes that receive findings.
+    name, frame
+        Name of a table, and its rows as a data frame.
+    """
+    _note_rows_out_of_range(evidence, name, frame, notes)
     if "status" not in frame:
         return
     status = frame["status"].to_numpy()
-    fine = status == "OK"
+    is_ok = status == "OK"
     for column in FINITE.get(name, ()):
-        known = np.isfinite(frame[column].to_numpy(dtype=float))
-        missing = fine & ~known
-        notes.judged(int(np.sum(fine)))
-        if np.any(missing):
-            k = int(np.flatnonzero(missing)[0])
+        is_number = np.isfinite(frame[column].to_numpy(dtype=float))
+        is_missing = is_ok & ~is_number
+        notes.judged(int(np.sum(is_ok)))
+        if np.any(is_missing):
+            row = int(np.flatnonzero(is_missing)[0])
             notes.found(
-                f"{name}: {column} is {frame[column].iloc[k]} in {int(np.sum(missing))} "
-                f"rows that are OK, the first row {k}"
+                f"{name}: {column} is {frame[column].iloc[row]} in "
+                f"{int(np.sum(is_missing))} rows that are OK, the first row {row}"
             )
     for column in EMPTY.get(name, ()):
-        known = np.isfinite(frame[column].to_numpy(dtype=float))
-        held = known & ~fine & ~np.isin(status, AT_REST)
-        notes.judged(int(np.sum(~fine)))
-        if np.any(held):
-            k = int(np.flatnonzero(held)[0])
+        is_number = np.isfinite(frame[column].to_numpy(dtype=float))
+        is_unexpected = is_number & ~is_ok & ~np.isin(status, AT_REST)
+        notes.judged(int(np.sum(~is_ok)))
+        if np.any(is_unexpected):
+            row = int(np.flatnonzero(is_unexpected)[0])
             notes.found(
-                f"{name}: {column} is {frame[column].iloc[k]} in a row that is "
-                f"{status[k]}, row {k}"
+                f"{name}: {column} is {frame[column].iloc[row]} in a row that is "
+                f"{status[row]}, row {row}"
             )
 
 
-def _in_range(evidence, name, frame, notes):
+def _note_rows_out_of_range(evidence, name, frame, notes):
     """Note rows outside the ranges of the inputs that do not say so.
 
-    Tables that say `inside` have to say it rightly. Those of given poses have no range.
+    Tables with a column `inside` may have such rows, if they say so. Tables of given poses
+    (workspace, inverse kinematics, equivalent rotation) have no range of inputs.
     """
     inputs = evidence.mechanism.inputs
     columns = ["q"] if len(inputs) == 1 else [f"q_{item.pair}" for item in inputs]
-    given = name.startswith(("workspace", "inverse", "equivalent"))
-    if given or not len(frame) or not set(columns) <= set(frame):
+    is_of_poses = name.startswith(("workspace", "inverse", "equivalent"))
+    if is_of_poses or not len(frame) or not set(columns) <= set(frame):
         return
     q = frame[columns].to_numpy(dtype=float)
     ends = np.array([sorted((item.start, item.stop)) for item in inputs])
+    # Distance (rad) beyond the nearest end of the range, negative inside.
     beyond = np.max(np.maximum(ends[:, 0] - q, q - ends[:, 1]), axis=1)
-    told = np.zeros(len(frame), dtype=bool)
+    says_outside = np.zeros(len(frame), dtype=bool)
     if "inside" in frame:
-        told = frame["inside"].to_numpy() == "no"
-    known = np.isfinite(beyond)
-    notes.judged(int(np.sum(known)))
-    for wrong, words in (
-        (known & (beyond > OFF_RANGE) & ~told, "outside the range and do not say so"),
-        (known & (beyond < -OFF_RANGE) & told, "inside the range and say they are not"),
+        says_outside = frame["inside"].to_numpy() == "no"
+    is_number = np.isfinite(beyond)
+    notes.judged(int(np.sum(is_number)))
+    is_silent = is_number & (beyond > OFF_RANGE) & ~says_outside
+    is_false = is_number & (beyond < -OFF_RANGE) & says_outside
+    for is_wrong, words in (
+        (is_silent, "outside the range and do not say so"),
+        (is_false, "inside the range and say they are not"),
     ):
-        if np.any(wrong):
-            k = int(np.flatnonzero(wrong)[0])
+        if np.any(is_wrong):
+            row = int(np.flatnonzero(is_wrong)[0])
             notes.found(
-                f"{name}: {int(np.sum(wrong))} of {len(q)} rows are {words}, the first at "
-                f"{q[k].round(6).tolist()} rad"
+                f"{name}: {int(np.sum(is_wrong))} of {len(q)} rows are {words}, the first "
+                f"at {q[row].round(6).tolist()} rad"
             )
 
 
@@ -124,32 +141,40 @@ def judge_main(ran, analysis, notes):
         )
 
 
-def judge_counts(ran, notes):
-    """Note numbers in the summary that the tables do not have."""
-    motion = ran.tables.get("motion")
+def judge_counts(run, notes):
+    """Note counts in the summary that differ from the tables of the same run.
+
+    Compared are the statuses of each assembly mode, and the kinds of singularities inside
+    the range.
+    """
+    motion = run.tables.get("motion")
     if motion is not None:
-        for assembly_mode in ran.summary["assembly_modes"]:
-            rows = motion["status"][motion["assembly_mode"] == assembly_mode["number"]]
-            counted = rows.value_counts().to_dict()
-            told = {k: v for k, v in assembly_mode["status"].items() if v}
+        for assembly_mode in run.summary["assembly_modes"]:
+            number = assembly_mode["number"]
+            statuses = motion["status"][motion["assembly_mode"] == number]
+            table_counts = statuses.value_counts().to_dict()
+            summary_counts = {k: v for k, v in assembly_mode["status"].items() if v}
             notes.contradiction(
-                counted != told,
-                f"assembly mode {assembly_mode['number']}: the summary counts {told}, the "
-                f"table {counted}",
+                table_counts != summary_counts,
+                f"assembly mode {number}: the summary counts {summary_counts}, the table "
+                f"{table_counts}",
             )
-    found = ran.tables.get("singularities")
-    if found is None:
+    singularities = run.tables.get("singularities")
+    if singularities is None:
         return
-    (own,) = (each for each in ran.summary["analyses"] if each["name"] == "singularities")
-    told = own["findings"].get("singularities")
-    if told is not None:
-        inside = found[found["inside"] == "yes"]
-        counted = inside["kind"].value_counts().to_dict()
+    (entry,) = (
+        entry for entry in run.summary["analyses"] if entry["name"] == "singularities"
+    )
+    summary_counts = entry["findings"].get("singularities")
+    if summary_counts is not None:
+        is_inside = singularities["inside"] == "yes"
+        counts = singularities[is_inside]["kind"].value_counts().to_dict()
+        table_counts = {kind: count for kind, count in counts.items() if count}
         notes.contradiction(
-            {k: v for k, v in counted.items() if v} != told,
-            f"the summary counts {told}, the table {counted}",
+            table_counts != summary_counts,
+            f"the summary counts {summary_counts}, the table {table_counts}",
         )
 
 
 for _analysis in ANALYSES:
-    _asks(_analysis)
+    _register_default_command(_analysis)

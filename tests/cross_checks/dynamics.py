@@ -16,43 +16,53 @@ AGREE = 1e-5
 
 @check("simulation and inverse", "inverse dynamics gives back the torque of a simulation")
 def simulation_and_inverse(evidence, notes):
-    """Compare the torque at the input with what the inverse problem asks for.
+    """Compare the torque that drives a simulation with the result of inverse dynamics.
 
-    Its law of the input is the parabola that has the simulated rates at one time.
+    At three times, the law of the input for inverse dynamics is the parabola with the
+    simulated angle, rate and acceleration.
     """
-    motion, masses = evidence.motion, evidence.mechanism.masses
-    good = np.flatnonzero((motion.status == sk.Status.OK) & (motion.conditioning < 30.0))
-    if not evidence.single or not masses or not len(good):
+    motion = evidence.motion
+    masses = evidence.mechanism.masses
+    is_startable = (motion.status == sk.Status.OK) & (motion.conditioning < 30.0)
+    rows = np.flatnonzero(is_startable)
+    if not evidence.single or not masses or not len(rows):
         return
-    row = int(good[evidence.numbers("start").integers(len(good))])
-    size = float(sum(np.trace(np.array(mass.tensor)) for mass in masses))
-    found = sk.simulate(
+    start_row = int(rows[evidence.numbers("start").integers(len(rows))])
+    # A torque of the size of the inertia (kg m^2) gives accelerations of about 1 rad/s^2.
+    torque_size = float(sum(np.trace(np.array(mass.tensor)) for mass in masses))
+    simulation = sk.simulate(
         evidence.mechanism,
-        sk.Start(float(motion.q[row]), SPEED),
-        UNTIL,
-        torque=f"{size:.6g} * sin(2*t)",
-        assembly_mode=int(motion.assembly_mode[row]),
+        sk.Start(float(motion.q[start_row]), SPEED),
+        DURATION_S,
+        torque=f"{torque_size:.6g} * sin(2*t)",
+        assembly_mode=int(motion.assembly_mode[start_row]),
         tolerance=TOLERANCE,
         engine="numpy",
     )
-    if not found.end.t > 1e-3:
+    if not simulation.end.t > 1e-3:  # it stopped at once, at a dead centre
         return
-    history = found.at(found.end.t * np.array([0.3, 0.65, 0.95]))
+    history = simulation.at(simulation.end.t * np.array([0.3, 0.65, 0.95]))
     mechanism = evidence.mechanism.with_inputs(*evidence.tracer.inputs)
-    applied = [load.name for load in found.mechanism.loads].index(DRIVE_LOAD_NAME)
+    load_names = [load.name for load in simulation.mechanism.loads]
+    drive = load_names.index(DRIVE_LOAD_NAME)
     conditioning = evidence.tracer.given(history.values).conditioning
     for k, t in enumerate(history.t):
-        q, dq, ddq = (float(x[k]) for x in (history.q, history.dq, history.ddq))
+        q = float(history.q[k])
+        dq = float(history.dq[k])
+        ddq = float(history.ddq[k])
+        # The torque is the power over the rate, so a slow input is left out.
         if not (conditioning[k] < CLEAR and abs(dq) > 1e-2):
             continue
         law = sk.Polynomial((q - dq * t + 0.5 * ddq * t**2, dq - ddq * t, 0.5 * ddq))
-        solved = sk.inverse_dynamics(mechanism, law, [t])
-        there = evidence.tracer.given(solved.values).rotations
-        gap = np.max(np.abs(there - history.rotations[k]), axis=(1, 2, 3))
-        for row in np.flatnonzero((gap < 1e-7) & (solved.status == sk.Status.OK)):
-            torque, tau = float(history.power[k, applied] / dq), float(solved.tau[row])
-            parts = abs(float(solved.B[row] * ddq)) + abs(float(solved.Q[row]))
-            scale = max(abs(torque), abs(tau), parts, 1e-12)
+        solution = sk.inverse_dynamics(mechanism, law, [t])
+        # Only the assembly mode that is simulated has the same orientations.
+        rotations = evidence.tracer.given(solution.values).rotations
+        gap = np.max(np.abs(rotations - history.rotations[k]), axis=(1, 2, 3))
+        for row in np.flatnonzero((gap < 1e-7) & (solution.status == sk.Status.OK)):
+            torque = float(history.power[k, drive] / dq)
+            tau = float(solution.tau[row])
+            terms = abs(float(solution.B[row] * ddq)) + abs(float(solution.Q[row]))
+            scale = max(abs(torque), abs(tau), terms, 1e-12)
             notes.contradiction(
                 not abs(tau - torque) < AGREE * scale,
                 f"t = {t:.6g} s, q = {q:.9g} rad: the torque is {torque:.9g} N m, inverse "

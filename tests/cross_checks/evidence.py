@@ -40,26 +40,37 @@ class Kind(Enum):
 
 @dataclass
 class Notes:
-    """What a check compares and what it finds wrong, of which a claim may cover some."""
+    """Findings of a check of one mechanism.
+
+    Attributes
+    ----------
+    compared
+        Number of comparisons, so that a check that compares nothing is noticed.
+    findings
+        Kind and words of each finding.
+    """
 
     compared: int = 0
     findings: list = field(default_factory=list)
 
     def judged(self, count=1):
+        """Count comparisons."""
         self.compared += int(count)
 
-    def found(self, what, kind=Kind.CONTRADICTION):
-        self.findings.append((kind, what))
+    def found(self, words, kind=Kind.CONTRADICTION):
+        """Add a finding."""
+        self.findings.append((kind, words))
 
-    def contradiction(self, wrong, what):
+    def contradiction(self, is_wrong, words):
+        """Count a comparison, and add a contradiction if it is wrong."""
         self.judged()
-        if wrong:
-            self.found(what)
+        if is_wrong:
+            self.found(words)
 
     @property
     def wrong(self):
-        """What no claim covers."""
-        return [each for each in self.findings if each[0] is not Kind.SHORT]
+        """Findings that no claim excuses: all but results that a search may miss."""
+        return [finding for finding in self.findings if finding[0] is not Kind.SHORT]
 
 
 CHECKS = {}
@@ -157,24 +168,26 @@ class Evidence:
         return self._ran[key]
 
     def _run(self, analysis, words):
+        """Run the command in this process and return its output, tables and summary."""
         folder = self.folder / f"ran_{len(self._ran)}"
         command = ["run", str(self.path), "-a", analysis, "-o", str(folder), *words]
         if self.suspect.samples and "--samples" not in words:
             command += ["--samples", str(self.suspect.samples)]
         command += ["--format", "parquet"]
-        out, err = io.StringIO(), io.StringIO()
+        out = io.StringIO()
+        err = io.StringIO()
         with redirect_stdout(out), redirect_stderr(err):
             try:
                 status = main(command)
-            except SystemExit as ended:
-                status = int(ended.code or 0)
-        tables = {
-            path.stem: read_parquet(path) for path in sorted(folder.glob("*.parquet"))
-        }
-        for frame in tables.values():
+            except SystemExit as exit_request:
+                status = int(exit_request.code or 0)
+        tables = {}
+        for path in sorted(folder.glob("*.parquet")):
+            frame = read_parquet(path)
             for name, column in frame.items():
                 if not is_numeric_dtype(column):
                     frame[name] = column.astype(str)
-        summary = folder / "summary.json"
-        told = json.loads(summary.read_text()) if summary.exists() else {}
-        return Ran(status, out.getvalue(), err.getvalue(), tables, told)
+            tables[path.stem] = frame
+        summary_path = folder / "summary.json"
+        summary = json.loads(summary_path.read_text()) if summary_path.exists() else {}
+        return Ran(status, out.getvalue(), err.getvalue(), tables, summary)

@@ -51,32 +51,39 @@ def shipped_subjects(names=()):
 
 
 def random_subject(seed):
-    """Return the mechanism of a seed."""
+    """Return the random mechanism of a seed as a `Subject` with 91 samples.
+
+    The kind changes with the seed. Mechanisms are drawn until one can be assembled; those
+    given by sizes have their assembly modes searched for that.
+    """
     kind = tuple(KINDS)[seed % len(KINDS)]
     random = np.random.default_rng([seed, 20])
     while True:
         try:
-            made = KINDS[kind](random)
-            PositionAnalysis(
-                made, samples=3, search=isinstance(made.geometry, SizeGeometry)
-            )
+            mechanism = KINDS[kind](random)
+            has_sizes = isinstance(mechanism.geometry, SizeGeometry)
+            PositionAnalysis(mechanism, samples=3, search=has_sizes)
         except sk.SpherekitError:
             continue
-        made = replace(with_masses(random, made), name=f"random_{seed}")
-        return Subject(f"random_{seed}", kind, made, 91)
+        name = f"random_{seed}"
+        mechanism = replace(with_masses(random, mechanism), name=name)
+        return Subject(name, kind, mechanism, samples=91)
 
 
-def with_masses(random, made):
-    """Return a mechanism some of whose links have inertia; the others have none."""
+def with_masses(random, mechanism):
+    """Return a mechanism in which 60 % of the moving links have a random inertia tensor.
+
+    A tensor is trace(S) I - S of a positive matrix S, as mass distributions have it.
+    """
     masses = []
-    for link in made.links[1:]:
+    for link in mechanism.links[1:]:
         if random.random() < 0.6:
             a = random.normal(size=(3, 3))
-            spread = 1e-3 * (a @ a.T)
-            tensor = np.trace(spread) * np.eye(3) - spread
-            one, two, three = map(as_float_tuple, tensor)
-            masses.append(Mass(link, (one, two, three)))
-    return replace(made, masses=tuple(masses))
+            second_moments = 1e-3 * (a @ a.T)
+            tensor = np.trace(second_moments) * np.eye(3) - second_moments
+            x_row, y_row, z_row = map(as_float_tuple, tensor)
+            masses.append(Mass(link, (x_row, y_row, z_row)))
+    return replace(mechanism, masses=tuple(masses))
 
 
 def _range(random):
@@ -84,72 +91,112 @@ def _range(random):
 
 
 def _special(links):
-    """Return what draws a mechanism of so many links and of special geometry."""
+    """Return a function that draws special mechanisms with this number of links."""
 
-    def drawn(random):
+    def draw(random):
         while True:
-            _, made, _ = special_mechanism(int(random.integers(1 << 30)))
-            if len(made.links) == links:
-                return _driven_anywhere(random, made)
+            _, mechanism, _ = special_mechanism(int(random.integers(1 << 30)))
+            if len(mechanism.links) == links:
+                return _driven_anywhere(random, mechanism)
 
-    return drawn
+    return draw
 
 
 def _geared(random):
-    """Return a five-bar whose cranks on the ground mesh, over several turns."""
-    one, other = TEETH[random.integers(len(TEETH))]
-    shafts = np.radians(random.uniform(40.0, 120.0))
-    first = np.arctan2(np.sin(shafts), other / one + np.cos(shafts))
-    left = np.array([0.0, 0.0, 1.0])
-    right = np.array([np.sin(shafts), 0.0, np.cos(shafts)])
-    axes = [left, right, *random_axes(random, 3)]
+    """Return a five-bar whose cranks on the ground are wheels in mesh, over several turns.
+
+    The links are the ground g, the cranks a and b, and the couplers c and d.
+    """
+    first_teeth, second_teeth = TEETH[random.integers(len(TEETH))]
+    shaft_angle = np.radians(random.uniform(40.0, 120.0))
+    # Pitch cones: sin(first) / sin(shaft_angle - first) is the ratio of the teeth.
+    first_half_angle = np.arctan2(
+        np.sin(shaft_angle), second_teeth / first_teeth + np.cos(shaft_angle)
+    )
+    left_axis = np.array([0.0, 0.0, 1.0])
+    right_axis = np.array([np.sin(shaft_angle), 0.0, np.cos(shaft_angle)])
+    axes = [left_axis, right_axis, *random_axes(random, 3)]
     ends = {"left": "ga", "right": "gb", "ac": "ac", "cd": "cd", "bd": "bd"}
+    second_half_angle = shaft_angle - first_half_angle
     wheels = (
-        Profile("circle", as_float_tuple(left), float(first)),
-        Profile("circle", as_float_tuple(right), float(shafts - first)),
+        Profile("circle", as_float_tuple(left_axis), float(first_half_angle)),
+        Profile("circle", as_float_tuple(right_axis), float(second_half_angle)),
     )
     pairs = [Pair(name, "R", tuple(links)) for name, links in ends.items()]
-    pairs = (*pairs, Pair("mesh", "Cr", ("a", "b"), wheels))
+    pairs.append(Pair("mesh", "Cr", ("a", "b"), wheels))
     pose = PoseGeometry(dict(zip(ends, map(as_float_tuple, axes), strict=True)))
     span = ((0.0, 2 * TURN), (-TURN, TURN), (0.0, 3 * TURN))[random.integers(3)]
     inputs = (Input("left" if random.random() < 0.7 else "right", *span),)
-    return sk.Mechanism("made", "g", tuple("gabcd"), pairs, pose, inputs)
+    return sk.Mechanism("made", "g", tuple("gabcd"), tuple(pairs), pose, inputs)
 
 
 def _wheels_by_a_cam(random):
-    """Return a cam whose roller swings a wheel, which turns the crank of a four-bar."""
-    low, high = [50, 60, 40, 15, 40, 40], [80, 100, 80, 35, 80, 80]
-    arcs = random.uniform(low, high).tolist()
-    angles = random.uniform(-120.0, 120.0, 2).tolist()
-    frame = {"axes": ["cam", "swing", "turn", "out"], "arcs": arcs[:3], "angles": angles}
-    pairs = {
-        **{name: ["frame", link] for name, link in (("cam", "disc"), ("swing", "wheel"))},
-        **{"turn": ["frame", "crank"], "pin": ["crank", "coupler"]},
-        **{"joint": ["coupler", "rocker"], "out": ["frame", "rocker"]},
+    """Return a cam whose roller follower is a wheel that turns the crank of a four-bar.
+
+    The profile of the cam is a Fourier series about a colatitude of 25 degrees. Sizes are
+    random; arcs and angles are degrees.
+    """
+    # Arcs of the ground (three), crank, coupler and rocker.
+    lowest_arcs = [50, 60, 40, 15, 40, 40]
+    highest_arcs = [80, 100, 80, 35, 80, 80]
+    arcs = random.uniform(lowest_arcs, highest_arcs).tolist()
+    ground_angles = random.uniform(-120.0, 120.0, 2).tolist()
+    teeth = list(TEETH[random.integers(len(TEETH))])
+    roller_radius = random.uniform(5.0, 15.0)
+    roller_latitude = random.uniform(35.0, 55.0)
+    cosines = random.normal(0.0, 2.0, 2).tolist()
+    sines = random.normal(0.0, 2.0, 2).tolist()
+    cam_profile = {
+        "kind": "fourier",
+        "centre_xyz": [0.0, 0.0, 1.0],
+        "cosines": [25.0, *cosines],
+        "sines": [0.0, *sines],
     }
-    mesh = {"type": "Cr", "links": ["wheel", "crank"], "axes": ["swing", "turn"]}
-    mesh["teeth"] = list(TEETH[random.integers(len(TEETH))])
-    roller, height = random.uniform(5.0, 15.0), random.uniform(35.0, 55.0)
-    cosines, sines = random.normal(0.0, 2.0, 2), random.normal(0.0, 2.0, 2)
-    waves = {"cosines": [25.0, *cosines.tolist()], "sines": [0.0, *sines.tolist()]}
-    disc = {"kind": "fourier", "centre_xyz": [0.0, 0.0, 1.0], **waves}
-    follower = {"link": "wheel", "roller": roller, "centre_lonlat": [90.0, height]}
-    touch = {"type": "Cs", "links": ["disc", "wheel"], "follower": follower}
-    made = sk.build(
+    roller = {
+        "link": "wheel",
+        "roller": roller_radius,
+        "centre_lonlat": [90.0, roller_latitude],
+    }
+    mechanism = sk.build(
         "made",
         angle_unit="deg",
         ground="frame",
         links={
-            **{"frame": frame, "disc": {"axes": ["cam"]}, "wheel": {"axes": ["swing"]}},
+            "frame": {
+                "axes": ["cam", "swing", "turn", "out"],
+                "arcs": arcs[:3],
+                "angles": ground_angles,
+            },
+            "disc": {"axes": ["cam"]},
+            "wheel": {"axes": ["swing"]},
             "crank": {"axes": ["turn", "pin"], "arcs": arcs[3:4]},
             "coupler": {"axes": ["pin", "joint"], "arcs": arcs[4:5]},
             "rocker": {"axes": ["out", "joint"], "arcs": arcs[5:]},
         },
-        pairs={**pairs, "mesh": mesh, "contact": {**touch, "profiles": {"disc": disc}}},
-        inputs={"cam": (0.0, 360.0)},
+        pairs={
+            "cam": ["frame", "disc"],
+            "swing": ["frame", "wheel"],
+            "turn": ["frame", "crank"],
+            "pin": ["crank", "coupler"],
+            "joint": ["coupler", "rocker"],
+            "out": ["frame", "rocker"],
+            "mesh": {
+                "type": "Cr",
+                "links": ["wheel", "crank"],
+                "axes": ["swing", "turn"],
+                "teeth": teeth,
+            },
+            "contact": {
+                "type": "Cs",
+                "links": ["disc", "wheel"],
+                "follower": roller,
+                "profiles": {"disc": cam_profile},
+            },
+        },
+        inputs={"cam": (0.0, 360.0)},  # replaced below by a range in radians
         outputs={"rocker": {"link": "rocker"}},
     )
-    return replace(made, inputs=(Input("cam", *_range(random)),))
+    return replace(mechanism, inputs=(Input("cam", *_range(random)),))
 
 
 def _cams(random):
@@ -160,22 +207,30 @@ def _cams(random):
     return _driven_anywhere(random, made)
 
 
-def _legs(random, count):
-    """Return a five-bar that points, or a 3-RRR, with random or special axes."""
-    edges = [(1, 2), (2, 3), (3, 4), (4, 5), (1, 5)]
-    if count == 3:
+def _legs(random, leg_count):
+    """Return a platform on two or three legs of R pairs, driven at the ground.
+
+    Two legs are a five-bar whose output is a direction of link 3; three legs are a 3-RRR
+    whose output is the orientation of link 8. Axes are random; in 40 % of the mechanisms
+    one of them is a coordinate axis.
+    """
+    if leg_count == 3:
         edges = [(1, 2), (2, 3), (3, 8), (1, 4), (4, 5), (5, 8), (1, 6), (6, 7), (7, 8)]
+    else:
+        edges = [(1, 2), (2, 3), (3, 4), (4, 5), (1, 5)]
     axes = random_axes(random, len(edges))
     if random.random() < 0.4:
         axes[random.integers(len(axes))] = np.eye(3)[random.integers(3)]
-    made = mechanism_from_chain(edges, axes)
+    mechanism = mechanism_from_chain(edges, axes)
     spans = [(-1.0, 1.2), (0.0, TURN), (-np.pi, np.pi)]
     low, high = spans[random.integers(len(spans))]
-    driven = [p.name for p in made.pairs if p.links[0] == "1"]
-    inputs = tuple(Input(name, low, high) for name in driven)
-    direction = None if count == 3 else as_float_tuple(axes[2])
-    output = Output("body", "8" if count == 3 else "3", "1", direction)
-    return replace(made, inputs=inputs, outputs=(output,))
+    ground_pairs = [pair.name for pair in mechanism.pairs if pair.links[0] == "1"]
+    inputs = tuple(Input(name, low, high) for name in ground_pairs)
+    if leg_count == 3:
+        output = Output("body", "8", "1", None)
+    else:
+        output = Output("body", "3", "1", as_float_tuple(axes[2]))
+    return replace(mechanism, inputs=inputs, outputs=(output,))
 
 
 def _driven_anywhere(random, made):

@@ -15,35 +15,39 @@ from spherekit.positions.mode_predictor import ModeCurve
 from spherekit.positions.position_analysis import PositionAnalysis
 
 
-def with_second_coupler(made):
-    """Return a special mechanism whose link 3 is there twice, on the same axes."""
-    links = dict(made.geometry.links)
-    arc = links["3"].arcs[0]
-    links["3b"] = LinkSizes(("32b", "43b"), (arc,))
-    # The new axis is collinear with the one of link 3, which is the second axis of link 2,
-    # and the first of link 4.
-    (crank, *crank_arcs), (rocker, *rocker_arcs) = (
-        (links[name], *links[name].arcs) for name in ("2", "4")
-    )
+def with_second_coupler(mechanism):
+    """Return a special mechanism whose coupler (link 3) is there twice, on the same axes.
+
+    The copy 3b repeats the constraint of link 3: a redundant loop that still moves.
+    """
+    links = dict(mechanism.geometry.links)
+    crank = links["2"]
+    rocker = links["4"]
+    links["3b"] = LinkSizes(("32b", "43b"), (links["3"].arcs[0],))
+    # The new axes coincide with those of link 3: the second axis of link 2, whose arc is
+    # that of the link, and the first axis of link 4.
     links["2"] = replace(
         crank,
         axes=(*crank.axes, "32b"),
-        arcs=(*crank_arcs, crank_arcs[0]),
+        arcs=(*crank.arcs, crank.arcs[0]),
         angles=(*crank.angles, 0.0),
     )
     links["4"] = replace(
         rocker,
         axes=(*rocker.axes, "43b"),
-        arcs=(*rocker_arcs, 0.0),
+        arcs=(*rocker.arcs, 0.0),
         angles=(*rocker.angles, 0.0),
     )
     pairs = (
-        *made.pairs,
+        *mechanism.pairs,
         Pair("32b", "R", ("2", "3b")),
         Pair("43b", "R", ("3b", "4")),
     )
     return replace(
-        made, links=(*made.links, "3b"), pairs=pairs, geometry=SizeGeometry(links)
+        mechanism,
+        links=(*mechanism.links, "3b"),
+        pairs=pairs,
+        geometry=SizeGeometry(links),
     )
 
 
@@ -86,50 +90,64 @@ def with_cam(made, pivot_arc, cam, roller, driving="2"):
 
 
 def limited_cam(random):
-    """Return a cam with a roller follower, whose cam cannot turn fully.
+    """Return a random cam with a roller follower, whose cam cannot turn fully.
 
-    Links between the centres make it a four-bar with the arcs of frame, cam, the sum of
-    both radii, and follower. The last two are in line somewhere in the turn of the cam.
+    A link between the centres of cam and roller replaces their contact by a four-bar. Its
+    arcs are ground, cam, the sum of both radii, and follower. The arc of the follower is
+    chosen so that the last two are in line at some angle of the cam.
     """
-    frame = float(random.integers(35, 80))
-    tilt = float(random.integers(8, 30))
-    radii = (float(random.integers(8, 25)), float(random.integers(4, 15)))
-    distance = frame + tilt * random.uniform(-0.9, 0.9)
-    arm = float(np.round(distance - sum(radii), random.integers(0, 6)))
-    arm = abs(arm) if random.random() < 0.5 else float(np.round(distance + sum(radii), 2))
+    ground_deg = float(random.integers(35, 80))
+    cam_tilt_deg = float(random.integers(8, 30))
+    cam_radius_deg = float(random.integers(8, 25))
+    roller_radius_deg = float(random.integers(4, 15))
+    radii_deg = cam_radius_deg + roller_radius_deg
+    distance_deg = ground_deg + cam_tilt_deg * random.uniform(-0.9, 0.9)
+    arm_deg = float(np.round(distance_deg - radii_deg, random.integers(0, 6)))
+    if random.random() < 0.5:
+        arm_deg = abs(arm_deg)
+    else:
+        arm_deg = float(np.round(distance_deg + radii_deg, 2))
     links = {
-        "1": LinkSizes(("21", "f1"), (float(np.radians(frame)),)),
+        "1": LinkSizes(("21", "f1"), (float(np.radians(ground_deg)),)),
         "2": LinkSizes(("21",)),
         "f": LinkSizes(("f1",)),
     }
-    profiles = _circle(tilt, radii[0]), _circle(max(arm, 3.0), radii[1])
+    cam = _circle(cam_tilt_deg, cam_radius_deg)
+    roller = _circle(max(arm_deg, 3.0), roller_radius_deg)
     pairs = (
         Pair("21", "R", ("1", "2")),
         Pair("f1", "R", ("1", "f")),
-        Pair("cam", "Cs", ("2", "f"), profiles),
+        Pair("cam", "Cs", ("2", "f"), (cam, roller)),
     )
     inputs = (Input("21", 0.0, 2.0 * np.pi),)
     return Mechanism("limited", "1", tuple(links), pairs, SizeGeometry(links), inputs)
 
 
 def folding_mechanism(seed):
-    """Return the kind ("cam", "contact" or "redundant") and the mechanism of a seed."""
+    """Return a random mechanism that can fold, and its kind.
+
+    The kind is "cam" (`limited_cam`), "contact" (a special mechanism with a cam beside it,
+    `with_cam`) or "redundant" (`with_second_coupler`).
+    """
     random = np.random.default_rng(seed + 10**7)
     kind = str(random.choice(["cam", "contact", "redundant"], p=[0.4, 0.2, 0.4]))
     if kind == "cam":
         return kind, limited_cam(random)
-    _, made, _ = special_mechanism(seed)
+    _, mechanism, _ = special_mechanism(seed)
     if kind == "redundant":
-        return kind, with_second_coupler(made)
-    pivot = float(random.integers(30, 90))
+        return kind, with_second_coupler(mechanism)
+    pivot_arc = float(random.integers(30, 90))
     cam = (float(random.integers(5, 30)), float(random.integers(10, 30)))
     roller = (float(random.integers(30, 60)), float(random.integers(5, 20)))
     driving = str(random.choice(["2", "4"]))
-    return kind, with_cam(made, pivot, cam, roller, driving)
+    return kind, with_cam(mechanism, pivot_arc, cam, roller, driving)
 
 
-def inputs_beside_folds(made, seed):
-    """Return inputs (n, 1) rad, 1e-6 to 1e-16 beside multiples of 90 deg and ends of modes.
+def inputs_beside_folds(mechanism, seed):
+    """Return inputs (n, 1) in rad at which a mechanism is folded, or nearly so.
+
+    They lie 1e-6 to 1e-16 rad beside random multiples of 90 degrees and beside the ends of
+    assembly modes; two of them lie exactly there.
 
     Raises
     ------
@@ -138,10 +156,12 @@ def inputs_beside_folds(made, seed):
     """
     random = np.random.default_rng(seed)
     folds = np.radians(90.0 * random.integers(0, 5, 6)).tolist()
-    for mode in PositionAnalysis(made, samples=9).assembly_modes:
-        if isinstance(mode.guide, ModeCurve):
-            folds += [q for q in mode.guide.inputs[[0, -1]] for _ in range(3)]
+    for mode in PositionAnalysis(mechanism, samples=9).assembly_modes:
+        if isinstance(mode.guide, ModeCurve):  # a mode that ends within the range
+            for end in mode.guide.inputs[[0, -1]]:
+                folds += [end] * 3
     count = len(folds)
-    off = random.choice([-1.0, 1.0], count) * 10.0 ** -random.uniform(6.0, 16.0, count)
-    off[:2] = 0.0
-    return np.unique(np.array(folds) + off)[:, None]
+    signs = random.choice([-1.0, 1.0], count)
+    distances = signs * 10.0 ** -random.uniform(6.0, 16.0, count)
+    distances[:2] = 0.0
+    return np.unique(np.array(folds) + distances)[:, None]

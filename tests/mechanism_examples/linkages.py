@@ -43,19 +43,36 @@ def parse_chain(chain):
 
 
 def mechanism_from_chain(chain, axes, driven=None, name="chain", span=(-1e-3, 1e-3)):
-    """Return a chain with these axes (pairs, 3) in its reference pose."""
+    """Return the mechanism of a chain of R pairs in a reference pose.
+
+    Parameters
+    ----------
+    chain
+        Joined links as text ("1-2 2-3") or as pairs of integers. The pair of the links a
+        and b is named "pa_b"; the ground is the link of the lowest number.
+    axes
+        (pairs, 3) unit vectors of the pairs in the reference pose, in ground axes.
+    driven
+        Name of the input pair; the first pair by default.
+    name
+        Name of the mechanism.
+    span
+        Range of the input, rad; 0 is the reference pose.
+    """
     edges = parse_chain(chain) if isinstance(chain, str) else chain
     names = [f"p{a}_{b}" for a, b in edges]
     links = sorted({link for edge in edges for link in edge})
-    pairs = tuple(
-        Pair(n, "R", (str(a), str(b))) for n, (a, b) in zip(names, edges, strict=True)
-    )
+    pairs = []
+    axes_by_pair = {}
+    for pair_name, (a, b), axis in zip(names, edges, axes, strict=True):
+        pairs.append(Pair(pair_name, "R", (str(a), str(b))))
+        axes_by_pair[pair_name] = tuple(map(float, axis))
     return Mechanism(
         name,
         str(links[0]),
         tuple(str(link) for link in links),
-        pairs,
-        PoseGeometry({n: tuple(map(float, u)) for n, u in zip(names, axes, strict=True)}),
+        tuple(pairs),
+        PoseGeometry(axes_by_pair),
         inputs=(Input(driven or names[0], *span),),
     )
 
@@ -67,36 +84,43 @@ def random_axes(random, count):
 
 
 def random_chain(random, links, freedoms=1):
-    """Return a random simple-jointed chain with so many freedoms and no rigid part."""
-    edges_wanted = (3 * (links - 1) - freedoms) // 2
+    """Return the joined links of a random chain of R pairs with so many freedoms.
+
+    Chains are drawn until one has no link with a single pair, no part that hangs on one
+    link (it is biconnected), and inputs that move all links (it has no rigid part).
+    """
+    pair_count = (3 * (links - 1) - freedoms) // 2  # the mobility formula of the sphere
+    possible = [(a, b) for a in range(1, links + 1) for b in range(a + 1, links + 1)]
     while True:
-        every = [(a, b) for a in range(1, links + 1) for b in range(a + 1, links + 1)]
-        chosen = random.choice(len(every), edges_wanted, replace=False)
-        edges = [every[k] for k in sorted(chosen)]
+        chosen = random.choice(len(possible), pair_count, replace=False)
+        edges = [possible[k] for k in sorted(chosen)]
         graph = nx.Graph(edges)
         if len(graph) < links or min(dict(graph.degree).values()) < 2:
             continue
         if not nx.is_biconnected(graph):
             continue
-        candidate = mechanism_from_chain(edges, random_axes(random, edges_wanted))
+        candidate = mechanism_from_chain(edges, random_axes(random, pair_count))
         if choose_random_inputs(random, candidate, freedoms) is None:
             continue
         return edges
 
 
-def choose_random_inputs(random, made, freedoms):
-    """Return the mechanism with that many random R pairs as inputs, None if none do."""
-    turning = [pair.name for pair in made.pairs if pair.type == "R"]
+def choose_random_inputs(random, mechanism, freedoms):
+    """Return the mechanism with that many random R pairs as inputs.
+
+    None if none of 12 choices determines the motion of all links.
+    """
+    revolute_pairs = [pair.name for pair in mechanism.pairs if pair.type == "R"]
     for _ in range(12):
-        if len(turning) < freedoms:
+        if len(revolute_pairs) < freedoms:
             return None
-        names = random.choice(turning, freedoms, replace=False)
-        chosen = made.with_inputs(*map(str, names))
+        names = random.choice(revolute_pairs, freedoms, replace=False)
+        candidate = mechanism.with_inputs(*map(str, names))
         try:
-            plan_assembly(chosen)
+            plan_assembly(candidate)
         except PlanError:
             continue
-        return chosen
+        return candidate
     return None
 
 
@@ -111,10 +135,19 @@ def grow_dyad_chain(random, links, triads):
 
 
 def _grown_edges(random, links, triads):
-    """Return the joined links of a grown chain.
+    """Return the joined links of a chain with one freedom, grown from a four-bar.
 
-    A dyad adds two links between two others, a triad four links between three; both
-    keep the one freedom. What hangs on a triad has poles that no two lines give.
+    A dyad adds two links between two others, a triad four links between three others; both
+    keep the freedom. A triad needs poles that are not intersections of two lines.
+
+    Parameters
+    ----------
+    random
+        Random number generator.
+    links
+        Number of links.
+    triads
+        Whether triads are added as well as dyads.
     """
     edges = [(1, 2), (2, 3), (3, 4), (1, 4)]
     count = 4
@@ -126,100 +159,150 @@ def _grown_edges(random, links, triads):
                 edges += [(end, k), (k, middle)]
             count += 4
         else:
-            one, other = (random.choice(count, 2, replace=False) + 1).tolist()
-            edges += [(one, count + 1), (count + 1, count + 2), (other, count + 2)]
+            first_end, second_end = (random.choice(count, 2, replace=False) + 1).tolist()
+            edges += [
+                (first_end, count + 1),
+                (count + 1, count + 2),
+                (second_end, count + 2),
+            ]
             count += 2
     return edges
 
 
 def random_contact_chain(random, links, rolling, sliding, shaped=False):
-    """Return a chain of dyads in which some pairs are contacts of circles.
+    """Return a random mechanism of dyads in which some pairs are contacts.
 
-    Where they are `shaped`, profiles are also Fourier series and run through points.
+    A Cs pair takes away one freedom, as a link with two R pairs does; a Cr pair takes away
+    two, as an R pair does. So the chain is grown with `sliding` additional links, which
+    then become Cs pairs, and `rolling` of its R pairs become Cr pairs. It keeps one freedom.
 
-    A binary link and its two R pairs take the freedoms that one Cs pair takes, an R pair
-    those that a Cr pair takes. So the chain is grown with `sliding` links more, which then
-    become Cs pairs, and `rolling` of its R pairs become Cr pairs; it keeps one freedom and
-    has as many links as asked for.
+    Parameters
+    ----------
+    random
+        Random number generator.
+    links
+        Number of links.
+    rolling, sliding
+        Number of Cr pairs (rolling contacts) and of Cs pairs (sliding contacts).
+    shaped
+        Whether profiles are also Fourier series and curves through points. By default all
+        are circles.
     """
     while True:
         edges = _grown_edges(random, links + sliding, False)
-        kinds = dict.fromkeys(edges, "R")
+        types = dict.fromkeys(edges, "R")
+        # Replace links with two R pairs by Cs pairs between their neighbours.
         for link in random.permutation(np.arange(3, links + sliding + 1)).tolist():
-            near = [edge for edge in kinds if link in edge]
-            ends = tuple(sorted(sum(edge) - link for edge in near))
+            link_edges = [edge for edge in types if link in edge]
+            ends = tuple(sorted(sum(edge) - link for edge in link_edges))
             if (
-                list(kinds.values()).count("Cs") < sliding
-                and len(near) == 2
-                and all(kinds[edge] == "R" for edge in near)
-                and ends not in kinds
+                list(types.values()).count("Cs") < sliding
+                and len(link_edges) == 2
+                and all(types[edge] == "R" for edge in link_edges)
+                and ends not in types
             ):
-                for edge in near:
-                    del kinds[edge]
-                kinds[ends[0], ends[1]] = "Cs"
-        able = [edge for edge, kind in kinds.items() if kind == "R" and 1 not in edge]
-        random.shuffle(able)
-        kinds |= dict.fromkeys(able[:rolling], "Cr")
-        if sorted(kinds.values()).count("Cs") < sliding or len(able) < rolling:
+                for edge in link_edges:
+                    del types[edge]
+                types[ends[0], ends[1]] = "Cs"
+        # The R pairs of the ground stay, since one of them is the input.
+        may_roll = [edge for edge, kind in types.items() if kind == "R" and 1 not in edge]
+        random.shuffle(may_roll)
+        types |= dict.fromkeys(may_roll[:rolling], "Cr")
+        if list(types.values()).count("Cs") < sliding or len(may_roll) < rolling:
             continue
-        made = _touching(random, kinds, shaped)
+        mechanism = _touching(random, types, shaped)
         try:
-            groups = plan_assembly(made).groups
+            groups = plan_assembly(mechanism).groups
         except PlanError:
             continue
         if not any(group.redundant for group in groups):
-            return made
+            return mechanism
 
 
-def _touching(random, kinds, shaped):
-    """Return a chain with random axes, and profiles that touch at random points."""
-    axes, pairs = {}, []
-    for (a, b), kind in kinds.items():
-        name, ends = f"p{a}_{b}", (str(a), str(b))
-        point, other = random_axes(random, 2)
-        if kind == "R":
+def _touching(random, types, shaped):
+    """Return a mechanism with random axes, and profiles that touch at random points.
+
+    Parameters
+    ----------
+    random
+        Random number generator.
+    types
+        Type of pair by joined links (a, b).
+    shaped
+        Whether profiles need not be circles.
+    """
+    axes = {}
+    pairs = []
+    for (a, b), pair_type in types.items():
+        name = f"p{a}_{b}"
+        ends = (str(a), str(b))
+        point, second_point = random_axes(random, 2)
+        if pair_type == "R":
             axes[name] = as_float_tuple(point)
             pairs.append(Pair(name, "R", ends))
             continue
-        across = np.cross(point, other)
-        across /= np.linalg.norm(across)
-        first, second = random.uniform(0.3, 1.0, 2)
-        curves = (
-            _profile(random, point, across, first, shaped),
-            _profile(random, point, across, -second, shaped),
+        # Both centres lie on the great circle of the point and `normal`, on either side.
+        normal = np.cross(point, second_point)
+        normal /= np.linalg.norm(normal)
+        first_radius, second_radius = random.uniform(0.3, 1.0, 2)
+        profiles = (
+            _profile(random, point, normal, first_radius, shaped),
+            _profile(random, point, normal, -second_radius, shaped),
         )
-        pairs.append(Pair(name, kind, ends, curves))
-    links = tuple(str(k) for k in sorted({link for edge in kinds for link in edge}))
-    drives = Input("p1_2", -1e-3, 1e-3)
-    return Mechanism("chain", "1", links, tuple(pairs), PoseGeometry(axes), (drives,))
+        pairs.append(Pair(name, pair_type, ends, profiles))
+    links = tuple(str(k) for k in sorted({link for edge in types for link in edge}))
+    inputs = (Input("p1_2", -1e-3, 1e-3),)
+    return Mechanism("chain", "1", links, tuple(pairs), PoseGeometry(axes), inputs)
 
 
-def _profile(random, point, across, angle, shaped):
-    """Return a circle about a centre so far from a point of it, or what is nearly one."""
-    centre, radius = _tilted(point, across, angle), abs(angle)
+def _profile(random, point, normal, signed_radius, shaped):
+    """Return a circle through a point, or a closed curve that is nearly this circle.
+
+    The curve is the circle with 2 or 3 waves of at most 5 % of its radius. The phase of the
+    waves is chosen so that the curve still passes through the point, with the same tangent.
+
+    Parameters
+    ----------
+    random
+        Random number generator.
+    point
+        (3,) point of the profile, unit vector.
+    normal
+        (3,) direction from the point towards the centre, unit vector across the point.
+    signed_radius
+        Radius (rad); negative if the centre lies on the other side of the point.
+    shaped
+        Whether the profile may be a Fourier series or a curve through points.
+    """
+    centre = _tilted(point, normal, signed_radius)
+    radius = abs(signed_radius)
     kind = random.choice(["circle", "fourier", "points"]) if shaped else "circle"
     if kind == "circle":
         return Profile("circle", centre, radius)
     axes = axes_about(centre)
-    start = float(np.arctan2(axes[:, 1] @ point, axes[:, 0] @ point))
-    waves, height = int(random.integers(2, 4)), radius * random.uniform(-0.05, 0.05)
+    azimuth = float(np.arctan2(axes[:, 1] @ point, axes[:, 0] @ point))
+    waves = int(random.integers(2, 4))
+    height = radius * random.uniform(-0.05, 0.05)
+    # Colatitude of the curve: radius - height + height cos(waves (angle - azimuth)).
     if kind == "fourier":
-        still = [0.0] * (waves - 1)
-        cosine = height * np.cos(waves * start)
-        sine = height * np.sin(waves * start)
-        even = (radius - height, *still, float(cosine))
-        odd = (0.0, *still, float(sine))
-        return Profile("fourier", centre, cosines=even, sines=odd)
-    around = start + np.linspace(0.0, 2.0 * np.pi, POINTS, endpoint=False)
-    colatitude = radius + height * (np.cos(waves * (around - start)) - 1.0)
-    sine, cosine = np.sin(colatitude)[:, None], np.cos(colatitude)[:, None]
-    onward = np.outer(np.cos(around), axes[:, 0]) + np.outer(np.sin(around), axes[:, 1])
-    places = sine * onward + cosine * axes[:, 2]
-    return Profile("points", points=tuple(as_float_tuple(place) for place in places))
+        zeros = [0.0] * (waves - 1)
+        cosine = float(height * np.cos(waves * azimuth))
+        sine = float(height * np.sin(waves * azimuth))
+        cosines = (radius - height, *zeros, cosine)
+        sines = (0.0, *zeros, sine)
+        return Profile("fourier", centre, cosines=cosines, sines=sines)
+    angle = azimuth + np.linspace(0.0, 2.0 * np.pi, POINTS, endpoint=False)
+    colatitude = radius + height * (np.cos(waves * (angle - azimuth)) - 1.0)
+    sine = np.sin(colatitude)[:, None]
+    cosine = np.cos(colatitude)[:, None]
+    outward = np.outer(np.cos(angle), axes[:, 0]) + np.outer(np.sin(angle), axes[:, 1])
+    points = sine * outward + cosine * axes[:, 2]
+    return Profile("points", points=tuple(as_float_tuple(x) for x in points))
 
 
-def _tilted(point, across, angle):
-    return as_float_tuple(np.cos(angle) * point + np.sin(angle) * across)
+def _tilted(point, normal, angle):
+    """Return the point turned by an angle (rad) towards a normal, as floats."""
+    return as_float_tuple(np.cos(angle) * point + np.sin(angle) * normal)
 
 
 def as_float_tuple(given):

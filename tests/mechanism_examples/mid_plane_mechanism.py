@@ -9,7 +9,12 @@ from spherekit.mechanism.pair_frames import link_axes
 
 
 def mid_plane_mechanism(alphas):
-    """Return the mechanism with the arcs alpha_1 to alpha_8 (rad) of Fig. 2."""
+    """Return the shipped two-degree-of-freedom mechanism with other arcs.
+
+    Source: Z. Chen et al. (2021), Fig. 2; base and end effector mirror each other in a
+    mid-plane. `alphas` are its arcs alpha_1 to alpha_8 in rad. The output is the direction
+    of the axis 74 of the end effector (link 4).
+    """
     a1, a2, a3, a4, a5, a6, a7, a8 = map(float, alphas)
     arcs = {
         "1": (a1, 0.5 * a1),
@@ -21,10 +26,10 @@ def mid_plane_mechanism(alphas):
         "7": a7,
         "8": (a8, a8),
     }
-    made = sk.load("two_dof_spm").with_sizes(angle_unit="rad", arcs=arcs)
-    (pointer,) = made.outputs
-    direction = tuple(link_axes(made)["4"]["74"].tolist())
-    return replace(made, outputs=(replace(pointer, direction=direction),))
+    mechanism = sk.load("two_dof_spm").with_sizes(angle_unit="rad", arcs=arcs)
+    (pointer,) = mechanism.outputs
+    direction = tuple(link_axes(mechanism)["4"]["74"].tolist())
+    return replace(mechanism, outputs=(replace(pointer, direction=direction),))
 
 
 def driven_variables(form):

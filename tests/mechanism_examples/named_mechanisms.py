@@ -26,14 +26,29 @@ def direction_at_colatitude(colatitude):
 
 
 def cam_with_follower(ground, profile, follower, contact="external"):
-    """Return a cam (link 2) and an oscillating follower (link 3) touching it."""
-    axes = {"1": ("12", "13"), "2": ("12",), "3": ("13",)}
-    sizes = {link: LinkSizes(own, (ground,) * (len(own) - 1)) for link, own in axes.items()}
-    pairs = [Pair(name, "R", tuple(name)) for name in ("12", "13")]
-    touch = Pair("23", "Cs", ("2", "3"), (profile, follower), contact)
+    """Return a cam (link 2) and an oscillating follower (link 3) in sliding contact.
+
+    Parameters
+    ----------
+    ground
+        Arc (rad) between the axes of cam (pair 12) and follower (pair 13).
+    profile, follower
+        Profiles of cam and follower in the axes of their links.
+    contact
+        `"external"` or `"internal"`.
+    """
+    sizes = {
+        "1": LinkSizes(("12", "13"), (ground,)),
+        "2": LinkSizes(("12",)),
+        "3": LinkSizes(("13",)),
+    }
+    pairs = (
+        Pair("12", "R", ("1", "2")),
+        Pair("13", "R", ("1", "3")),
+        Pair("23", "Cs", ("2", "3"), (profile, follower), contact),
+    )
     inputs = (Input("12", 0.0, 2 * np.pi),)
     links = ("1", "2", "3")
-    pairs = (*pairs, touch)
     return sk.Mechanism("cam", "1", links, pairs, SizeGeometry(sizes), inputs=inputs)
 
 
@@ -47,15 +62,16 @@ def one_link_mechanism(
 
 
 def open_cam():
-    """Return a cam whose profile of waves is an arc alone, and a roller on it."""
-    angles = np.linspace(-1.0, 1.0, 60)
-    waves = 25 + 4 * np.cos(angles) + 3 * np.cos(2 * angles) + np.sin(2 * angles)
-    across, up = np.sin(DEGREE * waves), np.cos(DEGREE * waves)
-    points = np.stack([across * np.cos(angles), across * np.sin(angles), up], axis=1)
-    part = Profile("points", points=tuple(map(tuple, points)), closed=False)
-    return cam_with_follower(
-        GROUND, part, Profile("circle", direction_at_colatitude(ARM), ROLLER)
-    )
+    """Return a cam whose profile is an open arc of waves, and a roller on it."""
+    azimuth = np.linspace(-1.0, 1.0, 60)
+    colatitude_deg = 25 + 4 * np.cos(azimuth) + 3 * np.cos(2 * azimuth)
+    colatitude_deg = colatitude_deg + np.sin(2 * azimuth)
+    sine = np.sin(DEGREE * colatitude_deg)
+    cosine = np.cos(DEGREE * colatitude_deg)
+    points = np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), cosine], axis=1)
+    profile = Profile("points", points=tuple(map(tuple, points)), closed=False)
+    roller = Profile("circle", direction_at_colatitude(ARM), ROLLER)
+    return cam_with_follower(GROUND, profile, roller)
 
 
 GROUND, ECCENTRICITY, DISC, ROLLER, ARM = (
@@ -79,24 +95,28 @@ def four_bar(arcs, span=TURN):
 
 
 def dixon_mechanism(random):
-    """Return the movable K(3,3) of Dixon on the sphere: nine bars, six points.
+    """Return Dixon's movable framework K(3,3) on the sphere: nine bars, six points.
 
-    Three points on one great circle, three on one across it; with azimuths x and y on
-    them a bar has the cosine cos x cos y, which a common factor of all cos x and its
-    inverse for all cos y leaves unchanged. By counting it is rigid.
+    Three points lie on one great circle and three on another across it, and every bar joins
+    a point of one to a point of the other. With azimuths x and y on the great circles, a
+    bar has the cosine cos x cos y. It is unchanged if all cos x are multiplied by a common
+    factor and all cos y by its inverse, so the framework moves. By counting it is rigid.
     """
-    x, y = random.uniform(0.5, 1.2, 3), random.uniform(0.5, 1.2, 3)
-    here = np.stack([np.cos(x), np.sin(x), np.zeros(3)], axis=1)
-    there = np.stack([np.cos(y), np.zeros(3), np.sin(y)], axis=1)
-    bars = [(a, b) for a in range(3) for b in range(3)]
-    pairs, axes = [], {}
+    x = random.uniform(0.5, 1.2, 3)
+    y = random.uniform(0.5, 1.2, 3)
+    first_points = np.stack([np.cos(x), np.sin(x), np.zeros(3)], axis=1)
+    second_points = np.stack([np.cos(y), np.zeros(3), np.sin(y)], axis=1)
+    points = np.concatenate([first_points, second_points])
+    bars = [(a, b + 3) for a in range(3) for b in range(3)]
+    pairs = []
+    axes = {}
     for point in range(6):
-        ends = [k for k, (a, b) in enumerate(bars) if point in (a, b + 3)]
-        axis = tuple(here[point] if point < 3 else there[point - 3])
-        for other in ends[1:]:
-            name = f"p{point}_{other}"
-            pairs.append(Pair(name, "R", (f"bar{ends[0]}", f"bar{other}")))
-            axes[name] = axis
+        # Three bars meet in a point: two R pairs join them to the first of them.
+        first_bar, *further_bars = [k for k, ends in enumerate(bars) if point in ends]
+        for bar in further_bars:
+            name = f"p{point}_{bar}"
+            pairs.append(Pair(name, "R", (f"bar{first_bar}", f"bar{bar}")))
+            axes[name] = tuple(points[point])
     return sk.Mechanism(
         "dixon",
         "bar0",
@@ -108,22 +128,39 @@ def dixon_mechanism(random):
 
 
 def mechanism_from_sizes(links, pairs, inputs, output, zeros=None):
-    """A mechanism from link sizes in degrees and pairs as name -> two links."""
-    names = "axes", "arcs", "angles"
-    made = sk.build(
+    """Return a mechanism from a short notation of links and pairs.
+
+    Parameters
+    ----------
+    links
+        By link: its axes as words, then its arcs and its angles in degrees. The first link
+        is the ground.
+    pairs
+        By pair: its two links as words.
+    inputs
+        Names of the input pairs; each moves from 0 to 6 rad.
+    output
+        `Output` of the mechanism.
+    zeros
+        Zero positions (rad) by pair; 0 by default.
+    """
+    links_by_name = {}
+    for link, (axes, arcs, angles) in links.items():
+        links_by_name[link] = {"axes": axes.split(), "arcs": arcs, "angles": angles}
+    mechanism = sk.build(
         "made",
         angle_unit="deg",
         ground=next(iter(links)),
-        links={
-            link: dict(zip(names, (axes.split(), *sizes), strict=True))
-            for link, (axes, *sizes) in links.items()
-        },
+        links=links_by_name,
         pairs={name: ends.split() for name, ends in pairs.items()},
         inputs=list(inputs),
     )
-    geometry = replace(made.geometry, zeros=zeros or {})
-    inputs = tuple(Input(name, 0.0, 6.0) for name in inputs)
-    return replace(made, geometry=geometry, inputs=inputs, outputs=(output,))
+    return replace(
+        mechanism,
+        geometry=replace(mechanism.geometry, zeros=zeros or {}),
+        inputs=tuple(Input(name, 0.0, 6.0) for name in inputs),
+        outputs=(output,),
+    )
 
 
 def posed_three_rrr():
@@ -142,50 +179,62 @@ def posed_three_rrr():
 
 
 def platform_with_unlike_legs():
-    """Three legs: RRR driven at the base, one through a four-bar, one at its elbow."""
+    """Return a platform on three legs that are driven in three ways.
+
+    Leg 1 is driven at the base, leg 2 through a four-bar (drive, rod, crank2), and leg 3 at
+    its elbow. Sizes are degrees; see `mechanism_from_sizes`.
+    """
+    links = {
+        "base": ("a1 a2 d2 a3", [70.0, 95.0, 110.0], [30.0, 140.0]),
+        "crank1": ("a1 b1", [50.0], []),
+        "coupler1": ("b1 c1", [75.0], []),
+        "drive": ("d2 e2", [35.0], []),
+        "rod": ("e2 f2", [48.0], []),
+        "crank2": ("a2 f2 b2", [40.0, 65.0], [75.0]),
+        "coupler2": ("b2 c2", [70.0], []),
+        "crank3": ("b3 a3", [58.0], []),
+        "coupler3": ("c3 b3", [66.0], []),
+        "platform": ("c2 c1 c3", [60.0, 75.0], [110.0]),
+    }
+    pairs = {
+        "a1": "base crank1",
+        "b1": "coupler1 crank1",
+        "c1": "coupler1 platform",
+        "d2": "drive base",
+        "e2": "drive rod",
+        "f2": "rod crank2",
+        "a2": "base crank2",
+        "b2": "crank2 coupler2",
+        "c2": "platform coupler2",
+        "a3": "base crank3",
+        "b3": "crank3 coupler3",
+        "c3": "coupler3 platform",
+    }
     return mechanism_from_sizes(
-        {
-            "base": ("a1 a2 d2 a3", [70.0, 95.0, 110.0], [30.0, 140.0]),
-            "crank1": ("a1 b1", [50.0], []),
-            "coupler1": ("b1 c1", [75.0], []),
-            "drive": ("d2 e2", [35.0], []),
-            "rod": ("e2 f2", [48.0], []),
-            "crank2": ("a2 f2 b2", [40.0, 65.0], [75.0]),
-            "coupler2": ("b2 c2", [70.0], []),
-            "crank3": ("b3 a3", [58.0], []),
-            "coupler3": ("c3 b3", [66.0], []),
-            "platform": ("c2 c1 c3", [60.0, 75.0], [110.0]),
-        },
-        dict(
-            **{"a1": "base crank1", "b1": "coupler1 crank1", "c1": "coupler1 platform"},
-            **{"d2": "drive base", "e2": "drive rod", "f2": "rod crank2"},
-            **{"a2": "base crank2", "b2": "crank2 coupler2", "c2": "platform coupler2"},
-            **{"a3": "base crank3", "b3": "crank3 coupler3", "c3": "coupler3 platform"},
-        ),
-        ["b3", "a1", "d2"],
-        Output("pose", "platform", "base"),
-        {"a1": 0.4, "b3": -0.7, "c2": 0.3},
+        links,
+        pairs,
+        inputs=["b3", "a1", "d2"],
+        output=Output("pose", "platform", "base"),
+        zeros={"a1": 0.4, "b3": -0.7, "c2": 0.3},
     )
 
 
 def serial_chain(count):
-    """An open chain of two or three links, whose output link has a single pair."""
-    links = {
-        "base": ("p", [], []),
-        "yoke": ("p q", [80.0], []),
-        "fork": ("q r", [65.0], []),
-        "tool": ("r", [], []),
-    }
-    pairs = {"p": "base yoke", "q": "fork yoke", "r": "fork tool"}
+    """Return an open chain of two or three R pairs in a row, all of them driven.
+
+    With two pairs the output is a direction of the last link, with three its orientation.
+    """
+    links = {"base": ("p", [], []), "yoke": ("p q", [80.0], [])}
+    pairs = {"p": "base yoke", "q": "fork yoke"}
     if count == 2:
-        links = {**{k: links[k] for k in ("base", "yoke")}, "fork": ("q", [], [])}
-        del pairs["r"]
-    tool = list(links)[-1]
-    x = np.array([0.36, -0.48, 0.8]) if count == 2 else None
-    direction = None if x is None else tuple(float(v) for v in x)
-    return mechanism_from_sizes(
-        links, pairs, list(pairs), Output("pose", tool, "base", direction), {"q": 0.5}
-    )
+        links["fork"] = ("q", [], [])
+        output = Output("pose", "fork", "base", (0.36, -0.48, 0.8))
+    else:
+        links["fork"] = ("q r", [65.0], [])
+        links["tool"] = ("r", [], [])
+        pairs["r"] = "fork tool"
+        output = Output("pose", "tool", "base")
+    return mechanism_from_sizes(links, pairs, list(pairs), output, {"q": 0.5})
 
 
 LINKS = {

@@ -39,7 +39,7 @@ def random_mechanism(seed):
     """Return the family and the mechanism of a seed; it need not be able to move."""
     random = np.random.default_rng(seed)
     family = str(random.choice(FAMILIES, p=ODDS))
-    made = _of_family(random, family)
+    made = _mechanism_of_family(random, family)
     if random.random() < 0.5:
         made = degenerate(random, made)
     half = float(random.choice(SPANS))
@@ -61,7 +61,12 @@ def shaped_mechanism(seed):
     return replace(made, inputs=(Input(made.inputs[0].pair, -half, half),))
 
 
-def _of_family(random, family):
+def _mechanism_of_family(random, family):
+    """Return a random mechanism of one of the families, with random axes.
+
+    Chains have the number of pairs that one or two freedoms require; "any graph" has any
+    number and need not be able to move.
+    """
     if family in ("dyads", "triads"):
         links = int(random.choice([4, 6, 8, 10, 12]))
         return grow_dyad_chain(random, links, family == "triads")
@@ -71,35 +76,40 @@ def _of_family(random, family):
     if family == "contacts":
         links = int(random.integers(4, 9))
         sliding = int(random.integers(0, 3))
-        sliding += (links + sliding) % 2
-        return random_contact_chain(random, links, int(random.integers(0, 3)), sliding)
+        sliding += (links + sliding) % 2  # dyad chains have an even number of links
+        rolling = int(random.integers(0, 3))
+        return random_contact_chain(random, links, rolling, sliding)
     links = int(random.integers(4, 13))
     if family == "chain":
         freedoms = 1 + (links % 2)
-        edges = (3 * (links - 1) - freedoms) // 2
+        pair_count = (3 * (links - 1) - freedoms) // 2
     else:
-        edges = int(random.integers(links - 1, 2 * links))
-    graph = _graph(random, links, edges)
-    return mechanism_from_chain(graph, random_axes(random, len(graph)))
+        pair_count = int(random.integers(links - 1, 2 * links))
+    edges = _random_connected_edges(random, links, pair_count)
+    return mechanism_from_chain(edges, random_axes(random, len(edges)))
 
 
-def _graph(random, links, edges):
-    """Return a random connected graph, for 100 tries one without links that hang on."""
-    every = [(a, b) for a in range(1, links + 1) for b in range(a + 1, links + 1)]
-    edges = min(edges, len(every))
+def _random_connected_edges(random, links, pair_count):
+    """Return the joined links of a random connected graph.
+
+    Of 100 graphs the first is taken that is biconnected (no part hangs on one link). If
+    none is, any connected graph is taken, with its links numbered from 1 without gaps.
+    """
+    possible = [(a, b) for a in range(1, links + 1) for b in range(a + 1, links + 1)]
+    pair_count = min(pair_count, len(possible))
     while True:
         for _ in range(100):
-            chosen = random.choice(len(every), edges, replace=False)
-            graph = nx.Graph([every[k] for k in sorted(chosen)])
+            chosen = random.choice(len(possible), pair_count, replace=False)
+            edges = [possible[k] for k in sorted(chosen)]
+            graph = nx.Graph(edges)
             if len(graph) == links and nx.is_biconnected(graph):
-                return [every[k] for k in sorted(chosen)]
-        chosen = random.choice(len(every), edges, replace=False)
-        found = [every[k] for k in sorted(chosen)]
-        numbers = {
-            link: k + 1 for k, link in enumerate(sorted({x for e in found for x in e}))
-        }
-        if nx.is_connected(nx.Graph(found)):
-            return [(numbers[a], numbers[b]) for a, b in found]
+                return edges
+        chosen = random.choice(len(possible), pair_count, replace=False)
+        edges = [possible[k] for k in sorted(chosen)]
+        if nx.is_connected(nx.Graph(edges)):
+            joined_links = sorted({link for edge in edges for link in edge})
+            numbers = {link: k for k, link in enumerate(joined_links, start=1)}
+            return [(numbers[a], numbers[b]) for a, b in edges]
 
 
 def _inputs(random, made):
@@ -115,88 +125,105 @@ def _inputs(random, made):
     return turning[:1]
 
 
-def degenerate(random, made):
-    """Return the mechanism with some axes made special, exactly or nearly."""
-    assert isinstance(made.geometry, PoseGeometry)
-    axes = {name: np.array(axis) for name, axis in made.geometry.axes.items()}
+def degenerate(random, mechanism):
+    """Return a mechanism with one to three changes that make axes special.
+
+    A change makes an axis equal or opposite to another, puts three axes on a great circle,
+    puts one or all axes on axes of symmetry of the cube, or puts many into one plane. Half
+    of the changes are disturbed by 1e-1 to 1e-17. Changes prefer axes that share a link.
+    """
+    assert isinstance(mechanism.geometry, PoseGeometry)
+    axes = {name: np.array(axis) for name, axis in mechanism.geometry.axes.items()}
     names = list(axes)
-    near = [
+    neighbours = [  # pairs of R pairs that share a link
         (p.name, q.name)
-        for k, p in enumerate(made.pairs)
-        for q in made.pairs[:k]
+        for k, p in enumerate(mechanism.pairs)
+        for q in mechanism.pairs[:k]
         if p.name in axes and q.name in axes and set(p.links) & set(q.links)
     ]
     for _ in range(int(random.integers(1, 4))):
-        kind = random.integers(6)
-        one = names[random.integers(len(names))]
-        other, third = (
-            names[random.integers(len(names))],
-            names[random.integers(len(names))],
-        )
-        if near and random.random() < 0.7:
-            one, other = near[random.integers(len(near))]
-            beside = [q if p == other else p for p, q in near if other in (p, q)]
-            third = beside[random.integers(len(beside))]
-        if kind == 0:
-            axes[one] = axes[other].copy()
-        elif kind == 1:
-            axes[one] = -axes[other]
-        elif kind == 2:
+        change = random.integers(6)
+        first = names[random.integers(len(names))]
+        second = names[random.integers(len(names))]
+        third = names[random.integers(len(names))]
+        if neighbours and random.random() < 0.7:
+            first, second = neighbours[random.integers(len(neighbours))]
+            beside_second = [
+                q if p == second else p for p, q in neighbours if second in (p, q)
+            ]
+            third = beside_second[random.integers(len(beside_second))]
+        if change == 0:
+            axes[first] = axes[second].copy()
+        elif change == 1:
+            axes[first] = -axes[second]
+        elif change == 2:
             p, q = random.normal(size=2)
-            axes[one] = p * axes[other] + q * axes[third]
-        elif kind == 3:
-            axes[one] = CORNERS[random.integers(len(CORNERS))]
-        elif kind == 4:
+            axes[first] = p * axes[second] + q * axes[third]
+        elif change == 3:
+            axes[first] = CORNERS[random.integers(len(CORNERS))]
+        elif change == 4:
             axes = {k: CORNERS[random.integers(len(CORNERS))] for k in axes}
         else:
-            plane = random_axes(random, 1)[0]
+            normal = random_axes(random, 1)[0]
             chosen = [k for k in names if random.random() < 0.6]
             for name in chosen:
-                axes[name] = axes[name] - plane * (plane @ axes[name])
+                axes[name] = axes[name] - normal * (normal @ axes[name])
         if random.random() < 0.5:
-            off = 10.0 ** -random.uniform(1, 17)
-            axes[one] = axes[one] + off * random_axes(random, 1)[0]
+            disturbance = 10.0 ** -random.uniform(1, 17)
+            axes[first] = axes[first] + disturbance * random_axes(random, 1)[0]
         for name, axis in axes.items():
             length = np.linalg.norm(axis)
-            # A vector that vanished has no direction: it stays one of the frame's.
+            # A projection that vanished has no direction: z replaces it.
             axes[name] = axis / length if length > 1e-8 else np.array([0.0, 0.0, 1.0])
     unit = {name: (float(x), float(y), float(z)) for name, (x, y, z) in axes.items()}
-    return replace(made, geometry=PoseGeometry(unit))
+    return replace(mechanism, geometry=PoseGeometry(unit))
 
 
-def reordered(made, order):
-    """Return a mechanism with other names and orders of links and pairs, R pairs turned.
+def reordered(mechanism, order):
+    """Return the same mechanism with other names and another order of links and pairs.
 
-    `order` (links - 1,) is that of the moving links; every other R pair that is not an
-    input is given with its links exchanged.
+    Every other R pair that is not an input has its two links exchanged.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism that is renamed.
+    order
+        (links - 1,) new order of the moving links, numbers from 0.
+
+    Returns
+    -------
+    mechanism
+        Mechanism with the links "base", "link_0", ...
+    names
+        New names of the links by old ones.
     """
-    names = {made.ground: "base"}
-    names |= {made.links[1 + k]: f"link_{n}" for n, k in enumerate(order)}
-    driven = {item.pair for item in made.inputs}
+    names = {mechanism.ground: "base"}
+    for number, k in enumerate(order):
+        names[mechanism.links[1 + k]] = f"link_{number}"
+    input_pairs = {item.pair for item in mechanism.inputs}
     pairs = []
-    for k, pair in enumerate(reversed(made.pairs)):
+    for k, pair in enumerate(reversed(mechanism.pairs)):
         ends = tuple(names[link] for link in pair.links)
-        swapped = pair.type == "R" and pair.name not in driven and k % 2 == 0
-        pairs.append(replace(pair, links=ends[::-1] if swapped else ends))
-    links = tuple(
-        names[link] for link in (made.ground, *(made.links[1 + k] for k in order))
-    )
-    return replace(made, ground="base", links=links, pairs=tuple(pairs)), names
+        is_swapped = pair.type == "R" and pair.name not in input_pairs and k % 2 == 0
+        pairs.append(replace(pair, links=ends[::-1] if is_swapped else ends))
+    links = ["base", *(names[mechanism.links[1 + k]] for k in order)]
+    renamed = replace(mechanism, ground="base", links=tuple(links), pairs=tuple(pairs))
+    return renamed, names
 
 
-def turned(made, rotation):
-    """Return a mechanism rotated as a whole, `rotation` (3, 3)."""
+def turned(mechanism, rotation):
+    """Return a mechanism whose reference pose is rotated as a whole by a matrix (3, 3)."""
 
-    def moved(vector):
+    def rotate(vector):
         return tuple(map(float, rotation @ np.array(vector)))
 
-    axes = {name: moved(axis) for name, axis in made.geometry.axes.items()}
-    pairs = tuple(
-        pair
-        if pair.profiles is None
-        else replace(
-            pair, profiles=tuple(replace(p, centre=moved(p.centre)) for p in pair.profiles)
-        )
-        for pair in made.pairs
-    )
-    return replace(made, geometry=replace(made.geometry, axes=axes), pairs=pairs)
+    axes = {name: rotate(axis) for name, axis in mechanism.geometry.axes.items()}
+    pairs = []
+    for pair in mechanism.pairs:
+        if pair.profiles is not None:
+            profiles = tuple(replace(p, centre=rotate(p.centre)) for p in pair.profiles)
+            pair = replace(pair, profiles=profiles)
+        pairs.append(pair)
+    geometry = replace(mechanism.geometry, axes=axes)
+    return replace(mechanism, geometry=geometry, pairs=tuple(pairs))

@@ -21,50 +21,66 @@ FOUR_BAR = (("41", 1, 4), ("21", 1, 2), ("32", 2, 3), ("43", 3, 4))
 
 
 def special_mechanism(seed):
-    """Return the family and the mechanism of a seed, and inputs (n, 1) in rising order."""
+    """Return a random mechanism of special geometry, and inputs near special angles.
+
+    It is a four-bar with none, one or two dyads. In half of the cases one arc of the
+    four-bar is changed by 1e-3 to 1e-12 degrees, so that its geometry is only nearly special.
+
+    Returns
+    -------
+    family
+        Words for number of bars and special geometry.
+    mechanism
+        Mechanism with one input.
+    inputs
+        (n, 1) rad, in rising order.
+    """
     random = np.random.default_rng(seed)
     kind = KINDS[random.integers(len(KINDS))]
-    dyads = int(random.choice([0, 1, 2], p=[0.5, 0.3, 0.2]))
-    arcs = _arcs(random, kind)
-    near = random.random() < 0.5
-    if near:
-        which = random.integers(4)
-        arcs[which] = float(f"{arcs[which] + _tiny(random, 3, 12):.12f}")
-    made = four_bar(arcs)
-    for _ in range(dyads):
-        made = _with_dyad(random, made, sorted({90.0, *arcs}))
+    dyad_count = int(random.choice([0, 1, 2], p=[0.5, 0.3, 0.2]))
+    arcs_deg = _arcs(random, kind)
+    if random.random() < 0.5:
+        k = random.integers(4)
+        arcs_deg[k] = float(f"{arcs_deg[k] + _tiny(random, 3, 12):.12f}")
+    mechanism = four_bar(arcs_deg)
+    for _ in range(dyad_count):
+        mechanism = _with_dyad(random, mechanism, sorted({90.0, *arcs_deg}))
     driven = str(random.choice(["21", "41", "32"], p=[0.7, 0.2, 0.1]))
-    made = replace(made, inputs=(Input(driven, 0.0, 2.0 * np.pi),))
-    bars = ("four-bar", "six-bar", "eight-bar")[dyads]
-    return f"{bars}, {kind}", made, np.radians(_inputs(random))[:, None]
+    mechanism = replace(mechanism, inputs=(Input(driven, 0.0, 2.0 * np.pi),))
+    bars = ("four-bar", "six-bar", "eight-bar")[dyad_count]
+    return f"{bars}, {kind}", mechanism, np.radians(_inputs(random))[:, None]
 
 
 def straight_mechanism(seed):
-    """Return a mechanism of a seed with an arc near 0 or 180 degrees, and inputs (n, 1).
+    """Return a random mechanism with an arc near 0 or 180 degrees, and inputs (n, 1) rad.
 
-    A four-bar, alone or with one or two dyads. The arc is off by 1e-2 to 1e-9 degrees; of
-    some seeds it is an arc of a dyad, and of others the four-bar is near a change point.
+    It is a four-bar with none, one or two dyads. The arc differs from 0 or 180 by 1e-2 to
+    1e-9 degrees. By the seed it is an arc of the four-bar or an arc of a dyad, or instead
+    the four-bar is as near to a change point, where all links can lie on a great circle.
     """
     random = np.random.default_rng(seed + 10**6)
-    arcs = [float(np.round(random.uniform(20.0, 150.0), 3)) for _ in range(4)]
+    arcs_deg = [float(np.round(random.uniform(20.0, 150.0), 3)) for _ in range(4)]
     kind = random.integers(3)
     if kind == 0:
-        arcs[random.integers(4)] = _nearly_straight(random)
+        arcs_deg[random.integers(4)] = _nearly_straight(random)
     elif kind == 1:
-        a, b, c, _ = arcs
-        total = abs(a + c - b) + 10.0 ** -random.integers(1, 10)
-        arcs[3] = float(f"{total if total < 180.0 else 60.0:.12f}")
-    sizes = sorted(float(np.round(random.uniform(10.0, 170.0), 3)) for _ in range(4))
+        a, b, c, _ = arcs_deg
+        fourth = abs(a + c - b) + 10.0 ** -random.integers(1, 10)
+        arcs_deg[3] = float(f"{fourth if fourth < 180.0 else 60.0:.12f}")
+    dyad_arcs_deg = sorted(
+        float(np.round(random.uniform(10.0, 170.0), 3)) for _ in range(4)
+    )
     if kind == 2:
-        sizes.append(_nearly_straight(random))
-    made = four_bar(arcs)
-    for _ in range(int(random.integers(int(kind == 2), 3))):
-        made = _with_dyad(random, made, sizes)
+        dyad_arcs_deg.append(_nearly_straight(random))
+    mechanism = four_bar(arcs_deg)
+    fewest_dyads = 1 if kind == 2 else 0
+    for _ in range(int(random.integers(fewest_dyads, 3))):
+        mechanism = _with_dyad(random, mechanism, dyad_arcs_deg)
     driven = str(random.choice(["21", "41", "32"]))
-    near = [0.0, 90.0, 180.0] + 10.0 ** -random.integers(1, 9, 3)
-    path = np.unique([*random.uniform(0.0, 360.0, 6), *near])
-    drives = (Input(driven, 0.0, 2.0 * np.pi),)
-    return replace(made, inputs=drives), np.radians(path)[:, None]
+    near_special_deg = [0.0, 90.0, 180.0] + 10.0 ** -random.integers(1, 9, 3)
+    path_deg = np.unique([*random.uniform(0.0, 360.0, 6), *near_special_deg])
+    inputs = (Input(driven, 0.0, 2.0 * np.pi),)
+    return replace(mechanism, inputs=inputs), np.radians(path_deg)[:, None]
 
 
 def _nearly_straight(random):
@@ -73,6 +89,10 @@ def _nearly_straight(random):
 
 
 def _arcs(random, kind):
+    """Return the four arcs (degrees) of a four-bar of one of `KINDS`.
+
+    A "folding" four-bar can lie flat: opposite arcs have equal sums.
+    """
     a, b, c = (float(5 * random.integers(4, 32)) for _ in range(3))
     if kind == "right angles":
         return [90.0] * 4
@@ -116,26 +136,46 @@ def four_bar(arcs):
     return Mechanism("special", "1", tuple(links), pairs, SizeGeometry(links), drives)
 
 
-def _with_dyad(random, made, sizes):
-    """Return the mechanism with two more links between two of it, of special sizes."""
-    links = dict(made.geometry.links)
-    one, other = (str(k) for k in random.choice(made.links, 2, replace=False))
+def _with_dyad(random, mechanism, sizes_deg):
+    """Return the mechanism with a dyad: two links in a row between two of its links.
+
+    Parameters
+    ----------
+    random
+        Random number generator.
+    mechanism
+        Mechanism with links numbered from 1.
+    sizes_deg
+        Arcs (degrees) that are drawn from; both links have the same arc in half the cases.
+    """
+    links = dict(mechanism.geometry.links)
+    first_end, second_end = map(str, random.choice(mechanism.links, 2, replace=False))
     first, second = str(len(links) + 1), str(len(links) + 2)
-    names = (f"{one}_{first}", f"{first}_{second}", f"{other}_{second}")
-    for link, name in ((one, names[0]), (other, names[2])):
-        own = links[link]
-        arc, angle = random.choice(sizes), 30.0 * random.integers(1, 12)
+    first_pair = f"{first_end}_{first}"
+    middle_pair = f"{first}_{second}"
+    second_pair = f"{second_end}_{second}"
+    for link, pair in ((first_end, first_pair), (second_end, second_pair)):
+        sizes = links[link]
+        arc_deg = random.choice(sizes_deg)
+        angle_deg = 30.0 * random.integers(1, 12)
         links[link] = replace(
-            own,
-            axes=(*own.axes, name),
-            arcs=(*own.arcs, float(np.radians(arc))),
-            angles=(*own.angles, float(np.radians(angle))),
+            sizes,
+            axes=(*sizes.axes, pair),
+            arcs=(*sizes.arcs, float(np.radians(arc_deg))),
+            angles=(*sizes.angles, float(np.radians(angle_deg))),
         )
-    arcs = random.choice(sizes, 2) if random.random() < 0.5 else [random.choice(sizes)] * 2
-    for link, axes, arc in ((first, names[:2], arcs[0]), (second, names[1:], arcs[1])):
-        links[link] = LinkSizes(axes, (float(np.radians(arc)),))
-    ends = ((one, first), (first, second), (other, second))
-    pairs = tuple(Pair(n, "R", pair) for n, pair in zip(names, ends, strict=True))
-    return replace(
-        made, links=tuple(links), pairs=(*made.pairs, *pairs), geometry=SizeGeometry(links)
+    if random.random() < 0.5:
+        first_arc_deg, second_arc_deg = random.choice(sizes_deg, 2)
+    else:
+        first_arc_deg = second_arc_deg = random.choice(sizes_deg)
+    links[first] = LinkSizes((first_pair, middle_pair), (float(np.radians(first_arc_deg)),))
+    links[second] = LinkSizes(
+        (middle_pair, second_pair), (float(np.radians(second_arc_deg)),)
     )
+    pairs = (
+        *mechanism.pairs,
+        Pair(first_pair, "R", (first_end, first)),
+        Pair(middle_pair, "R", (first, second)),
+        Pair(second_pair, "R", (second_end, second)),
+    )
+    return replace(mechanism, links=tuple(links), pairs=pairs, geometry=SizeGeometry(links))

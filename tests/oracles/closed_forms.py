@@ -78,17 +78,20 @@ SMALLEST_ANGLE = np.deg2rad(10.0)
 
 
 def mid_plane_area():
-    """Return the area (sr) of [2]'s workspace on one side of the plane z = 0.
+    """Return the area (sr) of the workspace of [2] on one side of the plane z = 0.
 
-    The normal n of the mid-plane has n . B1 = -s1, n . B6 = -s6, and P is the mirror image
-    of Q, so that the area is 4 (-n . Q) times that of n. Over s1 and s6 the region is a
-    square.
+    The normal n of the mid-plane has n . B1 = -s1 and n . B6 = -s6. P is the mirror image
+    of Q in this plane, so the area element of P is 4 (-n . Q) times that of n. In s1 and s6
+    the workspace is a square, over which the density is integrated numerically.
     """
-    half = 0.5 * MID_PLANE_BASE
-    low, high = np.sin(0.5 * SMALLEST_ANGLE), np.sin(MID_PLANE_LEG)
+    half_base = 0.5 * MID_PLANE_BASE
+    lowest = np.sin(0.5 * SMALLEST_ANGLE)
+    highest = np.sin(MID_PLANE_LEG)
 
-    def density(one, other):
-        x, y = (one + other) / (2.0 * np.cos(half)), (one - other) / (2.0 * np.sin(half))
-        return float(4.0 * x / np.sqrt(1.0 - x * x - y * y) / np.sin(2.0 * half))
+    def density(s1, s6):
+        x = (s1 + s6) / (2.0 * np.cos(half_base))
+        y = (s1 - s6) / (2.0 * np.sin(half_base))
+        return float(4.0 * x / np.sqrt(1.0 - x * x - y * y) / np.sin(2.0 * half_base))
 
-    return dblquad(density, low, high, low, high, epsabs=1e-13, epsrel=1e-13)[0]
+    area, _ = dblquad(density, lowest, highest, lowest, highest, epsabs=1e-13, epsrel=1e-13)
+    return area

@@ -28,7 +28,19 @@ def unit(a, maths=mp):
 
 
 class FourBar(NamedTuple):
-    """One configuration: theta41, the axes u by names, and the frames of the links."""
+    """One configuration of the four-bar of Di Gregorio (2024), Fig. 5.
+
+    Attributes
+    ----------
+    theta
+        Angle theta41 of the rocker (rad).
+    u
+        Unit vectors of the pair axes by their names "41", "21", "32", "43".
+    frames
+        Axes (i_j, j_j, k_j) of each link by its number.
+    maths
+        Module with `sqrt`, `sin`, ...: mpmath, or NumPy for arrays.
+    """
 
     theta: mp.mpf
     u: dict
@@ -36,50 +48,75 @@ class FourBar(NamedTuple):
     maths: object = mp
 
     def poles(self):
-        """Return the secondary pole axes 31 and 42, eq. (22e)."""
-        u, x = self.u, cross
-        u31 = unit(x(x(u["41"], u["43"]), x(u["21"], u["32"])), self.maths)
-        return u31, unit(x(x(u["21"], u["41"]), x(u["32"], u["43"])), self.maths)
+        """Return the secondary pole axes u31 and u42, eq. (22e).
+
+        A pole axis is the line common to the planes of two pairs of primary axes.
+        """
+        u = self.u
+        u31 = cross(cross(u["41"], u["43"]), cross(u["21"], u["32"]))
+        u42 = cross(cross(u["21"], u["41"]), cross(u["32"], u["43"]))
+        return unit(u31, self.maths), unit(u42, self.maths)
 
     def coefficients(self):
-        """Return the axis u31, and w31 and w41 over w21, eqs. (26a), (26b).
+        """Return the axis u31, and w31/w21 and w41/w21, eqs. (26a), (26b).
 
         Eq. (26a) is 0/0 where link 3 does not turn relative to link 2, at theta41 = 0 or
         pi, although the limit is finite. (Eq. (5) as printed differs in sign from (26a),
-        (26b), which hold.)
+        (26b), which are right.)
         """
-        u, x = self.u, cross
+        u = self.u
         u31, u42 = self.poles()
 
         def ratio(j1, j2):
-            side = x(j1, u["21"])
-            return dot(side, x(j2, u["21"])) / dot(side, x(j2, j1))
+            normal = cross(j1, u["21"])
+            return dot(normal, cross(j2, u["21"])) / dot(normal, cross(j2, j1))
 
         return u31, ratio(u31, u["32"]), ratio(u["41"], u42)
 
     def inertia(self, tensors):
-        """Return what each link adds to the equivalent inertia, tensors by numbers."""
+        """Return the part of each moving link in the equivalent inertia B.
+
+        B = sum of (w_j / w21)^2 u_j . I_j u_j, with `tensors` I_j by numbers of links, in
+        the axes of the links.
+        """
         u31, w31, w41 = self.coefficients()
-        found = []
-        for j, w, u in ((2, 1, self.u["21"]), (3, w31, u31), (4, w41, self.u["41"])):
-            along = [dot(u, axis) for axis in self.frames[j]]
-            parts = [
-                along[a] * mp.mpf(tensors[j][a][b]) * along[b]
+        parts = []
+        for link, ratio, axis in (
+            (2, 1, self.u["21"]),
+            (3, w31, u31),
+            (4, w41, self.u["41"]),
+        ):
+            components = [dot(axis, frame_axis) for frame_axis in self.frames[link]]
+            products = [
+                components[a] * mp.mpf(tensors[link][a][b]) * components[b]
                 for a in range(3)
                 for b in range(3)
             ]
-            found.append(w**2 * mp.fsum(parts))
-        return found
+            parts.append(ratio**2 * mp.fsum(products))
+        return parts
 
 
-def arcs_of(made):
-    """The arcs of a four-bar's links, as the float64 numbers they are."""
-    return [mp.mpf(made.geometry.links[link].arcs[0]) for link in "1234"]
+def arcs_of(mechanism):
+    """Return the arcs of links 1 to 4 (rad), exactly the float64 numbers of a mechanism."""
+    return [mp.mpf(mechanism.geometry.links[link].arcs[0]) for link in "1234"]
 
 
 def angle(arcs, q, p, maths=mp):
-    """Return theta41 by eq. (25), p 0 or 1."""
-    (s1, s2, _, s4), (c1, c2, c3, c4) = map(maths.sin, arcs), map(maths.cos, arcs)
+    """Return theta41 (rad) by eq. (25).
+
+    Parameters
+    ----------
+    arcs
+        (alpha_1, ..., alpha_4) in rad.
+    q
+        Input angle theta21 (rad).
+    p
+        Assembly mode, 0 or 1.
+    maths
+        mpmath, or NumPy for arrays.
+    """
+    s1, s2, _, s4 = map(maths.sin, arcs)
+    c1, c2, c3, c4 = map(maths.cos, arcs)
     a0 = c4 * (maths.cos(q) * s2 * s1 + c1 * c2) - c3
     a1 = maths.sin(q) * s2 * s4
     a2 = s4 * (maths.cos(q) * s2 * c1 - s1 * c2)
@@ -88,20 +125,26 @@ def angle(arcs, q, p, maths=mp):
 
 
 def four_bar(arcs, q, p, maths=mp):
-    """Return the four-bar at an input; link j lies from k_j towards j_j."""
+    """Return the four-bar at an input angle, by eqs. (14) and (22).
+
+    Link j lies along its arc from k_j towards j_j. Arguments as in `angle`.
+    """
     sin, cos = maths.sin, maths.cos
-    (s1, s2, s3, s4), (c1, c2, _, c4) = map(sin, arcs), map(cos, arcs)
+    s1, s2, s3, s4 = map(sin, arcs)
+    c1, c2, _, c4 = map(cos, arcs)
     theta = angle(arcs, q, p, maths)
     i1, j1, k1 = (1, 0, 0), (0, 1, 0), (0, 0, 1)
     k2 = add((s1, j1), (c1, k1))
     j2 = add((sin(q), i1), (cos(q) * s1, k1), (-cos(q) * c1, j1))
     k3 = add((c2, k2), (s2, j2))
     k4 = add((c4, k1), (s4 * sin(theta), i1), (-s4 * cos(theta), j1))
-    i3, i4 = add((1 / s3, cross(k4, k3))), add((1 / s4, cross(k1, k4)))
+    i3 = add((1 / s3, cross(k4, k3)))
+    i4 = add((1 / s4, cross(k1, k4)))
     frames = {
         1: (i1, j1, k1),
         2: (cross(j2, k2), j2, k2),
         3: (i3, cross(k3, i3), k3),
         4: (i4, cross(k4, i4), k4),
     }
-    return FourBar(theta, {"41": k1, "21": k2, "32": k3, "43": k4}, frames, maths)
+    axes = {"41": k1, "21": k2, "32": k3, "43": k4}
+    return FourBar(theta, axes, frames, maths)

@@ -1,4 +1,4 @@
-"""What tests of singularities share: closed forms of four-bars, and what is read."""
+"""Closed forms of singularities of four-bars, and access to what spherekit reports."""
 
 import numpy as np
 
@@ -7,18 +7,19 @@ from spherekit.singularities.slices import solver_of
 ROCKER = np.radians([100.0, 50.0, 70.0, 40.0])
 
 
-def angles_with_links_in_line(first, other, third, fourth):
-    """Return the angles between arcs `first` and `other` where the two others are in line.
+def angles_with_links_in_line(first, second, third, fourth):
+    """Return the angles (rad) between two arcs at which the two other arcs are in line.
 
-    The cosine theorem: the diagonal is then their sum or their difference.
+    The diagonal is then the sum or the difference of the third and the fourth arc, and the
+    cosine theorem of spherical trigonometry gives the angle between first and second arc.
     """
-    found = []
-    for way in (third + fourth, third - fourth):
-        cosine = np.cos(way) - np.cos(first) * np.cos(other)
-        cosine /= np.sin(first) * np.sin(other)
+    angles = []
+    for diagonal in (third + fourth, third - fourth):
+        cosine = np.cos(diagonal) - np.cos(first) * np.cos(second)
+        cosine /= np.sin(first) * np.sin(second)
         if abs(cosine) < 1.0:
-            found += [np.arccos(cosine), -np.arccos(cosine)]
-    return np.array(found)
+            angles += [np.arccos(cosine), -np.arccos(cosine)]
+    return np.array(angles)
 
 
 def findings_and_warnings(result):
@@ -32,16 +33,24 @@ def axes_at_configuration(made, values):
 
 
 def count_configuration_curves(arcs):
-    """Return how many closed curves a four-bar has, from the reach of its diagonal.
+    """Return the number of closed configuration curves of a four-bar.
 
-    The diagonal between axes 32 and 41 has to lie in the range that links 1, 2 allow and in
-    that of links 3, 4. Where one end of the first range is out of reach the two modes
-    meet there and are one curve; where both are, or none, there are two.
+    The diagonal between the axes 32 and 41 must lie in the range that links 1 and 2 allow,
+    and in the range that links 3 and 4 allow. If one end of the first range is out of reach
+    of links 3 and 4, the two modes meet there and form one curve. If both ends or none are
+    out of reach, there are two curves.
+
+    Parameters
+    ----------
+    arcs
+        Arcs (rad) of ground, crank, coupler and rocker.
     """
     ground, crank, coupler, rocker = arcs
-    shortest, longest = abs(ground - crank), min(ground + crank, 2 * np.pi - ground - crank)
-    near = abs(coupler - rocker)
-    far = min(coupler + rocker, 2 * np.pi - coupler - rocker)
-    if shortest >= far or longest <= near:
+    shortest = abs(ground - crank)
+    longest = min(ground + crank, 2 * np.pi - ground - crank)
+    nearest_reach = abs(coupler - rocker)
+    farthest_reach = min(coupler + rocker, 2 * np.pi - coupler - rocker)
+    if shortest >= farthest_reach or longest <= nearest_reach:
         return 0
-    return 1 if (shortest < near) != (longest > far) else 2
+    is_one_curve = (shortest < nearest_reach) != (longest > farthest_reach)
+    return 1 if is_one_curve else 2

@@ -17,7 +17,11 @@ def unit(vectors):
 
 
 def count_configurations(elbows, couplers, platform, points=6000):
-    """Return the number of configurations, None where two nearly coincide.
+    """Return the number of configurations of a 3-RRR with locked cranks.
+
+    The tip of the first coupler runs round a circle in `points` steps. At each step the
+    second tip has two places, the platform then places the third axis, and the function is
+    the cosine of its arc from the third elbow, less that of the third coupler.
 
     Parameters
     ----------
@@ -27,48 +31,63 @@ def count_configurations(elbows, couplers, platform, points=6000):
         (3,) arcs of the couplers, rad.
     platform
         (3, 3) unit axes of the platform, in rows, in its own axes.
+    points
+        Number of points of the circle.
+
+    Returns
+    -------
+    int or None
+        None if two configurations nearly coincide.
     """
-    first, second, third = elbows
-    across = unit(np.cross(first, [0.3, -0.5, 0.81]))
+    first_elbow, second_elbow, third_elbow = elbows
+    across = unit(np.cross(first_elbow, [0.3, -0.5, 0.81]))
     angle = 2.0 * np.pi * (np.arange(points) + 0.1234) / points
-    round_first = np.cos(angle)[:, None] * across
-    round_first = round_first + np.sin(angle)[:, None] * np.cross(first, across)
-    tips = np.cos(couplers[0]) * first + np.sin(couplers[0]) * round_first
+    circle = np.cos(angle)[:, None] * across
+    circle = circle + np.sin(angle)[:, None] * np.cross(first_elbow, across)
+    first_tips = np.cos(couplers[0]) * first_elbow + np.sin(couplers[0]) * circle
 
-    side = platform[0] @ platform[1]
-    reach = np.cos(couplers[1])
-    between = tips @ second
+    # The second tip is a . first tip + b . second elbow +- root . their cross product.
+    platform_cosine = platform[0] @ platform[1]
+    coupler_cosine = np.cos(couplers[1])
+    between = first_tips @ second_elbow
     scale = 1.0 - between**2
-    on_tip = (side - reach * between) / scale
-    on_elbow = (reach - side * between) / scale
-    height = (1.0 - on_tip * side - on_elbow * reach) / scale
-    closes = height >= 0.0
-    root = np.sqrt(np.where(closes, height, 0.0))
-    values = []
-    for sense in (1.0, -1.0):
-        other = on_tip[:, None] * tips + on_elbow[:, None] * second
-        other = other + sense * root[:, None] * np.cross(tips, second)
-        moving = np.stack([tips, other, np.cross(tips, other)], axis=2)
-        own = np.stack(
-            [platform[0], platform[1], np.cross(platform[0], platform[1])], axis=1
+    along_tip = (platform_cosine - coupler_cosine * between) / scale
+    along_elbow = (coupler_cosine - platform_cosine * between) / scale
+    square = (1.0 - along_tip * platform_cosine - along_elbow * coupler_cosine) / scale
+    is_closed = square >= 0.0
+    root = np.sqrt(np.where(is_closed, square, 0.0))
+    platform_frame = np.stack(
+        [platform[0], platform[1], np.cross(platform[0], platform[1])], axis=1
+    )
+    branches = []
+    for sign in (1.0, -1.0):
+        second_tips = along_tip[:, None] * first_tips + along_elbow[:, None] * second_elbow
+        normals = np.cross(first_tips, second_elbow)
+        second_tips = second_tips + sign * root[:, None] * normals
+        moving_frame = np.stack(
+            [first_tips, second_tips, np.cross(first_tips, second_tips)], axis=2
         )
-        placed = moving @ np.linalg.solve(own, platform[2])
-        values.append(placed @ third - np.cos(couplers[2]))
+        third_tips = moving_frame @ np.linalg.solve(platform_frame, platform[2])
+        branches.append(third_tips @ third_elbow - np.cos(couplers[2]))
 
-    if np.all(closes):
-        curves = values
+    if np.all(is_closed):
+        curves = branches  # two closed curves, one for each sign
     else:
-        begin = int(np.flatnonzero(closes & ~np.roll(closes, 1))[0]) if closes.any() else 0
-        turned = [np.roll(part, -begin) for part in (closes, *values)]
-        edges = np.flatnonzero(np.diff(turned[0], prepend=False, append=False))
+        # The signs meet at the ends of each closed range: one curve, there and back.
+        starts = np.flatnonzero(is_closed & ~np.roll(is_closed, 1))
+        start = int(starts[0]) if len(starts) else 0
+        is_closed = np.roll(is_closed, -start)
+        plus, minus = (np.roll(branch, -start) for branch in branches)
+        edges = np.flatnonzero(np.diff(is_closed, prepend=False, append=False))
         curves = [
-            np.concatenate([turned[1][start:stop], turned[2][start:stop][::-1]])
-            for start, stop in edges.reshape(-1, 2)
+            np.concatenate([plus[begin:end], minus[begin:end][::-1]])
+            for begin, end in edges.reshape(-1, 2)
         ]
     count = 0
     for curve in curves:
-        step, last = np.roll(curve, -1) - curve, curve - np.roll(curve, 1)
-        is_extremum = step * last <= 0.0
+        next_step = np.roll(curve, -1) - curve
+        last_step = curve - np.roll(curve, 1)
+        is_extremum = next_step * last_step <= 0.0
         if np.any(is_extremum & (np.abs(curve) < TANGENT)):
             return None
         count += int(np.sum(curve * np.roll(curve, 1) < 0.0))

@@ -17,11 +17,18 @@ root = np.frompyfunc(mp.sqrt, 1, 1)
 
 
 class Rest(NamedTuple):
-    """What Newton's method did and where it ended.
+    """Result of Newton's method for a configuration in which two links rest.
 
-    `moved` is the largest change of an element of the rotations, `left` the residual,
-    `rates` (links, 3) those of the links in the end, with `left` and the rate of the two
-    links that rest rounded after 50 digits.
+    Attributes
+    ----------
+    moved
+        Largest change of an element of the rotations from the start.
+    left
+        Largest residual of the equations at the end.
+    resting
+        Largest component of the rate between the two links at the end.
+    rates
+        (links, 3) rates of all links at the end.
     """
 
     moved: float
@@ -30,55 +37,86 @@ class Rest(NamedTuple):
     rates: np.ndarray
 
 
-def exact_rest(made, rotations, w, links, along):
-    """Return how far a configuration is from one where two links rest.
+def exact_rest(mechanism, rotations, w, links, along):
+    """Find the nearest configuration in which two links rest relative to each other.
 
-    With `rotations` (links, 3, 3) and `w` (links, 3) as a start. For each pair, u in its
-    first link and v in its second: R_a u = R_b v and (w_b - w_a) x R_a u = 0. The rates
-    have the size they start with, and the relative rate of `links` has no component along
-    a vector. The residual is evaluated in 50 digits; the least squares that give a step
-    are those of the machine, by differences.
+    For each pair between links a and b, with its axis u in a and v in b, the equations are
+    R_a u = R_b v and (w_b - w_a) x R_a u = 0. Two more fix the size of the rates and make
+    the relative rate of `links` zero along one vector. The residual is evaluated in 50
+    digits; the Jacobian by differences, and the steps by least squares in float64.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism of R pairs.
+    rotations, w
+        (links, 3, 3) orientations and (links, 3) rates of the links to start from.
+    links
+        Numbers of the two links.
+    along
+        (3,) direction in which their relative rate is zero.
+
+    Returns
+    -------
+    Rest
     """
     with mp.workdps(DIGITS):
-        first, second = (wide(f[:, :, 2]) for f in revolute_frames(made))
-        axes = [u / root(np.sum(u * u, axis=1, keepdims=True)) for u in (first, second)]
-        (one, other), (a, b) = links, np.array(made.ends).T
-        turn, rate, along = wide(rotations), wide(w), wide(along)
-        for _ in range(3):
-            turn = turn @ (3 * wide(np.eye(3)) - np.swapaxes(turn, 1, 2) @ turn) / 2
-        start, scale = turn, rate
+        first_frames, second_frames = revolute_frames(mechanism)
+        first_axes = _unit_rows(wide(first_frames[:, :, 2]))
+        second_axes = _unit_rows(wide(second_frames[:, :, 2]))
+        link_a, link_b = links
+        a, b = np.array(mechanism.ends).T
+        turns = wide(rotations)
+        rates = wide(w)
+        along = wide(along)
+        for _ in range(3):  # orthonormal in 50 digits
+            turns = turns @ (3 * wide(np.eye(3)) - np.swapaxes(turns, 1, 2) @ turns) / 2
+        start = turns
+        start_rates = rates
 
-        def residual(turn, rate):
-            p, g = (
-                (turn[k] @ u[..., None])[..., 0] for k, u in zip((a, b), axes, strict=True)
-            )
-            slip = np.cross(rate[b] - rate[a], p)
-            more = np.sum(scale * (rate - scale)), np.sum(along * (rate[one] - rate[other]))
-            return np.concatenate([(p - g).ravel(), slip.ravel(), more])
+        def residual(turns, rates):
+            axes = (turns[a] @ first_axes[..., None])[..., 0]
+            axes_in_second = (turns[b] @ second_axes[..., None])[..., 0]
+            slip = np.cross(rates[b] - rates[a], axes)
+            size_change = np.sum(start_rates * (rates - start_rates))
+            rate_along = np.sum(along * (rates[link_a] - rates[link_b]))
+            gaps = (axes - axes_in_second).ravel()
+            return np.concatenate([gaps, slip.ravel(), [size_change, rate_along]])
 
-        def moved(step):
-            """The configuration a step (2, links - 1, 3) on, the first link held."""
-            turns = [_about(x) @ r for x, r in zip(step[0], turn[1:], strict=True)]
-            still = np.zeros((1, 3), dtype=int)
-            return np.stack([turn[0], *turns]), rate + np.concatenate([still, step[1]])
+        def take_step(turns, rates, step):
+            """Apply a step (2, links - 1, 3) of rotation vectors and rates."""
+            moved = [_about(x) @ r for x, r in zip(step[0], turns[1:], strict=True)]
+            ground = np.zeros((1, 3), dtype=int)
+            return np.stack([turns[0], *moved]), rates + np.concatenate([ground, step[1]])
 
-        units = np.eye(6 * (len(turn) - 1)).reshape(-1, 2, len(turn) - 1, 3)
+        step_shape = (2, len(turns) - 1, 3)
+        unit_steps = np.eye(6 * (len(turns) - 1)).reshape(-1, *step_shape)
         small = mp.mpf(10) ** -20
-        slopes = [residual(*moved(small * wide(x))) - residual(turn, rate) for x in units]
-        inverse = np.linalg.pinv((np.array(slopes) / small).astype(float).T, rcond=1e-10)
+        slopes = [
+            residual(*take_step(turns, rates, small * wide(x))) - residual(turns, rates)
+            for x in unit_steps
+        ]
+        jacobian = (np.array(slopes) / small).astype(float).T
+        inverse = np.linalg.pinv(jacobian, rcond=1e-10)
         for _ in range(STEPS):
-            rest = residual(turn, rate)
-            left = np.max(np.abs(rest))
-            if left < mp.mpf(10) ** (4 - DIGITS):
+            gap = residual(turns, rates)
+            largest_gap = np.max(np.abs(gap))
+            if largest_gap < mp.mpf(10) ** (4 - DIGITS):
                 break
-            step = -(inverse @ (rest / left).astype(float)) * left
-            turn, rate = moved(step.reshape(units.shape[1:]))
+            # Scaled by its size, the residual fits into float64.
+            step = -(inverse @ (gap / largest_gap).astype(float)) * largest_gap
+            turns, rates = take_step(turns, rates, step.reshape(step_shape))
         return Rest(
-            float(np.max(np.abs(turn - start))),
-            float(left),
-            float(np.max(np.abs(rate[one] - rate[other]))),
-            rate.astype(float),
+            moved=float(np.max(np.abs(turns - start))),
+            left=float(largest_gap),
+            resting=float(np.max(np.abs(rates[link_a] - rates[link_b]))),
+            rates=rates.astype(float),
         )
+
+
+def _unit_rows(vectors):
+    """Return vectors (n, 3) divided by their lengths, in 50 digits."""
+    return vectors / root(np.sum(vectors * vectors, axis=1, keepdims=True))
 
 
 def _about(x):

@@ -12,29 +12,45 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(240)
 
 
 def common_area(centres, radii, keep):
-    """Return the area (sr) of the directions within each cap, or outside of it.
+    """Return the area (sr) of the directions that lie within several caps, or outside.
 
-    `centres` (n, 3) are unit vectors, `radii` (n,) in rad, `keep` (n,) True for the inside.
+    On the parallel of height z the common azimuth is exact (`common_arc`). It is integrated
+    over z by Gauss's rule between the heights at which it is not smooth: the poles, the
+    lowest and highest points of the caps, and the points where two circles meet. The
+    substitution z = m + h sin t removes the square roots at the ends of each part.
+
+    Parameters
+    ----------
+    centres
+        (n, 3) unit vectors.
+    radii
+        (n,) rad.
+    keep
+        (n,) True for the inside of a cap, False for its outside.
     """
-    centres, radii = np.asarray(centres, float), np.asarray(radii, float)
-    places = [-1.0, 1.0]
-    polar = np.arccos(np.clip(centres[:, 2], -1.0, 1.0))
-    for a, r in zip(polar, radii, strict=True):
-        places += [np.cos(a + r), np.cos(a - r)]
+    centres = np.asarray(centres, float)
+    radii = np.asarray(radii, float)
+    breaks = [-1.0, 1.0]
+    colatitudes = np.arccos(np.clip(centres[:, 2], -1.0, 1.0))
+    for colatitude, radius in zip(colatitudes, radii, strict=True):
+        breaks += [np.cos(colatitude + radius), np.cos(colatitude - radius)]
     for i in range(len(radii)):
         for j in range(i):
-            places += list(meeting(centres[[i, j]], np.cos(radii[[i, j]]))[:, 2])
-    places = np.unique(np.clip(places, -1.0, 1.0))
-    places = places[np.concatenate([[True], np.diff(places) > 1e-15])]
-    half, middle = 0.5 * np.diff(places), 0.5 * (places[1:] + places[:-1])
+            points = intersect_circles(centres[[i, j]], np.cos(radii[[i, j]]))
+            breaks += list(points[:, 2])
+    breaks = np.unique(np.clip(breaks, -1.0, 1.0))
+    breaks = breaks[np.concatenate([[True], np.diff(breaks) > 1e-15])]
+
+    half_heights = 0.5 * np.diff(breaks)
+    middles = 0.5 * (breaks[1:] + breaks[:-1])
     t = 0.5 * np.pi * NODES
-    z = (middle[:, None] + half[:, None] * np.sin(t)).ravel()
-    share = (half[:, None] * (0.5 * np.pi * WEIGHTS * np.cos(t))).ravel()
-    return float(np.sum(share * common_arc(z, centres, np.cos(radii), keep)))
+    z = (middles[:, None] + half_heights[:, None] * np.sin(t)).ravel()
+    weights = (half_heights[:, None] * (0.5 * np.pi * WEIGHTS * np.cos(t))).ravel()
+    return float(np.sum(weights * common_arc(z, centres, np.cos(radii), keep)))
 
 
-def meeting(centres, cosines):
-    """Return the points (0 or 2, 3) common to two circles."""
+def intersect_circles(centres, cosines):
+    """Return the points (0 or 2, 3) common to two circles, given by cosines of radii."""
     a, b = centres
     normal = np.cross(a, b)
     square = normal @ normal
@@ -50,27 +66,43 @@ def meeting(centres, cosines):
 
 
 def common_arc(z, centres, cosines, keep):
-    """Return the azimuths (n,) in rad that the caps leave on the parallels z (n,)."""
-    lows, highs = [], []
-    for centre, cosine, inside in zip(centres, cosines, keep, strict=True):
-        side = np.hypot(centre[0], centre[1]) * np.sqrt(np.maximum(0.0, 1.0 - z * z))
+    """Return the azimuth (rad) common to all caps or outsides on parallels of the sphere.
+
+    Parameters
+    ----------
+    z
+        (n,) heights of the parallels.
+    centres, cosines
+        (caps, 3) unit vectors, and (caps,) cosines of the radii.
+    keep
+        (caps,) True for the inside of a cap, False for its outside.
+    """
+    # Each cap leaves one interval of azimuth on each parallel.
+    lows = []
+    highs = []
+    for centre, cosine, is_inside in zip(centres, cosines, keep, strict=True):
+        amplitude = np.hypot(centre[0], centre[1]) * np.sqrt(np.maximum(0.0, 1.0 - z * z))
         gap = cosine - z * centre[2]
-        ratio = np.where(
-            side > 0.0, gap / np.where(side > 0.0, side, 1.0), np.sign(gap) * 2
-        )
-        half = np.arccos(np.clip(ratio, -1.0, 1.0))
+        # A parallel at a pole, or a cap about one, is inside or outside as a whole.
+        safe_amplitude = np.where(amplitude > 0.0, amplitude, 1.0)
+        ratio = np.where(amplitude > 0.0, gap / safe_amplitude, np.sign(gap) * 2)
+        half_width = np.arccos(np.clip(ratio, -1.0, 1.0))
         azimuth = np.arctan2(centre[1], centre[0])
-        if inside:
-            lows.append(azimuth - half)
-            highs.append(azimuth + half)
+        if is_inside:
+            lows.append(azimuth - half_width)
+            highs.append(azimuth + half_width)
         else:
-            lows.append(azimuth + half)
-            highs.append(azimuth + 2.0 * np.pi - half)
-    lows, highs = np.array(lows), np.array(highs)
+            lows.append(azimuth + half_width)
+            highs.append(azimuth + 2.0 * np.pi - half_width)
+    lows = np.array(lows)
+    highs = np.array(highs)
+
+    # Between neighbouring ends of intervals, the middle decides for the whole part.
     ends = np.sort(np.mod(np.concatenate([lows, highs]), 2.0 * np.pi), axis=0)
     ends = np.concatenate([ends, ends[:1] + 2.0 * np.pi])
-    middles, widths = 0.5 * (ends[1:] + ends[:-1]), np.diff(ends, axis=0)
-    within = np.ones_like(middles, dtype=bool)
+    middles = 0.5 * (ends[1:] + ends[:-1])
+    widths = np.diff(ends, axis=0)
+    is_common = np.ones_like(middles, dtype=bool)
     for low, high in zip(lows, highs, strict=True):
-        within &= np.mod(middles - low, 2.0 * np.pi) <= high - low
-    return np.sum(np.where(within, widths, 0.0), axis=0)
+        is_common &= np.mod(middles - low, 2.0 * np.pi) <= high - low
+    return np.sum(np.where(is_common, widths, 0.0), axis=0)
