@@ -96,7 +96,11 @@ def options_of(command):
 
 
 def cases():
-    """Yield the command, the words of the option and the value, quick ones unmarked."""
+    """Yield a test case (command, option, value) for every option of every command.
+
+    The value is None for a flag, which is then given twice. Quick values of quick commands
+    are tried by default; the others are marked as slow or long.
+    """
     for command in COMMANDS:
         for action in options_of(command):
             names = [name for name in action.option_strings if name.startswith("--")]
@@ -109,16 +113,30 @@ def cases():
             for value in ABSURD:
                 if value in ENDLESS.get((command, name), ()):
                     continue
-                words = f"{command} {name} {value.encode('unicode_escape').decode()}"
-                is_quick = value in QUICK and command not in ("trade", "view", "synthesize")
-                mark = pytest.mark.slow if value in SLOW else pytest.mark.long
-                marks = () if is_quick else mark
-                yield pytest.param(command, name, value, id=words, marks=marks)
+                printable_value = value.encode("unicode_escape").decode()
+                is_quick_command = command not in ("trade", "view", "synthesize")
+                if value in QUICK and is_quick_command:
+                    marks = ()
+                elif value in SLOW:
+                    marks = pytest.mark.slow
+                else:
+                    marks = pytest.mark.long
+                yield pytest.param(
+                    command,
+                    name,
+                    value,
+                    id=f"{command} {name} {printable_value}",
+                    marks=marks,
+                )
 
 
 def run_command(words):
-    """Return the status of a command, and what it printed to stderr."""
-    output, errors = io.StringIO(), io.StringIO()
+    """Return the exit status of a command, and what it printed to stderr.
+
+    Runtime warnings of libraries are enabled, so that they would be printed too.
+    """
+    output = io.StringIO()
+    errors = io.StringIO()
     with (
         contextlib.redirect_stdout(output),
         contextlib.redirect_stderr(errors),
@@ -127,8 +145,8 @@ def run_command(words):
         warnings.simplefilter("always", RuntimeWarning)
         try:
             status = main(words)
-        except SystemExit as left:
-            status = left.code
+        except SystemExit as exit_request:
+            status = exit_request.code
     return status, errors.getvalue()
 
 
@@ -136,20 +154,31 @@ def run_command(words):
 def test_absurd_options_are_refused_in_a_sentence(
     command, option, value, tmp_path, monkeypatch
 ):
+    """A command with an absurd value of an option is refused without traceback or warning.
+
+    Values that mean something for the option (`MEANINGFUL`) must be accepted. Options that
+    name an output file accept any text, and a flag given twice may be accepted.
+    """
+    if option == "--traceback" and command in ("view", "synthesize"):
+        pytest.skip("shows the trace of an error, as it says")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
     (tmp_path / "rubbish.toml").write_bytes(bytes(range(256)))
+
     (action,) = (a for a in options_of(command) if option in a.option_strings)
-    added = [option, option] if value is None else [f"{option}={value}"]
-    if isinstance(action.nargs, int) and action.nargs > 1:
+    if value is None:
+        added = [option, option]
+    elif isinstance(action.nargs, int) and action.nargs > 1:
         added = [option, *[value] * action.nargs]
-    if option == "--traceback" and command in ("view", "synthesize"):
-        pytest.skip("shows the trace of an error, as it says")
+    else:
+        added = [f"{option}={value}"]
     status, errors = run_command([command, *BASES[command], *added])
+
     assert status in range(5)
-    assert "Traceback" not in errors and not re.search(r"Warning\b|\.py:\d", errors)
+    assert "Traceback" not in errors
+    assert not re.search(r"Warning\b|\.py:\d", errors)
     assert "this was not expected" not in errors, errors
-    assert "\u202e" not in errors
+    assert "\u202e" not in errors  # the value is escaped where it is quoted
     if value is None or option in NAMES_A_FILE:
         return
     if value in MEANINGFUL.get((command, option), ()):
@@ -184,25 +213,35 @@ def test_every_command_has_a_line_to_start_from():
         ("np.mean(np.array([]))", "Mean of empty slice"),
     ],
 )
-def test_a_warning_of_a_library_is_one_sentence(
+def test_a_repeated_warning_of_numpy_is_printed_once_in_one_sentence(
     expression, words, shows_source, monkeypatch
 ):
+    """A command that evaluates an expression three times prints its warning once.
+
+    The file in which the warning arose is named with the option --traceback only.
+    """
     import numpy as np
 
     from spherekit.cli import mechanisms
 
-    def execute(options):
+    def evaluate_three_times(options):
         for _ in range(3):
             eval(expression, {"np": np})
         return 0
 
-    monkeypatch.setattr(mechanisms, "execute", execute)
-    status, errors = run_command(["mechanisms", *["--traceback"] * shows_source])
+    monkeypatch.setattr(mechanisms, "execute", evaluate_three_times)
+    command = ["mechanisms"]
+    if shows_source:
+        command.append("--traceback")
+    status, errors = run_command(command)
+
     assert status == 0
     lines = [line for line in errors.splitlines() if words in line]
     assert len(lines) == 1, errors
-    assert lines[0].startswith("spherekit: warning: ") and "reports" in lines[0]
-    assert ("it arose in" in lines[0]) == shows_source
+    (line,) = lines
+    assert line.startswith("spherekit: warning: ")
+    assert "reports" in line
+    assert ("it arose in" in line) == shows_source
     assert (".py" in errors) == shows_source or "<string>" in errors
 
 
@@ -245,7 +284,7 @@ def test_a_warning_of_a_library_is_one_sentence(
         ),
     ],
 )
-def test_what_was_accepted_or_failed_without_a_sentence(
+def test_numbers_out_of_range_are_refused_with_the_reason(
     words, fragments, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)

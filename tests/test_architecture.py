@@ -52,31 +52,35 @@ HOME_OF = {
 
 @functools.cache
 def imports(path):
-    """Return the modules a file imports, and whether at run time (not type checking).
+    """Return the modules that a file imports, and whether for type checking only.
 
-    The analyses import their helpers relatively: their package has its name when it is
-    installed, and type checkers see the folder.
+    Relative imports are allowed in analyses only, whose package has another name when it is
+    installed.
+
+    Returns
+    -------
+    set of (module, is_for_types)
     """
     deepest = len(path.relative_to(ROOT).parts) - 1 if path in ANALYSES else 0
-    found = set()
+    imported = set()
 
-    def visit(node, typing_only):
+    def visit(node, is_for_types):
         if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
             for child in node.body:
                 visit(child, True)
             for child in node.orelse:
-                visit(child, typing_only)
+                visit(child, is_for_types)
             return
         if isinstance(node, ast.Import):
-            found.update((alias.name, typing_only) for alias in node.names)
+            imported.update((alias.name, is_for_types) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level <= deepest, f"{path}: relative import"
-            found.add((node.module, typing_only))
+            imported.add((node.module, is_for_types))
         for child in ast.iter_child_nodes(node):
-            visit(child, typing_only)
+            visit(child, is_for_types)
 
     visit(tree_of(path), False)
-    return found
+    return imported
 
 
 PROOF_MAY_IMPORT = {
@@ -101,24 +105,31 @@ def module_name(path):
     )
 
 
-def test_dependencies_point_one_way():
-    floors = [part.split() for part in LAYERS.split(">")]
-    level = {name: k for k, names in enumerate(floors) for name in names}
-    single = {name for name in level if (PACKAGE / f"{name}.py").exists()}
+def test_packages_import_only_packages_of_lower_layers():
+    """`LAYERS` lists the packages, lowest layer first; a module may import lower layers.
+
+    Packages of one layer may not import each other, but single-file modules of one layer
+    may. `FORBIDDEN` lists further exceptions.
+    """
+    layers = [part.split() for part in LAYERS.split(">")]
+    level = {name: k for k, names in enumerate(layers) for name in names}
+    single_files = {name for name in level if (PACKAGE / f"{name}.py").exists()}
     wrong = []
     for path in FILES:
-        own = package_of(module_name(path))
-        if own in ("__init__", "__main__"):
+        package = package_of(module_name(path))
+        if package in ("__init__", "__main__"):
             continue
-        assert own in level, f"{own} has no layer"
+        assert package in level, f"{package} has no layer"
         for module, _ in imports(path):
             top, _, inside = module.partition(".")
-            other = package_of(inside)
-            if top != "spherekit" or other == own:
+            imported_package = package_of(inside)
+            if top != "spherekit" or imported_package == package:
                 continue
-            is_above = level.get(other, 99) > level[own]
-            is_beside = level.get(other) == level[own] and not {own, other} <= single
-            is_forbidden = inside.startswith(FORBIDDEN.get(own, ("?",)))
+            imported_level = level.get(imported_package, 99)
+            is_above = imported_level > level[package]
+            are_single_files = {package, imported_package} <= single_files
+            is_beside = imported_level == level[package] and not are_single_files
+            is_forbidden = inside.startswith(FORBIDDEN.get(package, ("?",)))
             if is_above or is_beside or is_forbidden:
                 wrong.append(f"{path.relative_to(ROOT)} imports {module}")
     assert not wrong, "\n".join(wrong)

@@ -52,28 +52,32 @@ PLAIN = {bool: True, int: 1, float: 1.0, str: "x", NoneType: None}
 HOLDERS = {tuple: (), Mapping: {}, dict: {}, frozenset: frozenset(), set: set()}
 
 
-class Anyhow:
-    """A stand-in for what is asked for by its attributes alone."""
+class AnyAttributes:
+    """An object with every attribute, for parameters that are judged by attributes only."""
 
     def __getattr__(self, name):
         return print
 
 
 def allowed(hint):
-    """Return something that a type allows."""
-    origin, inner = get_origin(hint), get_args(hint)
+    """Return some value that a type hint allows.
+
+    The value need not make sense: it only has to pass the check of types.
+    """
+    origin = get_origin(hint)
+    arguments = get_args(hint)
     if hint in PLAIN or hint in READY:
         return (PLAIN | READY)[hint]
     if origin is Literal:
-        return inner[0]
+        return arguments[0]
     if has_type(np.zeros(1), hint):
         return np.zeros(1)
     if has_type(np.array(["x"]), hint):
         return np.array(["x"])
     if origin in (Union, UnionType):
-        return allowed(next((part for part in inner if part in READY), inner[0]))
-    if origin is tuple and inner[1:] != (...,):
-        return tuple(allowed(item) for item in inner)
+        return allowed(next((part for part in arguments if part in READY), arguments[0]))
+    if origin is tuple and arguments[1:] != (...,):
+        return tuple(allowed(item) for item in arguments)
     if origin in (Sequence, Iterable, list):
         return []
     if origin in HOLDERS:
@@ -83,71 +87,97 @@ def allowed(hint):
     if origin is Callable:
         return print
     if origin is type:
-        return inner[0]
+        return arguments[0]
     if getattr(hint, "_is_protocol", False):
-        return Anyhow()
+        return AnyAttributes()
     if inspect.isabstract(hint):
         hint = type("Extended", (hint,), {})
         hint.__abstractmethods__ = frozenset()
     if issubclass(hint, Enum):
         return next(iter(hint))
+    # An instance without attributes: `__init__` is not called.
     return (tuple if issubclass(hint, tuple) else object).__new__(hint)
 
 
-def own(made):
-    """Every public method of a class that takes arguments, with what it is bound to."""
-    for key in dir(made):
-        if key[0] != "_" or key == "__call__":
-            item = inspect.getattr_static(made, key)
-            function = getattr(item, "__func__", item)
-            if inspect.isfunction(function) and not isinstance(item, property):
-                if getattr(function, "__isabstractmethod__", False):
-                    continue  # plugins write it, and we call it
-                bound = (
-                    () if isinstance(item, staticmethod) else (READY.get(made, ANYTHING),)
-                )
-                yield key, function, (made,) if isinstance(item, classmethod) else bound
+def public_methods(cls):
+    """Yield the public methods of a class with the arguments that they are bound to.
+
+    Yields
+    ------
+    name, function
+        Name and plain function of a method. Abstract methods are left out: plugins define
+        them, and spherekit calls them.
+    bound
+        () for static methods, else the class or an instance in a tuple.
+    """
+    for name in dir(cls):
+        if name.startswith("_") and name != "__call__":
+            continue
+        attribute = inspect.getattr_static(cls, name)
+        function = getattr(attribute, "__func__", attribute)
+        if not inspect.isfunction(function) or isinstance(attribute, property):
+            continue
+        if getattr(function, "__isabstractmethod__", False):
+            continue
+        if isinstance(attribute, staticmethod):
+            bound = ()
+        elif isinstance(attribute, classmethod):
+            bound = (cls,)
+        else:
+            bound = (READY.get(cls, ANYTHING),)
+        yield name, function, bound
 
 
 def callables():
-    """Every function, class and method that others may call, with what it is bound to."""
+    """Yield every public function, constructor and method, as in `public_methods`.
+
+    Left out are exceptions, enumerations, protocols, constructors of results (`COMPUTED`),
+    and methods that only spherekit calls (`INSIDE`, and all methods of `Load`).
+    """
     for package in map(importlib.import_module, FRONT):
         for name in package.__all__:
             value = getattr(package, name)
             if inspect.isfunction(value):
                 yield name, value, ()
-            elif inspect.isclass(value) and not issubclass(value, Exception | Enum):
-                if getattr(value, "_is_protocol", False):
-                    continue  # whoever answers to it is no class of ours
-                if inspect.isfunction(value.__init__) and name not in COMPUTED:
-                    yield name, value.__init__, (allowed(value),)
-                left_out = {*INSIDE.get(name, "").split(), *dir(Load)}
-                for key, function, bound in own(value):
-                    if key not in left_out:
-                        yield f"{name}.{key}", function, bound
+                continue
+            if not inspect.isclass(value) or issubclass(value, Exception | Enum):
+                continue
+            if getattr(value, "_is_protocol", False):
+                continue
+            if inspect.isfunction(value.__init__) and name not in COMPUTED:
+                yield name, value.__init__, (allowed(value),)
+            left_out = {*INSIDE.get(name, "").split(), *dir(Load)}
+            for method, function, bound in public_methods(value):
+                if method not in left_out:
+                    yield f"{name}.{method}", function, bound
 
 
-def test_every_public_callable_is_checked():
-    """Each refuses an object of no known type in each of its arguments, by its name."""
-    count, missed = 0, []
+def test_every_public_callable_refuses_a_wrong_type_by_the_name_of_the_argument():
+    """Each argument in turn is an object that no annotated type allows.
+
+    All other required arguments have values that their types allow. The call must raise a
+    `SpherekitError` whose message names the wrong argument.
+    """
+    count = 0
+    missed = []
     for name, function, bound in callables():
         parameters = list(inspect.signature(function).parameters.values())[len(bound) :]
-        hints = {
-            item.name: resolved_annotation(function, item.annotation) for item in parameters
-        }
+        hints = {p.name: resolved_annotation(function, p.annotation) for p in parameters}
+        required = [
+            p for p in parameters if p.default is p.empty and p.kind is not p.VAR_POSITIONAL
+        ]
         for wrong in parameters:
             if has_type(ANYTHING, hints[wrong.name]):
                 continue
             count += 1
-            given = {
-                item.name: allowed(hints[item.name])
-                for item in parameters
-                if item.default is item.empty and item.kind is not item.VAR_POSITIONAL
-            }
-            several = wrong.kind is wrong.VAR_POSITIONAL
-            given |= {} if several else {wrong.name: ANYTHING}
+            keywords = {p.name: allowed(hints[p.name]) for p in required}
+            positional = [*bound]
+            if wrong.kind is wrong.VAR_POSITIONAL:
+                positional.append(ANYTHING)
+            else:
+                keywords[wrong.name] = ANYTHING
             try:
-                function(*bound, *([ANYTHING] if several else []), **given)
+                function(*positional, **keywords)
             except SpherekitError as error:
                 if not re.search(f'({wrong.name} is|is named) "?<object', str(error)):
                     missed.append(f"{name}: {wrong.name}: {error}")
@@ -156,7 +186,7 @@ def test_every_public_callable_is_checked():
             else:
                 missed.append(f"{name}: {wrong.name} may be anything")
     assert not missed, "\n".join(missed)
-    assert count > 300
+    assert count > 300  # so the test does look at the public functions
 
 
 @pytest.mark.parametrize("call", TABLES["arguments"])
@@ -167,11 +197,13 @@ def test_messages_say_where_what_and_what_to_try(call, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_the_types_allow_passes():
-    """NumPy's numbers, lists for sequences, paths for text: nothing right is refused."""
+def test_checked_functions_accept_numpy_numbers_and_lists_and_refuse_other_types():
+    """NumPy's numbers pass as numbers, lists as tuples; a hint that is not defined is
+    ignored.
+    """
 
     @checked(SpherekitError)
-    def asked(
+    def function(
         count: int,
         size: float = 1.0,
         flag: bool = False,
@@ -181,14 +213,16 @@ def test_what_the_types_allow_passes():
     ) -> int:
         return count
 
-    assert asked(np.int64(3), np.float32(2), np.bool_(True), ["a", "b"], object()) == 3
-    assert asked(count=3, size=2) == 3
+    assert function(np.int64(3), np.float32(2), np.bool_(True), ["a", "b"], object()) == 3
+    assert function(count=3, size=2) == 3
     for numbers in (1, 0.5, [1, 2], [[1.0], [2.0]], np.eye(3), None):
-        assert asked(3, numbers=numbers) == 3
+        assert function(3, numbers=numbers) == 3
     for wrong in ([3.0], [True], [3, "2"], [3, 2.0, False, None, None, "a"]):
         with pytest.raises(SpherekitError):
-            asked(*wrong)
-    with pytest.raises(SpherekitError, match="asked: missing a required argument: 'count'"):
-        asked()
-    with pytest.raises(SpherekitError, match=r'asked: no argument is "cnt"; did you mean'):
-        asked(cnt=3)
+            function(*wrong)
+    missing = "function: missing a required argument: 'count'"
+    with pytest.raises(SpherekitError, match=missing):
+        function()
+    misspelt = r'function: no argument is "cnt"; did you mean'
+    with pytest.raises(SpherekitError, match=misspelt):
+        function(cnt=3)

@@ -36,9 +36,9 @@ def made_of(chain, driven, axes):
     return mechanism_from_chain(chain, axes).with_inputs(*driven)
 
 
-def solved(made, q=None):
-    """Return the solver, and all configurations at inputs q, 0 by default."""
-    solver = PositionSolver(made, plan_assembly(made))
+def solved(mechanism, q=None):
+    """Return the solver, and all configurations at inputs q (rad), 0 by default."""
+    solver = PositionSolver(mechanism, plan_assembly(mechanism))
     q = np.zeros(len(solver.driven)) if q is None else np.asarray(q, dtype=float)
     return solver, enumerate_assemblies(solver, q)
 
@@ -57,42 +57,76 @@ def poses(solver, found):
 
 
 def check_complete(chain, driven, axes, random, starts, roots):
-    """Compare the configurations with a search; return how many modes both have."""
-    made = made_of(chain, driven, axes)
-    solver, found = solved(made)
-    assert found.methods[0].description == f"elimination: all {roots} complex roots"
-    placed, gaps = poses(solver, found)
-    assert np.max(np.abs(gaps)) < 1e-13
-    searched, links = search_configurations(made, random, starts)
-    apart = np.max(np.abs(placed[:, None, links] - placed[None, :, links]), axis=(2, 3, 4))
-    assert np.all(apart + np.eye(len(placed)) > 1e-6)
-    for turn in searched:
-        assert np.min(np.max(np.abs(placed[:, links] - turn), axis=(1, 2, 3))) < 1e-5
-    return len(placed), len(searched)
+    """Assert that elimination has every configuration that a random search finds.
+
+    Elimination solves a polynomial system for all configurations of a mechanism with
+    locked inputs. The search (`oracles.configuration_search`) has other equations.
+
+    Parameters
+    ----------
+    chain, driven, axes
+        Chain of R pairs, names of its inputs, and axes in the reference pose.
+    random, starts
+        Random number generator, and number of starts of the search.
+    roots
+        Number of complex roots that elimination has to find.
+
+    Returns
+    -------
+    (int, int)
+        Number of configurations by elimination, and by the search.
+    """
+    mechanism = made_of(chain, driven, axes)
+    solver, assemblies = solved(mechanism)
+    description = assemblies.methods[0].description
+    assert description == f"elimination: all {roots} complex roots"
+    rotations, closure_gaps = poses(solver, assemblies)
+    assert np.max(np.abs(closure_gaps)) < 1e-13
+
+    searched, links = search_configurations(mechanism, random, starts)
+    rotations = rotations[:, links]
+    distances = np.max(np.abs(rotations[:, None] - rotations[None, :]), axis=(2, 3, 4))
+    assert np.all(distances + np.eye(len(rotations)) > 1e-6)  # no configuration twice
+    for configuration in searched:
+        distance = np.max(np.abs(rotations - configuration), axis=(1, 2, 3))
+        assert np.min(distance) < 1e-5
+    return len(rotations), len(searched)
 
 
 def test_all_seven_body_groups_of_eight_bars_are_eliminated():
-    """The counts for each joint: 32 groups in 160 choices of chain and joint."""
+    """Elimination solves every group of seven bodies, with the known number of roots.
+
+    A group is a part of the locked mechanism that cannot be solved link by link. Each joint
+    of each of the 16 eight-bar chains is driven in turn: 160 choices, of which 32 have one
+    group of all seven bodies. For two chains the numbers of complex roots are known for
+    every joint.
+    """
     random = np.random.default_rng(4)
     roots = {}
     for chain in EIGHT_BARS:
         axes = random_axes(random, 10)
         for a, b in parse_chain(chain):
-            made = made_of(chain, (f"p{a}_{b}",), axes)
-            assembly = plan_assembly(made)
-            if len(assembly.groups[0].bodies) == 7:
-                group, closure = alone(made)
-                problem = solve_by_elimination(group, closure).problem
-                assert not problem
-                roots[chain, a, b] = find_elimination_orders(group)[0].root_count
+            mechanism = made_of(chain, (f"p{a}_{b}",), axes)
+            if len(plan_assembly(mechanism).groups[0].bodies) != 7:
+                continue
+            group, closure = alone(mechanism)
+            assert not solve_by_elimination(group, closure).problem
+            roots[chain, a, b] = find_elimination_orders(group)[0].root_count
     assert len(roots) == 32
+
     butterfly = {joint: roots[BUTTERFLY, *joint] for joint in parse_chain(BUTTERFLY)}
     assert {joint for joint, count in butterfly.items() if count == 32} == {(1, 2), (4, 7)}
     assert sorted(butterfly.values()) == [24] * 8 + [32] * 2
-    flier = {joint: roots.get((FLIER, *joint)) for joint in parse_chain(FLIER)}
-    found = {None: [(1, 2), (1, 4), (2, 3), (3, 4)], 16: [(2, 7), (6, 7)]}
-    found[24] = [(1, 5), (3, 8), (5, 6), (6, 8)]
-    assert flier == {joint: count for count, some in found.items() for joint in some}
+
+    flier_joints_by_count = {
+        None: [(1, 2), (1, 4), (2, 3), (3, 4)],  # no group of seven bodies
+        16: [(2, 7), (6, 7)],
+        24: [(1, 5), (3, 8), (5, 6), (6, 8)],
+    }
+    for count, joints in flier_joints_by_count.items():
+        for joint in joints:
+            assert roots.get((FLIER, *joint)) == count
+    assert sum(map(len, flier_joints_by_count.values())) == len(parse_chain(FLIER))
 
 
 @pytest.mark.slow
@@ -108,64 +142,93 @@ def test_all_seven_body_groups_of_eight_bars_are_eliminated():
         (FLIER, ("p5_6",), 24, 4, 96),
     ],
 )
-def test_a_search_finds_no_mode_that_is_missing(chain, driven, roots, count, starts):
+def test_elimination_has_every_configuration_that_a_random_search_finds(
+    chain, driven, roots, count, starts
+):
+    """For `count` mechanisms with random axes, as `check_complete` compares them.
+
+    The search, with `starts` random starts each, finds more than 90 % of all
+    configurations, so it would notice a missing one.
+    """
     random = np.random.default_rng(roots)
-    modes = searched = 0
+    total = 0
+    searched_total = 0
     for _ in range(count):
         axes = random_axes(random, len(parse_chain(chain)))
-        here, there = check_complete(chain, driven, axes, random, starts, roots)
-        modes, searched = modes + here, searched + there
-    assert searched > 0.9 * modes >= 8
+        modes, searched = check_complete(chain, driven, axes, random, starts, roots)
+        total += modes
+        searched_total += searched
+    assert searched_total > 0.9 * total >= 8
 
 
 def test_agile_eye_has_eight_real_modes_four_of_them_trivial():
-    """Platform axes along base axes, whatever the inputs (I. Bonev et al., 2006)."""
-    solver, found = solved(sk.load("agile_eye"), np.radians([23.0, 11.0, 37.0]))
-    assert found.methods[0].description == "elimination: all 8 complex roots"
-    placed, gaps = poses(solver, found)
-    assert len(placed) == 8
-    assert np.max(np.abs(gaps)) < 1e-13
+    """In four modes of the Agile Eye the platform axes lie along base axes.
+
+    This is so at any inputs (I. Bonev et al., 2006); here they are 23, 11 and 37 degrees.
+    The pairs a1 to a3 are those of the base, c1 to c3 those of the platform.
+    """
+    solver, assemblies = solved(sk.load("agile_eye"), np.radians([23.0, 11.0, 37.0]))
+    assert assemblies.methods[0].description == "elimination: all 8 complex roots"
+    rotations, closure_gaps = poses(solver, assemblies)
+    assert len(rotations) == 8
+    assert np.max(np.abs(closure_gaps)) < 1e-13
+
     names = [pair.name for pair in solver.mechanism.pairs]
-    axes = solver.closure.at(found.values).frames[..., 2]
-    along = [
-        np.abs(
-            np.sum(axes[:, names.index(f"a{k}")] * axes[:, names.index(f"c{k}")], axis=1)
-        )
-        for k in (1, 2, 3)
-    ]
-    assert np.sum(np.all(np.array(along) > 1.0 - 1e-12, axis=0)) == 4
+    axes = solver.closure.at(assemblies.values).frames[..., 2]  # (modes, pairs, 3)
+    is_trivial = np.ones(len(axes), dtype=bool)
+    for k in (1, 2, 3):
+        base_axis = axes[:, names.index(f"a{k}")]
+        platform_axis = axes[:, names.index(f"c{k}")]
+        is_trivial &= np.abs(np.sum(base_axis * platform_axis, axis=1)) > 1.0 - 1e-12
+    assert np.sum(is_trivial) == 4
 
 
 def test_a_double_root_is_one_mode():
-    """The planes of the three bars share a line: the platform has a free velocity."""
+    """Two configurations that coincide are counted once.
+
+    In the reference pose of these platforms the planes of the three bars share a line, so
+    the platform has an instantaneous motion with locked inputs: a double root.
+    """
     random = np.random.default_rng(10)
     for _ in range(10):
         axes = random_axes(random, 9)
-        line = random_axes(random, 1)[0]
+        common_line = random_axes(random, 1)[0]
         weights = random.uniform(0.3, 1.0, (3, 2))
-        axes[6:] = weights[:, :1] * axes[3:6] + weights[:, 1:] * line
+        # The platform axes (6 to 8) lie in the planes of the elbows (3 to 5) and the line.
+        axes[6:] = weights[:, :1] * axes[3:6] + weights[:, 1:] * common_line
         axes /= np.linalg.norm(axes, axis=1)[:, None]
-        solver, found = solved(made_of(*PLATFORM, axes))
-        assert not found.methods[0].doubt
-        placed, _ = poses(solver, found)
-        off = np.max(np.abs(placed[:, 7] - np.eye(3)), axis=(1, 2))
-        assert np.sum(off < 1e-3) == 1 and np.min(off) < 1e-5
-        assert len(placed) % 2 == 1
+        solver, assemblies = solved(made_of(*PLATFORM, axes))
+        assert not assemblies.methods[0].doubt
+        rotations, _ = poses(solver, assemblies)
+        platform_rotations = rotations[:, 7]
+        distance = np.max(np.abs(platform_rotations - np.eye(3)), axis=(1, 2))
+        assert np.sum(distance < 1e-3) == 1
+        assert np.min(distance) < 1e-5
+        # Other real roots come in pairs, so the double root makes the count odd.
+        assert len(rotations) % 2 == 1
 
 
-def test_a_platform_that_can_move_is_searched_and_said_to_be(monkeypatch):
-    """Two legs on the same axes are one condition: a curve of configurations."""
+def test_a_platform_that_can_move_with_locked_inputs_is_searched(monkeypatch):
+    """Two legs on the same axes are one condition, so configurations form a curve.
+
+    Elimination reports infinitely many roots, and the description of the method says that a
+    random search (here one without starts) replaces it.
+    """
     axes = random_axes(np.random.default_rng(11), 9)
-    axes[4], axes[7] = axes[3], axes[6]
+    axes[4] = axes[3]  # elbows of the first and second leg
+    axes[7] = axes[6]  # their axes on the platform
     group, closure = alone(made_of(*PLATFORM, axes))
     result = solve_by_elimination(group, closure)
-    assert "infinitely many" in result.problem and not len(result.angles)
+    assert "infinitely many" in result.problem
+    assert not len(result.angles)
+
     monkeypatch.setattr(
         "spherekit.positions.group_solutions.search_group", lambda *a: SearchStatistics(9)
     )
     _, method = find_group_configurations(group, closure)
-    said = "search (there are infinitely many complex solutions): 0 random starts"
-    assert method.doubt > 0.9 and method.description.startswith(said)
+    description = "search (there are infinitely many complex solutions): 0 random starts"
+    assert method.doubt > 0.9
+    assert method.description.startswith(description)
 
 
 def test_a_bar_without_arc_is_searched_and_said_to_be():

@@ -6,8 +6,11 @@ from cross_checks.evidence import check
 import spherekit as sk
 from spherekit.mechanism.load_kinds import DRIVE_LOAD_NAME
 
-UNTIL, SPEED, TOLERANCE = 1.5, 0.4, 1e-9
-"""The time (s) that is simulated, the rate (rad/s) at the start, and the tolerance."""
+DURATION_S = 1.5
+SPEED = 0.4
+"""Rate (rad/s) of the input at the start."""
+TOLERANCE = 1e-9
+"""Tolerance of the simulation."""
 CLEAR = 1e3
 """Conditioning up to which torques of both problems are compared."""
 AGREE = 1e-5

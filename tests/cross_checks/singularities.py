@@ -50,41 +50,60 @@ def places_are_singular(evidence, notes):
 
 
 def _on_curves(evidence, points, notes):
-    curves, tracer = evidence.configurations.curves, evidence.tracer
+    """Check listed singularities of a mechanism with one input.
+
+    Each must lie on its configuration curve at its input, and there the mechanism with its
+    input locked must be ill-conditioned (above `SINGULAR`). Only singularities that are
+    certain and have a curve parameter `s` are checked.
+    """
+    curves = evidence.configurations.curves
+    position_analysis = evidence.tracer
+    input_variable = position_analysis.solver.input_variable
     points = points[points["s"].notna() & (points["certain"] == "yes")]
     row: Any
     for row in points.head(MOST).itertuples():
         values = curves[row.curve].curve.at(row.s).values.reshape(1, -1)
-        worst = float(tracer.given(values).conditioning[0])
+        conditioning = float(position_analysis.given(values).conditioning[0])
         notes.contradiction(
-            not worst > SINGULAR,
+            not conditioning > SINGULAR,
             f"{row.kind} of {row.output} at q = {np.degrees(row.q):.9g} deg (curve "
             f"{row.curve}, s = {row.s:.9g}): the locked mechanism has the conditioning "
-            f"{worst:.3g} there",
+            f"{conditioning:.3g} there",
         )
         if row.kind == "III":
-            continue  # where curves cross they end a little before
-        off = abs(values[0, tracer.solver.input_variable] - row.q)
-        off = abs(off - 2.0 * np.pi * round(off / (2.0 * np.pi)))
+            # Two curves may cross in a type III; they are followed only up to a small
+            # distance from it.
+            continue
+        gap = abs(values[0, input_variable] - row.q)
+        gap = abs(gap - 2.0 * np.pi * round(gap / (2.0 * np.pi)))
         notes.contradiction(
-            not off < AGREE,
-            f"{row.kind} of {row.output}: the curve is at {off:.2e} rad from q = "
+            not gap < AGREE,
+            f"{row.kind} of {row.output}: the curve is at {gap:.2e} rad from q = "
             f"{row.q:.9g}",
         )
 
 
 def _at_inputs(evidence, points, notes):
-    """Look at all configurations at inputs beside the place, where two of them meet."""
-    tracer = evidence.tracer
-    names = [f"q_{name}" for name in tracer.inputs]
+    """Check listed singularities of a mechanism with several inputs.
+
+    A small distance (`NEAR`) from the listed inputs, in the direction of each input and
+    against it, all configurations are enumerated. Two of them meet at a singularity of type
+    II or III, so at least one must be nearly singular there.
+    """
+    position_analysis = evidence.tracer
+    names = [f"q_{name}" for name in position_analysis.inputs]
     places = points[names].to_numpy(dtype=float)
     chosen = evidence.random.permutation(len(places))[:MOST]
+    directions = np.concatenate([np.eye(len(names)), -np.eye(len(names))])
     for place in places[chosen]:
         worst = 0.0
-        for direction in np.concatenate([np.eye(len(names)), -np.eye(len(names))]):
-            values = enumerate_assemblies(tracer.solver, place + NEAR * direction).values
+        for direction in directions:
+            inputs = place + NEAR * direction
+            values = enumerate_assemblies(position_analysis.solver, inputs).values
             if len(values):
-                worst = max(worst, float(np.nanmax(tracer.given(values).conditioning)))
+                conditioning = position_analysis.given(values).conditioning
+                worst = max(worst, float(np.nanmax(conditioning)))
+        # Nothing is said if no configuration exists at any of the inputs.
         notes.contradiction(
             0.0 < worst < NEARLY,
             f"type II or III at {place_of(place)}: {NEAR:g} rad beside it the worst "
@@ -97,81 +116,101 @@ def _at_inputs(evidence, points, notes):
     "where an assembly mode goes out of reach a type II is listed",
 )
 def assembly_modes_end_at_places(evidence, notes):
-    """Compare samples between which an assembly mode ends with the places listed."""
+    """Require a listed singularity wherever an assembly mode ends between two samples.
+
+    An assembly mode ends where one sample is OK and the next is out of reach. If the
+    configurations were only searched by samples, a missing singularity is no contradiction.
+    """
     tables = listed(evidence, notes) if evidence.single else None
     if tables is None:
         return
-    points, motion = tables["singularities"], tables["motion"]
-    kinds = points["kind"]
-    sampled = evidence.configurations.guarantee is Guarantee.SAMPLED
-    whole = points["s"].isna() & points["q"].isna()
-    ends = kinds.isin(INPUT_RESTS)
-    for assembly_mode, rows in motion.groupby("assembly_mode"):
-        q, status = rows["q"].to_numpy(), rows["status"].to_numpy()
-        held = status == "OK"
-        lost = status == "OUT_OF_REACH"
+    points = tables["singularities"]
+    is_sampled = evidence.configurations.guarantee is Guarantee.SAMPLED
+    is_end = points["kind"].isin(INPUT_RESTS)
+    is_whole_curve = points["s"].isna() & points["q"].isna()  # a singular curve, no point
+    for assembly_mode, rows in tables["motion"].groupby("assembly_mode"):
+        q = rows["q"].to_numpy()
+        status = rows["status"].to_numpy()
+        is_ok = status == "OK"
+        is_out_of_reach = status == "OUT_OF_REACH"
         for k in range(len(q) - 1):
-            if not ((held[k] and lost[k + 1]) or (lost[k] and held[k + 1])):
+            begins = is_out_of_reach[k] and is_ok[k + 1]
+            ends = is_ok[k] and is_out_of_reach[k + 1]
+            if not (begins or ends):
                 continue
             low, high = sorted((q[k], q[k + 1]))
-            own = (
-                points["assembly_mode"]
-                .map(lambda text, b=assembly_mode: _among(b, text))
-                .to_numpy(bool)
+            is_of_mode = np.array(
+                [_names_mode(text, assembly_mode) for text in points["assembly_mode"]],
+                dtype=bool,
             )
-            at = both_ends(evidence, points.loc[ends & own, "q"].to_numpy(dtype=float))
-            inside = (at >= low - AGREE) & (at <= high + AGREE)
+            listed_q = points.loc[is_end & is_of_mode, "q"].to_numpy(dtype=float)
+            listed_q = both_ends(evidence, listed_q)
+            is_between = (listed_q >= low - AGREE) & (listed_q <= high + AGREE)
             notes.judged()
-            if not (inside.any() or (ends & own & whole).any()):
+            if not (is_between.any() or (is_end & is_of_mode & is_whole_curve).any()):
                 notes.found(
                     f"assembly mode {assembly_mode} ends between q = "
                     f"{np.degrees(low):.6f} and "
                     f"{np.degrees(high):.6f} deg, and no type II or III of it is listed",
-                    Kind.SHORT if sampled else Kind.CONTRADICTION,
+                    Kind.SHORT if is_sampled else Kind.CONTRADICTION,
                 )
 
 
-def both_ends(evidence, at):
-    """Return places (n,), those at one end of a range of whole turns at its other end too.
+def both_ends(evidence, q):
+    """Return inputs (n,) rad; those at one end of a range of whole turns also at the other.
 
-    They are listed once.
+    Both ends of such a range are the same configurations, listed once.
     """
     (item,) = evidence.tracer.mechanism.inputs
     low, high = sorted((item.start, item.stop))
     (period,) = evidence.tracer.solver.periods
     if not whole_periods(low, high, period):
-        return at
-    more = np.concatenate([at, at + (high - low), at - (high - low)])
-    return more[(more >= low - LEADS) & (more <= high + LEADS)]
+        return q
+    candidates = np.concatenate([q, q + (high - low), q - (high - low)])
+    is_in_range = (candidates >= low - LEADS) & (candidates <= high + LEADS)
+    return candidates[is_in_range]
 
 
-def _among(assembly_mode, text):
+def _names_mode(text, assembly_mode):
+    """Return whether a text such as "0, 1" or "0+1" contains the number of a mode."""
     return str(assembly_mode) in str(text).replace(",", " ").replace("+", " ").split()
 
 
 @check("singular rows are listed", "where rows are AT_SINGULARITY a place is listed")
 def singular_rows_are_listed(evidence, notes):
-    """Compare rows at a singularity with the places listed."""
+    """Require a listed singularity within 1e-3 rad of every row that is AT_SINGULARITY.
+
+    It is not required if the run says that the mechanism is singular everywhere, or if a
+    whole configuration curve is listed as singular. With several inputs the list has points
+    of surfaces only, so distances are counted but prove nothing.
+    """
     tables = listed(evidence, notes)
     if tables is None:
         return
-    points, motion = tables["singularities"], tables["motion"]
+    points = tables["singularities"]
+    motion = tables["motion"]
     rows = motion[motion["status"] == "AT_SINGULARITY"]
     if not len(rows):
         return
-    ran = evidence.ran("singularities")
-    everywhere = "everywhere" in ran.said or "in every configuration" in ran.said
-    names = ["q"] if evidence.single else [f"q_{name}" for name in evidence.tracer.inputs]
-    if not evidence.single and not len(points):
-        return  # no curves were asked for
-    places = points[names].to_numpy(dtype=float)
+    run = evidence.ran("singularities")
+    is_everywhere = "everywhere" in run.said or "in every configuration" in run.said
     if evidence.single:
-        places = both_ends(evidence, places[:, 0])[:, None]
-    whole = bool(evidence.single and points["s"].isna().any())
+        names = ["q"]
+        listed_q = points["q"].to_numpy(dtype=float)
+        places = both_ends(evidence, listed_q)[:, None]
+        has_whole_curve = bool(points["s"].isna().any())
+    else:
+        if not len(points):
+            return  # the default command does not follow singular surfaces
+        names = [f"q_{name}" for name in evidence.tracer.inputs]
+        places = points[names].to_numpy(dtype=float)
+        has_whole_curve = False
     for q in rows[names].to_numpy()[:MOST]:
         gap = np.min(np.max(np.abs(places - q), axis=1), initial=np.inf)
+        is_excused = has_whole_curve or is_everywhere or not evidence.single
+        is_listed = gap < 1e-3
         notes.contradiction(
-            evidence.single and not (gap < 1e-3 or whole or everywhere),
+            not is_listed and not is_excused,
             f"a row at {place_of(q)} is AT_SINGULARITY, the nearest place listed is "
             f"{gap:.2e} rad off",
         )

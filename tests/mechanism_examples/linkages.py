@@ -174,7 +174,7 @@ def random_contact_chain(random, links, rolling, sliding, shaped=False):
 
     A Cs pair takes away one freedom, as a link with two R pairs does; a Cr pair takes away
     two, as an R pair does. So the chain is grown with `sliding` additional links, which
-    then become Cs pairs, and `rolling` of its R pairs become Cr pairs. It keeps one freedom.
+    then become Cs pairs, and `rolling` of its R pairs become Cr pairs. One freedom stays.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ def special_mechanism(seed):
     """Return a random mechanism of special geometry, and inputs near special angles.
 
     It is a four-bar with none, one or two dyads. In half of the cases one arc of the
-    four-bar is changed by 1e-3 to 1e-12 degrees, so that its geometry is only nearly special.
+    four-bar is changed by 1e-3 to 1e-12 degrees, so its geometry is only nearly special.
 
     Returns
     -------
