@@ -550,7 +550,7 @@ def test_two_runs_do_not_record_into_one_file(tmp_path):
 
 def test_much_csv_is_written_when_asked_for(tmp_path, monkeypatch):
     """By default Parquet alone where CSV would be too large, and the summary says so."""
-    monkeypatch.setattr("spherekit.tables.table.MAX_CSV_BYTES", 1e4)
+    monkeypatch.setattr("spherekit.tables.table_formats.MAX_CSV_BYTES", 1e4)
     left = sk.run("four_bar", samples=40, folder=tmp_path / "one")
     asked = sk.run("four_bar", samples=40, folder=tmp_path / "two", formats=["csv"])
     few = sk.run("four_bar", samples=2, folder=tmp_path / "three")

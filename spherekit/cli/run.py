@@ -20,20 +20,13 @@ from spherekit.cli.study_arguments import (
     study_from,
 )
 from spherekit.conventions import Facts
+from spherekit.tables.table_formats import FORMAT_CHOICES, is_csv
 from spherekit.wording import counted
 
 if TYPE_CHECKING:
     from spherekit.files.study import Study
     from spherekit.runs.contract import AbstractAnalysis
     from spherekit.runs.run_result import RunResult
-    from spherekit.tables.table import Format
-
-FORMATS: dict[str, tuple["Format", ...]] = {
-    "both": ("csv", "parquet"),
-    "csv": ("csv",),
-    "parquet": ("parquet",),
-}
-"""The formats of table files for each value of ``--format``."""
 
 EXAMPLES = """examples:
   # every pole axis in every assembly mode
@@ -70,7 +63,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     )
     parser.add_argument(
         "--format",
-        choices=("both", "csv", "parquet"),
+        choices=tuple(FORMAT_CHOICES),
         help=(
             "which files; by default Parquet, and CSV up to 100 MB, which takes four times "
             "the space"
@@ -288,7 +281,7 @@ def _run_and_report(
             analyses,
             folder=study.folder,
             unfinished=unfinished,
-            formats=FORMATS.get(options.format),
+            formats=FORMAT_CHOICES.get(options.format),
             engine=engine,
             only_needed=options.only_needed,
             tables=options.prove,
@@ -370,7 +363,7 @@ def _prove_poles(options: Namespace, study: "Study", result: "RunResult") -> int
         names = proven.write(
             study.folder,
             study.degrees,
-            FORMATS.get(options.format),
+            FORMAT_CHOICES.get(options.format),
             result.summary["mechanism_hash"],
         )
         print(f"proven poles in {', '.join(names)}", file=sys.stderr)
@@ -428,12 +421,14 @@ def _check_options(study: "Study", options: Namespace) -> None:
     folder = "a folder: give that of the run with -o"
     simulation = "a simulation: give --start"
     recording = "a recording: give --save, --serve, --connect or --view"
+    formats = FORMAT_CHOICES.get(options.format)
+    writes_parquet = formats is None or not all(is_csv(name) for name in formats)
     # For each option: the condition that it needs, whether it is given, its name, a hint.
     rules = [
         (study.folder, options.resume, "--resume", folder),
         (study.folder, options.restart, "--restart", folder),
         (study.folder, options.format, "--format", "tables: write them with -o DIR"),
-        (options.format != "csv", options.prove, "--prove", "Parquet files to read"),
+        (writes_parquet, options.prove, "--prove", "Parquet files to read"),
         (study.folder, options.figures, "--figures", folder),
         (study.start, options.engine != "auto", "--engine", simulation),
         (

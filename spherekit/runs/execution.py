@@ -11,7 +11,7 @@ from spherekit.runs.evaluation_options import ORDINARY, Setting
 from spherekit.runs.recording_session import Recorder
 from spherekit.runs.run_folder import Unfinished
 from spherekit.symbolic.compiler import EngineChoice
-from spherekit.tables.table import Format
+from spherekit.tables.table_formats import Format
 
 Progress = Callable[[int, int], None]
 """Receives the number of samples that are done, and of all samples."""

@@ -29,14 +29,13 @@ from spherekit.status import Status
 from spherekit.storage.atomic_write import check_made_by_spherekit
 from spherekit.tables.table import (
     ASSEMBLY_MODE,
-    FILE_SIZE,
     SAMPLE,
     STATUS,
     Column,
-    Format,
     Table,
     TableArrays,
 )
+from spherekit.tables.table_formats import TABLE_FORMATS, Format
 from spherekit.tables.table_rows import split_into_chunks
 from spherekit.tolerances import SAME_PROVEN_CONFIGURATION_RAD
 
@@ -171,8 +170,9 @@ class ProvenPoles:
         from spherekit.tables.table_files import write_table
 
         # Refuse to replace files that spherekit has not made: those without this column.
-        for kind in FILE_SIZE:
-            check_made_by_spherekit(folder / f"{PROVEN_TABLE.name}.{kind}", b"proven_u")
+        for table_format in TABLE_FORMATS.values():
+            file_name = f"{PROVEN_TABLE.name}.{table_format.ending}"
+            check_made_by_spherekit(folder / file_name, b"proven_u")
         notes = {"analysis": PROVEN_ANALYSIS, "mechanism_hash": mechanism_hash}
         chunks = split_into_chunks(PROVEN_TABLE, self.data)
         stem = folder / PROVEN_TABLE.name

@@ -8,7 +8,7 @@ from spherekit.errors import AnalysisError, OutputError
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.resources import usable_memory
 from spherekit.runs.table_store import StoredTables
-from spherekit.tables.table import FILE_SIZE, Format, formats_of
+from spherekit.tables.table_formats import TABLE_FORMATS, Format, choose_formats, is_csv
 from spherekit.wording import listing, size_text
 
 FRAMES_IN_MEMORY = 8
@@ -105,12 +105,13 @@ def need_disk_for_run(
     """
     written_bytes = store.size
     stored_bytes = written_bytes * sample_count / samples_done
-    formats = formats_of(formats, FILE_SIZE["csv"] * stored_bytes)
-    # `FILE_SIZE` is the size of a table in each format, relative to its stored rows.
-    total_bytes = stored_bytes * (1.0 + sum(FILE_SIZE[kind] for kind in formats))
+    formats = choose_formats(formats, TABLE_FORMATS["csv"].relative_size * stored_bytes)
+    relative_size = sum(TABLE_FORMATS[name].relative_size for name in formats)
+    total_bytes = stored_bytes * (1.0 + relative_size)
     hint = ""
-    if "csv" in formats:
-        parquet_bytes = size_text(stored_bytes * (1.0 + FILE_SIZE["parquet"]))
+    if any(is_csv(name) for name in formats):
+        parquet_size = TABLE_FORMATS["parquet"].relative_size
+        parquet_bytes = size_text(stored_bytes * (1.0 + parquet_size))
         hint = f"; Parquet alone (--format parquet) takes {parquet_bytes}"
     need_disk(
         store.folder.parent,

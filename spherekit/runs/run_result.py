@@ -28,13 +28,11 @@ from spherekit.storage.atomic_write import make_folder, write_bytes
 from spherekit.tables.table import (
     COLUMNS,
     DTYPE_BY_KIND,
-    FILE_SIZE,
     Declared,
-    Format,
     Table,
     TableArrays,
-    formats_of,
 )
+from spherekit.tables.table_formats import TABLE_FORMATS, Format, choose_formats, is_csv
 from spherekit.tables.table_rows import MemoryTables, split_into_chunks
 from spherekit.wording import choices, counted, listing, size_text, with_units
 
@@ -454,7 +452,7 @@ def write_results(
     OutputError
         If the disk is full; the folder then has what it had.
     """
-    from spherekit.tables.table_files import format_csv, write_table
+    from spherekit.tables.table_files import format_column_list, write_table
 
     start = time.perf_counter()
     tables_by_stem = tables_by_file_stem(declared)
@@ -466,9 +464,9 @@ def write_results(
             # Texts are stored as numbers of words.
             dtype = np.dtype(DTYPE_BY_KIND.get(column.kind, TEXT_CODE_TYPE))
             memory_bytes += dtype.itemsize * cost_by_stem[stem]["rows"]
-    csv_bytes = FILE_SIZE["csv"] * memory_bytes
-    file_kinds = formats_of(formats, csv_bytes)
-    if formats is None and "csv" not in file_kinds:
+    csv_bytes = TABLE_FORMATS["csv"].relative_size * memory_bytes
+    written_formats = choose_formats(formats, csv_bytes)
+    if formats is None and not any(is_csv(name) for name in written_formats):
         remark = (
             f"no CSV, which would take about {size_text(csv_bytes)}: ask for it with "
             '--format both (formats=["csv", "parquet"])'
@@ -482,20 +480,24 @@ def write_results(
     for stem, (analysis, table) in tables_by_stem.items():
         notes = {"analysis": analysis, "mechanism_hash": summary["mechanism_hash"]}
         file_names = write_table(
-            finished_folder / stem, table, chunks_by_stem[stem], notes, degrees, file_kinds
+            finished_folder / stem,
+            table,
+            chunks_by_stem[stem],
+            notes,
+            degrees,
+            written_formats,
         )
         for name in file_names:
             bytes_by_file[name] = (finished_folder / name).stat().st_size
             _, _, ending = name.rpartition(".")
             cost_by_stem[stem][f"{ending}_bytes"] = bytes_by_file[name]
-    column_rows = [
-        (stem, column.header(degrees), column.stated_unit(degrees), column.meaning)
-        for stem, (_, table) in tables_by_stem.items()
-        for column in table.columns
-    ]
-    columns_csv = format_csv([("table", "column", "unit", "meaning"), *column_rows])
-    write_bytes(finished_folder / COLUMNS, columns_csv)
-    bytes_by_file[COLUMNS] = len(columns_csv)
+    column_list = format_column_list(
+        {stem: table for stem, (_, table) in tables_by_stem.items()},
+        degrees,
+        written_formats,
+    )
+    write_bytes(finished_folder / COLUMNS, column_list)
+    bytes_by_file[COLUMNS] = len(column_list)
     summary["cost"]["seconds"][TABLES] = time.perf_counter() - start
     written_summary = sign_summary(
         {

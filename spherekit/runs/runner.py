@@ -45,7 +45,8 @@ from spherekit.runs.verification import Verifier
 from spherekit.runs.verification_text import verification_failures
 from spherekit.scenes.scene import Scene
 from spherekit.symbolic.compiler import ENGINE_CHOICES
-from spherekit.tables.table import COLUMNS, FILE_SIZE, Format, Table, TableData
+from spherekit.tables.table import COLUMNS, Table, TableData
+from spherekit.tables.table_formats import TABLE_FORMATS, Format
 
 
 @takes_study_options(Execution)
@@ -416,7 +417,7 @@ def _start_recording(
 def _table_files(run_plan: RunPlan, formats: Sequence[Format] | None) -> list[str]:
     """Return the names of all table files that the run can write to its folder."""
     return [
-        f"{file_stem}.{file_format}"
+        f"{file_stem}.{TABLE_FORMATS[name].ending}"
         for file_stem in tables_by_file_stem(run_plan.tables())
-        for file_format in formats or FILE_SIZE
+        for name in formats or TABLE_FORMATS
     ]

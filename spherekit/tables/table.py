@@ -27,35 +27,6 @@ DTYPE_BY_KIND = {"number": np.float64, "integer": np.int64, "status": np.int8}
 BLANK_BY_KIND = {"number": np.nan, "text": ""}
 """Values of the rows of a part of a table that lacks a column."""
 
-Format = Literal["csv", "parquet"]
-"""File formats of tables."""
-
-FILE_SIZE: Mapping[Format, float] = {"csv": 2.2, "parquet": 0.6}
-"""Approximate size of files over that of packed rows, measured on motions and poles."""
-
-MAX_CSV_BYTES = 1e8
-"""Size of a CSV file up to which it is written without being requested.
-
-Larger: long runs write large text files. Smaller: more runs write Parquet files only.
-"""
-
-
-def formats_of(asked: Sequence[Format] | None, csv_bytes: float) -> Sequence[Format]:
-    """Return the formats in which tables are written.
-
-    Parameters
-    ----------
-    asked
-        Formats that the user requests. By default all formats, but CSV only up to
-        `MAX_CSV_BYTES`.
-    csv_bytes
-        Approximate size of the tables as CSV.
-    """
-    if asked is not None:
-        return asked
-    return tuple(FILE_SIZE) if csv_bytes <= MAX_CSV_BYTES else ("parquet",)
-
-
 IN_DEGREES = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2"}
 """Units of angles, and those in tables in degrees. Quantities per angle stay per rad."""
 

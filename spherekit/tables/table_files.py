@@ -25,10 +25,15 @@ from spherekit.storage.atomic_write import make_folder, open_for_writing
 from spherekit.tables.table import (
     CHUNK_ROWS,
     DTYPE_BY_KIND,
-    FILE_SIZE,
-    Format,
     Table,
     TableArrays,
+)
+from spherekit.tables.table_formats import (
+    DEFAULT_FORMATS,
+    TABLE_FORMATS,
+    Format,
+    csv_separator,
+    is_csv,
 )
 from spherekit.tables.table_rows import JoinedBlocks, convert_columns
 
@@ -43,8 +48,8 @@ NOTES_KEY = b"spherekit"
 CHECKSUM_KEY = b"spherekit checksum"
 """Key of a Parquet file for the checksum of the notes and the names of its columns."""
 
-QUOTED_CHARACTERS = set(',"\r\n')
-"""Characters of a text that make quotes necessary in a CSV file."""
+QUOTED_CHARACTERS = frozenset('"\r\n')
+"""Characters that make quotes necessary in a CSV file, besides the separator."""
 
 STATUS_NAMES = [status.name for status in Status]
 """Names of the codes of a sample."""
@@ -194,7 +199,7 @@ def write_table(
     degrees
         Whether angles are converted to degrees.
     formats
-        Formats to write, by default both.
+        Formats to write, by default `DEFAULT_FORMATS`.
 
     Raises
     ------
@@ -212,39 +217,43 @@ def write_table(
         }
         first_piece = _make_arrow_table(table, no_rows, degrees)
     paths = {
-        file_format: stem.with_name(f"{stem.name}.{file_format}")
-        for file_format in formats or FILE_SIZE
+        name: stem.with_name(f"{stem.name}.{TABLE_FORMATS[name].ending}")
+        for name in formats or DEFAULT_FORMATS
     }
+    separator = csv_separator(tuple(paths))
+    schema = _add_notes(first_piece.schema, {"units": table.units(degrees), **notes})
+    csv_streams = []
+    parquet_writers = []
     with ExitStack() as open_files:
-        if "parquet" in paths:
-            schema = _add_notes(
-                first_piece.schema, {"units": table.units(degrees), **notes}
-            )
-            parquet_writer = open_files.enter_context(
-                _open_parquet_writer(paths["parquet"], schema)
-            )
-        if "csv" in paths:
-            csv_stream = open_files.enter_context(open_for_writing(paths["csv"]))
-            csv_stream.write(format_csv([first_piece.column_names]))
+        for name, path in paths.items():
+            if is_csv(name):
+                csv_stream = open_files.enter_context(open_for_writing(path))
+                csv_stream.write(format_csv([first_piece.column_names], separator))
+                csv_streams.append(csv_stream)
+            else:
+                parquet_writers.append(
+                    open_files.enter_context(_open_parquet_writer(path, schema))
+                )
         for piece in chain([first_piece], arrow_pieces):
-            if "parquet" in paths:
+            for parquet_writer in parquet_writers:
                 parquet_writer.write_table(piece.cast(schema))
-            if "csv" in paths:
+            for csv_stream in csv_streams:
                 options = pc.WriteOptions(
                     include_header=False,
-                    quoting_style="needed" if _needs_quotes(piece) else "none",
+                    delimiter=separator,
+                    quoting_style="needed" if _needs_quotes(piece, separator) else "none",
                 )
                 pc.write_csv(_replace_codes_by_texts(piece), csv_stream, options)
     return [path.name for path in paths.values()]
 
 
-def _needs_quotes(rows: "pa.Table") -> bool:
+def _needs_quotes(rows: "pa.Table", separator: str) -> bool:
     """Return whether a text in some rows has a character that CSV has to quote."""
     import pyarrow as pa
 
     distinct_texts = [x.unique() for x in rows.columns if pa.types.is_string(x.type)]
     characters = "".join(text for x in distinct_texts for text in x.to_pylist())
-    return not QUOTED_CHARACTERS.isdisjoint(characters)
+    return not {*QUOTED_CHARACTERS, separator}.isdisjoint(characters)
 
 
 def read_chunks(groups: Iterable[tuple[Path, int]]) -> Iterator[Mapping[str, Any]]:
@@ -604,11 +613,34 @@ def _replace_codes_by_texts(rows: "pa.Table") -> "pa.Table":
     return pa.table(columns, names=rows.column_names)
 
 
-def format_csv(rows: Iterable[Sequence[str]]) -> bytes:
+def format_csv(rows: Iterable[Sequence[str]], separator: str = ",") -> bytes:
     """Return rows of texts as CSV."""
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
+    csv.writer(text, delimiter=separator, lineterminator="\n").writerows(rows)
     return text.getvalue().encode()
+
+
+def format_column_list(
+    tables: Mapping[str, Table], degrees: bool, formats: Sequence[Format]
+) -> bytes:
+    """Return the text of `columns.csv`: unit and meaning of the columns of some tables.
+
+    Parameters
+    ----------
+    tables
+        Declarations of the tables by the names of their files, without ending.
+    degrees
+        Whether the files have angles in degrees.
+    formats
+        Formats of the files. The list has the separator of their CSV files.
+    """
+    rows = [
+        (file_stem, column.header(degrees), column.stated_unit(degrees), column.meaning)
+        for file_stem, table in tables.items()
+        for column in table.columns
+    ]
+    header = ("table", "column", "unit", "meaning")
+    return format_csv([header, *rows], csv_separator(formats))
 
 
 class ParquetColumns(Mapping[str, Array]):
