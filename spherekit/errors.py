@@ -62,7 +62,7 @@ class EngineError(SpherekitError):
     fault
         The fault in words.
     instead
-        Advice which engine to use instead of this one. The message ends with it. Code that
+        Advice which other engine to use. The message ends with it. Code that
         has switched to the other engine reports the `fault` only.
     """
 

@@ -27,7 +27,7 @@ def usable_memory() -> int:
 
     It is the smallest of the memory of the machine, the rest of the address space
     (``ulimit -v``), and the limits of the control groups (containers). psutil does not
-    know the last ones.
+    know the limits of control groups.
     """
     import psutil
 

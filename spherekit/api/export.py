@@ -389,7 +389,7 @@ def _export_mujoco_model(
     assembly_mode
         Number of the assembly mode.
     at
-        Inputs (rad) of the configuration, None for the first ones at which the mode exists.
+        Inputs (rad) of the configuration. None: the first sample at which the mode exists.
     """
     posed_mechanism, values = find_pose(mechanism, assembly_mode, at)
     inputs = listing(

@@ -385,7 +385,7 @@ def evaluate(
     poles
         The poles wanted, such as ``["3/1", "4/1"]``; by default all.
     input_pair
-        The driven pairs, if not those of the mechanism.
+        The driven pairs, by default the inputs of the mechanism.
     assembly_mode
         The only assembly mode wanted, by the number that `run` gives it or its name in the
         file; by default all. With several inputs and groups that are no dyads the numbers

@@ -25,7 +25,7 @@ def raise_on_interrupt(process_ends: bool) -> Iterator[None]:
     ----------
     process_ends
         True if the process ends after the block. A signal that arrives after the block then
-        ends the process at once. Otherwise the former handlers are restored.
+        ends the process at once. Otherwise the previous handlers are restored.
     """
     former_handlers = {number: signal.getsignal(number) for number in INTERRUPTS}
     handled = [

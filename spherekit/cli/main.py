@@ -136,7 +136,7 @@ def _system_message(error: Exception) -> str:
     """Return a message if an error was caused by a lack of memory or of disk space.
 
     The text is empty for all other errors. Libraries may report a lack of memory by an
-    error of another class, so the errors that caused this one are examined too.
+    error of another class, so the errors that caused the error are examined too.
     """
     cause: BaseException | None = error
     while cause is not None:

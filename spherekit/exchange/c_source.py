@@ -194,7 +194,8 @@ def write_c(source: Source) -> str:
 def write_cpp(source: Source) -> str:
     """Return formulas as a C++ header of templates.
 
-    The number type may be one that differentiates itself.
+    The number type is a parameter of the templates. It may be a type whose values carry
+    their derivatives (automatic differentiation).
     """
     guard = f"{source.name}_HPP"
     used_functions = "\n".join(

@@ -50,8 +50,8 @@ def find_pose(
     assembly_mode
         Number of the assembly mode.
     inputs
-        The inputs (rad). By default those of the first sample on the path through their
-        ranges at which the assembly mode exists.
+        The inputs (rad). By default the inputs of the first sample on the path through
+        their ranges at which the assembly mode exists.
 
     Raises
     ------

@@ -172,7 +172,7 @@ class ImportedLinkage:
         """Return the number of the link of each body.
 
         Two bodies are one link if they are welded, or if no joint between them can turn.
-        The number of the link is that of one of its bodies; the ground is 0.
+        The number of the link is the number of one of its bodies; the ground is 0.
         """
         mj_model = self._mj_model
         turning_bodies = {0, *mj_model.jnt_bodyid[self._turning_joints].tolist()}

@@ -66,9 +66,10 @@ class LinkAxis(NamedTuple):
     vector
         Symbol of the unit vector of the axis.
     arc
-        Arc from the first axis of the link to this one; zero for the first axis.
+        Arc from the first axis of the link to this axis; zero for the first axis.
     turn
-        Angle about the first axis from the arc to the second axis to the arc to this one.
+        Angle by which the arc to this axis is turned about the first axis, counted from the
+        arc to the second axis.
     """
 
     vector: ExpressionNode

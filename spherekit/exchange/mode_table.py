@@ -107,7 +107,8 @@ class ModeCandidate:
         Well conditioned configurations of the mode, n rows in the order of the samples.
     values
         (n, variables) variables (rad) of the pairs in the formulas, in the same
-        configurations. If contacts are replaced by links, these are the pairs of the links.
+        configurations. If contacts are replaced by links, the pairs are those of these
+        links.
     interval
         (n,) number of the interval in which each configuration is.
     places
@@ -530,7 +531,7 @@ def _dyad_signs(terms: DesignExpressions, values: Floats) -> Floats:
     """Return the sign of each dyad of an equivalent linkage in one assembly mode.
 
     In the equivalent linkage, links between the centres of circles replace contacts. The
-    sign of a dyad is that of the triple product of its three axes.
+    sign of a dyad is the sign of the triple product of its three axes.
 
     Parameters
     ----------

@@ -353,7 +353,7 @@ def name_wheels(
 
 
 def describe_motors(driven: Sequence[DrivenJoint | DrivenWheel]) -> Iterator[str]:
-    """Yield notes on motors whose angle differs from that of the joint or wheel they drive.
+    """Yield notes on motors that turn by other angles than the joint or wheel they drive.
 
     The imported mechanism has the joint or wheel as its input, and not the motor.
     """

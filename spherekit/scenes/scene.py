@@ -127,7 +127,7 @@ class Trace:
     """The whole path of a direction in the axes of a link, which moves with the link.
 
     The path of a pole is an axode: the fixed axode in the axes of one of its links, the
-    moving axode in those of the other.
+    moving axode in the axes of its other link.
 
     Attributes
     ----------
@@ -216,7 +216,7 @@ class Series:
 
 @dataclass(frozen=True)
 class InputMarks:
-    """Marked inputs, such as those of singularities, in all plots of a page.
+    """Marked inputs in all plots of a page, such as the inputs of singularities.
 
     They are marked on the axes of all plots over the inputs, or over the axes that the
     scene states.
@@ -398,7 +398,7 @@ class SphereMap:
 
 @dataclass(frozen=True)
 class Surface:
-    """A triangulated surface in a space with named axes, such as that of three inputs.
+    """A triangulated surface in a space with named axes, such as the space of three inputs.
 
     Without triangles the vertices are drawn as points, coloured by `values`.
 
@@ -489,7 +489,7 @@ class Graph:
     path : str
         Place of the graph in the tree of a recording.
     nodes : sequence (k,) of (identifier, label, number)
-        The number is that of a link, None for a pair.
+        The number is the number of a link, None for a pair.
     edges : sequence of (identifier, identifier)
         The link and the pair that each edge joins.
     positions : array (k, 2)

@@ -160,10 +160,11 @@ def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]
 def turn_to_side(directions: Floats, out: Floats) -> Floats:
     """Return the direction of an axis that is on the visible side of a map, per sample.
 
-    An axis has two opposite directions. The one with a component along `out` is visible. On
-    the rim, at right angles to `out`, both are. The direction nearer to that of the
-    previous sample is then taken (or of the next sample, before the first one that is not
-    on the rim). A path that reaches the rim or runs along it therefore has no jump.
+    An axis has two opposite directions. The direction with a component along `out` is
+    visible. On the rim, at right angles to `out`, both are visible, and the direction
+    nearer to the direction at the previous sample is taken. If all samples before are on
+    the rim too, the next sample decides. A path that reaches the rim or runs along it
+    therefore has no jump.
 
     Parameters
     ----------

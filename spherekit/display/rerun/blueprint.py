@@ -63,7 +63,8 @@ class Plot(NamedTuple):
     view
         Returns the view.
     comparison
-        Path of the chart that compares it with those of other modes; may be empty.
+        Path of the chart that compares the plot with the plots of other modes; may be
+        empty.
     """
 
     page: Page

@@ -331,7 +331,7 @@ def _reason(error: BaseException) -> str:
 
 
 Still = tuple[str, rr.AsComponents]
-"""Path below that of an entity, and the data that are logged there once."""
+"""Path below the path of an entity, and the data that are logged there once."""
 
 Stills = Iterator[Still]
 

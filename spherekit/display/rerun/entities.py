@@ -100,8 +100,8 @@ def draw_sphere() -> Stills:
 def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
     """Yield the data of a primitive that are the same in all rows and are logged once.
 
-    Each item is a path below that of the primitive, and the data to be logged there. Many
-    primitives log only their appearance here; their positions follow row by row, see
+    Each item is a path below the path of the primitive, and the data to be logged there.
+    Many primitives log only their appearance here; their positions follow row by row, see
     `moving_columns`.
 
     Parameters
@@ -153,8 +153,8 @@ def moving_columns(
 ) -> Iterator[Moving]:
     """Yield the data of a primitive that change from row to row, for one block of rows.
 
-    Each item is a path below that of the primitive, and the columns to be logged there. A
-    row without a configuration is NaN: it gets no arrow, point or label.
+    Each item is a path below the path of the primitive, and the columns to be logged there.
+    A row without a configuration is NaN: it gets no arrow, point or label.
 
     Parameters
     ----------
@@ -210,8 +210,8 @@ def _arrow_style(arrow: Arrow) -> Stills:
 def _arrow_columns(arrow: Arrow, labels: NDArray[np.object_] | None) -> Iterator[Moving]:
     """Yield the rows of an arrow, and of the label and trail of a pole.
 
-    Each item is a path below that of the arrow, and the columns to be logged there. Rows
-    without a direction (NaN) get no arrow.
+    Each item is a path below the path of the arrow, and the columns to be logged there.
+    Rows without a direction (NaN) get no arrow.
 
     Parameters
     ----------

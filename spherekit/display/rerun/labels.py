@@ -171,10 +171,10 @@ class Names:
         """Return the names that links show, with their places, by the paths of the links.
 
         A name moves with its link. Where it covers other names is therefore judged in a few
-        configurations ("pictures"). From a list of possible places the cheapest is chosen:
-        the cost is the share of pictures in which the name covers other names or dots, plus
-        a small amount for each place that is preferred to this one. Long names choose
-        first.
+        configurations ("pictures"). From a list of possible places the cheapest is chosen.
+        The cost of a place is the share of pictures in which the name covers other names or
+        dots there, plus a small amount for each place that is preferred to it. Places of
+        long names are chosen first.
 
         Parameters
         ----------

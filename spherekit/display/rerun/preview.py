@@ -85,7 +85,7 @@ def _assemble(mechanism: Mechanism) -> tuple[PositionAnalysis, Motion, str]:
     Returns
     -------
     The position analysis, a motion with one sample, and a note on the inputs of that sample
-    if they are not the first ones.
+    if they are not the first values of the ranges.
 
     Raises
     ------

@@ -84,7 +84,8 @@ def _column_pairs(
     expected, compared
         Columns of the two tables.
     rotation
-        (3, 3) rotation from the mechanism of `expected` to that of `compared`, or None.
+        (3, 3) rotation from the mechanism of `expected` to the mechanism of `compared`.
+        None: they are not rotated.
     """
     vector_columns: list[Column] = []
     for column in table.columns:
@@ -140,7 +141,7 @@ def replace_words(data: TableArrays, replacements: Mapping[str, str]) -> TableAr
     data
         The columns of the table by name.
     replacements
-        New words by the old ones.
+        The new word for each old word.
     """
 
     def replace_in(text: str) -> str:

@@ -94,7 +94,8 @@ def rename_links(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
     mechanism
         The mechanism.
     names
-        The new names by the old ones. Their order becomes the order of the links.
+        The new name of each link, by its old name. Their order becomes the order of the
+        links.
     """
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry):
@@ -126,7 +127,7 @@ def rename_parameters(
     analysis
         The analysis.
     names
-        The new names of links by the old ones.
+        The new name of each link, by its old name.
     """
 
     def rename(value: Any) -> Any:
