@@ -116,7 +116,7 @@ def json_text(value: Any, indent: int | None = None) -> str:
     ``</script>`` and ``<!--<script`` within a script are markup.
     """
     written = json.dumps(value, indent=indent, ensure_ascii=False).replace("<", "\\u003c")
-    # Line ends that are not in strings are those of the layout.
+    # JSON writes line ends within strings as \n, so the others belong to the layout.
     return HIDDEN_CHARACTERS.sub(
         lambda match: "\n" if match[0] == "\n" else json.dumps(match[0])[1:-1], written
     )

@@ -94,8 +94,8 @@ def specification_of(
     FileError
         With one line for each fault in the file.
     """
-    # The sizes that vary, the mechanism, and the figures of merit: those of the file, and
-    # deviations from precision points.
+    # Read the sizes that vary, the mechanism, and the figures of merit. Deviations from
+    # precision points are figures of merit too.
     document = parse(read_text(Path(path)), str(path))
     check(document, "synthesis")
     data = document.data

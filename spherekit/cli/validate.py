@@ -122,8 +122,8 @@ def validate_file(name: str, lock_texts: Sequence[str] | None = None) -> Facts:
     motion = position_analysis.sparse(RANK_SAMPLES)
     assembled = motion.rows(~motion.failed)
     if len(assembled):
-        # The rank drops at singular configurations, where the mobility is larger. The
-        # smallest mobility of several configurations is that of the motion.
+        # The rank drops at singular configurations, where the mobility is larger. So the
+        # mobility of the mechanism is the smallest of several configurations.
         loop_tree = position_analysis.solver.closure.tree
         ranks = rank_mobility(loop_tree, assembled.vectors)
         properties["rank_mobility"] = int(np.min(ranks))

@@ -45,9 +45,9 @@ class BodyInertia(NamedTuple):
     tensor
         (3, 3) inertia tensor about the centre of mass (kg m2).
     is_stated
-        Whether the mechanism has this mass and centre. Otherwise they are chosen so
-        that the tensor about the centre of the sphere is right, which alone matters if no
-        gravity acts on the link.
+        Whether the mechanism has this mass and centre. Otherwise they are chosen so that
+        the tensor about the centre of the sphere is right. Without gravity this tensor
+        alone determines the motion.
     """
 
     link: str

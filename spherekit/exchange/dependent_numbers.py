@@ -62,7 +62,7 @@ def express_dependent_numbers(
     DesignError
         If a number is no linear function of those that vary, or nothing can vary.
     """
-    # After the symbols of sizes come those of the dependent numbers.
+    # The list has the symbols of sizes first, then the symbols of dependent numbers.
     number_symbols = design_expressions.size_symbols[len(varied_mechanism.size_variables) :]
     if not len(number_symbols):
         return {}

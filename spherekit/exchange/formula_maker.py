@@ -130,7 +130,7 @@ def formulas(
     step: list[Expr] = []
     if not design_expressions.has_closed_form:
         step = _write_newton_step(design_expressions)
-        # Symbols of driven variables are replaced by those of the inputs.
+        # Symbols of driven variables are replaced by the symbols of the inputs.
         configuration_symbols = design_expressions.configuration_symbols
         for variable, sample_symbol in zip(
             design_expressions.structure.inputs,

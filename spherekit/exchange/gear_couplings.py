@@ -554,7 +554,7 @@ def _group_by_axis(hinges: Sequence[ImportedPair], path: LinkPath) -> list[Coaxi
         )
         if not is_same_axis:
             groups.append(CoaxialHinges(axis, []))
-        # The axis of the hinge may point the other way than that of the group.
+        # The axis of the hinge may be opposite to the axis of the group.
         axis_sense = float(np.sign(axis @ groups[-1].axis))
         groups[-1].hinges.append(HingeOnPath(hinge, sense * axis_sense))
     return groups

@@ -123,7 +123,7 @@ class ImportedDynamics:
         has_gravity = self._linkage.foreign_model.gravity is not None
         if not np.all(is_compensated) or has_gravity:
             gyration_radius = np.sqrt(np.trace(tensor) / total_mass)
-            # A body whose weight is compensated counts as if at the centre of the sphere.
+            # A body with compensated weight counts as if at the centre of the sphere.
             centre = masses * ~is_compensated @ arms / total_mass
             table["mass"] = shorten(total_mass, total_mass)
             table["centre"] = [shorten(x, gyration_radius) for x in centre]
@@ -305,8 +305,9 @@ class ImportedDynamics:
     def _is_constant_wrench(self, actuator: int) -> bool:
         """Return whether an actuator at a site is a constant force or moment.
 
-        Without a reference site it acts along axes of its link. With one, it acts along the
-        axes of that site, which are constant only if the site is fixed to the world.
+        Without a reference site it acts along axes of its link. With a reference site it
+        acts along the axes of that site. These are constant only if the site is fixed to
+        the world.
         """
         mj_model = self._mj_model
         has_feedback = np.any(mj_model.actuator_biasprm[actuator][1:3])

@@ -194,7 +194,7 @@ class CoefficientFormulas:
         mark = formula_list.input_mark(input_index)
         ground = pole_plan.body[0]
         first, second = pole_plan.ends[pole_plan.input]
-        # The rate of the input is 1, that of its second body relative to its first.
+        # The rate of the input is 1: the rate of its second body relative to its first.
         ratios: dict[int, Expr] = {second: 1.0} if first == ground else {first: -1.0}
         velocities: dict[int, Expr] = {ground: 0.0}
         self._ratios_by_body.append(ratios)

@@ -127,8 +127,9 @@ class EquationOfMotion:
                     link_velocities[k], tensor * link_velocities[i]
                 )
             if not has_several_inputs:
-                # The axes of the link turn with it, so the derivative of the components is
-                # that of the vector along them.
+                # The velocity of the link has the same rate of change in ground axes and in
+                # the axes of the link, so the derivative of its components is the
+                # derivative of the vector, resolved along these axes.
                 velocity_derivative = self._coefficients.derivative(velocities[0], 0)
                 change = self._resolve_in_link("x", link, velocity_derivative, "'")
                 inertia_derivative += 2.0 * inner_product(
@@ -349,7 +350,8 @@ class EquationOfMotion:
             frame = link_frame if moment.axes == "link" else ground_frame
             vector = dot(moment.direction, frame)
             if moment.arm is not None:
-                # The direction is that of a force. Its moment is arm x force.
+                # The load is a force: `vector` is its direction, and arm x vector its
+                # moment.
                 vector = cross_product(dot(moment.arm, link_frame), vector)
             moment_vector = self._formula_list.write_indexed(
                 r"\mathbf{M}", f"{label},{moment_index + 1}", vector

@@ -172,7 +172,8 @@ class FormulaList:
         symbol. Symbols that no needed formula contains are removed from `symbol_meanings`.
         """
         required = {*iterate_nodes(expressions)}
-        # A formula uses only symbols of earlier ones, so one pass backwards finds them all.
+        # A formula uses only symbols of earlier formulas, so one pass backwards finds all
+        # that are required.
         for term, formula in reversed(self.formulas.items()):
             if term in required:
                 required.update(iterate_nodes(formula.rows))

@@ -179,8 +179,9 @@ class MujocoModel:
     def _write_notes(self) -> list[str]:
         """Return sentences on everything that the model leaves out or has in another form.
 
-        They are about masses that are made up, omitted loads, soft limits, and links whose
-        mass was chosen because the file has no mass or only a tensor of them.
+        The sentences are about masses that are made up, omitted loads and soft limits. They
+        also name links for which a mass was chosen, because the file has no mass or only a
+        tensor.
         """
         mechanism = self._mechanism
         rigid_bodies = self._rigid_bodies
@@ -401,8 +402,8 @@ class MujocoModel:
         share = 1.0 / (1 + twin_count)
         rotation = self._rotation_of(inertia.link)
         tensor = share * (rotation.T @ inertia.tensor @ rotation)
-        # The largest moment less the sum of the others, which is the trace less the
-        # largest.
+        # A body has no principal moment larger than the sum of the other two. The excess is
+        # the largest moment m less that sum: m - (trace - m).
         excess = 2.0 * np.linalg.eigvalsh(tensor)[-1] - np.trace(tensor)
         thickness = TENSOR_THICKNESS * np.trace(tensor) + max(excess, 0.0)
         tensor = tensor + thickness * np.eye(3)

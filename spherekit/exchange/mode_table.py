@@ -611,7 +611,7 @@ def _compute_deviations(
     # because the variables of pairs do not depend on them.
     motion[: len(inputs)] = inputs
     if terms.has_closed_form:
-        # (places, configurations): those of the interval of each configuration
+        # (places, configurations): for each configuration the places in its interval
         places = np.concatenate(
             [candidate.places[candidate.interval] for candidate in candidates]
         ).T

@@ -139,7 +139,7 @@ def construct_rigid_bodies(
             f"{mechanism.name}: a configuration has {variable_count} finite variables "
             f"({listing(mechanism.variable_names)}), not {values.tolist()}"
         )
-    # The configuration: orientations of links, and frames of pairs whose z is their axis.
+    # The configuration: orientations of links, and frames of pairs (z is the pair axis).
     pairs = mechanism.pairs
     links = mechanism.links
     pose = Closure.of_mechanism(mechanism, make_joints(mechanism)).at(values[None])

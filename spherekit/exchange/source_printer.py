@@ -131,7 +131,8 @@ class Source:
                 value = language.operation_formats[node.operation].format(*operands)
                 lines.append(language.assignment_format.format(text_by_node[node], value))
                 continue
-            # A symbol: of an argument, or of a series, whose variable is an argument.
+            # The node is the symbol of an argument, or of a stored series. The variable of
+            # a series is an argument.
             argument_node = node
             if node in table_by_term:
                 table_number = table_by_term[node]
@@ -222,8 +223,9 @@ class Source:
         A series is a polynomial in each of several cells of its variable, for each of
         several functions (columns). The values are the name of the source and the number
         `k` of the table, the numbers of cells and columns, the order of the polynomials,
-        their coefficients (cells, columns, order), the edges (cells + 1,) of the cells, and
-        as text the ends of the range and the length of a closed curve.
+        their coefficients (cells, columns, order), the edges (cells + 1,) of the cells,
+        whether the series is of a closed curve, and as text the length of the curve and the
+        ends of the range.
         """
         for table_number, table in enumerate(self.formulas.tables):
             coefficients = np.swapaxes(table.series.coefficients, 1, 2)

@@ -116,7 +116,8 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
         for panel, ((scene, series), slice_indices) in zip(
             panels, product(maps, slices), strict=True
         ):
-            # The first two inputs become the last axes, and the others are indexed.
+            # The axes of the first two inputs become the last axes of the array. The
+            # indices of the other inputs select one map.
             table = series.values.reshape(grid_shape)
             table = np.moveaxis(table, (0, 1), (-2, -1))[slice_indices]
             panel.pcolormesh(grid[0], grid[1], table.T, **look)

@@ -242,9 +242,9 @@ class PageMaker:
     def _make_row_formulas(self) -> Formulas:
         """Return the formulas that are evaluated at every sample of every mode.
 
-        Two kinds of quantities are added to those that are needed or shown: angular
-        velocities, by which the page finds the signs of poles, and, if positions have a
-        closed form, a number for each dyad that is negative if its loop does not close.
+        Two kinds of quantities are added to those that are needed or shown. By angular
+        velocities the page finds the signs of poles. If positions have a closed form, there
+        is also a number for each dyad that is negative if its loop does not close.
         """
         needed_names = self._page_quantities.needed_names(self._wound_pairs)
         row_formulas = self._make_formulas_with_torques(needed_names)
