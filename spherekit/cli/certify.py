@@ -432,6 +432,7 @@ def _certify_map(decimal_mechanism: Any, options: Namespace) -> Certification:
     cell = DEFAULT_CELL_RAD if options.cell is None else options.cell
     if not MIN_CELL_RAD <= cell <= MAX_CELL_RAD:
         raise AnalysisError(f"--cell {cell} rad is no use; give one from 0.0001 to 1")
+    # Ends of both ranges as decimal texts, in the unit of the file.
     ranges = [decimal_mechanism.input_range_text(name) for name in names]
     input_map = certify_input_map(decimal_mechanism, ranges, cell)
     lines = [f"{mechanism.name}: {input_map.completeness}"]

@@ -263,6 +263,7 @@ def _predicted_sizes(sizes: Facts, with_recording: bool) -> Lines:
             f"  recording: {recording['entities']} entities, "
             f"{counted(recording['rows'], 'row')}, {size_text(recording['bytes'])}"
         )
+    # What is not predicted: sizes of analyses, and what depends on the number of modes.
     missing = [f"analysis {name}" for name in sizes["not_predicted"]]
     if mode_count is None:
         missing.insert(0, "the number of assembly modes")

@@ -32,7 +32,8 @@ def find_common_point(points: Floats, axes: Floats, max_distance: float) -> Floa
     P = I - a a^T onto the plane at right angles to each line (point p, unit vector a), it
     solves sum(P) c = sum(P p). While a line misses the point by more than allowed, the
     farthest line is left out and the point is computed again, so a few wrong lines do not
-    move it. If all lines coincide, the point of the line nearest to the origin is returned.
+    move the point. If all lines coincide, the point of the line nearest to the origin is
+    returned.
 
     Parameters
     ----------

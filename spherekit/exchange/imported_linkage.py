@@ -108,18 +108,20 @@ class ImportedLinkage:
             for joint in range(self._mj_model.njnt)
             if joint not in foreign_model.locked_joints
         ]
+        # Limits (rad) of joints by their numbers.
         limited_joints = np.flatnonzero(self._mj_model.jnt_limited).tolist()
         self.joint_limits: dict[int, Sequence[float]] = {
             joint: self._mj_model.jnt_range[joint].tolist() for joint in limited_joints
         }
-        self.link_by_body = self._merge_bodies()
-        self.loop_points = self._group_loop_points()
+        self.link_by_body = self._merge_bodies()  # number of the link of each body
+        self.loop_points = self._group_loop_points()  # points at which loops are closed
         self.centre, self.centre_distance = self._find_centre(max_distance)
         self._removed_hinges = self._remove_free_ball_joints()
         self.pairs: list[ImportedPair] = []
         self._add_joint_pairs()
         self._add_loop_pairs()
         self._check_connected()
+        # Links in the order in which pairs name them, the ground first.
         links_of_pairs = chain.from_iterable(pair.links for pair in self.pairs)
         self.links = list(dict.fromkeys([0, *links_of_pairs]))
 

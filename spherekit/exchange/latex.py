@@ -159,6 +159,7 @@ def _select_expressions(
         ]
     expressions: list[Expr] = []
     for name in names:
+        # Try the name, then the vector of which it may be a component.
         vector_name, _, _ = name.rpartition("_")
         matching_names = fnmatch.filter(quantities, name) or fnmatch.filter(
             quantities, vector_name

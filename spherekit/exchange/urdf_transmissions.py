@@ -335,6 +335,13 @@ def name_wheels(
 
     A wheel has the name of its motor if that is free. Otherwise "_wheel" is added.
 
+    Parameters
+    ----------
+    root
+        The element ``<robot>`` of the URDF.
+    driven
+        All that motors drive: joints, and wheels whose names may be in use.
+
     Returns
     -------
     All that motors drive, with these names of wheels.

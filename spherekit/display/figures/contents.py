@@ -285,6 +285,13 @@ def _plan_spheres(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigu
 
     A page is an assembly mode, or has a title of its own. A primitive is drawn once, even
     if several scenes of its page show it.
+
+    Parameters
+    ----------
+    scenes
+        The scenes of one analysis.
+    sheet
+        Size of the figures, and titles of modes.
     """
     primitives_by_page: dict[Page, dict[str, Any]] = {}
     for scene in scenes:
@@ -321,6 +328,13 @@ def _plan_paths(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure
     """Yield the paths of the pole axes of links that no pair joins, in each mode.
 
     Over several inputs there are no paths.
+
+    Parameters
+    ----------
+    scenes
+        The scenes of one analysis.
+    sheet
+        Size of the figures, and titles of modes.
     """
     arrows = [
         (scene, primitive)

@@ -141,6 +141,14 @@ def directions_to_show(maps: Sequence[SphereMap], curves: Sequence[SphereCurves]
     They are the directions of quantities on areas (`maps`) and of marks. The points of
     curves count only if there are neither areas nor marks. Otherwise curves may leave the
     map at its rim.
+
+    Parameters
+    ----------
+    maps
+        Quantities at the vertices of areas. If an area has triangles, only the vertices of
+        triangles count.
+    curves
+        Curves on the sphere, with marks. Points may be NaN, which are left out.
     """
     parts = [np.zeros((0, 3))]
     for sphere_map in maps:

@@ -49,6 +49,7 @@ def link_facts(mechanism: Mechanism, link: str) -> Facts:
     """Return the pairs of a link, and its contact profiles as points in link axes.
 
     A circular profile also has its centre and radius, by which the page draws the circle.
+    Only pairs with contacts have profiles: the curves on both links that touch each other.
     """
     profiles: list[Facts] = []
     joints = make_joints(mechanism)
@@ -174,7 +175,7 @@ def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
     irreducible part, the poles that velocity equations give come first, and then the steps
     of the passes that construct the others.
     """
-    description, *_ = describe(pole_plan, step).split("\n")
+    description, *_ = describe(pole_plan, step).split("\n")  # the first line
     lines: Sequence[list[list[str]]] = []
     contacts: Sequence[str] = []
     if isinstance(step, BlockPoles):

@@ -175,6 +175,7 @@ class Layout:
         further plots and the panels (graph and texts). Plots that show results of analyses
         come first. A page with a title shows the sphere only if it draws something on it.
         """
+        # Items that all pages show have the page None.
         page_plots = [plot for plot in self.plots if plot.page in (None, page)]
         page_plots.sort(key=lambda plot: not plot.has_findings)
         plots = [plot.view() for plot in page_plots]
@@ -203,7 +204,15 @@ class Layout:
         return rrb.Horizontal(sphere, rrb.Vertical(*rows), column_shares=shares, name=title)
 
     def _sphere_view(self, page: Page, title: str) -> rrb.Spatial3DView:
-        """Return the view of the sphere with everything of a page, and of all pages."""
+        """Return the view of the sphere with everything of a page, and of all pages.
+
+        Parameters
+        ----------
+        page
+            The page; things that all pages show have the page None.
+        title
+            Title of the view.
+        """
         owners = (None, page)
         position, target, up = self.sight
         solids = [path for owner, path in self.solids if owner in owners]

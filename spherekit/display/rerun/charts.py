@@ -204,6 +204,7 @@ class Chart:
         first_series = [blocks[0].series for blocks in self.curves.values()]
         unit = first_series[0].unit
         resolution = max(series.resolution for series in first_series)
+        # Inputs and values of each series, from all blocks so far.
         curves = {path: self.joined_blocks(path) for path in self.curves}
         all_values = np.concatenate([values for _, values in curves.values()])
         y_range = choose_plot_range(

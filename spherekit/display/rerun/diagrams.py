@@ -68,9 +68,10 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
     row_count, point_count = diagram.places.shape[:2]
     low, high = np.transpose([diagram.x_range, diagram.y_range])  # corners (x, y)
     is_visible = np.all((diagram.places >= low) & (diagram.places <= high), axis=2)
-    visible_count = is_visible.sum(axis=1)
+    visible_count = is_visible.sum(axis=1)  # (rows,)
     point_tints = np.array([colours.tone_colour(tone) for tone in diagram.tones], np.uint8)
     tints = np.broadcast_to(point_tints, (row_count, point_count, 3))[is_visible]
+    # Places of the points in units of the chart, y down; names are moved aside.
     places = _place(diagram, diagram.places)
     visible_places = np.where(is_visible[..., None], places, np.nan)
     name_places = place_labels(diagram.names, visible_places, LETTER_WIDTH)

@@ -172,6 +172,7 @@ def _size_table(motion: Motion, row: int, note: str) -> Text:
     mechanism = motion.mechanism
     lines = [f"# {markdown_text(mechanism.name)}", "", note, ""]
     lines += ["| link | arcs between its axes, deg |", "|---|---|"]
+    # A row for each link, with the arcs between successive axes of its pairs.
     for link, axes in link_axes(mechanism).items():
         names = [markdown_text(pair) for pair in axes]
         arcs = [_degrees(arc(first, second)) for first, second in pairwise(axes.values())]
@@ -179,6 +180,7 @@ def _size_table(motion: Motion, row: int, note: str) -> Text:
         sizes = [f"{end} {size}" for end, size in zip(ends, arcs, strict=True)]
         lines.append(f"| {markdown_text(link)} | {', '.join(sizes or names)} |")
     lines += ["", "| pair | type | links | here, deg | driven |", "|---|---|---|---|---|"]
+    # A row for each pair, with its variables in this configuration.
     input_ranges = {
         item.pair: f"{np.degrees(item.start):.5g} to {np.degrees(item.stop):.5g}"
         for item in mechanism.inputs

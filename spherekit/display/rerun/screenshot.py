@@ -337,6 +337,7 @@ def _cursor_position(
     tick
         The time on it: a sample number, ticks of the input, or ns.
     """
+    # Timelines of the input, with their ticks per degree.
     input_timelines = [
         (name, scale) for name in timelines if (scale := ticks_per_degree(name))
     ]

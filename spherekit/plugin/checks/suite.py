@@ -172,6 +172,7 @@ class ConformanceSuite:
             except SpherekitError as refusal:
                 self._refusals.append(f"{mechanism.name} ({refusal})")
                 continue
+            # Ask again with an equal copy of the mechanism.
             needs_again = check_needs(self._analysis, replace(mechanism))
             changed = [
                 name

@@ -44,6 +44,7 @@ def describe_difference(
         it before they are compared. Columns that depend on axes in another way are left
         out. If such columns identify the rows, nothing is compared.
     """
+    # Kinds of the columns that depend on the ground axes, but not as vectors do.
     axis_dependent = [
         column.kind for column in table.columns if column.turns == "otherwise"
     ]
@@ -58,7 +59,7 @@ def describe_difference(
         table, expected, compared, rotation
     ):
         if tolerance >= VARIANT_TOLERANCE and column.scale == "none":
-            continue
+            continue  # the column describes the computation
         row = _first_different_row(column, values, compared_values, tolerance)
         if row is not None:
             return (
