@@ -415,7 +415,7 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
         name = mechanism.pairs[mechanism.variable_owners[variable]].name
         return joint_limit_end(run.end_time, name, float(path_states.values[0, variable]))
     # A state that is not finite although all loads are finite: only the Taylor series of
-    # the loads have no values, as for the square root of a load argument at zero.
+    # the loads have no values, for example because an exp inside a load overflows.
     if run.end == "not_finite" and _have_loads_values(
         problem,
         run.end_time,

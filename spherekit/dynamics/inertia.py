@@ -66,7 +66,7 @@ class Inertia:
 
     @property
     def dM(self) -> Floats:
-        """(n, m, m, m) its derivatives, by the last axis."""
+        """(n, m, m, m) derivatives of M: at [..., k] those by coordinate k."""
         return np.sum(self.dM_parts, axis=1)
 
     @property
@@ -235,7 +235,8 @@ def driving_torques(M: Floats, dM: Floats, Q: Floats, dq: Floats, ddq: Floats) -
     Parameters
     ----------
     M, dM
-        (n, m, m) inertia matrix and (n, m, m, m) its derivatives, by the last axis.
+        (n, m, m) inertia matrix, and (n, m, m, m) its derivatives: at [..., k] those by
+        coordinate k.
     Q
         (n, m) generalised forces of all loads.
     dq, ddq

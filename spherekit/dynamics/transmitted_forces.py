@@ -110,7 +110,7 @@ class JointReactions:
 
     @property
     def moments(self) -> Floats:
-        """(n, pairs, 3) N m."""
+        """(n, pairs, 3) moments about O that the pairs transmit, N m."""
         return self.wrenches[..., :3]
 
     @property

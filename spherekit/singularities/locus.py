@@ -105,6 +105,7 @@ class SingularityMeasure:
         """
         degrees_of_freedom = self.space.dimension
         basis = self.motion_space.basis[:, None]
+        # B = E N, of the equations E and the basis N of the motions.
         # B changes because E changes, and because the motions must continue to close the
         # loops.
         derivatives = self.constraint.equation_derivatives(self.space)

@@ -98,6 +98,7 @@ class SampledSingularities:
         output_links = [link for output in outputs for link in output]
         part = find_placing_part(tracer, output_links)
         self.tracer = part.position_analysis
+        # For each assembly mode of the part, those of the whole mechanism that contain it.
         self._whole_modes = part.whole_modes
         self._driven = self.tracer.solver.input_variable
         self.configurations: Configurations = self.tracer.configurations

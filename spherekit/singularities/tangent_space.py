@@ -182,6 +182,7 @@ class TangentSpace:
             part_derivatives.reshape(-1, len(self.variables), 3)
         )
         jacobian_change = jacobian_change.reshape(n, directions, *jacobian_change.shape[1:])
+        # The rates of variables that are not in this part need no correction.
         corrections = np.zeros((n, directions, variables, variables))
         corrections[:, :, self.variables[:, None], self.variables] = (
             -self.jacobian_inverse[:, None] @ jacobian_change
