@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.refusals import decimal_mechanism
 from scipy.optimize import brentq
-from test_wheels import FIVE_BAR, closes, right_crank
+from test_wheels import FIVE_BAR, coupler_margin, right_crank_angle
 
 from spherekit.cli.main import main
 from spherekit.completeness import Guarantee
@@ -28,7 +28,7 @@ def geared(teeth, text=FIVE_BAR):
 
 def margin(q, teeth):
     q = np.atleast_1d(np.asarray(q, dtype=float))
-    return closes(q, right_crank(q, teeth))
+    return coupler_margin(q, right_crank_angle(q, teeth))
 
 
 def dead_centres(low, high, teeth):
@@ -108,7 +108,7 @@ def test_certify_says_what_it_proves_of_wheels(tmp_path, capsys):
     assert kept["input_turns_of_its_variable"] == 2
     (wheel,) = kept["wheels"]
     assert (wheel["pair"], wheel["turns"]) == ("right", -1)
-    at_zero = np.radians(right_crank(0.0, (20, 40)))
+    at_zero = np.radians(right_crank_angle(0.0, (20, 40)))
     assert abs(wheel["at_zero_rad"] - at_zero) <= wheel["off"] + 1e-15 < 1e-14
 
 
