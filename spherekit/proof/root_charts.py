@@ -373,6 +373,9 @@ def _bound_changes(
     slope_change = second * radius[:, None, None] + mixed
     remainder = 0.5 * bound * total**2 + value_error * total
     slope_change += remainder[:, :, None] * degrees_at_least_one
+    # The change of the derivatives by the given variables, times the change of these: from
+    # mixed second derivatives, from second derivatives by the given variables, and from
+    # third derivatives. The change grows at most linearly, so that its mean is half of it.
     mixed_drift = np.sum(mixed, axis=2) * radius[:, None]
     drift = mixed_drift + bound * by_given * (by_given + by_radius**2)
     return ChangeBounds(

@@ -119,23 +119,25 @@ def bound_rates(piece: CertifiedArc, half_length: float) -> RateBounds:
     # along the normals are at most the slope bound.
     reach = np.append(half_length, np.zeros(len(tangent) - 1) + distance)
     velocity = np.append(1.0, np.zeros(len(tangent) - 1) + bounds.slope)
+    # (k,) change of F'' within the reach, applied to z' twice. Third derivatives are at
+    # most a bound times the product of the degrees.
     sums = test.degrees @ reach
-    # Change of F'' within the reach, applied to z' twice.
     variation = (test.third_bound * sums + test.error) * (test.degrees @ velocity) ** 2
+    # (k,) -Y F''(t, t) at the centre. Coordinate 0 is along t.
     bend = -test.second_derivatives[:, 0, 0]
     magnitudes = np.abs(test.second_derivatives)
-    # Deviation of Y F''(z', z') from its value at the centre for z' = t, then the factor
-    # by which (F'N)^-1 may differ from Y.
-    deviation = (
+    # (k,) deviation of Y F''(z', z') from its value at the centre for z' = t.
+    form_deviation = (
         test.inverse_size @ variation
         + magnitudes @ velocity @ velocity
         - magnitudes[:, 0, 0]
     ) * ROUND_UP
+    # The inverse of F'N differs from Y by at most this factor, relative to Y.
     inverse_factor = bounds.contraction / (1.0 - bounds.contraction)
-    largest_bend = np.max(np.abs(bend) + deviation)
-    deviation = (deviation + inverse_factor * largest_bend) * ROUND_UP + 1e-15
+    largest_bend = np.max(np.abs(bend) + form_deviation)
+    bend_error = (form_deviation + inverse_factor * largest_bend) * ROUND_UP + 1e-15
     second = normals @ bend
-    second_error = np.abs(normals) @ deviation * ROUND_UP
+    second_error = np.abs(normals) @ bend_error * ROUND_UP
     return RateBounds(
         rate_low=tangent - rate_error,
         rate_high=tangent + rate_error,
@@ -463,7 +465,7 @@ def _enclose_zero(
         if position is None:
             position = piece.centre
         circle_points = cosines_and_sines(position[None])
-        slopes = equations.harmonics.derivatives(circle_points, 1)[1][0]
+        _, (slopes,) = equations.harmonics.derivatives(circle_points, 1)
         tangent_frame = find_frame(slopes, piece.tangent)
         if tangent_frame is None:
             return end_sign * np.zeros(1)
@@ -491,7 +493,9 @@ def _enclose_zero(
             middle = _find_middle_piece(equations, piece, stretch.end, ratio)
             if middle is None:
                 continue
-            if _rate_signs(middle, 0.0, variable)[0] != side * end_sign:
+            # The rate has different signs before and after the zero.
+            rate_sign, _ = _rate_signs(middle, half_length=0.0, variable=variable)
+            if rate_sign != side * end_sign:
                 continue
             # An arc after the zero becomes the end, one before it the start.
             if side > 0:
