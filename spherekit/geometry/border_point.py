@@ -55,10 +55,10 @@ def find_crossings(
 ) -> tuple[Floats, Indices]:
     """Return the points where arcs leave a region, and the margins that end it there.
 
-    The region is a set of directions. An arc of a great circle crosses its border once.
     The region consists of the directions at which all margins (functions of the direction)
-    are at least 0. On each arc the smallest margin changes its sign. The margin that ends
-    the region is the one that becomes negative there.
+    are at least 0. Each arc, which is part of a great circle, crosses the border of the
+    region once. There the smallest margin changes its sign. The margin that ends the region
+    is the one that becomes negative.
 
     Parameters
     ----------

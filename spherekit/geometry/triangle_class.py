@@ -89,7 +89,8 @@ def _interpolation_matrices() -> tuple[Floats, Floats, Floats]:
     slopes
         (3, 2, 6) to the derivatives along the edges 12 and 13 (per edge), at each vertex.
     checks
-        (7, 6) to the values at `CHECK_TWELFTHS`.
+        (7, 6) to the values at the check points, whose barycentric coordinates are
+        `CHECK_TWELFTHS` / 12.
     """
     # b1 is the sample at vertex 1, and b12 twice the sample at the midpoint of edge 12 less
     # the mean of the samples at its ends.

@@ -180,9 +180,10 @@ class Joint(ABC):
 
     @classmethod
     def evaluate_states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
-        """Return the states (n, m) of joints at the values (n, m, variables).
+        """Return the frames and curvatures of m contacts at n samples.
 
-        This method is for contacts; R pairs override it. Variables that are not finite are
+        `values` are the variables (n, m, variables of a joint). This method is for
+        contacts; R pairs override it. Variables that are not finite are
         replaced by finite numbers, because curves are defined at finite arc lengths only.
         """
         states = PairStates.blank(len(values), len(joints))

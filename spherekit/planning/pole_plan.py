@@ -81,9 +81,10 @@ class LinePole:
 
     @property
     def case(self) -> str:
-        """The case of the lecture: (a) two great circles through poles, (b) one, (c) none.
+        """The case in R. Di Gregorio's lecture, by the great circles through poles.
 
-        The other lines are contact planes.
+        There are two in case (a), one in case (b), and none in case (c). Contact planes
+        replace the others.
         """
         needed_circles = 1 if self.contacts else 2
         return "cba"[min(len(self.via), needed_circles)]
@@ -115,7 +116,7 @@ class BlockPoles:
     opening
         A pole from which passes of the Aronhold-Kennedy theorem find the others.
     passes
-        The steps of these passes, in the order of the lecture.
+        The steps of these passes, pass after pass.
     """
 
     links: tuple[int, ...]

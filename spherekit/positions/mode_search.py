@@ -156,6 +156,8 @@ class ModeSearch:
         # is one.
         mobilities = modes.mobilities
         if mobilities:
+            # If there is no mode, or the first start has too few degrees of freedom, a
+            # mobility other than the number of inputs is an error.
             first_is_immobile = mobilities[0] < len(self.solver.driven)
             if not modes.assembly_modes or first_is_immobile:
                 check_mobility(self.solver, min(mobilities))
