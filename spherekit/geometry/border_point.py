@@ -72,7 +72,8 @@ def find_crossings(
     points
         (n, 3) unit vectors on the border.
     margins
-        (n,) numbers of the margins, as of `find_active_margins`.
+        (n,) numbers of the margins; `UNDEFINED_MARGIN` if the region ends because a margin
+        is NaN.
     """
     length = arc(inside, outside)
 

@@ -69,8 +69,11 @@ def points_beside_chords(
 
     Parameters
     ----------
-    frames, length
-        (n, 3, 3) as of `chord_frames`, and (n,) arcs of the chords (rad).
+    frames
+        (n, 3, 3) frames of the chords. Their rows are unit vectors: to the start, along the
+        chord at its start, and to its left.
+    length
+        (n,) arcs of the chords (rad).
     u
         Parameter from -1 to 1 along the chords, of a shape that broadcasts with `height`.
     height
@@ -80,6 +83,7 @@ def points_beside_chords(
     -------
     (n, ..., 3) unit vectors.
     """
+    # Angle (rad) from the start along the chord.
     angle = 0.5 * np.expand_dims(length, (*range(1, np.ndim(height)),)) * (1.0 + u)
     level = np.cos(height)
     components = [level * np.cos(angle), level * np.sin(angle), np.sin(height)]

@@ -287,8 +287,10 @@ def _find_parts(
 
     Returns
     -------
-    components, gaps, boundaries
-        As in `Region`.
+    components, gaps
+        Connected parts of the region and of its outside, the largest first.
+    boundaries
+        Closed curves between a component and a gap.
     """
     triangles = refinement.triangles
     depth = smallest_margins(refinement.values)
@@ -377,8 +379,11 @@ def _find_excluding_sets(
         All margins.
     values
         (V, k) margins at directions that were evaluated before.
-    spacing, feature
-        As in `find_region` (rad).
+    spacing
+        Longest edge (rad) of the first triangles of a mesh.
+    feature
+        Triangles in which a part of a region may be hidden are cut until their edges are
+        shorter than this (rad).
 
     Returns
     -------

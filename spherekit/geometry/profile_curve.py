@@ -270,8 +270,10 @@ def spline_fits(points: ArrayLike, closed: bool) -> Iterator[tuple[SplinePath, A
 
     Parameters
     ----------
-    points, closed
-        As for `through`.
+    points
+        (m, 3) unit vectors. The first one is not repeated at the end of a closed curve.
+    closed
+        Whether the curve returns to its first point.
     """
     unit_points = normalised_points(points, closed)
     steps = arc(unit_points[:-1], unit_points[1:])

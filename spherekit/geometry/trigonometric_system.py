@@ -252,9 +252,12 @@ def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complex
     Parameters
     ----------
     equations
-        (t, 3, ..., 3) one system of two or three equations.
+        (t, 3, ..., 3) coefficients of one system of two or three equations. Each axis of
+        length 3 belongs to an angle: its indices are the factors of 1, the cosine and the
+        sine.
     incidence
-        (t, t) as in `eliminant_degree`, which must not return 0 for it.
+        (t, t) whether an equation (row) contains an angle (column). The
+        `eliminant_degree` must not be 0.
 
     Returns
     -------
@@ -316,9 +319,11 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) systems.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
+        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
     incidence
-        (t, t) as in `eliminant_degree`, which must not return 0 for it.
+        (t, t) whether an equation (row) contains an angle (column). The
+        `eliminant_degree` must not be 0.
 
     Returns
     -------
@@ -375,9 +380,12 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) real systems of two or three equations.
+        (n, t, 3, ..., 3) real coefficients of n systems of two or three equations. Each
+        axis of length 3 belongs to an angle: its indices are the factors of 1, the cosine
+        and the sine.
     incidence
-        (t, t) as in `eliminant_degree`, which must not return 0 for it.
+        (t, t) whether an equation (row) contains an angle (column). The
+        `eliminant_degree` must not be 0.
 
     Returns
     -------
@@ -447,7 +455,8 @@ def _eliminate(
     angles
         (n, 2 degree, t) array that is changed in place.
     equations, incidence
-        As in `find_all_angles`.
+        The systems, and which of their equations contain which angles, as in
+        `find_all_angles`.
     systems
         (k,) indices of the systems to solve.
     starts_per_root
@@ -478,7 +487,8 @@ def _solve_at_roots(
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) systems.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
+        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
     roots
         (n, k) values of e^(ix), x the first angle.
     starts_per_root
@@ -574,7 +584,8 @@ def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForm
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) systems.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
+        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
     first_angles
         (n, r) values of the first angle (rad).
     """
@@ -612,9 +623,10 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) systems.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
+        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
     incidence
-        Which equations contain which angles, see `eliminant_degree`.
+        (t, t) whether an equation (row) contains an angle (column).
     """
     degree = eliminant_degree(incidence)
     power = _resultant_degree(incidence)
@@ -675,7 +687,8 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) systems.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
+        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
     first_angles
         (n, r) first angles (rad) of solutions.
 
@@ -712,7 +725,8 @@ def _best_starts(
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) systems.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
+        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
     starts
         (n, root_count * s, t) angles (rad), the s starts of a root one after another.
     root_count
@@ -738,7 +752,8 @@ def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) systems.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
+        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
     angles
         (n, m, t) starts (rad), m for each system.
     """
@@ -771,7 +786,8 @@ def _relative_residual(equations: Numbers, angles: Complexes) -> Floats:
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) systems.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
+        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
     angles
         (n, m, t) angles (rad). Those with large imaginary parts have large cosines and
         sines, by which the residual is divided.
@@ -800,7 +816,8 @@ def jacobian_determinants(equations: Numbers, angles: Complexes) -> Complexes:
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) systems.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
+        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
     angles
         (n, m, t) angles (rad), m for each system.
 
@@ -818,7 +835,8 @@ def _evaluate(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complex
     Parameters
     ----------
     equations
-        (n, t, 3, ..., 3) systems.
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
+        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
     angles
         (n, m, t) angles (rad), m for each system.
 

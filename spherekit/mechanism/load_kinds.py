@@ -148,7 +148,8 @@ class PointForce(Load):
     point
         (3,) point (m) in link axes.
     force
-        Expressions of the components (N), as in `PairTorque`.
+        Expressions of the components (N) in pair variables ``theta_PAIR``, their rates
+        ``dtheta_PAIR`` and the time ``t``.
     axes
         Axes of the components: those of the ground or of the link.
     """
@@ -184,7 +185,8 @@ class Moment(Load):
     link
         Name of the link.
     moment
-        Expressions of the components (N m), as in `PairTorque`.
+        Expressions of the components (N m) in pair variables ``theta_PAIR``, their rates
+        ``dtheta_PAIR`` and the time ``t``.
     axes
         Axes of the components: those of the ground or of the link.
     """

@@ -351,8 +351,11 @@ def _play_with_locked_inputs(
 
     Returns
     -------
-    body_of_link, pebble_game
-        As in `check_mobility`.
+    body_of_link
+        For each link the smallest link of its rigid body while the locked inputs stand
+        still.
+    pebble_game
+        The game on these bodies, for questions about parts of the chain.
 
     Raises
     ------

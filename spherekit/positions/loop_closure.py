@@ -185,15 +185,20 @@ class Closure:
 
         Parameters
         ----------
-        values, fixed, max_steps, longest_step
-            As in `solve`.
+        values
+            (n, variables) start values (rad).
+        fixed
+            Numbers of the variables that are not changed.
+        max_steps, longest_step
+            Largest number of steps, and largest change (rad) of a variable in one step.
 
         Returns
         -------
         linearisation
             The closure at the last values.
         step_sizes
-            (2, n) sizes of the first steps, as `newton` returns them.
+            (2, n) the largest change of a variable in the first step (rad), and that in the
+            second step relative to the first.
         """
         # The passive variables, which are not fixed, are the unknowns of Newton's method.
         passive = np.delete(np.arange(values.shape[1]), fixed)

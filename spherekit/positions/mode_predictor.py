@@ -219,10 +219,14 @@ def _follow_from_dead_centre(
 
     Parameters
     ----------
-    closure, driven, low, high
-        As in `follow_each`.
+    closure
+        The loops of the whole mechanism.
+    driven
+        Number of the variable of the input.
     values
         (variables,) the dead centre (rad).
+    low, high
+        Range of the input (rad).
 
     Returns
     -------
@@ -277,10 +281,14 @@ def _follow_from_nodes(
 
     Parameters
     ----------
-    closure, driven, low, high
-        As in `follow_each`.
+    closure
+        The loops of the whole mechanism.
+    driven
+        Number of the variable of the input.
     starts
         n nodes.
+    low, high
+        Range of the input (rad).
     """
     start_inputs = starts.values[:, driven]
     count = len(starts.values)

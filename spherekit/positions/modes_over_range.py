@@ -225,8 +225,8 @@ class ModesOverRange:
 
         Returns
         -------
-        For each configuration the closed one (variables,), and its curve; None if its
-        mobility by rank is not 1.
+        For each configuration the closed one (variables,), and its curve. The curve is None
+        if the rank of the velocity equations does not leave one degree of freedom.
         """
         solver = self.solver
         values = solver.closure.solve(values, fixed=solver.driven).values

@@ -444,7 +444,7 @@ class SampledModes:
             A node of the mode of the reference pose, which becomes mode 0. None without
             one.
         shares_numbers
-            As for the constructor.
+            Whether modes with the same signs and no neighbouring samples become one mode.
         """
         graph = self._graph
         # The largest modes come first.
