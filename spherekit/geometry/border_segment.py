@@ -128,8 +128,11 @@ class BorderSegments(ArrayRows):
 
     Attributes
     ----------
-    frames, length
-        (n, 3, 3) frames of the chords, see `chord_frames`, and (n,) their arcs (rad).
+    frames
+        (n, 3, 3) frames of the chords. Their rows are unit vectors: to the start, along the
+        chord at its start, and to its left.
+    length
+        (n,) arcs of the chords (rad).
     margin
         (n,) number of the margin that is zero on the segment.
     triangle

@@ -191,7 +191,8 @@ def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
     triangles
         (n, 3) vertex numbers.
     samples
-        (10, n, k) margins, see `classify_triangles`.
+        (10, n, k) margins: at the three vertices, at the midpoints of the edges 12, 23 and
+        31, at a check point on each of these edges, and at the centroid.
     """
     # Six samples determine a polynomial of degree 2, which its Bernstein coefficients
     # bound. Its error is measured at four check points.

@@ -88,7 +88,7 @@ class Bearings(BearingFriction):
 
     @property
     def needs_forces(self) -> bool:
-        """See `BearingFriction`."""
+        """Whether the friction also follows from the force through the centre."""
         return self.axial is not None
 
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
@@ -176,7 +176,7 @@ class Bearings(BearingFriction):
                 )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """See `Load`."""
+        """Return one component, whose magnitude -tanh(v / speed) is per N m of friction."""
         magnitude = f"-tanh(dtheta_{self.pair}/{format_number(self.speed)})"
         if not self.friction_coefficient > 0.0:
             magnitude = "0"
@@ -218,7 +218,7 @@ class ContactFriction(BearingFriction):
         return self.coefficient
 
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
-        """Return the push (..., 1, 3), N m, see `BearingFriction`.
+        """Return the push (..., 1, 3), N m, from the moments (..., 3) of the contact.
 
         The force along the normal has a moment about the centre along the tangent, which is
         the first axis of the pair. The push is this part of the moment.
@@ -226,7 +226,7 @@ class ContactFriction(BearingFriction):
         return (moments * [1.0, 0.0, 0.0])[..., None, :]
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """See `Load`."""
+        """Return one component, whose magnitude -tanh(v / speed) is per N m of friction."""
         if not self.friction_coefficient > 0.0:
             return (LoadComponent(parse("0", [])),)
         rate = sliding_rate_name(self.pair)

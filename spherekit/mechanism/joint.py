@@ -332,9 +332,11 @@ class Sliding(Joint):
 
     @staticmethod
     def velocity_vectors(frames: Floats, curvatures: Floats) -> Floats:
-        """Return n + k1 p and -(n + k2 p), see `Joint.velocity_vectors`.
+        """Return the velocity vectors n + k1 p and -(n + k2 p) of both arc lengths.
 
-        n is the normal, p the contact point, and k1 and k2 are the curvatures.
+        A velocity vector is the angular velocity of the second link relative to the first
+        per unit rate of a variable. n is the normal and p the contact point, in the columns
+        1 and 2 of `frames`. k1 and k2 are the geodesic curvatures of the profiles.
         """
         normal, point = frames[..., 1], frames[..., 2]
         k1, k2 = curvatures[..., :1], curvatures[..., 1:]
@@ -348,7 +350,8 @@ class Sliding(Joint):
 
         These are the velocity vectors of the two arc lengths s1 and s2 along the profiles.
         n and p are the normal and the contact point in the columns 1 and 2 of `frames`, and
-        k1 and k2 the geodesic curvatures. Parameters and shapes: see `Joint.vector_rates`.
+        k1 and k2 the geodesic curvatures, which `states` has with their rates. The angular
+        velocities of both links are `first_w` and `second_w` (rad/s).
 
         The angular velocity w of the second link relative to the first is w = s1' (n +
         k1 p) - s2' (n + k2 p). Multiplied by n and p, this gives the rates s1' = (w . p -
@@ -434,9 +437,11 @@ class Rolling(Joint):
 
     @staticmethod
     def velocity_vectors(frames: Floats, curvatures: Floats) -> Floats:
-        """Return (k1 - k2) p, see `Joint.velocity_vectors`.
+        """Return the velocity vector (k1 - k2) p of the rolled length.
 
-        p is the contact point, and k1 and k2 are the curvatures.
+        It is the angular velocity of the second link relative to the first per unit rate of
+        the rolled length. p is the contact point, and k1 and k2 are the geodesic curvatures
+        of the profiles.
         """
         # The last column of a frame is the contact point.
         return ((curvatures[..., :1] - curvatures[..., 1:]) * frames[..., 2])[:, :, None]

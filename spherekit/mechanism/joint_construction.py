@@ -30,7 +30,19 @@ def make_joints(
 ) -> tuple[Joint, ...]:
     """Return the joints of a mechanism in the order of its pairs.
 
-    See `make_joints_in_pose` for the parameters and errors.
+    Parameters
+    ----------
+    mechanism
+        Mechanism given by sizes of links or by a reference pose.
+    profile_gap
+        Largest gap (rad) of two profiles in the reference pose. Profiles with a smaller gap
+        touch where they are nearest to each other.
+
+    Raises
+    ------
+    ModelError
+        If the numbers of a profile define no curve, or profiles do not touch in the
+        reference pose.
     """
     return make_joints_in_pose(mechanism, profile_gap)[0]
 

@@ -361,7 +361,7 @@ class TorqueTable(Load):
             yield from (t + number * period for t in self.times)
 
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
-        """See `Load`."""
+        """Check the fields, and that a periodic table ends with its first torque."""
         super().check(key, mechanism)
         check_table_rows(
             f"{key}.", "torques", times=self.times, values=self.torques, min_rows=2
@@ -373,7 +373,7 @@ class TorqueTable(Load):
             )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """See `Load`."""
+        """Return one component, whose magnitude is the table itself."""
         return (LoadComponent(self, self.pair),)
 
 
@@ -383,7 +383,8 @@ def check_field(kind: str, key: str, value: Any, mechanism: LoadedMechanism) -> 
     Parameters
     ----------
     kind
-        What the field contains, see `Load.field_kinds`.
+        What the field contains, as in `Load.field_kinds`: for example "pair" for the name
+        of an R pair, or the unit of a number that is not negative.
     key
         Key of the field in the file of the mechanism, for messages.
     value
@@ -504,8 +505,12 @@ def make_component(
         The mechanism whose R pairs have the variables.
     magnitude
         The expression, such as ``-2.0*dtheta_21``.
-    pair, moments, bearing_friction
-        See `LoadComponent`.
+    pair
+        Pair at which the component acts, or empty.
+    moments
+        Moments on links that are multiplied by the magnitude, if it acts at no pair.
+    bearing_friction
+        The load whose friction the component is, if it follows from a reaction.
     """
     expression = parse(magnitude, load_names(mechanism.angles))
     return LoadComponent(

@@ -68,7 +68,7 @@ class PairTorque(Load):
     torque: str | TorqueFunction
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """See `Load`."""
+        """Return one component: the torque at the pair, an expression or a function."""
         if isinstance(self.torque, str):
             return (make_component(mechanism, self.torque, self.pair),)
         return (LoadComponent(TorqueCallback(self.pair, self.torque), self.pair),)
@@ -167,7 +167,7 @@ class PointForce(Load):
     axes: Axes = "ground"
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """See `Load`."""
+        """Return the components of the force as moments on the link about the centre."""
         return _link_components(mechanism, self, self.force, as_vector(self.point))
 
 
@@ -200,7 +200,7 @@ class Moment(Load):
     axes: Axes = "ground"
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """See `Load`."""
+        """Return the components of the moment on the link."""
         return _link_components(mechanism, self, self.moment, arm=None)
 
 

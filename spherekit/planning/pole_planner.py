@@ -121,7 +121,7 @@ def plans(mechanism: Mechanism, by_rank: bool = False) -> tuple[Plan, ...]:
     Raises
     ------
     PlanError
-        See `plan`.
+        If the number of inputs is not the mobility, or a part is rigid or loose.
     """
     names = mechanism.names_of(driven_pairs(mechanism))
     return tuple(plan(mechanism, None, name, by_rank) for name in names)

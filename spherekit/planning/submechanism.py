@@ -140,7 +140,8 @@ def part_for(mechanism: Mechanism, links: Iterable[int]) -> Mechanism:
     Raises
     ------
     PlanError
-        See `spherekit.planning.assembly_plan.plan_assembly`.
+        If there is not one freedom for each input, an input is a contact pair or no
+        independent freedom, or a part is rigid.
     """
     try:
         assembly = plan_assembly(mechanism)

@@ -565,7 +565,7 @@ class ConfigurationGraph:
     def first_node(self, mode: Indices) -> tuple[int, int]:
         """Return the first sample at which a mode has a node, and this node.
 
-        `mode` (n,) lists the node at each sample, or -1, as `modes` returns it.
+        `mode` (n,) lists the node at each sample, or -1 where it has none.
         """
         # argmax of booleans is the position of the first True.
         sample = int(np.argmax(mode >= 0))
@@ -579,7 +579,7 @@ class ConfigurationGraph:
     def regular_node(self, mode: Indices) -> int:
         """Return the first regular node of a mode, or its first node if all are singular.
 
-        `mode` (n,) lists the node at each sample, or -1, as `modes` returns it.
+        `mode` (n,) lists the node at each sample, or -1 where it has none.
         """
         nodes = mode[mode >= 0]
         # argmax is the position of the first True, and 0 if there is none.

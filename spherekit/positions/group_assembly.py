@@ -194,7 +194,7 @@ def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floa
 
     Returns
     -------
-    (n,) sine that is zero at the dead centre of the dyad, as `close_dyad` returns it.
+    (n,) sine that is zero at the dead centre of the dyad, where its two modes meet.
     """
     # Positions of the pairs in the group: the outer pairs join the two free bodies 1 and 2
     # to the base body 0, and the middle pair joins them to each other.
