@@ -44,11 +44,11 @@ class LinearisedFunctions(NamedTuple):
     objectives
         (k,) functions whose maximum is minimised.
     objective_gradients
-        (k, n) their derivatives by the n variables.
+        (k, n) derivatives of the objectives by the n variables.
     limits
         (m,) functions that must not be positive.
     limit_gradients
-        (m, n) their derivatives.
+        (m, n) derivatives of the limits by the n variables.
     """
 
     objectives: Floats

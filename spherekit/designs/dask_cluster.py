@@ -354,9 +354,9 @@ def _take_part(
 ) -> None:
     """Make sure that all files of a finished part are in the folder of this machine.
 
-    If the worker sent the files, they are written here. If the worker wrote them to a
-    shared disk, this function waits until they are visible on this machine, for at most
-    `VISIBLE_SECONDS`.
+    A sweep evaluates many designs of a mechanism, in numbered parts. If the worker sent the
+    files, they are written here. If the worker wrote them to a shared disk, this function
+    waits until they are visible on this machine, for at most `VISIBLE_SECONDS`.
 
     Parameters
     ----------
@@ -391,8 +391,9 @@ def _take_part(
 class PartComputer:
     """Computes parts of a sweep on a worker of the cluster.
 
-    It is created by the command on the user's machine and sent to the workers. A call
-    computes one part.
+    A sweep evaluates many designs of a mechanism, in numbered parts. The command on the
+    user's machine creates this object and sends it to the workers. A call computes one
+    part.
 
     Attributes
     ----------

@@ -345,8 +345,8 @@ class Descent:
             (variables,) the design at which the descent begins, in units of the ranges of
             the variables (0 to 1).
         mode
-            The assembly mode. Designs in which it closes at fewer samples than at the
-            beginning are refused.
+            The assembly mode (way to assemble the mechanism). Designs in which it closes at
+            fewer samples than at the beginning are refused.
         aim
             (k,) aims of the objectives.
 
@@ -388,8 +388,9 @@ class Descent:
         Parameters
         ----------
         mode
-            The assembly mode (way to assemble the mechanism). Its configurations are
-            tracked from design to design, after each descent from the design at its end.
+            The assembly mode (way to assemble the mechanism). The configurations of other
+            designs are computed from those of one design of this mode. After each descent,
+            the design at its end takes this role.
         x
             (variables,) the first point, in units of the ranges of the variables (0 to 1).
         """
@@ -448,9 +449,10 @@ class Descent:
     ) -> Iterator[Floats]:
         """Yield starts of descents that may lead to a better design than an optimum.
 
-        They are rows of the sweep, and optima of other descents, in the same assembly mode.
-        A start whose objectives exceed those of the optimum less comes earlier. Starts keep
-        a distance (`MIN_START_DISTANCE`) from the optimum and from each other.
+        They are rows of the sweep, and optima of other descents, in the same assembly mode
+        (way to assemble the mechanism). A start whose objectives exceed those of the
+        optimum less comes earlier. Starts keep a distance (`MIN_START_DISTANCE`) from the
+        optimum and from each other.
 
         Yields
         ------
@@ -496,8 +498,9 @@ def select_unbeaten(
 ) -> list[LocalOptimum]:
     """Return the optima that no other optimum of the same assembly mode beats.
 
-    An optimum beats another if one of its objectives is smaller by more than the tolerance
-    and no objective is larger by more than the tolerance.
+    An assembly mode is one of the ways to assemble the mechanism. An optimum beats another
+    if one of its objectives is smaller by more than the tolerance and no objective is
+    larger by more than the tolerance.
 
     Parameters
     ----------

@@ -511,8 +511,9 @@ class DesignEvaluator:
     ) -> tuple[DesignTable, Indices]:
         """Return the figures of merit of designs in all assembly modes, found by tracking.
 
-        All solutions of the closure equations are known for one design. They are computed
-        for other designs while the sizes change step by step.
+        An assembly mode is one of the ways to assemble the mechanism. All solutions of the
+        closure equations are known for one design. They are computed for other designs
+        while the sizes change step by step.
 
         Parameters
         ----------
@@ -712,13 +713,15 @@ class DesignEvaluator:
     ) -> Floats:
         """Return the revolution offsets of the assembly modes of one design.
 
-        A revolution offset is the multiple of 2 pi to be added to an angle so that it is
-        continuous along the samples.
+        An assembly mode is one of the ways to assemble the mechanism. A revolution offset
+        is the multiple of 2 pi to be added to an angle so that it is continuous along the
+        samples.
 
         Parameters
         ----------
         kernel
-            Its `unwrapped_pairs` are those whose offsets are needed.
+            The function that evaluates quantities of the design. Its `unwrapped_pairs` are
+            the pairs on whose whole revolutions loads depend.
         solver
             The position solver of the design.
         values
@@ -890,10 +893,11 @@ class DesignEvaluator:
 def most_regular_configurations(motion: Motion) -> list[Floats]:
     """Return the configuration of each assembly mode that is farthest from a singular one.
 
-    In a singular configuration the closure equations do not determine the rates of the
-    other pairs from those of the inputs. The distance is measured by the least singular
-    value of the Jacobian of the closure equations with respect to the passive variables
-    (those of no input).
+    An assembly mode is one of the ways to assemble the mechanism. In a singular
+    configuration the closure equations do not determine the rates of the other pairs from
+    those of the inputs. The distance is measured by the least singular value of the
+    Jacobian of the closure equations with respect to the passive variables (those of no
+    input).
 
     Parameters
     ----------

@@ -242,8 +242,9 @@ def _accumulate_growth(
 ) -> Floats:
     """Add up the changes of angles, so that they continue over full revolutions.
 
-    An assembly mode of a design may close over a part of the stations only. Where it closes
-    again after a gap, the sum begins anew at the input at which the mode starts to close.
+    An assembly mode (way to assemble the mechanism) of a design may close over a part of
+    the stations only. Where it closes again after a gap, the sum begins anew at the input
+    at which the mode starts to close.
 
     Parameters
     ----------

@@ -273,9 +273,10 @@ class DesignRuns:
     ) -> DesignTable:
         """Return the rows of a design whose run failed.
 
-        Rows that the kernel has computed keep their figures of merit. Figures of the run
-        are NaN. Status and reason are those of the failure, unless the kernel has given a
-        reason already.
+        A kernel is a function that computes quantities of many designs at once. Rows that
+        the kernel has computed keep their figures of merit. Figures of the run are NaN.
+        Status and reason are those of the failure, unless the kernel has given a reason
+        already.
 
         Parameters
         ----------
@@ -371,23 +372,30 @@ class DesignRuns:
     ) -> DesignTable:
         """Return rows with the figures of merit of a run, and the numbers of its modes.
 
+        A kernel is a function that computes quantities of many designs at once.
+
         Parameters
         ----------
         rows
             The n rows of a design. They may have figures that a kernel has computed.
         modes
-            (n,) the assembly mode of the run to which each row belongs, `NO_TABLE_MODE` if
-            there is none.
+            (n,) the assembly mode (way to assemble the mechanism) of the run to which each
+            row belongs, `NO_TABLE_MODE` if there is none.
         figures
             The figures of the run, by name and then by mode. A figure is NaN in a row if
             its mode does not have it.
         """
+        # Figures that only a kernel computes are NaN if the rows do not have them.
         merits = {name: nans(len(modes)) for name in self._kernel_names} | dict(rows.merits)
+        # `units` has the names of the figures of the run.
         for name in self.units:
-            by_mode = figures.get(name, {})
+            figure_by_mode = figures.get(name, {})
             # A figure of a table without modes applies to every mode.
-            common = by_mode.get(NO_TABLE_MODE, NAN)
-            merits[name] = np.array([by_mode.get(mode, common) for mode in modes])
+            common_figure = figure_by_mode.get(NO_TABLE_MODE, NAN)
+            merits[name] = np.array(
+                [figure_by_mode.get(mode, common_figure) for mode in modes]
+            )
+        # The number of the assembly mode, by which rows of the stored tables are found.
         if self.tables:
             merits[ASSEMBLY] = np.array(
                 [float(mode.label) if mode.column == ASSEMBLY else NAN for mode in modes]
@@ -399,9 +407,10 @@ class DesignRuns:
     ) -> int | None:
         """Return the index of the kernel row with the same assembly mode, or None.
 
-        A run numbers assembly modes, a kernel labels them by the signs of their dyads (two
-        links and three R pairs each). Modes are compared by these signs. The answer is None
-        if signs do not identify the modes of the kernel, or are those of another linkage.
+        A kernel is a function that computes quantities of many designs at once. A run
+        numbers assembly modes, a kernel labels them by the signs of their dyads (two links
+        and three R pairs each). Modes are compared by these signs. The answer is None if
+        signs do not identify the modes of the kernel, or are those of another linkage.
 
         Parameters
         ----------

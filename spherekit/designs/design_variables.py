@@ -216,6 +216,8 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
         return {}
     variables = {}
     for link in mechanism.links:
+        # Each size has a kind ("arcs" or "angles"), the pair to whose axis it leads, and a
+        # value.
         sizes = pose_sizes(mechanism, link)
         kinds = [kind for kind, *_ in sizes]
         for kind, pair, value, _ in sizes:

@@ -197,9 +197,10 @@ class FigureGradients:
         design
             The design.
         position_arguments
-            (w, samples + points) numbers that determine the positions of an assembly mode:
-            in closed form the signs of its dyads, otherwise its pair variables (rad).
-            Points are inputs at which single figures of merit are evaluated.
+            (w, samples + points) numbers that determine the positions of an assembly mode
+            (way to assemble the mechanism): in closed form the signs of its dyads,
+            otherwise its pair variables (rad). Points are inputs at which single figures of
+            merit are evaluated.
 
         Returns
         -------

@@ -536,7 +536,8 @@ def reduce_samples(
     q
         (k,) the input (rad) at each sample, for ``"argmin"`` and ``"argmax"``.
     values
-        (k, n) values at the samples of n modes, NaN where a mode does not close.
+        (k, n) values at k samples of n assembly modes (ways to assemble the mechanism), NaN
+        where a mode does not close.
     is_closed_path
         Whether the last sample is the first one after full revolutions of the inputs.
 
@@ -604,7 +605,8 @@ def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
     Parameters
     ----------
     angles
-        (k, n) angles (rad) at k samples of n modes, NaN where a mode does not close.
+        (k, n) angles (rad) at k samples of n assembly modes (ways to assemble the
+        mechanism), NaN where a mode does not close.
     is_closed_path
         Whether the last sample is the first one after full revolutions of the inputs. The
         first piece then continues the last one if the angle is the same at both samples.

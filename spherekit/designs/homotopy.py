@@ -158,9 +158,11 @@ def track_solutions(
     def equations_at(paths: Indices, parameters: Floats) -> tuple[Array, ClosureEquations]:
         """Return the inputs and the closure equations at points of some paths.
 
-        Sizes and inputs change along a path from start to end, as its parameter increases
-        from 0 to 1. The sizes are linear functions of the parameter. The inputs are too,
-        plus the detour times a parabola.
+        A path leads from the sizes and inputs of its start to those of its end, while its
+        parameter increases from 0 to 1. The sizes are linear functions of the parameter.
+        The inputs are a linear function plus the detour times a parabola. `sizes` and
+        `inputs` of the enclosing function are pairs: the values at the starts and at the
+        ends.
 
         Parameters
         ----------

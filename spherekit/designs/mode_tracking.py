@@ -197,9 +197,9 @@ def is_real(solutions: Array) -> Bools:
 def _merge_modes(mode_ids: Integers, mode: int, other_mode: int) -> None:
     """Merge two assembly modes of one design that a path of configurations connects.
 
-    An assembly mode has one configuration per sample. Two modes that both have a
-    configuration at some sample are therefore not merged. This happens where paths around a
-    singularity lead from one mode to the other.
+    An assembly mode is one of the ways to assemble the mechanism. It has one configuration
+    per sample. Two modes that both have a configuration at some sample are therefore not
+    merged. This happens where paths around a singularity lead from one mode to the other.
 
     Parameters
     ----------

@@ -454,10 +454,12 @@ class Sensitivity:
 
         Parameters
         ----------
-        samples, values
-            (n, 3 inputs + 1) and (n, variables), as for `at`.
+        samples
+            (n, 3 inputs + 1) inputs (rad), their rates and accelerations, and the time (s).
+        values
+            (n, variables) pair variables (rad) of the nominal mechanism.
         deviations
-            (sizes, draws) deviations, in rad or the unit of the number.
+            (sizes, draws) deviations of the sizes, in rad or the unit of the number.
 
         Returns
         -------
@@ -466,7 +468,9 @@ class Sensitivity:
         """
         draw_count = deviations.shape[1]
         design = self._nominal_design
+        # The sizes of each draw as the equations have them. Impossible draws have NaN.
         sizes, _ = self._varied_mechanism.kernel_sizes(design.values[:, None] + deviations)
+        # Contact profiles of the draws, if they are not circles.
         profiles = None
         if design.profiles is not None:
             profiles = design.profiles.interpolate_to(deviations)

@@ -251,9 +251,10 @@ class Sweep:
     def definition(self) -> Facts:
         """Return everything on which the results depend, by name.
 
-        The definition is stored in the folder of the sweep. A folder whose definition
-        differs has parts of another sweep. The versions of the software are included. Long
-        contents, such as the file and the samples, are represented by checksums.
+        A sweep evaluates many designs of a mechanism, in numbered parts. The definition is
+        stored in the folder of the sweep. A folder whose definition differs has parts of
+        another sweep. The versions of the software are included. Long contents, such as the
+        file and the samples, are represented by checksums.
         """
         text = json.dumps(as_json(self.document.data), sort_keys=True)
         return code_identity() | {
@@ -345,8 +346,9 @@ class Sweep:
 
         Returns
         -------
-        The columns by name. Each row is one design in one assembly mode, ordered by design.
-        Designs and rows that do not meet the conditions are left out.
+        The columns by name. Each row is one design in one assembly mode (way to assemble
+        the mechanism), ordered by design. Designs and rows that do not meet the conditions
+        are left out.
         """
         start = number * self.part_size
         designs = self.space.compute_designs(start, start + self.part_size)

@@ -103,6 +103,8 @@ def working_folder(folder: Path, definition: Facts) -> Iterator[str]:
 def _read_definition(path: Path) -> Facts:
     """Read the definition of a sweep from its file.
 
+    A sweep evaluates many designs of a mechanism, in numbered parts.
+
     Raises
     ------
     OutputError

@@ -126,8 +126,8 @@ class SweepResult:
     def frame(self) -> "pd.DataFrame":
         """Return the table of designs of all parts as one pandas frame.
 
-        Each row is one design in one assembly mode. ``attrs["units"]`` has the unit of each
-        column that has one.
+        Each row is one design in one assembly mode (way to assemble the mechanism).
+        ``attrs["units"]`` has the unit of each column that has one.
 
         Raises
         ------
@@ -233,6 +233,8 @@ def run_sweep(
     elsewhere: Workers | None = None,
 ) -> SweepResult:
     """Compute all parts of a sweep.
+
+    A sweep evaluates many designs of a mechanism, in numbered parts.
 
     Parameters
     ----------
@@ -434,20 +436,19 @@ class _Progress:
     def _need_disk(self) -> None:
         """Raise `OutputError` if the disk has too little room for the missing parts.
 
-        Only a sweep with tables of runs is checked. The size of a missing part is estimated
-        by the mean size of the finished ones.
+        A sweep evaluates many designs of a mechanism, in numbered parts. Only a sweep with
+        tables of runs is checked. The size of a missing part is estimated by the mean size
+        of the finished ones.
         """
         if self.sweep.tables:
-            expected_bytes = (
-                self._stored_bytes * self.sweep.part_count / len(self._done_parts)
-            )
-            stored_data = f"the tables of {counted(self.sweep.space.count, 'design')}"
+            # All parts are as large as the finished ones on average.
+            total_bytes = self._stored_bytes * self.sweep.part_count / len(self._done_parts)
             need_disk(
                 self.parts_folder,
-                self._stored_bytes,
-                expected_bytes,
-                stored_data,
-                DISK_FULL_ADVICE,
+                written_bytes=self._stored_bytes,
+                total_bytes=total_bytes,
+                subject=f"the tables of {counted(self.sweep.space.count, 'design')}",
+                advice=DISK_FULL_ADVICE,
             )
 
     def _describe_progress(self) -> str:

@@ -260,8 +260,8 @@ def _require_gradients(specification: Specification) -> DesignEvaluator:
     ------
     DesignError
         If the gradients cannot be computed. Also if there are several objectives, so that a
-        Pareto front is sought, and the assembly modes have no signs that identify them in
-        every design.
+        Pareto front is sought, and the assembly modes (ways to assemble the mechanism) have
+        no signs that identify them in every design.
     """
     sweep = specification.sweep
     evaluator = sweep.evaluator
@@ -287,8 +287,8 @@ def _explore_designs(
 ) -> ExploredDesigns:
     """Evaluate all designs of the sweep and return the best rows.
 
-    A row of the sweep is one assembly mode of one design. The sweep is computed in parts,
-    so that not all rows are in memory at once.
+    A row of the sweep is one assembly mode (way to assemble the mechanism) of one design.
+    The sweep is computed in parts, so that not all rows are in memory at once.
 
     Parameters
     ----------
@@ -350,9 +350,10 @@ def _choose_starts(
 ) -> list[DescentStart]:
     """Return the best rows of a sweep as starts of descents.
 
-    A row is one assembly mode of one design. A row near to a better row of the same mode is
-    left out. The modes of the rows have to be searched, which takes time. This is done
-    block by block, the best rows first, until there are enough starts.
+    A row is one assembly mode (way to assemble the mechanism) of one design. A row near to
+    a better row of the same mode is left out. The modes of the rows have to be searched,
+    which takes time. This is done block by block, the best rows first, until there are
+    enough starts.
 
     Parameters
     ----------
@@ -403,10 +404,11 @@ def _confirm_modes(
 ) -> list[LocalOptimum]:
     """Return the ends of descents that a new search of their assembly modes confirms.
 
-    During a descent the configurations of a mode are tracked from design to design. At the
-    end all modes of the design are searched anew. The optimum is confirmed if one of these
-    modes has its configurations and is as good. The returned optimum has this mode, with
-    its label in a sweep.
+    An assembly mode is one of the ways to assemble the mechanism. During a descent the
+    configurations of a mode are tracked from design to design. At the end all modes of the
+    design are searched anew. The optimum is confirmed if one of these modes has its
+    configurations and is as good. The returned optimum has this mode, with its label in a
+    sweep.
 
     Otherwise the configurations are not connected along the samples, because a dead centre
     has appeared between two samples. The start of the descent is then returned instead.

@@ -101,7 +101,8 @@ class Specification:
         Parameters
         ----------
         columns
-            Columns of the table by name. A row is one assembly mode of one design.
+            Columns of the table by name. A row is one assembly mode (way to assemble the
+            mechanism) of one design.
 
         Returns
         -------
@@ -127,6 +128,8 @@ class Specification:
 
     def score_mode(self, designs: Floats, mode: str) -> ModeScores:
         """Return objectives of designs in one assembly mode, and violated conditions.
+
+        An assembly mode is one of the ways to assemble the mechanism.
 
         Parameters
         ----------
@@ -155,8 +158,9 @@ class Specification:
         """Return a text that says why no design meets the requirements.
 
         The first designs of the sweep are evaluated. The text counts designs that close at
-        no sample, impossible designs with the reason of the first one, and the rows
-        (assembly modes of other designs) that meet each condition.
+        no sample, impossible designs with the reason of the first one, and the rows that
+        meet each condition. A row is one assembly mode (way to assemble the mechanism) of a
+        design that closes.
         """
         designs = self.sweep.space.compute_designs(0, MAX_EXPLAINED_DESIGNS)
         rows = self.add_match(self._tabulate(designs))
@@ -196,8 +200,9 @@ class Specification:
 def select_nondominated(objectives: Floats, modes: Array) -> Indices:
     """Return the nondominated rows of each assembly mode (the Pareto front).
 
-    A row dominates another one of the same mode if no objective is larger and the rows are
-    not equal. Smaller objectives are better.
+    An assembly mode is one of the ways to assemble the mechanism. A row dominates another
+    one of the same mode if no objective is larger and the rows are not equal. Smaller
+    objectives are better.
 
     Parameters
     ----------
@@ -284,7 +289,8 @@ def evolve_fronts(
         pymoo calls `_evaluate` with the points (population, variables) of a generation of
         designs. Coordinates 0 and 1 are the ends of the range of a design variable. pymoo
         then reads the objectives from ``out["F"]`` and the violations of constraints from
-        ``out["G"]``. Designs that do not have the assembly mode get large numbers.
+        ``out["G"]``. Designs that do not have the assembly mode (way to assemble the
+        mechanism) get large numbers.
         """
 
         def __init__(self, mode: str) -> None:

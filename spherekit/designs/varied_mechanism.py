@@ -203,7 +203,7 @@ class VariedMechanism:
     document
         The mechanism file.
     mechanism
-        Its mechanism.
+        The mechanism in the file.
     variables
         The numbers that are varied.
     inputs

@@ -132,6 +132,8 @@ def compute_in_processes(
 class _WorkerDeath:
     """Reports that a worker process ended while it computed a part of a sweep.
 
+    A sweep evaluates many designs of a mechanism, in numbered parts.
+
     Attributes
     ----------
     number
@@ -172,8 +174,9 @@ def _report_death(sweep: Sweep, death: _WorkerDeath, consequence: str) -> None:
 def _sweep_message(sweep: Sweep) -> bytes:
     """Return a sweep pickled for the workers.
 
-    Functions and classes that the calling script defines are included by value, because a
-    worker cannot import the script.
+    A sweep evaluates many designs of a mechanism, in numbered parts. Functions and classes
+    that the calling script defines are included by value, because a worker cannot import
+    the script.
 
     Raises
     ------

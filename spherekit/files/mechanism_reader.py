@@ -203,8 +203,8 @@ class _MechanismReader:
     document
         The file, for messages.
     data
-        Its data, which fits the schema, as `convert_to_model` returns it: angles in rad,
-        directions as unit vectors.
+        The data of the file, which fits the schema, as `convert_to_model` returns it: with
+        angles in rad and directions as unit vectors.
     """
 
     document: Document

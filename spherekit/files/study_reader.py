@@ -78,7 +78,8 @@ class _StudyReader:
     document
         The file, for messages.
     data
-        Its data, which fits the schema, as `convert_to_model` returns it.
+        The data of the file, which fits the schema, as `convert_to_model` returns it: with
+        angles in rad and directions as unit vectors.
     """
 
     document: Document

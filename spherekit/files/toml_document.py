@@ -125,6 +125,7 @@ class Document:
         faults
             Key path and message of each fault. Equal faults are listed once.
         """
+        # Sorted by the line of the key path. A dictionary removes equal faults.
         unique_faults = dict.fromkeys(sorted(faults, key=lambda item: self.line(item[0])))
         sentences = [self.sentence(path, message) for path, message in unique_faults]
         unlisted = len(sentences) - MAX_REPORTED_FAULTS

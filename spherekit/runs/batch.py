@@ -198,8 +198,9 @@ class Batch:
         """Return a function that makes table columns with one row per pole and batch row.
 
         A pole is the instantaneous axis about which one link rotates relative to another. A
-        batch row is one sample in one assembly mode. A column first has the numbers of all
-        poles at the first batch row, then those at the second, and so on.
+        batch row is one sample in one assembly mode (way to assemble the mechanism). A
+        column first has the numbers of all poles at the first batch row, then those at the
+        second, and so on.
 
         The columns can be lazy: their numbers are computed when the table is read. This
         saves time in long runs of an analysis that only writes the columns to its table.
@@ -252,8 +253,9 @@ class Batch:
         """Return the columns of a pole table, with one row per pole and batch row.
 
         A pole is the instantaneous axis about which one link rotates relative to another. A
-        batch row is one sample in one assembly mode. The table has the rows of all poles at
-        the first batch row, then those at the second, and so on.
+        batch row is one sample in one assembly mode (way to assemble the mechanism). The
+        table has the rows of all poles at the first batch row, then those at the second,
+        and so on.
 
         Parameters
         ----------

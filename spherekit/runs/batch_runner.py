@@ -127,7 +127,8 @@ class BlockRows:
     ) -> None:
         """Allocate the arrays and cut the rows into slices. `fill` computes the rows.
 
-        A row is one sample in one assembly mode (way to assemble the mechanism).
+        A row is certified if the error bounds that the kernel computes are small enough. A
+        row is one sample in one assembly mode (way to assemble the mechanism).
 
         Parameters
         ----------
@@ -170,10 +171,10 @@ class BlockRows:
     def fill(self, samples: Indices) -> "list[tuple[int, SliceReversals]]":
         """Compute all rows of the block. Rows without certificate are solved singly.
 
-        A row is one sample in one assembly mode. The kernel, a set of compiled functions,
-        computes many rows at once. It certifies a row if the row's error bounds are small.
-        The arrays of this object (pair variables, residuals, certificates, status codes)
-        are filled.
+        A row is one sample in one assembly mode (way to assemble the mechanism). The
+        kernel, a set of compiled functions, computes many rows at once. It certifies a row
+        if the row's error bounds are small. The arrays of this object (pair variables,
+        residuals, certificates, status codes) are filled.
 
         Parameters
         ----------
@@ -298,8 +299,9 @@ class BlockRows:
     ) -> None:
         """Take a step of Newton's method at rows of a slice whose loops are not closed.
 
-        A step that is too large may lead to another assembly mode and is not taken. The
-        pair variables in `values` and the numbers in `columns` are changed in place.
+        The kernel is a set of compiled functions that evaluate many rows at once. A step
+        that is too large may lead to another assembly mode and is not taken. The pair
+        variables in `values` and the numbers in `columns` are changed in place.
 
         Parameters
         ----------
@@ -326,8 +328,9 @@ class BlockRows:
     def _solve_rows(self, samples: Indices, rows: Indices) -> None:
         """Solve rows by the position analysis, and let the kernel certify the results.
 
-        The entries of these rows in `values` (pair variables), `status`, `closure`
-        (residual and configuration error), `singular_error` and `is_certified` are set.
+        The kernel is a set of compiled functions that evaluate many rows at once. The
+        entries of these rows in `values` (pair variables), `status`, `closure` (residual
+        and configuration error), `singular_error` and `is_certified` are set.
 
         Parameters
         ----------
@@ -645,7 +648,8 @@ class BatchRunner:
         Parameters
         ----------
         sampling
-            The samples of the run. A row is one sample in one assembly mode.
+            The samples of the run. A row is one sample in one assembly mode (way to
+            assemble the mechanism).
         requests
             The poles to evaluate, for each input that moves while the others are locked.
         is_recorded

@@ -39,7 +39,7 @@ def resume_or_start(
     run_plan
         The run to start or to resume.
     run_folder
-        Its folder, if it has one.
+        The folder of the run, if it has one.
     unfinished
         What to do with the unfinished work in the folder.
     keeps_tables

@@ -36,7 +36,7 @@ class Sweep:
     parameter
         Name of the parameter; ``"samples"`` is the number of samples of the run.
     values
-        Its values, the most accurate last.
+        Values of the parameter to try, the most accurate last.
     table, column
         Names of the table and of the column whose numbers are compared.
     match

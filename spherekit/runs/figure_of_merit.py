@@ -70,7 +70,7 @@ class FigureOfMerit:
     table
         ``ANALYSIS.TABLE`` whose rows are reduced; None for quantities that kernels compute.
     meaning
-        Its meaning in a few words.
+        Meaning of the figure in a few words.
     only
         Names and texts of columns of the table. Only rows with these texts are reduced.
     place

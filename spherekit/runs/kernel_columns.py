@@ -39,7 +39,7 @@ class ColumnKey(NamedTuple):
     """Identifies a column: one number of a pole or link at all rows of a block.
 
     A pole is the axis about which one link rotates relative to another. A row is one sample
-    in one assembly mode.
+    in one assembly mode (way to assemble the mechanism).
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class UnsignedPoles(NamedTuple):
     velocities
         (3, poles, k) relative angular velocities per unit rate of the input.
     velocity_rates
-        (3, poles, k) their derivatives by the input.
+        (3, poles, k) derivatives of these velocities by the input.
     """
 
     directions: Floats
@@ -124,6 +124,8 @@ class KernelColumns:
         uncertified: Indices,
     ) -> None:
         """Evaluate the rows that are not certified. Columns are computed by `read`.
+
+        A row is certified if the error bounds that the kernel computes are small enough.
 
         Parameters
         ----------
@@ -203,8 +205,9 @@ class KernelColumns:
     def set_signs(self, sign_functions: Sequence[SignFunction], samples: int) -> None:
         """Choose the senses of all pole directions.
 
-        The signs are applied at once in the rows that are not certified. In the others,
-        `read` applies them when columns are computed.
+        A pole is the axis about which one link rotates relative to another: a line, whose
+        direction has two possible signs. The signs are applied at once in the rows that are
+        not certified. In the others, `read` applies them when columns are computed.
 
         Parameters
         ----------
@@ -276,8 +279,9 @@ class KernelColumns:
     def _replace_uncertified(self, key: ColumnKey, column: Floats, rows: slice) -> Floats:
         """Return a column of a slice, with the right numbers in rows without certificate.
 
-        The kernel does not certify all rows. Ordinary functions have computed the others,
-        and their numbers replace those of the kernel. Failed rows become NaN.
+        A pole is the axis about which one link rotates relative to another. The kernel does
+        not certify all rows. Ordinary functions have computed the others, and their numbers
+        replace those of the kernel. Failed rows become NaN.
 
         Parameters
         ----------

@@ -34,9 +34,9 @@ class Parameter(NamedTuple):
     Attributes
     ----------
     type_text
-        Its type as text.
+        Type of the parameter as text.
     default
-        Its default value, `dataclasses.MISSING` if it has none.
+        Default value of the parameter, `dataclasses.MISSING` if it has none.
     """
 
     type_text: str

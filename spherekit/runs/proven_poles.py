@@ -188,7 +188,7 @@ class PoleKey(NamedTuple):
     Attributes
     ----------
     sample, assembly_mode
-        Numbers of the sample and of the assembly mode.
+        Numbers of the sample and of the assembly mode (way to assemble the mechanism).
     moving
         Name of the moving input.
     links

@@ -123,6 +123,7 @@ def list_analyses() -> list[AnalysisRecord]:
                 error = str(problem)
             origin = _distribution_name(entry)
             analysis_records.append(AnalysisRecord(name, origin, entry.value, error))
+    # The name is the first field of a record, and therefore decides about the order.
     return sorted(analysis_records)
 
 

@@ -41,7 +41,7 @@ def need_memory(
     mechanism
         The mechanism of the run.
     row_count
-        Number of samples times number of assembly modes.
+        Number of samples times number of assembly modes (ways to assemble the mechanism).
     whole_analyses
         Names of the analyses that read all samples at once.
     """

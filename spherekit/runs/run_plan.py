@@ -197,6 +197,8 @@ class RunPlan:
     ) -> Batch:
         """Return the view of a block of samples that an analysis may read.
 
+        A pole is the axis about which one link rotates relative to another.
+
         Parameters
         ----------
         analysis
@@ -259,8 +261,8 @@ class RunPlan:
         run_state
             Its counts are updated in place.
         table_store
-            Receives the rows, with a column for the names of assembly modes if the
-            mechanism names any. None if no rows are kept.
+            Receives the rows, with a column for the names of assembly modes (ways to
+            assemble the mechanism) if the mechanism names any. None if no rows are kept.
         batch
             The samples of the block as the analysis has read them, with which its rows are
             compared to count those that failed. None if these are not counted.
@@ -511,7 +513,8 @@ def motion_rows(sampling: Sampling, motion: Motion, pole_fields: PoleFields) -> 
     """Return the columns of the table of configurations for a block of samples.
 
     The declaration of the table is `motion_table`. The status of a row is that of its
-    configuration or, if this is OK, that of its poles.
+    configuration or, if this is OK, that of its poles. A pole is the axis about which one
+    link rotates relative to another.
     """
     mechanism = sampling.position_analysis.mechanism
     times = {}

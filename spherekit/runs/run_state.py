@@ -154,9 +154,10 @@ class RunState:
     ) -> None:
         """Count the statuses of the rows of a block, and record its largest errors.
 
-        A row is one sample in one assembly mode. The counts and errors of all blocks are
-        shown in the summary of the run. At the first row with a configuration, the mobility
-        and the redundant constraints of the mechanism are computed too.
+        A row is one sample in one assembly mode (way to assemble the mechanism). The counts
+        and errors of all blocks are shown in the summary of the run. At the first row with
+        a configuration, the mobility and the redundant constraints of the mechanism are
+        computed too.
 
         Parameters
         ----------
@@ -191,8 +192,9 @@ class RunState:
     def _count_poles(self, motion: Motion, pole_fields: PoleFields) -> None:
         """Count the statuses of the poles of a block, and record their error bounds.
 
-        Poles are counted in rows with a configuration and with velocities. The rows are
-        counted too, by the way in which their velocities were computed.
+        A pole is the axis about which one link rotates relative to another. Poles are
+        counted in rows with a configuration and with velocities. The rows are counted too,
+        by the way in which their velocities were computed.
 
         Parameters
         ----------

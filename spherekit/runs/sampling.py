@@ -132,7 +132,8 @@ class Sampling:
     def _simulated_motion(self, simulation: Simulation, samples: Indices) -> Motion:
         """Return the motion of a simulation at samples, given by their numbers (n,).
 
-        The motion has one assembly mode, the one in which the simulation starts.
+        The motion has one assembly mode (way to assemble the mechanism), the one in which
+        the simulation starts.
         """
         assert self.timing is not None
         position_analysis = self.position_analysis
@@ -341,7 +342,8 @@ def _sample_inputs(study: Study, mechanism: Mechanism, follow: bool) -> Sampling
     Parameters
     ----------
     study
-        The samples, and options of the search for assembly modes.
+        The samples, and options of the search for assembly modes (ways to assemble the
+        mechanism).
     mechanism
         The mechanism of the study, with the inputs of the run.
     follow

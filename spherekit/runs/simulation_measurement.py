@@ -412,6 +412,8 @@ def _simulate_tables(
 ) -> TimedTables:
     """Solve a simulation with a setting, compute the tables, and measure the times.
 
+    A pole is the axis about which one link rotates relative to another.
+
     Parameters
     ----------
     run_plan

@@ -44,7 +44,7 @@ def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> list[Sc
 
     Returns
     -------
-    A scene for each assembly mode with at least one curve.
+    A scene for each assembly mode (way to assemble the mechanism) with at least one curve.
     """
     scenes = []
     for mode, rows in batch.assembly_mode_rows().items():
@@ -73,7 +73,7 @@ def _column_series(
     table, data
         The declared table, and its columns by name.
     mode
-        Number of the assembly mode.
+        Number of the assembly mode (way to assemble the mechanism).
     samples
         (k,) numbers of the samples.
     """

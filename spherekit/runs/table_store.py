@@ -89,8 +89,9 @@ class StoredTables:
     def pieces(self, analysis: str, table: Table) -> Iterator[Mapping[str, Any]]:
         """Yield the columns of all rows of a table in pieces, one assembly mode at a time.
 
-        The rows are in one file for each block of samples. A file consists of groups of
-        rows of one assembly mode.
+        An assembly mode is one of the ways to assemble the mechanism. The rows are in one
+        file for each block of samples. A file consists of groups of rows of one assembly
+        mode.
 
         Raises
         ------

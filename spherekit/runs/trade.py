@@ -140,7 +140,7 @@ def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
     rows
         (n,) numbers of the samples that the result has.
     search
-        Whether all assembly modes are searched again.
+        Whether all assembly modes (ways to assemble the mechanism) are searched again.
     """
     position_analysis = sampling.position_analysis
     modes = position_analysis.assembly_modes

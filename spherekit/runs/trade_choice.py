@@ -70,7 +70,7 @@ def choose(
     study
         The run.
     analyses
-        Its analyses.
+        The analyses of the run.
     tolerance
         Largest error of a column, scaled as `spherekit.runs.trade_measurement` describes.
     stored

@@ -202,6 +202,8 @@ class Trade:
     def plot(self, tolerance: float | None = None, columns: Columns = 2) -> "Figure":
         """Return the work-precision figure: the error of each setting against its time.
 
+        A trade consists of the settings of a run with their measured times and errors.
+
         Parameters
         ----------
         tolerance

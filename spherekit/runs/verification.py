@@ -66,6 +66,8 @@ Such rows close no better than the tolerance of the simulation, which is no faul
 class _BlockRows(ArrayRows):
     """Rows that analyses read: configurations, their poles, and continued angles.
 
+    A pole is the axis about which one link rotates relative to another.
+
     Attributes
     ----------
     motion
@@ -92,7 +94,7 @@ class _BlockRows(ArrayRows):
 
         Returns
         -------
-        The rows, sorted by assembly mode and sample.
+        The rows, sorted by assembly mode (way to assemble the mechanism) and sample.
         """
         motion = self.motion
         # (n,) the largest error bound of any pole direction in a row; NaN without poles.
@@ -144,6 +146,8 @@ def compute_reference(
     inputs: Array | None = None,
 ) -> ReferenceRows:
     """Compute configurations and poles in many digits, as a reference for a run.
+
+    A pole is the axis about which one link rotates relative to another.
 
     Parameters
     ----------
@@ -226,7 +230,8 @@ class Verifier:
         motion
             The configurations of the block.
         pole_fields
-            The poles of the block, for each input that moves while the others are locked.
+            The poles of the block, for each input that moves while the others are locked. A
+            pole is the axis about which one link rotates relative to another.
         continued_angles
             Variables (rad) without jumps of whole revolutions, by pair.
         """

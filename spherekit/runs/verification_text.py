@@ -14,7 +14,7 @@ class BoundedQuantity:
     Attributes
     ----------
     title
-        Its name in sentences, in the plural.
+        Name of the quantity in sentences, in the plural.
     bound
         Attribute of `PoleField` that has the error bound.
     """

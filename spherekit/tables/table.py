@@ -112,7 +112,7 @@ class Table:
     meaning
         Description for users.
     columns
-        Its columns in their order.
+        The columns of the table, in their order.
     """
 
     name: str
@@ -235,7 +235,8 @@ class Table:
         data
             The other columns of the table by name.
         names
-            Names of assembly modes by number of the mode. The name of other modes is empty.
+            Names of assembly modes (ways to assemble the mechanism) by number of the mode.
+            The name of other modes is empty.
         """
         if MODE_NAME not in self.columns:
             return data

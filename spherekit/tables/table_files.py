@@ -66,7 +66,7 @@ def to_frame(table: Table, data: TableArrays, degrees: bool = False) -> "pd.Data
     table
         Declaration of the table.
     data
-        Its columns.
+        The columns of the table by name.
     degrees
         Whether angles, their rates and accelerations are converted to degrees. Quantities
         per rad are not.

@@ -73,6 +73,8 @@ class JoinedBlocks(Mapping[str, Array]):
     def join(self, names: Iterable[str]) -> dict[str, Array]:
         """Return columns of all blocks, joined in the order of assembly modes.
 
+        An assembly mode is one of the ways to assemble the mechanism.
+
         Parameters
         ----------
         names
@@ -100,9 +102,10 @@ class JoinedBlocks(Mapping[str, Array]):
     def _order_rows(self) -> None:
         """Sort the rows of each block by assembly mode, and find their final positions.
 
-        In the joined columns, the rows of the first mode come first, from one block after
-        another, then the rows of the next mode. This method sets `_spans`: for each block
-        its slices of rows, with the first position of each slice in the joined columns.
+        An assembly mode is one of the ways to assemble the mechanism. In the joined
+        columns, the rows of the first mode come first, from one block after another, then
+        the rows of the next mode. This method sets `_spans`: for each block its slices of
+        rows, with the first position of each slice in the joined columns.
         """
         has_several = len(self._blocks) > 1 and self._table.in_assembly_modes
         # Number of the mode, number of the block, and the slice of rows in the block.
@@ -154,8 +157,9 @@ class ModeRows:
 def sort_by_mode(block: TableData, by_mode: bool = True) -> ModeRows:
     """Sort the rows of a block of a table by assembly mode, and each mode by sample.
 
-    Rows of one sample keep their order. If the rows are in this order already, the columns
-    are not changed, so that lazy columns remain lazy.
+    An assembly mode is one of the ways to assemble the mechanism. Rows of one sample keep
+    their order. If the rows are in this order already, the columns are not changed, so that
+    lazy columns remain lazy.
 
     Parameters
     ----------
