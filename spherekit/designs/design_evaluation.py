@@ -754,12 +754,13 @@ class DesignEvaluator:
 
     @cached_property
     def _tracking_inputs(self) -> tuple[InputGrid, Indices]:
-        """The inputs at which assembly modes are tracked, and where samples and points are.
+        """The inputs at which assembly modes are tracked, and the indices of the samples.
 
-        A point is the inputs at which some figure of merit is evaluated. Modes are tracked
-        from one configuration to the next. With a single input they are tracked as the
-        input increases, through samples and points. With several inputs they are tracked
-        from each sample to its neighbours, so each point must be a sample.
+        An assembly mode is one of the ways to assemble the mechanism. Its configurations
+        are computed one from the other, at neighbouring inputs. A single input increases
+        through all samples and points. A point is the inputs at which some figure of merit
+        is evaluated. Several inputs are varied from each sample to its neighbours, so each
+        point must be a sample.
 
         Returns
         -------

@@ -273,11 +273,10 @@ def failed_design(problem: SpherekitError, names: Sequence[str]) -> DesignTable:
     Parameters
     ----------
     problem
-        The error. Its message is the reason in the row, and its type decides the status:
-
-        - of the file, the mechanism or its degrees of freedom: the design is impossible,
-        - of the position solver: the design never closes,
-        - any other: an analysis failed.
+        The error. Its message is the reason in the row. Its type decides the status. After
+        an error of the file, of the mechanism or of its degrees of freedom, the design is
+        impossible. After an error of the position solver, it can never be assembled. After
+        any other error, an analysis failed.
     names
         Names of the figures of merit, which are NaN in the row.
     """

@@ -614,6 +614,10 @@ class Sweep:
     def move_part(self, work_folder: str, folder: Path, number: int) -> int:
         """Move the files of a part from the working folder to the folder of the sweep.
 
+        A sweep evaluates many designs of a mechanism, in numbered parts. A part is first
+        written to a working folder, so that the folder of the sweep has complete parts
+        only.
+
         Parameters
         ----------
         work_folder

@@ -234,16 +234,17 @@ def run_sweep(
 ) -> SweepResult:
     """Compute all parts of a sweep.
 
-    A sweep evaluates many designs of a mechanism, in numbered parts.
+    A sweep evaluates many designs of a mechanism, in numbered parts. Each part is written
+    to a file.
 
     Parameters
     ----------
     sweep
         The sweep.
     folder
-        Folder in which the parts are written. Parts of this sweep that it has already are
-        not computed again. By default a temporary folder is used, which is deleted with the
-        result.
+        Folder for the files of the parts. Parts of this sweep that are in the folder
+        already are not computed again. By default a temporary folder is used, which is
+        deleted with the result.
     workers
         Number of processes that compute parts at the same time. With 1, or if only one part
         is missing, no other process is started.

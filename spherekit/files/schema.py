@@ -127,17 +127,25 @@ def check_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> None:
 
 
 def shown(value: object) -> str:
-    """Return a value as TOML text, cut to a readable length."""
+    """Return a value of a file for a message: as TOML text, cut to a readable length.
+
+    Tables and huge integers are only named. Characters that cannot be printed are escaped.
+    """
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, dict):
         return "a table" if value else "an empty table"
     if isinstance(value, int) and value.bit_length() > MAX_INTEGER_BITS:
         return "a huge integer"
+    # Texts in an array get the quotes of TOML.
     text = repr(value).replace("'", '"')
     if isinstance(value, str):
-        letters = json.dumps(value, ensure_ascii=False)
-        text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in letters)
+        quoted_text = json.dumps(value, ensure_ascii=False)
+        # `ascii` gives an escape sequence in quotes.
+        text = "".join(
+            character if character.isprintable() else ascii(character)[1:-1]
+            for character in quoted_text
+        )
     if len(text) > MAX_SHOWN_CHARACTERS:
         return f"{text[: MAX_SHOWN_CHARACTERS - 3]}..."
     return text

@@ -494,6 +494,7 @@ def motion_table(sampling: Sampling) -> Table:
             strict=True,
         )
     ]
+    # `of` replaces `INPUTS` by one column for each input.
     return Table(
         MOTION,
         "the configurations: one row per sample and assembly mode",

@@ -412,8 +412,6 @@ def _simulate_tables(
 ) -> TimedTables:
     """Solve a simulation with a setting, compute the tables, and measure the times.
 
-    A pole is the axis about which one link rotates relative to another.
-
     Parameters
     ----------
     run_plan
@@ -423,7 +421,9 @@ def _simulate_tables(
     setting
         Integrator and tolerance.
     reference_fields
-        Poles of the reference, for each input, whose senses pole directions get.
+        Poles (axes of the rotation of one link relative to another) of the reference, for
+        each input. A pole direction has two possible senses. The senses are made equal to
+        those of the reference.
 
     Returns
     -------

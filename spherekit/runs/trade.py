@@ -146,6 +146,7 @@ def take_samples(sampling: Sampling, rows: Indices, search: bool) -> Sampling:
     modes = position_analysis.assembly_modes
     q = sampling.inputs[rows]
     timing = sampling.timing
+    # The samples become a path of the inputs. A run in a single assembly mode keeps it.
     return replace(
         sampling,
         position_analysis=PositionAnalysis(
@@ -434,13 +435,14 @@ def _run_with_value(
 ) -> TimedTables:
     """Run an analysis with one value of a parameter, and measure the time.
 
-    The whole time counts as spent before the first sample, because it does not depend on
-    the number of samples of the run for which a value is sought.
+    The user seeks the best value for a run with many samples. Here fewer samples are
+    computed, because the time of such an analysis does not depend on their number. The
+    whole time therefore counts as spent before the first sample.
 
     Parameters
     ----------
     study
-        The study of this run. Fewer samples are computed.
+        The study of the run of the user.
     analysis
         The analysis.
     sweep

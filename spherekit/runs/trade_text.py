@@ -115,10 +115,11 @@ def as_csv(trade: Trade) -> str:
 
 
 def _make_cells(measured: Measured, is_on_front: bool) -> Names:
-    """Return the cells of a setting in the table of a trade.
+    """Return the cells of one line in the table of measured settings.
 
-    They are a star (if no other setting is quicker and as accurate), the name, the largest
-    error and its column, and the best time, the median time and the time for compiling.
+    A setting is a way to compute a run. The cells are a star (if no other setting is
+    quicker and as accurate), the name, the largest error and its column, and the best time,
+    the median time and the time for compiling.
     """
     error = f"{measured.error:.1e}"
     if measured.missing:
