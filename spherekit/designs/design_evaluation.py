@@ -838,9 +838,9 @@ class DesignEvaluator:
             """Return the quantities of the design as expressions of all pair variables.
 
             Constraints are redundant: only some of the closure equations are independent.
-            Those that are independent at the configuration (variables,) in rad are used.
-            Without a configuration, because the design never closes, the choice is
-            arbitrary.
+            The equations that are independent at the configuration (variables,) in rad are
+            used. There is no configuration (None) if the design never closes. Any
+            equations are then used.
             """
             return DesignExpressions(
                 mechanism,

@@ -260,10 +260,12 @@ class DesignRuns:
         SpherekitError
             If the design is impossible, or one of its analyses fails.
         """
+        # The study of this design: the same samples and inputs, with another mechanism.
         mechanism = make_design(self.document, self.variables, values)
         mechanism = mechanism.with_inputs(*self.study.mechanism.input_pairs)
         study = replace(self.study, mechanism=mechanism)
         run = run_study(study, self.analyses, Execution())
+        # A run does not raise the errors of its analyses. The first one is raised here.
         if run.failures:
             raise AnalysisError(next(iter(run.failures.values())))
         return run

@@ -29,7 +29,9 @@ MAX_DESIGNS = 2**30
 
 @dataclass(frozen=True)
 class Variation:
-    """The values of one design variable, in the unit of the file.
+    """The possible values of one design variable, in the unit of the file.
+
+    A design variable is a number of a mechanism file that differs from design to design.
 
     Attributes
     ----------

@@ -396,7 +396,8 @@ class StartSolutions:
     inputs
         (inputs,) complex inputs (rad).
     is_complete
-        Whether there are as many solutions as a design of this topology has in general.
+        Whether the number of solutions is the one that designs with these links and pairs
+        have in general. No solution is then missing.
     """
 
     values: Array

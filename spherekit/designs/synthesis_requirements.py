@@ -38,7 +38,8 @@ They are so large that the evolution prefers every design that has the mode.
 class ModeScores:
     """Objectives and violated conditions of designs in one assembly mode.
 
-    Only the m designs that can be assembled in this mode are included.
+    Only the m designs that can be assembled in this mode, and whose objectives are finite,
+    are included.
 
     Attributes
     ----------

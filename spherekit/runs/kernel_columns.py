@@ -238,11 +238,13 @@ class KernelColumns:
         keys
             The columns to compute.
         reader
-            Called for each slice, with the slice of rows, and a list of the numbers (k,) of
-            each column in these rows. Calls can come from several threads.
+            Function that is called for each slice, perhaps in several threads. Its
+            arguments are the slice of rows, and a list of the numbers (k,) of each column
+            in these rows.
         """
         self.was_read = True
-        # The position of each column among all columns of the kernel.
+        # The position of each column in the result of the kernel, the set of compiled
+        # functions that evaluates all columns of many rows at once.
         column_indices = []
         for key in keys:
             indices = self.kernel.input_columns[key.input_index].column_indices
@@ -437,6 +439,9 @@ class LazyField:
 
     def column(self, name: str, pole: Pole, k: int) -> LazyColumn | Floats:
         """Return one component of a quantity of a pole, at all n rows.
+
+        A pole is the axis about which one link rotates relative to another. A kernel, a set
+        of compiled functions, computes most quantities when they are read.
 
         Parameters
         ----------

@@ -250,16 +250,16 @@ class RunPlan:
         table_store: TableStore | None,
         batch: Batch | None = None,
     ) -> None:
-        """Store the rows of a table at a block, and count them in the state of the run.
+        """Store the rows of a table for a block of samples, and count them.
 
         Parameters
         ----------
         analysis_name
             Name of the analysis, or `MOTION` for the configurations and events of the run.
         table, rows
-            A declared table, and its columns at the block.
+            A declared table, and its columns for the block.
         run_state
-            Its counts are updated in place.
+            The state of the run, in which rows and failed rows are counted in place.
         table_store
             Receives the rows, with a column for the names of assembly modes (ways to
             assemble the mechanism) if the mechanism names any. None if no rows are kept.
