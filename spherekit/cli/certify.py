@@ -450,6 +450,9 @@ def _draw_map(input_map: Any, names: Lines, path: str) -> None:
 
     Parameters
     ----------
+    input_map
+        The map: boxes (boxes, 2) by their centres and half widths (`radii`) in rad, with
+        the kind and the proven number of modes of each box.
     names
         The names of the two inputs.
     path

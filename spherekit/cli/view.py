@@ -101,7 +101,11 @@ def is_mechanism(name: str) -> bool:
 
 
 def _show_mechanism(options: Namespace) -> int:
-    """Show a mechanism in the pose of its zero positions, without a run."""
+    """Show a mechanism at one value of its inputs in every assembly mode, without a run.
+
+    It is recorded in a temporary folder, and the recording is shown. The
+    folder remains while a viewer reads it. Returns the exit status.
+    """
     from spherekit.display.rerun.preview import preview
     from spherekit.display.rerun.viewer import has_display
     from spherekit.files.mechanism_reader import load

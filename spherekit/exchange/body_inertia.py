@@ -97,10 +97,10 @@ class LinkInertias:
 
 
 def find_link_inertias(mechanism: Mechanism) -> LinkInertias:
-    """Return the inertia of all links that have some.
+    """Return the inertia of all links that have a mass in the mechanism file.
 
-    If no moving link has any, all links are taken as wires of 1 kg/m along their arcs on a
-    sphere of 1 m.
+    If no moving link has an inertia, all links are taken as wires of 1 kg/m along their
+    arcs on a sphere of 1 m radius.
     """
     inertia_by_link = {
         mass.link: LinkInertia(mass.tensor, mass.mass, mass.centre)

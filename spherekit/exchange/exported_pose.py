@@ -58,7 +58,8 @@ def find_pose(
     SolveError
         If the number of inputs is wrong, or the mode does not exist at them.
     """
-    # Compute the assembly mode at samples of the input ranges, or at the given inputs.
+    # Compute the assembly mode at samples of the input ranges, or at the given inputs. The
+    # texts `searched` and `advice` are for the message if there is no configuration.
     if inputs is None:
         position_analysis = PositionAnalysis(
             mechanism, None, assembly_mode, samples=POSE_SEARCH_SAMPLES
@@ -85,7 +86,7 @@ def find_pose(
             for pair, value in zip(input_pairs, input_values, strict=True)
         )
         advice = "another input to be at"
-    good_rows = np.flatnonzero(~motion.failed)
+    good_rows = np.flatnonzero(~motion.failed)  # rows with a configuration
     if not len(good_rows):
         raise SolveError(
             f"{mechanism.name}: assembly mode {assembly_mode} has no configuration at "

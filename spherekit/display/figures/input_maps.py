@@ -144,7 +144,7 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
 
 
 def _draw_zeros(panel: Axes, x: Floats, y: Floats, table: Floats, span: float) -> None:
-    """Draw the line on which a quantity is zero, but not that on which its sign jumps.
+    """Draw the line on which a quantity is zero, but no line where its sign jumps.
 
     Parameters
     ----------
