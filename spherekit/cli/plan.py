@@ -59,7 +59,8 @@ def add_arguments(parser: ArgumentParser) -> None:
 def execute(options: Namespace) -> int:
     """Print the plan by which pole axes are constructed, one for each moving input.
 
-    With several inputs, one moves at a time while the others are locked.
+    With several inputs, one moves at a time while the others are locked. Returns the exit
+    status 0.
     """
     from spherekit.errors import CountError
     from spherekit.files.mechanism_reader import load
@@ -75,7 +76,7 @@ def execute(options: Namespace) -> int:
         plans = [plan(mechanism, options.poles, name) for name in moving_inputs]
     except CountError:
         # The number of links and pairs gives too small a mobility for overconstrained
-        # mechanisms. They move all the same if the rank of their loop equations says so.
+        # mechanisms. The rank of the loop equations decides whether they move.
         only_input = moving_inputs[0] if len(driven) == 1 else None
         if not PositionAnalysis(mechanism, only_input, samples=2).by_rank:
             raise

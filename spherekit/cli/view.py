@@ -103,8 +103,8 @@ def is_mechanism(name: str) -> bool:
 def _show_mechanism(options: Namespace) -> int:
     """Show a mechanism at one value of its inputs in every assembly mode, without a run.
 
-    It is recorded in a temporary folder, and the recording is shown. The
-    folder remains while a viewer reads it. Returns the exit status.
+    It is recorded in a temporary folder, and the recording is shown. The folder remains
+    while a viewer reads it. Returns the exit status.
     """
     from spherekit.display.rerun.preview import preview
     from spherekit.display.rerun.viewer import has_display

@@ -82,8 +82,9 @@ class EquationOfMotion:
         self._input_suffixes = input_suffixes
         self._free_sizes = free_sizes
         self._input_indices = range(formula_list.input_count)
-        self.omitted_loads: list[str] = []
-        self.free_symbols: dict[Any, ExpressionNode] = {}
+        self.omitted_loads: list[str] = []  # names of loads that are not written
+        self.free_symbols: dict[Any, ExpressionNode] = {}  # symbols of free sizes
+        # Both methods add formulas to `formula_list`.
         forces = self._write_generalized_forces()
         self._write_torques(forces)
 

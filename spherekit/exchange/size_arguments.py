@@ -205,7 +205,7 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
     least_effect = np.maximum(MIN_RELATIVE_EFFECT * scale, MIN_EFFECT_OVER_NOISE * noise)
     idle_keys = []
     for row, size in enumerate(sizes):
-        changed_design = formulas.size_values
+        changed_design = formulas.size_values  # a new array at each call
         changed_design[row] += RELATIVE_STEP * (abs(size.value) or 1.0)
         values_after = evaluate(motion, places, changed_design)
         # A result that is NaN before and after has not changed. If it is NaN only once, it

@@ -85,9 +85,9 @@ def choose_plot_range(
     values
         (n,) values, NaN where there is none.
     scale
-        Scale of the quantity.
+        Largest magnitude of the quantity, or more; see `quantity_scale`.
     resolution
-        Changes below this part of the scale are rounding.
+        Changes below `resolution` times `scale` are rounding.
     shown_by
         Whether values are shown by curves, which get a margin, or by colours.
     """

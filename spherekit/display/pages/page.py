@@ -120,7 +120,7 @@ class PageMaker:
         crossings: Crossings = "end",
     ) -> None:
         """Read the mechanism and choose the numbers that have sliders."""
-        self._any_mechanism = mechanism
+        self._any_mechanism = mechanism  # a mechanism, or the name or path of its file
         self._input_pair = input_pair
         self._crossings = crossings
         self._mechanism = driven_at(mechanism_of(mechanism), input_pair)
@@ -129,6 +129,7 @@ class PageMaker:
         self._page_quantities = PageQuantities(self._mechanism, self._inputs)
         self._requested_quantities = quantities
         self.notes: list[str] = []
+        # Keys of the numbers with sliders: those that the user names, or all sizes.
         self._has_named_sizes = vary is not None
         self.keys = self._find_sizes() if vary is None else tuple(vary)
         self._pole_plans = plans(self._mechanism, is_mobile_by_rank_only(self._mechanism))

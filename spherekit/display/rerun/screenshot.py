@@ -472,7 +472,7 @@ def _failure_message(
     Parameters
     ----------
     process
-        The viewer.
+        The process of the viewer, which may still run.
     messages
         Its error stream, in which a missing graphics driver is recognised.
     reason
