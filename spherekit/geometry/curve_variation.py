@@ -206,7 +206,11 @@ def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative
     table = variation.table
 
     def evaluate(s: Floats) -> Floats:
-        """Return the derivatives (8, n) at arc lengths (n,), see `CurveDerivative`."""
+        """Return the derivatives (8, n) of the curve at arc lengths (n,).
+
+        The rows are the components of the tangent and of the point, the geodesic curvature,
+        and its derivative by the arc length.
+        """
         direction = -1.0 if backwards else 1.0
         arc_length = direction * s
         # Whole lengths of the path are added to reach the range of the table from arc

@@ -217,8 +217,8 @@ class SplinePath:
 
     def frames(self, u: Floats) -> PathFrames:
         """Return the frames at parameters u (n,)."""
-        # The spline x and its three derivatives by u. r is its length, and size is that of
-        # x cross x'.
+        # The spline x and its three derivatives by u. The curve on the unit sphere is
+        # p = x / |x|. r is the length of x, and size is that of x cross x'.
         x, x1, x2, x3 = (self._differentiate(u, order) for order in range(4))
         r = np.sqrt(dot(x, x))
         product = cross(x, x1)
