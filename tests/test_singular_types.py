@@ -30,7 +30,7 @@ from spherekit.singularities.singularity_report import SingularityReport
 from spherekit.singularities.slices import solver_of
 from spherekit.singularities.stationarity import output_of
 from spherekit.tolerances import SINGULAR_TRANSMISSION
-from spherekit.velocities.transmission import Transmission
+from spherekit.velocities.transmission_measure import Transmission
 
 NAME = "singularities"
 FIVE = parse_chain("1-2 2-3 3-4 4-5 1-5")

@@ -28,7 +28,7 @@ from spherekit.singularities.several_inputs import RowType, coefficients
 from spherekit.singularities.stationarity import output_of
 from spherekit.status import Status
 from spherekit.tolerances import SINGULAR_TRANSMISSION
-from spherekit.velocities.transmission import Transmission
+from spherekit.velocities.transmission_measure import Transmission
 
 CLOSED_FORM_MECHANISMS = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")
 """Mechanisms whose inverse kinematics has a closed form."""

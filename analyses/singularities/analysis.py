@@ -18,7 +18,12 @@ from spherekit.plugin import (
     TableData,
 )
 from spherekit.plugin.designs import FigureOfMerit, middle_pairs
-from spherekit.plugin.singularities import ordered_pole, output_of
+from spherekit.plugin.singularities import (
+    NEAREST_TRANSMISSION_REDUCTION,
+    NEAREST_TRANSMISSION_WORD,
+    ordered_pole,
+    output_of,
+)
 
 from .one_input import OneInput
 from .several_inputs import MAX_OUTPUT_FREEDOMS, SeveralInputs, no_aspects
@@ -132,13 +137,16 @@ class SingularityAnalysis(AbstractAnalysis):
         return tuple((link, 0) for link in dict.fromkeys(ground_neighbours or other_links))
 
     def merits(self, mechanism: Mechanism) -> tuple[FigureOfMerit, ...]:
-        """Return the least transmission angle of each dyad, 0 at a type II singularity."""
+        """Return the transmission angle of each dyad that is nearest to type II."""
         return tuple(
             FigureOfMerit(
-                f"least_transmission_angle_{pair}",
-                "min",
+                f"{NEAREST_TRANSMISSION_WORD}_transmission_angle_{pair}",
+                NEAREST_TRANSMISSION_REDUCTION,
                 f"transmission_angle_{pair}",
-                meaning=f"least angle between the arcs at pair {pair}, 0 at type II",
+                meaning=(
+                    f"{NEAREST_TRANSMISSION_WORD} angle between the arcs at pair {pair}, "
+                    "0 at type II"
+                ),
             )
             for pair in middle_pairs(mechanism)
         )

@@ -8,6 +8,7 @@ import numpy as np
 from spherekit.plugin import Floats, Status, numbered
 from spherekit.plugin.rotations import wrap
 from spherekit.plugin.singularities import (
+    NEAREST_TRANSMISSION_WORD,
     NearMiss,
     SampledSingularities,
     least_transmission,
@@ -212,7 +213,7 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
 def describe_least_transmission(
     sampled: SampledSingularities, names: list[str], input_pair: str
 ) -> list[str]:
-    """Return a sentence about the least transmission angle of each output that has one.
+    """Return a sentence about the transmission angle nearest to type II of each output.
 
     Parameters
     ----------
@@ -225,12 +226,13 @@ def describe_least_transmission(
     """
     sentences = []
     for output, name in enumerate(names):
-        least = least_transmission(sampled, output)
-        if least is None:
+        nearest = least_transmission(sampled, output)
+        if nearest is None:
             continue
-        angle, q, modes = least
+        angle, q, modes = nearest
         sentences.append(
-            f"least transmission angle of {name}: {np.degrees(angle):.4g} deg at "
+            f"{NEAREST_TRANSMISSION_WORD} transmission angle of {name}: "
+            f"{np.degrees(angle):.4g} deg at "
             f"{input_pair} = {_format_degrees(np.degrees(q))} deg in "
             f"{numbered('mode', modes)}"
         )

@@ -32,6 +32,7 @@ from spherekit.mechanism.graph import find_spanning_tree
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.assembly_plan import Assembly, Group
 from spherekit.symbolic.expression_graph import Expr, ExpressionNode, function
+from spherekit.velocities.transmission_angle import VECTOR_NODES, transmission_angle
 
 SPECIAL_ANGLE_ROUNDING = 1e-15
 """Largest error of a sine or cosine that is printed as 0, 1 or -1.
@@ -462,15 +463,9 @@ class PositionFormulas:
         for side in sides:
             self._place_by_two_axes(side)
 
-        # The transmission angle is the angle between the planes of the two arcs.
-        normal_a = cross_product(a, b)
-        normal_c = cross_product(b, c)
-        tangent_of_angle = function("norm", cross_product(normal_a, normal_c)) / function(
-            "norm", inner_product(normal_a, normal_c)
-        )
         (middle_name,) = self._mechanism.names_of([group.middle])
         angle = formula_list.write_indexed(
-            r"\psi", label, function("atan", tangent_of_angle)
+            r"\psi", label, transmission_angle(VECTOR_NODES, a, b, c)
         )
         formula_list.name_quantity("transmission_angle", middle_name, angle)
 

@@ -43,7 +43,7 @@ from spherekit.tolerances import (
     SINGULAR_TRANSMISSION,
     USABLE_DIRECTION,
 )
-from spherekit.velocities.transmission import Transmission
+from spherekit.velocities.transmission_measure import Transmission
 
 LEAP_NEIGHBOURHOOD_RAD = 0.08
 """Distance (rad of theta) from a leap within which rates are interpolated.
@@ -112,7 +112,7 @@ class RotationSamples:
         angular velocity) and the fixed axis.
     type_2
         (n,) transmission measure of the inputs, 0 at a singularity of type II, see
-        `spherekit.velocities.transmission`.
+        `spherekit.velocities.transmission_measure`.
     status
         (n,) codes of `Status`. A row that is not OK is NaN, except at AT_SINGULARITY:
         there the inputs do not determine the configuration, but the rotation continues.

@@ -43,7 +43,7 @@ from spherekit.positions.pair_states import measure_pair_angles
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.status import Status
 from spherekit.tolerances import CLOSING_RESIDUAL, SINGULAR_DYAD_SINE
-from spherekit.velocities.transmission import Transmission
+from spherekit.velocities.transmission_measure import Transmission
 
 POSES_PER_BLOCK = 8192
 """Number of poses that are computed at once.
@@ -129,8 +129,8 @@ class Inverse:
     def type_2(self) -> Floats:
         """(m, n) transmission measure of the inputs, 0 at a type II singularity.
 
-        See `spherekit.velocities.transmission`. It is computed when it is first read, which
-        takes several times as long as all other results.
+        See `spherekit.velocities.transmission_measure`. It is computed when it is first
+        read, which takes several times as long as all other results.
         """
         return self.measure()
 

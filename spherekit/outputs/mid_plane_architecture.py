@@ -35,7 +35,7 @@ from spherekit.outputs.mid_plane import MidPlane
 from spherekit.positions.loop_closure import Closure
 from spherekit.positions.loop_tree import rank_mobility
 from spherekit.positions.pair_states import measure_pair_angles
-from spherekit.velocities.transmission import Transmission
+from spherekit.velocities.transmission_measure import Transmission
 from spherekit.wording import listing
 
 SINGULAR_START_LEAD_RAD = 0.02

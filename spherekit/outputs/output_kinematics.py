@@ -42,7 +42,7 @@ from spherekit.positions.loop_closure import Closure
 from spherekit.positions.motion import make_motion
 from spherekit.status import Status
 from spherekit.tolerances import SINGULAR_DYAD_SINE
-from spherekit.velocities.transmission import Transmission
+from spherekit.velocities.transmission_measure import Transmission
 from spherekit.wording import listing
 
 MAX_LISTED_MODES = 64
@@ -75,7 +75,7 @@ class InverseRows(ArrayRows):
         type I, where the input moves while the output rests.
     type_2
         (k,) transmission measure; 0 at a singularity of type II, where the output can move
-        although the inputs are locked (`spherekit.velocities.transmission`).
+        although the inputs are locked (`spherekit.velocities.transmission_measure`).
     rates
         (k, inputs, 3) rates of the inputs per unit angular velocity of the output.
     values

@@ -38,7 +38,7 @@ from spherekit.positions.assembly_enumeration import enumerate_assemblies
 from spherekit.positions.assembly_mode import label_of
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.tolerances import SINGULAR_TARGET_CONDITION, SINGULAR_TRANSMISSION
-from spherekit.velocities.transmission import Transmission
+from spherekit.velocities.transmission_measure import Transmission
 from spherekit.wording import listing
 
 SAME_ORIENTATION_RAD = 1e-7

@@ -29,8 +29,14 @@ from spherekit.singularities.singularity_report import LocusName, SingularPoints
 from spherekit.singularities.slices import LockedInputSection, cut, solver_of
 from spherekit.singularities.stationarity import output_of
 from spherekit.time_limit import TimeLimit
+from spherekit.velocities.transmission_angle import (
+    NEAREST_TRANSMISSION_REDUCTION,
+    NEAREST_TRANSMISSION_WORD,
+)
 
 __all__ = [
+    "NEAREST_TRANSMISSION_REDUCTION",
+    "NEAREST_TRANSMISSION_WORD",
     "Aspects",
     "Completeness",
     "CurveSeen",

@@ -18,6 +18,7 @@ from spherekit.singularities.input_output_relation import Type
 from spherekit.singularities.sampled_singularities import SampledSingularities
 from spherekit.status import Status
 from spherekit.tolerances import SINGULAR_TRANSMISSION
+from spherekit.velocities.transmission_angle import distance_from_type_two
 
 EQUAL_EXTREMUM_INPUT_RAD = 1e-7
 """Inputs of an extremum that differ by less are the same: rounding leaves half the digits
@@ -26,8 +27,8 @@ start."""
 RANGE_END_TOLERANCE_RAD = 1e-9
 """An input or arc length as near to the end of a range or curve is at it."""
 EQUAL_TRANSMISSION_ANGLE_RAD = 1e-8
-"""Transmission angles that differ by less are equal. Larger: modes with a slightly larger
-least angle are listed, too."""
+"""Transmission angles that differ by less are equal. Larger: modes that come slightly less
+near to type II are listed, too."""
 INWARD_PART = 1e-3
 """Distance from the end of a piece of a curve, in parts of its length, at which a measure
 is compared with that at the end."""
@@ -155,10 +156,10 @@ def _near_misses_on_curve(
 def least_transmission(
     sampled: SampledSingularities, output: int
 ) -> tuple[float, float, tuple[int, ...]] | None:
-    """Return the smallest transmission angle of an output in the range of the input.
+    """Return the transmission angle of an output that is nearest to type II.
 
-    It is the angle between the two arcs of the dyad (two links in series) that places the
-    output. Minima between samples and crossings of curves are included.
+    It is the angle of the dyad (two links in series) that places the output, in the range
+    of the input. Minima between samples and crossings of curves are included.
 
     Parameters
     ----------
@@ -185,21 +186,24 @@ def least_transmission(
         for s, values in [*minima, *sampled.crossing_ends(number)]:
             (angle,) = sampled.transmission_angles(values[None])[output]
             # An angle of zero up to rounding is zero.
-            size = 0.0 if angle <= SINGULAR_TRANSMISSION else float(angle)
+            is_zero = distance_from_type_two(angle) <= SINGULAR_TRANSMISSION
+            rounded_angle = 0.0 if is_zero else float(angle)
             for q, modes in _inputs_and_modes(sampled, number, float(s), values):
-                candidates.append((size, q, modes))
+                candidates.append((rounded_angle, q, modes))
     if not candidates:
         return None
     # The angle is NaN everywhere if no dyad places the output.
-    first_size, _, _ = candidates[0]
-    if not np.isfinite(first_size):
+    first_angle, _, _ = candidates[0]
+    if not np.isfinite(first_angle):
         return None
-    least, q, _ = min(candidates, key=lambda candidate: candidate[0])
-    modes_with_least: set[int] = set()
-    for size, _, modes in candidates:
-        if size - least < EQUAL_TRANSMISSION_ANGLE_RAD:
-            modes_with_least |= set(modes)
-    return least, q, tuple(sorted(modes_with_least))
+    nearest_angle, q, _ = min(
+        candidates, key=lambda candidate: distance_from_type_two(candidate[0])
+    )
+    modes_at_nearest: set[int] = set()
+    for angle, _, modes in candidates:
+        if abs(angle - nearest_angle) < EQUAL_TRANSMISSION_ANGLE_RAD:
+            modes_at_nearest |= set(modes)
+    return nearest_angle, q, tuple(sorted(modes_at_nearest))
 
 
 def _inputs_and_modes(

@@ -10,8 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from spherekit.arrays import Floats, Integers
-from spherekit.geometry.triangle import arc
-from spherekit.geometry.vectors import all_finite, cross, max_abs, nans
+from spherekit.geometry.vectors import all_finite, max_abs, nans
 from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.pole_plan import pole_of
 from spherekit.planning.submechanism import placing_groups
@@ -28,7 +27,13 @@ from spherekit.singularities.placing_part import find_placing_part
 from spherekit.singularities.single_freedom import SingleFreedomSingularities
 from spherekit.status import Status
 from spherekit.tolerances import NEAR_CROSSING_RAD
-from spherekit.velocities.transmission import (
+from spherekit.velocities.transmission_angle import (
+    ARRAYS,
+    MAX_DISTANCE_RAD,
+    distance_from_type_two,
+    transmission_angle,
+)
+from spherekit.velocities.transmission_measure import (
     MIN_OUTPUT_MOTION,
     Transmission,
     input_authority,
@@ -404,10 +409,8 @@ class SampledSingularities:
     def transmission_angles(self, values: Floats) -> list[Floats]:
         """Return the transmission angle of each output at configurations.
 
-        A dyad is a group of two links in series with three pairs. Each of its links is an
-        arc between two axes. The transmission angle, in [0, pi/2], is the angle between the
-        great circles of the two arcs at the middle pair. It is that of the dyad that places
-        the output.
+        It is the transmission angle of the dyad (two links in series) that places the
+        output, see `spherekit.velocities.transmission_angle`.
 
         Parameters
         ----------
@@ -437,15 +440,16 @@ class SampledSingularities:
                     axes[:, joining_group.pairs[position]]
                     for position in joining_group.dyad_positions
                 ]
-                angle = _transmission_angle(*dyad_axes)
+                angle = transmission_angle(ARRAYS, *dyad_axes)
             angles.append(angle)
         return angles
 
     def least_dyad_angle(self, values: Floats, output: int) -> Floats:
-        """Return the smallest transmission angle of the dyads that place an output.
+        """Return the least distance from type II of the dyads that place an output.
 
-        It vanishes at singularities of type II only. Unlike the transmission measure, it
-        does not become small if all arcs are small.
+        The distance is that of the transmission angle. It vanishes at singularities of type
+        II only. Unlike the transmission measure, it does not become small if all arcs are
+        small.
 
         Parameters
         ----------
@@ -461,7 +465,7 @@ class SampledSingularities:
         solver = self.tracer.solver
         links = frozenset(self.report.outputs[output])
         groups = placing_groups(solver.mechanism, solver.assembly, links)
-        least = np.full(len(values), 0.5 * np.pi if groups else np.nan)
+        least = np.full(len(values), MAX_DISTANCE_RAD if groups else np.nan)
         axes = solver.closure.at(values).axes
         for group in groups:
             if not group.is_dyad:
@@ -469,7 +473,8 @@ class SampledSingularities:
             dyad_axes = [
                 axes[:, group.pairs[position]] for position in group.dyad_positions
             ]
-            least = np.minimum(least, _transmission_angle(*dyad_axes))
+            angle = transmission_angle(ARRAYS, *dyad_axes)
+            least = np.minimum(least, distance_from_type_two(angle))
         return least
 
     @cached_property
@@ -499,7 +504,8 @@ class SampledSingularities:
 
         They are the smallest singular value of the loop equations with the input locked,
         and its ratio to the largest one; see
-        `spherekit.velocities.transmission.input_authority`. Rows on no curve are NaN.
+        `spherekit.velocities.transmission_measure.input_authority`. Rows on no curve are
+        NaN.
         """
         solver = self.whole.solver
         values = np.where(self.curve[:, None] >= 0, self._values, np.nan)
@@ -599,20 +605,3 @@ class SampledSingularities:
         neighbours = singular_inputs[[next_number, next_number + 1]]
         inputs = curve.at(s).values[:, self._driven]
         return np.fmin.reduce(np.abs(neighbours - inputs))
-
-
-def _transmission_angle(
-    first_axis: Floats, middle_axis: Floats, last_axis: Floats
-) -> Floats:
-    """Return the angle (n,) in [0, pi/2] between the planes of the arcs of a dyad.
-
-    A dyad is two links in series with three pairs. The result is its transmission angle.
-    `DesignExpressions.transmission_angle` is the same formula as an expression.
-
-    Parameters
-    ----------
-    first_axis, middle_axis, last_axis
-        (n, 3) unit vectors of the axes of its three pairs.
-    """
-    angle = arc(cross(first_axis, middle_axis), cross(middle_axis, last_axis))
-    return np.minimum(angle, np.pi - angle)

@@ -27,7 +27,7 @@ from spherekit.singularities.tangent_space import TangentSpace, decompose, tange
 from spherekit.tolerances import SINGULAR_TRANSMISSION
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
-from spherekit.velocities.transmission import Transmission, input_authority
+from spherekit.velocities.transmission_measure import Transmission, input_authority
 
 ALONE_SINGULAR_FACTOR = 10.0
 """The mechanism in which one input moves alone counts as singular if one of its unit rates
@@ -141,8 +141,8 @@ class OutputCoefficients:
         where it is at rest. They are the pole axes, up to their signs, also where the
         plan of poles gives none.
     type_two
-        (n,) transmission measure, see `spherekit.velocities.transmission`: 0 if the output
-        can move with the inputs at rest, also where the loops lose rank.
+        (n,) transmission measure, see `spherekit.velocities.transmission_measure`: 0 if the
+        output can move with the inputs at rest, also where the loops lose rank.
     hold
         (n,) smallest singular value of the closure with locked inputs, see
         `input_authority` there.

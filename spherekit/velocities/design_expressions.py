@@ -50,6 +50,7 @@ from spherekit.velocities.row_quantities import (
     make_quantity_table,
     sample_names,
 )
+from spherekit.velocities.transmission_angle import COMPONENTS, transmission_angle
 from spherekit.wording import listing, nearest
 
 MakePairs = Callable[[Mapping[str, Expr]], PairRotations]
@@ -772,12 +773,9 @@ class DesignExpressions:
         return pair_angle(self.structure, pair_number, self._placed)
 
     def transmission_angle(self, pair: str) -> Expr:
-        """Return the transmission angle (rad, in [0, pi/2]) of a dyad.
+        """Return the transmission angle (rad) of a dyad.
 
-        A dyad is two links in series between two outer pairs. The transmission angle is the
-        acute angle between the planes of the two arcs that meet in its middle axis.
-        `SampledSingularities.transmission_angles` computes the same quantity from arrays
-        with the same formula, and `spherekit.exchange.latex_positions` prints it.
+        See `spherekit.velocities.transmission_angle`.
 
         Parameters
         ----------
@@ -789,21 +787,11 @@ class DesignExpressions:
         # A pair is the middle one of a single dyad.
         (group,) = (dyad for dyad in dyads if dyad.middle == number)
         # Unit vectors (3,) of the three axes of the dyad, in ground axes.
-        first_outer, middle, second_outer = (
+        dyad_axes = (
             self.coordinate_rates.vectors[self._variable_of_pair(group.pairs[position])]
             for position in group.dyad_positions
         )
-        first_normal = cross(first_outer, middle)
-        second_normal = cross(middle, second_outer)
-        double_normal = cross(first_normal, second_normal)
-        cosine = dot(first_normal, second_normal)
-        # tan(angle) = |sine| / |cosine| of the angle between the normals of both planes.
-        # Neither argument of atan2 is negative, so the angle is at most 90 degrees.
-        return function(
-            "atan2",
-            function("sqrt", dot(double_normal, double_normal)),
-            function("sqrt", cosine * cosine),
-        )
+        return transmission_angle(COMPONENTS, *dyad_axes)
 
     def _variable_of_pair(self, pair_number: int) -> int:
         """Return the number of the (first) variable of a pair, given by its number."""
