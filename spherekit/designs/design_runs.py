@@ -15,7 +15,6 @@ from spherekit.designs.figures_of_merit import (
     IMPOSSIBLE,
     DesignTable,
     failed_design,
-    reduce_samples,
 )
 from spherekit.errors import AnalysisError, DesignError, SpherekitError
 from spherekit.files.study import Study
@@ -25,6 +24,7 @@ from spherekit.numerics.angles import SAME_ANGLE_RAD, return_after_revolutions
 from spherekit.runs.contract import Analyses
 from spherekit.runs.execution import Execution
 from spherekit.runs.figure_of_merit import FigureOfMerit
+from spherekit.runs.reductions import reduce_samples
 from spherekit.runs.run_result import MOTION, RunResult, tables_by_file_stem
 from spherekit.runs.runner import run_study
 from spherekit.status import Status

@@ -8,10 +8,10 @@ import numpy as np
 from spherekit.arrays import Floats
 from spherekit.designs.design_evaluation import DesignEvaluator
 from spherekit.designs.design_kernel import DesignKernel
-from spherekit.designs.figures_of_merit import find_widest_swings
 from spherekit.designs.synthesis_modes import SynthesisMode
 from spherekit.designs.varied_mechanism import DesignPoint
 from spherekit.geometry.vectors import all_finite, nans
+from spherekit.runs.reductions import sample_weights
 from spherekit.symbolic.expression_derivatives import differentiate
 from spherekit.symbolic.expression_evaluation import ArrayFunction, array_function
 from spherekit.symbolic.expression_graph import (
@@ -20,9 +20,6 @@ from spherekit.symbolic.expression_graph import (
     symbols,
 )
 from spherekit.symbolic.parsed_expressions import convert_to_graph
-
-SMALLEST_RMS = 1e-300
-"""Smallest root mean square by which values are divided; it prevents a division by zero."""
 
 
 @dataclass(frozen=True)
@@ -116,14 +113,19 @@ class FigureGradients:
         # of the sample and by each column.
         outputs = outputs.reshape(-1, len(merits), len(closes))
         first_column = 1 + len(kernel_figures.sample)
+        is_closed_path = kernel_figures.samples.is_closed_path
         for k, merit in enumerate(merits):
             rows = kernel_figures.select_rows(merit)
             sample_values = np.where(closes[rows], outputs[0, k, rows], np.nan)
             figures[k] = kernel_figures.reduce_values(merit, sample_values[:, None])[0]
-            weights = self._sample_weights(merit.reduction, sample_values, figures[k])
-            weighted = np.flatnonzero(weights)
+            weights = sample_weights(
+                merit.reduction, sample_values, figures[k], is_closed_path
+            )
             # The input at which a value is smallest has no derivative here.
-            if not merit.reduction.startswith("arg") and len(weighted):
+            if weights is None:
+                continue
+            weighted = np.flatnonzero(weights)
+            if len(weighted):
                 rows = rows[weighted]
                 # Indices: c column, v variable, n sample.
                 gradients[k] = np.einsum(
@@ -134,55 +136,6 @@ class FigureGradients:
                 )
         sample_count = len(kernel_figures.samples.rows)
         return FigureValues(figures, gradients, float(np.mean(closes[:sample_count])))
-
-    def _sample_weights(self, reduction: str, values: Floats, figure: float) -> Floats:
-        """Return the derivatives of a figure of merit by the values at the samples.
-
-        A figure of merit reduces the values of a quantity at all samples to one number. For
-        example, the derivative of a largest value is 1 at the sample where it occurs, and 0
-        at all other samples.
-
-        Parameters
-        ----------
-        reduction
-            The way in which the values are reduced: "sum", "mean", "at" (a given input),
-            "rms" (root mean square), "min", "max", "range", "swing" (range of an angle over
-            full revolutions), "argmin" or "argmax".
-        values
-            (n,) values, NaN where the mechanism cannot be assembled.
-        figure
-            The figure. The derivatives of a root mean square are divided by it.
-
-        Returns
-        -------
-        (n,) derivatives, zero at samples that do not count. Those of "argmin" and "argmax"
-        are meaningless and not used.
-        """
-        weights = np.zeros(len(values))
-        closes = np.isfinite(values)
-        if not np.any(closes):
-            return weights
-        if reduction == "sum":
-            weights[closes] = 1.0
-        elif reduction in ("mean", "at"):
-            weights[closes] = 1.0 / np.sum(closes)
-        elif reduction == "rms":
-            weights[closes] = 1.0 / np.sum(closes)
-            weights[closes] *= values[closes] / max(figure, SMALLEST_RMS)
-        elif reduction == "min":
-            weights[np.nanargmin(values)] = 1.0
-        elif reduction == "max":
-            weights[np.nanargmax(values)] = 1.0
-        elif reduction == "swing":
-            swings = find_widest_swings(
-                values[:, None], self.evaluator.samples.is_closed_path
-            )
-            weights[swings.high_sample] += 1.0
-            weights[swings.low_sample] -= 1.0
-        else:  # "range"
-            weights[np.nanargmax(values)] += 1.0
-            weights[np.nanargmin(values)] -= 1.0
-        return weights
 
     def _revolution_offsets(
         self, design: DesignPoint, position_arguments: Floats

@@ -25,12 +25,13 @@ from spherekit.files.time_law import ConstantSpeed
 from spherekit.geometry.vectors import all_finite, nans
 from spherekit.mechanism.joint import ContactProfile
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.numerics.angles import SAME_ANGLE_RAD, return_after_revolutions, wrap
+from spherekit.numerics.angles import return_after_revolutions
 from spherekit.numerics.array_rows import ArrayRows
 from spherekit.planning.assembly_plan import driven_at
 from spherekit.positions.input_grid import InputGrid, make_input_grid
 from spherekit.positions.timing import evaluate_time_laws
 from spherekit.runs.figure_of_merit import FigureOfMerit
+from spherekit.runs.reductions import REDUCTION_BY_NAME, reduce_samples
 from spherekit.runs.sampling import check_time
 from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
 from spherekit.velocities.row_quantities import row_quantities, sample_names
@@ -382,7 +383,11 @@ class KernelFigures:
                     f"at needs {counted(count, 'input')} ({listing(self.inputs)}), not "
                     f"{len(merit.point)}"
                 )
-            elif merit.reduction.startswith("arg") and count > 1 and not merit.place:
+            elif (
+                REDUCTION_BY_NAME[merit.reduction].returns_input
+                and count > 1
+                and not merit.place
+            ):
                 fault = (
                     f"there are {counted(count, 'input')}: say whose value is wanted, "
                     f"{merit.reduction}({merit.expression}, {self.inputs[0]})"
@@ -518,140 +523,3 @@ class KernelFigures:
         return DesignTable.from_columns(
             chosen, merits, mode=chosen_labels, closes=closes[chosen], claim=claim
         )
-
-
-def reduce_samples(
-    reduction: str, q: Floats, values: Floats, is_closed_path: bool = False
-) -> Floats:
-    """Reduce the values at samples to one number for each mode.
-
-    Parameters
-    ----------
-    reduction
-        ``"min"``, ``"max"``, ``"range"`` (largest less smallest value), ``"mean"``,
-        ``"rms"``, ``"sum"``, ``"at"`` (the only value), ``"argmin"`` and ``"argmax"`` (the
-        input at the smallest or largest value), or ``"swing"`` (range of an angle that is
-        followed over full revolutions).
-    q
-        (k,) the input (rad) at each sample, for ``"argmin"`` and ``"argmax"``.
-    values
-        (k, n) values at k samples of n assembly modes (ways to assemble the mechanism), NaN
-        where a mode does not close.
-    is_closed_path
-        Whether the last sample is the first one after full revolutions of the inputs.
-
-    Returns
-    -------
-    (n,) numbers, NaN if no value is finite.
-    """
-    if not len(values):
-        return nans(values.shape[1])
-    if reduction == "swing":
-        return find_widest_swings(values, is_closed_path).swing
-    if reduction == "at":
-        return values[-1]
-    if reduction.startswith("arg"):
-        # The largest value is the smallest one with the sign changed.
-        signed = values if reduction == "argmin" else -values
-        row = np.argmin(np.nan_to_num(signed, nan=np.inf), axis=0)
-        return np.where(np.any(np.isfinite(values), axis=0), q[row], np.nan)
-    with np.errstate(all="ignore"):
-        # fmin and fmax ignore NaN.
-        if reduction == "min":
-            return np.asarray(np.fmin.reduce(values))
-        if reduction == "max":
-            return np.asarray(np.fmax.reduce(values))
-        if reduction == "range":
-            return np.fmax.reduce(values) - np.fmin.reduce(values)
-        finite = np.isfinite(values)
-        summands = values * values if reduction == "rms" else values
-        total = np.sum(summands, axis=0, where=finite)
-        count = np.sum(finite, axis=0)
-        if reduction == "sum":
-            return np.where(count > 0, total, np.nan)
-        if reduction == "rms":
-            return np.sqrt(total / count)
-        return np.asarray(total / count)
-
-
-@dataclass(frozen=True)
-class AngleSwings:
-    """The widest swing of an angle in each of n assembly modes.
-
-    A swing is the difference of the largest and the smallest angle over successive samples,
-    with full revolutions counted.
-
-    Attributes
-    ----------
-    swing
-        (n,) the widest swing (rad); NaN if the angle is known at no sample.
-    low_sample, high_sample
-        (n,) indices of the samples at which the angle is smallest and largest.
-    """
-
-    swing: Floats
-    low_sample: Indices
-    high_sample: Indices
-
-
-def find_widest_swings(angles: Floats, is_closed_path: bool) -> AngleSwings:
-    """Find how far angles swing over successive samples, with full revolutions counted.
-
-    Samples at which a mode does not close divide the samples into pieces. The change of an
-    angle from sample to sample is taken in (-pi, pi] and added up within a piece. The piece
-    with the widest swing counts.
-
-    Parameters
-    ----------
-    angles
-        (k, n) angles (rad) at k samples of n assembly modes (ways to assemble the
-        mechanism), NaN where a mode does not close.
-    is_closed_path
-        Whether the last sample is the first one after full revolutions of the inputs. The
-        first piece then continues the last one if the angle is the same at both samples.
-
-    Returns
-    -------
-    The widest swing of each mode, and the samples at its ends.
-    """
-    # If the first piece continues the last one, the samples are appended once more, so that
-    # both are one piece. A single piece without NaN need not be appended.
-    pieces_meet = np.abs(wrap(angles[-1] - angles[0])) < SAME_ANGLE_RAD
-    is_appended = pieces_meet & np.any(np.isnan(angles), axis=0)
-    appended = np.where(is_appended, angles, np.nan)
-    path = np.concatenate([angles, appended]) if is_closed_path else angles
-
-    # (n, path samples) changes of the angles. The first one of each mode is NaN. From here
-    # on, the steps of all modes are one long array, in which each NaN starts a piece.
-    steps = wrap(np.diff(path, axis=0, prepend=np.nan)).T
-    piece_starts = np.flatnonzero(np.isnan(steps))
-    piece_of_step = np.cumsum(np.isnan(steps)) - 1
-    # The angle relative to the first sample. NaN counts as no change.
-    growth = np.cumsum(np.nan_to_num(steps), axis=1).ravel()
-
-    # (pieces,) extremes of each piece, and the mode to which the piece belongs.
-    lowest = np.minimum.reduceat(growth, piece_starts)
-    highest = np.maximum.reduceat(growth, piece_starts)
-    swings = highest - lowest
-    mode_of_piece = piece_starts // len(path)
-    # Sorted by mode, and in each mode by falling swing, the first piece is the widest one.
-    order = np.lexsort((-swings, mode_of_piece))
-    widest = order[np.searchsorted(mode_of_piece, np.arange(angles.shape[1]))]
-
-    def find_extreme_samples(extremes: Floats) -> Indices:
-        """Return the first sample (n,) at which the widest piece has its extreme growth.
-
-        `extremes` (pieces,) are the lowest or the highest growths.
-        """
-        extreme_steps = np.flatnonzero(growth == extremes[piece_of_step])
-        # The first such step from the start of the piece on.
-        step = extreme_steps[np.searchsorted(extreme_steps, piece_starts[widest])]
-        # From the long array to the path of the mode, then to samples without repetition.
-        return step % len(path) % len(angles)
-
-    is_known = np.any(np.isfinite(angles), axis=0)
-    return AngleSwings(
-        swing=np.where(is_known, swings[widest], np.nan),
-        low_sample=find_extreme_samples(lowest),
-        high_sample=find_extreme_samples(highest),
-    )

@@ -2,7 +2,8 @@
 
 from spherekit.designs.sensitivity import Sensitivity
 from spherekit.designs.size_deviations import Distribution, SizeDeviations
-from spherekit.runs.figure_of_merit import REDUCTIONS, FigureOfMerit
+from spherekit.runs.figure_of_merit import FigureOfMerit
+from spherekit.runs.reductions import REDUCTIONS
 from spherekit.velocities.row_quantities import middle_pairs, row_quantities
 
 __all__ = [

@@ -6,23 +6,9 @@ from dataclasses import dataclass
 
 from spherekit.errors import AnalysisError, ModelError
 from spherekit.mechanism.load_expression import Expression, parse
+from spherekit.runs.reductions import REDUCTION_BY_NAME, REDUCTIONS
 from spherekit.tables.table import Units
 from spherekit.wording import choices, listing
-
-REDUCTIONS = {
-    "min": "the least value",
-    "max": "the greatest value",
-    "mean": "the mean over the samples",
-    "rms": "the root of the mean square",
-    "range": "the greatest value less the least",
-    "swing": "the range of an angle that is followed over whole turns",
-    "sum": "the sum over the rows",
-    "argmin": "the input at which it is least",
-    "argmax": "the input at which it is greatest",
-    "at": "the value at an input: at(EXPRESSION, Q); at several: at(EXPRESSION, Q, Q)",
-}
-"""How rows become one number. Samples that do not close are left out."""
-
 
 _MERIT_PATTERN = re.compile(
     r"(?:(?P<name>[A-Za-z_]\w*)\s*=(?!=))?"  # NAME=, but not the operator ==
@@ -96,7 +82,7 @@ class FigureOfMerit:
             raise AnalysisError(
                 f'"{self.name}" cannot name a figure of merit: letters, digits and _ can'
             )
-        if bool(self.point) != (self.reduction == "at"):
+        if bool(self.point) != REDUCTION_BY_NAME[self.reduction].needs_point:
             raise AnalysisError(
                 f"{self.name}: at(EXPRESSION, Q) needs an input Q, and no other has one"
             )
@@ -134,7 +120,7 @@ class FigureOfMerit:
         names
             Units of quantities by their names.
         """
-        if self.reduction.startswith("arg"):
+        if REDUCTION_BY_NAME[self.reduction].returns_input:
             return names.get(f"q_{self.place}" if self.place else "q", "")
         quantity = _QUANTITY_PATTERN.fullmatch(self.expression)
         return names.get(quantity["name"], "") if quantity else ""

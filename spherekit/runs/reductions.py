@@ -1,0 +1,244 @@
+"""Reductions: the ways in which values at samples become one figure of merit.
+
+Each way is one entry of `REDUCTION_BY_NAME`, with its meaning, the number that it gives and
+the derivatives of this number. A new reduction needs an entry here and nothing else.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from spherekit.arrays import Floats
+from spherekit.geometry.vectors import nans
+from spherekit.numerics.angle_swings import find_widest_swings
+
+SMALLEST_RMS = 1e-300
+"""Smallest root mean square by which its derivatives are divided.
+
+It avoids 0 / 0 for values that are all zero. Their derivatives are then zero.
+"""
+
+
+@dataclass(frozen=True)
+class SampledValues:
+    """Values of one quantity at samples of the inputs.
+
+    Attributes
+    ----------
+    q
+        (k,) the input (rad) at each sample.
+    values
+        (k, n) the values in n assembly modes, NaN where a mode cannot be assembled.
+    is_closed_path
+        Whether the last sample is the first one after full revolutions of the inputs.
+    """
+
+    q: Floats
+    values: Floats
+    is_closed_path: bool = False
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """A way in which the values of a quantity at samples become one number.
+
+    Attributes
+    ----------
+    meaning
+        Its meaning in a few words.
+    reduce
+        Function that returns the number (n,) of each mode. It ignores NaN, and returns NaN
+        if all values are NaN.
+    weights
+        Function that returns the derivatives (k,) of the number of a single mode by the
+        values at the samples, from the values and the number. At least one value is
+        finite. It is None if the number is an input, which has no such derivatives.
+    returns_input
+        Whether the number is an input (rad) and not a value of the quantity.
+    needs_point
+        Whether a figure states inputs, and is reduced from the sample at these inputs.
+    """
+
+    meaning: str
+    reduce: Callable[[SampledValues], Floats]
+    weights: Callable[[SampledValues, float], Floats] | None = None
+    returns_input: bool = False
+    needs_point: bool = False
+
+
+def reduce_samples(
+    reduction: str, q: Floats, values: Floats, is_closed_path: bool = False
+) -> Floats:
+    """Reduce the values at samples to one number (n,) for each mode.
+
+    Parameters
+    ----------
+    reduction
+        Name of the reduction, a key of `REDUCTION_BY_NAME`.
+    q, values, is_closed_path
+        The samples, see `SampledValues`.
+
+    Returns
+    -------
+    (n,) numbers, NaN if no value is finite.
+    """
+    if not len(values):
+        return nans(values.shape[1])
+    with np.errstate(all="ignore"):
+        samples = SampledValues(q, values, is_closed_path)
+        return REDUCTION_BY_NAME[reduction].reduce(samples)
+
+
+def sample_weights(
+    reduction: str, values: Floats, figure: float, is_closed_path: bool
+) -> Floats | None:
+    """Return the derivatives of a reduced number by the values at the samples.
+
+    For example, the derivative of a largest value is 1 at the sample where it occurs, and 0
+    at all other samples.
+
+    Parameters
+    ----------
+    reduction
+        Name of the reduction, a key of `REDUCTION_BY_NAME`.
+    values
+        (k,) values, NaN where the mechanism cannot be assembled.
+    figure
+        The reduced number.
+    is_closed_path
+        Whether the last sample is the first one after full revolutions of the inputs.
+
+    Returns
+    -------
+    (k,) derivatives, zero at samples that do not count. None if the number is an input.
+    """
+    weights = REDUCTION_BY_NAME[reduction].weights
+    if weights is None:
+        return None
+    if not np.any(np.isfinite(values)):
+        return np.zeros(len(values))
+    no_inputs = nans(len(values))
+    return weights(SampledValues(no_inputs, values[:, None], is_closed_path), figure)
+
+
+def _smallest(samples: SampledValues) -> Floats:
+    # fmin ignores NaN.
+    return np.asarray(np.fmin.reduce(samples.values))
+
+
+def _largest(samples: SampledValues) -> Floats:
+    return np.asarray(np.fmax.reduce(samples.values))
+
+
+def _range(samples: SampledValues) -> Floats:
+    return _largest(samples) - _smallest(samples)
+
+
+def _sum(samples: SampledValues) -> Floats:
+    is_finite = np.isfinite(samples.values)
+    total = np.sum(samples.values, axis=0, where=is_finite)
+    return np.where(np.sum(is_finite, axis=0) > 0, total, np.nan)
+
+
+def _mean(samples: SampledValues) -> Floats:
+    is_finite = np.isfinite(samples.values)
+    total = np.sum(samples.values, axis=0, where=is_finite)
+    return np.asarray(total / np.sum(is_finite, axis=0))
+
+
+def _root_mean_square(samples: SampledValues) -> Floats:
+    is_finite = np.isfinite(samples.values)
+    total = np.sum(samples.values * samples.values, axis=0, where=is_finite)
+    return np.sqrt(total / np.sum(is_finite, axis=0))
+
+
+def _swing(samples: SampledValues) -> Floats:
+    return find_widest_swings(samples.values, samples.is_closed_path).swing
+
+
+def _only_value(samples: SampledValues) -> Floats:
+    # A figure at given inputs has a single sample.
+    return samples.values[-1]
+
+
+def _input_at_smallest(samples: SampledValues) -> Floats:
+    row = np.argmin(np.nan_to_num(samples.values, nan=np.inf), axis=0)
+    has_value = np.any(np.isfinite(samples.values), axis=0)
+    return np.where(has_value, samples.q[row], np.nan)
+
+
+def _input_at_largest(samples: SampledValues) -> Floats:
+    # The largest value is the smallest one with the sign changed.
+    return _input_at_smallest(SampledValues(samples.q, -samples.values))
+
+
+def _smallest_weights(samples: SampledValues, figure: float) -> Floats:
+    weights = np.zeros(len(samples.values))
+    weights[np.nanargmin(samples.values)] = 1.0
+    return weights
+
+
+def _largest_weights(samples: SampledValues, figure: float) -> Floats:
+    weights = np.zeros(len(samples.values))
+    weights[np.nanargmax(samples.values)] = 1.0
+    return weights
+
+
+def _range_weights(samples: SampledValues, figure: float) -> Floats:
+    return _largest_weights(samples, figure) - _smallest_weights(samples, figure)
+
+
+def _sum_weights(samples: SampledValues, figure: float) -> Floats:
+    return np.isfinite(samples.values[:, 0]).astype(float)
+
+
+def _mean_weights(samples: SampledValues, figure: float) -> Floats:
+    is_finite = np.isfinite(samples.values[:, 0])
+    return np.where(is_finite, 1.0 / np.sum(is_finite), 0.0)
+
+
+def _root_mean_square_weights(samples: SampledValues, figure: float) -> Floats:
+    values = np.nan_to_num(samples.values[:, 0])
+    return _mean_weights(samples, figure) * (values / max(figure, SMALLEST_RMS))
+
+
+def _swing_weights(samples: SampledValues, figure: float) -> Floats:
+    swings = find_widest_swings(samples.values, samples.is_closed_path)
+    weights = np.zeros(len(samples.values))
+    weights[swings.high_sample] += 1.0
+    weights[swings.low_sample] -= 1.0
+    return weights
+
+
+REDUCTION_BY_NAME: Mapping[str, Reduction] = {
+    "min": Reduction("the least value", _smallest, _smallest_weights),
+    "max": Reduction("the greatest value", _largest, _largest_weights),
+    "mean": Reduction("the mean over the samples", _mean, _mean_weights),
+    "rms": Reduction(
+        "the root of the mean square", _root_mean_square, _root_mean_square_weights
+    ),
+    "range": Reduction("the greatest value less the least", _range, _range_weights),
+    "swing": Reduction(
+        "the range of an angle that is followed over whole turns", _swing, _swing_weights
+    ),
+    "sum": Reduction("the sum over the rows", _sum, _sum_weights),
+    "argmin": Reduction(
+        "the input at which it is least", _input_at_smallest, returns_input=True
+    ),
+    "argmax": Reduction(
+        "the input at which it is greatest", _input_at_largest, returns_input=True
+    ),
+    "at": Reduction(
+        "the value at an input: at(EXPRESSION, Q); at several: at(EXPRESSION, Q, Q)",
+        _only_value,
+        _mean_weights,
+        needs_point=True,
+    ),
+}
+"""All reductions by the names that figures of merit use. Rows that fail are left out."""
+
+REDUCTIONS: Mapping[str, str] = {
+    name: reduction.meaning for name, reduction in REDUCTION_BY_NAME.items()
+}
+"""Meanings of the reductions by their names."""
