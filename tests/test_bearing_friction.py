@@ -8,43 +8,71 @@ from oracles.newton_euler import check_simulated_motion, with_point_masses
 import spherekit as sk
 
 
-def spun(grip, positions=(0.2, 0.7)):
-    """Return a wheel out of balance on one axis, on two bearings 0.5 m apart or on one."""
+def unbalanced_wheel(friction_per_moment, positions=(0.2, 0.7)):
+    """Return a wheel out of balance that turns about z on two bearings, or on one.
+
+    Parameters
+    ----------
+    friction_per_moment
+        Friction torque per moment across the axis, g below. The bearings are 0.5 m apart
+        and have the radius 0.25 g m and the coefficient 1, so two of them give g.
+    positions
+        Positions of the bearings on the axis, m.
+    """
     tensor = (2.0, 0.0, 0.3), (0.0, 2.0, 0.4), (0.3, 0.4, 1.0)
-    rub = sk.Bearings("rub", "12", positions, 0.25 * grip, 1.0, 1e-3)
-    return one_link_mechanism(tensor, rub, axis=(0.0, 0.0, 1.0))
+    bearings = sk.Bearings(
+        "rub",
+        "12",
+        positions,
+        radius=0.25 * friction_per_moment,
+        coefficient=1.0,
+        speed=1e-3,
+    )
+    return one_link_mechanism(tensor, bearings, axis=(0.0, 0.0, 1.0))
 
 
 @pytest.mark.parametrize("positions", [(0.2, 0.7), (0.25,)])
-def test_a_wheel_out_of_balance_is_slowed_by_what_its_bearings_carry(positions):
-    """By hand: M^2 = P^2 (a^2 + w^4) across the axis, with P its product of inertia.
+def test_an_unbalanced_wheel_is_slowed_by_the_friction_of_its_bearings(positions):
+    """The motion has a closed form.
 
-    With C a = -g M and the moment of inertia C about the axis, a = -k w^2 with
-    k = g P / sqrt(C^2 - g^2 P^2), so the angle is log(1 + k w t) / k.
+    With the products of inertia P (0.5 kg m^2), the rate w and the acceleration a, the
+    moment across the axis is M with M^2 = P^2 (a^2 + w^4). The friction C a = -g M, with
+    the moment of inertia C, gives a = -k w^2 with k = g P / sqrt(C^2 - g^2 P^2). So the
+    angle is log(1 + k w0 t) / k and the rate w0 / (1 + k w0 t).
     """
-    grip, first, product, tensor = 0.4, 5.0, 0.5, 1.0
-    found = sk.simulate(spun(grip, positions), sk.Start(0.0, first), 1.0, tolerance=1e-11)
-    assert found.end.kind == "time" and found.engine.name == "numpy"
-    assert "follows from the reaction" in found.engine.reason
-    k = grip * product / np.sqrt(tensor**2 - grip**2 * product**2)
+    friction_per_moment = 0.4
+    initial_rate = 5.0
+    product_of_inertia = 0.5
+    moment_of_inertia = 1.0
+    wheel = unbalanced_wheel(friction_per_moment, positions)
+    simulation = sk.simulate(wheel, sk.Start(0.0, initial_rate), 1.0, tolerance=1e-11)
+    assert simulation.end.kind == "time"
+    assert simulation.engine.name == "numpy"
+    assert "follows from the reaction" in simulation.engine.reason
+
+    friction_moment = friction_per_moment * product_of_inertia
+    k = friction_moment / np.sqrt(moment_of_inertia**2 - friction_moment**2)
     t = np.linspace(0.0, 1.0, 7)
-    history = found.at(t)
-    assert history.q == pytest.approx(np.log1p(k * first * t) / k, abs=1e-10)
-    assert history.dq == pytest.approx(first / (1.0 + k * first * t), abs=1e-9)
-    # What is lost of the energy is the work of the friction.
-    lost = 0.5 * tensor * (history.dq**2 - first**2)
+    history = simulation.at(t)
+    angle = np.log1p(k * initial_rate * t) / k
+    rate = initial_rate / (1.0 + k * initial_rate * t)
+    assert history.q == pytest.approx(angle, abs=1e-10)
+    assert history.dq == pytest.approx(rate, abs=1e-9)
+
+    # The energy that is lost is the work of the friction.
+    lost = 0.5 * moment_of_inertia * (history.dq**2 - initial_rate**2)
     assert history.work[:, 0] == pytest.approx(lost, abs=1e-9)
-    assert found.checks.energy < 1e-12 * found.checks.energy_scale
-    across = found.moments(t).across[:, 0]
-    want = product * history.dq**2 * np.sqrt(1.0 + k**2)
-    assert across == pytest.approx(want, rel=1e-9)
+    assert simulation.checks.energy < 1e-12 * simulation.checks.energy_scale
+    moment_across = product_of_inertia * history.dq**2 * np.sqrt(1.0 + k**2)
+    assert simulation.moments(t).across[:, 0] == pytest.approx(moment_across, rel=1e-9)
 
 
-def test_bearings_that_lock_end_a_simulation():
-    """As found by hand above: there is no motion where g P reaches C."""
+def test_a_simulation_with_bearings_that_lock_is_refused():
+    """In the closed form above there is no motion if g P reaches C, at g = 2."""
     with pytest.raises(sk.SpherekitError, match="cannot leave its start: bearings lock"):
-        sk.simulate(spun(2.01), sk.Start(0.0, 5.0), 1.0)
-    assert sk.simulate(spun(1.9), sk.Start(0.0, 5.0), 0.01).end.kind == "time"
+        sk.simulate(unbalanced_wheel(2.01), sk.Start(0.0, 5.0), 1.0)
+    simulation = sk.simulate(unbalanced_wheel(1.9), sk.Start(0.0, 5.0), 0.01)
+    assert simulation.end.kind == "time"
 
 
 @pytest.mark.slow
@@ -61,7 +89,7 @@ def test_rows_at_singularities_say_nothing_of_what_bearings_carry():
             assert list(told) == ["AT_SINGULARITY", "OK", "OK"] * 2
 
 
-CASES = {
+CASES = {  # inputs (rad), rates (rad/s), pairs with friction, duration (s)
     "four_bar": ((0.3,), (2.0,), ("21", "41"), 0.4),
     "five_bar": ((1.0, 1.2), (1.0, -0.8), ("21", "43"), 0.4),
     "two_dof_spm": ((0.4, 0.9), (0.6, -0.5), ("21", "61"), 0.5),
@@ -69,16 +97,20 @@ CASES = {
 
 
 def moving(name):
-    made = with_point_masses(name)
-    return made.with_inputs(*([item.pair for item in made.inputs] or ["21"]))
+    """Return a shipped mechanism with point masses, driven at its inputs or at pair 21."""
+    mechanism = with_point_masses(name)
+    return mechanism.with_inputs(*([item.pair for item in mechanism.inputs] or ["21"]))
 
 
-def test_friction_recovers_the_torque_that_drove_it():
-    """The inverse problem, which finds friction with the torques, along a simulation."""
-    made = moving("four_bar")
-    rub = sk.Bearings("rub", "41", (0.4, 0.9), 0.1, 0.8, speed=0.05)
+def test_inverse_dynamics_with_friction_recovers_the_torque_of_a_simulation():
+    """A crank is driven by 5 sin(2 t) N m against a bearing with friction.
+
+    The inverse problem finds the friction together with the torque, since friction follows
+    from reactions and reactions from the torque.
+    """
+    bearings = sk.Bearings("rub", "41", (0.4, 0.9), 0.1, 0.8, speed=0.05)
     run = sk.run(
-        made.with_loads(rub),
+        moving("four_bar").with_loads(bearings),
         ["eksergian", "dynamics"],
         start=sk.Start(0.3, 2.0),
         torque="5*sin(2*t)",
@@ -87,36 +119,50 @@ def test_friction_recovers_the_torque_that_drove_it():
     )
     for analysis in ("eksergian", "dynamics"):
         table = run.frame(analysis)
-        want = 5.0 * np.sin(2.0 * table["t"].to_numpy())
-        assert table["tau"].to_numpy() == pytest.approx(want, abs=1e-7)
+        torque = 5.0 * np.sin(2.0 * table["t"].to_numpy())
+        assert table["tau"].to_numpy() == pytest.approx(torque, abs=1e-7)
 
 
 @pytest.mark.many
 @pytest.mark.parametrize(
     "name", ["four_bar", "five_bar", pytest.param("two_dof_spm", marks=pytest.mark.long)]
 )
-def test_free_bodies_with_all_reactions_and_friction_move_the_same_way(name):
-    q, dq, rubbing, until = CASES[name]
-    made = moving(name)
-    inputs = [item.pair for item in made.inputs]
+def test_simulations_with_bearing_friction_satisfy_euler_s_equations(name):
+    """Euler's equations of all links with all reactions (`oracles.newton_euler`).
+
+    The first input is driven by 5 sin(2 t) - 0.5 rate N m; two pairs have bearings with
+    friction, 0.5 m apart. Friction takes energy away all the time.
+    """
+    q, dq, friction_pairs, duration = CASES[name]
+    mechanism = moving(name)
+    inputs = [item.pair for item in mechanism.inputs]
     driven = inputs[0]
-    rub = [
-        sk.Bearings(f"rub_{pair}", pair, (0.4, 0.9), 0.1, 0.4, speed=0.05)
-        for pair in rubbing
+    radius = 0.1
+    coefficient = 0.4
+    bearings = [
+        sk.Bearings(f"rub_{pair}", pair, (0.4, 0.9), radius, coefficient, speed=0.05)
+        for pair in friction_pairs
     ]
     drive = sk.PairTorque("drive", driven, f"5*sin(2*t) - 0.5*dtheta_{driven}")
-    made = made.with_loads(drive, *rub)
-    found = sk.simulate(made, sk.Start(q, dq), until, tolerance=1e-11)
-    assert found.end.kind == "time"
-    t = np.linspace(0.0, until, 6)
-    history = found.at(t)
-    checks = found.checks
-    assert checks.energy < 1e-12 * checks.energy_scale
-    work = [history.work[:, k] for k, load in enumerate(made.loads) if load in rub]
-    assert len(work) == 2 and np.all(np.diff(work, axis=1) < 0.0)
+    mechanism = mechanism.with_loads(drive, *bearings)
+    simulation = sk.simulate(mechanism, sk.Start(q, dq), duration, tolerance=1e-11)
 
-    def driving(t, rates):
-        return [5.0 * np.sin(2.0 * t) - 0.5 * rates[0], *(0.0 for _ in inputs[1:])]
+    assert simulation.end.kind == "time"
+    assert simulation.checks.energy < 1e-12 * simulation.checks.energy_scale
+    work = simulation.at(np.linspace(0.0, duration, 6)).work
+    for k, load in enumerate(mechanism.loads):
+        if load in bearings:
+            assert np.all(np.diff(work[:, k]) < 0.0)
 
-    grips = dict.fromkeys(rubbing, 2 * 0.4 * 0.1 / 0.5)
-    check_simulated_motion(found, driving, grips, 0.05, within=1e-9)
+    def driving_torques(t, rates):
+        return [5.0 * np.sin(2.0 * t) - 0.5 * rates[0], *[0.0] * (len(inputs) - 1)]
+
+    # Each of two bearings carries the moment across the axis over their distance.
+    friction_per_moment = 2 * coefficient * radius / 0.5
+    check_simulated_motion(
+        simulation,
+        driving_torques,
+        grips=dict.fromkeys(friction_pairs, friction_per_moment),
+        speed=0.05,
+        within=1e-9,
+    )
