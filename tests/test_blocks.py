@@ -22,7 +22,7 @@ from spherekit.tables.table import ASSEMBLY_MODE, SAMPLE, Column, Table
 BACK = {"laws": {"21": sk.ConstantSpeed(-7.0, 1.0)}, "duration": 3.0}
 """More than three turns of the crank, and of the coupler on it, backwards."""
 
-COURSES = {
+RUN_OPTIONS = {
     "samples": {"samples": 120},
     "one assembly mode": {"samples": 120, "assembly_mode": 1},
     "a law": {"samples": 120, **BACK},
@@ -43,52 +43,72 @@ def many_turns():
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("size", [1, 7, 100])
-def test_blocks_go_on_where_the_one_before_ended(size):
-    """Over gaps too, and through JSON; with one input, and along a path of several."""
-    way = np.linspace(0.0, 1.0, 40)[:, None] * np.array([0.9, 0.7])
-    for tracer in (many_turns(), PositionAnalysis(sk.load("five_bar"), path=way)):
+def test_angles_continue_from_block_to_block_as_in_one_motion(size):
+    """Total angles count whole turns, so a block needs the last angles of the one before.
 
-        def gaps(motion):
-            values = motion.values.copy()
-            values[motion.sample % 5 == 3] = np.nan
-            return replace(motion, values=values)
+    The angles of blocks of `size` samples equal those of the whole motion, for a four-bar
+    that turns four times and for a path of two inputs. One sample in five is missing, and
+    the state between two blocks passes through JSON, as in a run that is resumed.
+    """
 
-        names, modes = list(tracer.mechanism.angles), len(tracer.assembly_modes)
-        whole = continue_angles(gaps(tracer.motion()), names, tracer.angle_unwrapping, {})
-        memory, parts = {}, []
-        for motion in tracer.blocks(size):
-            found = continue_angles(gaps(motion), names, tracer.angle_unwrapping, memory)
-            parts.append({name: own.reshape(modes, -1) for name, own in found.items()})
-            memory = json.loads(json.dumps(memory))
+    def with_missing_samples(motion):
+        values = motion.values.copy()
+        values[motion.sample % 5 == 3] = np.nan
+        return replace(motion, values=values)
+
+    path = np.linspace(0.0, 1.0, 40)[:, None] * np.array([0.9, 0.7])
+    five_bar = PositionAnalysis(sk.load("five_bar"), path=path)
+    for position_analysis in (many_turns(), five_bar):
+        names = list(position_analysis.mechanism.angles)
+        mode_count = len(position_analysis.assembly_modes)
+        unwrapping = position_analysis.angle_unwrapping
+        motion = with_missing_samples(position_analysis.motion())
+        whole = continue_angles(motion, names, unwrapping, {})
+        state = {}
+        blocks = []
+        for block in position_analysis.blocks(size):
+            angles = continue_angles(with_missing_samples(block), names, unwrapping, state)
+            blocks.append(
+                {x: column.reshape(mode_count, -1) for x, column in angles.items()}
+            )
+            state = json.loads(json.dumps(state))
         for name in names:
-            joined = np.concatenate([part[name] for part in parts], axis=1)
-            here = joined.ravel(), whole[name]
-            assert np.allclose(*here, rtol=0.0, atol=1e-12, equal_nan=True)
+            joined = np.concatenate([block[name] for block in blocks], axis=1).ravel()
+            assert np.allclose(joined, whole[name], rtol=0.0, atol=1e-12, equal_nan=True)
 
 
-def test_inputs_are_as_given_and_grids_go_on_as_paths():
-    tracer = many_turns()
-    motion = tracer.motion()
-    found = continue_angles(motion, ["21"], tracer.angle_unwrapping, {})["21"]
-    assert np.array_equal(found, motion.q) and np.min(found) == -25.0
-    low = replace(
-        five := sk.load("five_bar"),
-        inputs=tuple(
-            replace(item, start=0.7, stop=stop)
-            for item, stop in zip(five.inputs, (1.1, 2.4), strict=True)
-        ),
+def test_angles_of_inputs_are_the_inputs_themselves():
+    """A path from 0.5 to -25 rad keeps its turns."""
+    position_analysis = many_turns()
+    motion = position_analysis.motion()
+    unwrapping = position_analysis.angle_unwrapping
+    angles = continue_angles(motion, ["21"], unwrapping, {})["21"]
+    assert np.array_equal(angles, motion.q)
+    assert np.min(angles) == -25.0
+
+
+def test_angles_on_a_grid_grow_as_along_a_fine_path():
+    """From one corner of a grid of two inputs to the other, angles grow by the same.
+
+    The path between the corners has 400 samples, so `np.unwrap` counts its turns.
+    """
+    five_bar = sk.load("five_bar")
+    inputs = tuple(
+        replace(item, start=0.7, stop=stop)
+        for item, stop in zip(five_bar.inputs, (1.1, 2.4), strict=True)
     )
-    grid = PositionAnalysis(low, samples=(3, 4), grid=True)
+    mechanism = replace(five_bar, inputs=inputs)
+    grid = PositionAnalysis(mechanism, samples=(3, 4), grid=True)
     names = sorted(set(grid.mechanism.angles) - set(grid.inputs))
-    motion = grid.motion()
-    found = continue_angles(motion, names, grid.angle_unwrapping, {})
-    way = np.linspace([0.7, 0.7], [1.1, 2.4], 400)
-    fine = PositionAnalysis(low, path=way).motion()
+    angles = continue_angles(grid.motion(), names, grid.angle_unwrapping, {})
+    path = np.linspace([0.7, 0.7], [1.1, 2.4], 400)
+    fine_motion = PositionAnalysis(mechanism, path=path).motion()
     for name in names:
-        column = fine.values[:, fine.mechanism.angles[name]].reshape(2, -1)
-        grown = np.ptp(np.unwrap(column, axis=1)[:, [0, -1]], axis=1)
-        ends = found[name].reshape(2, -1)[:, [0, -1]]
-        assert np.max(np.abs(np.ptp(ends, axis=1) - grown)) < 1e-9
+        variable = fine_motion.mechanism.angles[name]
+        fine = np.unwrap(fine_motion.values[:, variable].reshape(2, -1), axis=1)
+        growth_on_path = np.ptp(fine[:, [0, -1]], axis=1)
+        growth_on_grid = np.ptp(angles[name].reshape(2, -1)[:, [0, -1]], axis=1)
+        assert np.max(np.abs(growth_on_grid - growth_on_path)) < 1e-9
 
 
 def test_angles_grow_by_every_turn_of_one_of_several_inputs():
@@ -109,38 +129,45 @@ def data_of(result, name):
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("course", COURSES)
-def test_eksergian_in_blocks_and_at_once(course):
-    """Up to the rounding of a motion evaluated in other blocks."""
-    made = four_bar_with_springs("21", "32", "43")
-    whole, blocks = (
-        sk.run(made, "eksergian", **COURSES[course], block=block) for block in (None, 7)
-    )
-    assert blocks.summary["samples_in_a_block"] == 7 < whole.summary["samples"]
+@pytest.mark.parametrize("course", RUN_OPTIONS)
+def test_eksergian_gives_the_same_tables_and_findings_in_blocks(course):
+    """The four-bar has springs at three pairs, whose torques depend on total angles.
+
+    Tables and findings of a run in blocks of 7 samples equal those of one block, up to the
+    rounding of a motion that is evaluated in other blocks.
+    """
+    mechanism = four_bar_with_springs("21", "32", "43")
+    options = RUN_OPTIONS[course]
+    whole = sk.run(mechanism, "eksergian", **options, block=None)
+    in_blocks = sk.run(mechanism, "eksergian", **options, block=7)
+    assert in_blocks.summary["samples_in_a_block"] == 7
+    assert whole.summary["samples"] > 7
+
     for name in ("motion", "eksergian"):
-        one, other = data_of(whole, name), data_of(blocks, name)
-        for table, columns in one.items():
+        block_tables = data_of(in_blocks, name)
+        for table, columns in data_of(whole, name).items():
             for column, values in columns.items():
+                block_values = block_tables[table][column]
                 if values.dtype.kind != "f":
-                    assert np.array_equal(values, other[table][column])
+                    assert np.array_equal(values, block_values)
                     continue
-                # With loads the torque is a difference of larger ones.
-                scale = columns["Q"] if column == "tau" else values
-                size = np.nanmax(np.abs(scale), initial=0.0)
-                off = np.abs(values - other[table][column])
-                assert np.nanmax(off, initial=0.0) <= 2e-14 * max(size, 1.0), column
-    first, second = (each.summary["analyses"][0]["findings"] for each in (whole, blocks))
-    assert first["largest_conditioning"] == pytest.approx(
-        second["largest_conditioning"], rel=1e-12
-    )
-    places = [(each["at_assembly_mode"], each["at_q_rad"]) for each in (first, second)]
-    assert places[0][0] == places[1][0]
-    assert places[0][1] == pytest.approx(places[1][1], abs=1e-14)
+                # With loads the torque tau is a difference of larger numbers.
+                scale_column = columns["Q"] if column == "tau" else values
+                scale = max(np.nanmax(np.abs(scale_column), initial=0.0), 1.0)
+                gap = np.nanmax(np.abs(values - block_values), initial=0.0)
+                assert gap <= 2e-14 * scale, column
+
+    findings = whole.summary["analyses"][0]["findings"]
+    block_findings = in_blocks.summary["analyses"][0]["findings"]
+    conditioning = findings["largest_conditioning"]
+    assert block_findings["largest_conditioning"] == pytest.approx(conditioning, rel=1e-12)
+    assert block_findings["at_assembly_mode"] == findings["at_assembly_mode"]
+    assert block_findings["at_q_rad"] == pytest.approx(findings["at_q_rad"], abs=1e-14)
 
 
 def test_a_portrait_has_one_frame_whatever_the_blocks():
     listener = SceneListener()
-    how = {**COURSES["loads"], "block": 50, "recorder": listener}
+    how = {**RUN_OPTIONS["loads"], "block": 50, "recorder": listener}
     frame = sk.run(four_bar_with_springs("21", "32", "43"), "eksergian", **how).frame()
     every = [part for scene in listener.scenes for part in scene.primitives]
     portraits = [part for part in every if isinstance(part, Portrait)]
@@ -153,7 +180,10 @@ def test_a_portrait_has_one_frame_whatever_the_blocks():
 @final
 @dataclass(frozen=True, kw_only=True)
 class Counting(MinimalAnalysis):
-    """Says how many rows it saw, or something that differs from block to block."""
+    """An analysis whose findings are the number of rows in a block.
+
+    If `joins` is False, it does not define how findings of two blocks are joined.
+    """
 
     name: ClassVar = "counting"
     rowwise: ClassVar = True
@@ -178,22 +208,35 @@ class Counting(MinimalAnalysis):
 
 
 def test_findings_of_blocks_are_joined():
-    made = sk.load("four_bar")
-    result = sk.run(made, Counting(), samples=25, block=4)
+    """25 samples of two modes are 50 rows, whatever the blocks."""
+    result = sk.run(sk.load("four_bar"), Counting(), samples=25, block=4)
     assert result.summary["analyses"][0]["findings"] == {"rows": 50}
-    result = sk.run(made, [Counting(joins=False), "poles"], samples=25, block=5)
+
+
+def test_findings_that_differ_between_blocks_need_a_way_to_join_them():
+    """Without `joined`, equal findings of all blocks are taken, others are a failure.
+
+    25 samples make five equal blocks of 5 samples (10 rows of two modes), but not of 4.
+    Another analysis of the same run is complete.
+    """
+    analyses = [Counting(joins=False), "poles"]
+    mechanism = sk.load("four_bar")
+    result = sk.run(mechanism, analyses, samples=25, block=5)
     assert result.summary["analyses"][0]["findings"] == {"rows": 10}
-    result = sk.run(made, [Counting(joins=False), "poles"], samples=25, block=4)
+    result = sk.run(mechanism, analyses, samples=25, block=4)
     assert "define joined()" in result.failures["counting"]
-    reached = result.summary["errors_reached"]["largest_closure_residual_rad"]
-    assert reached == result.frame("motion")["residual"].max()
+    largest_residual = result.summary["errors_reached"]["largest_closure_residual_rad"]
+    assert largest_residual == result.frame("motion")["residual"].max()
     assert len(result.frame("poles")) == 25 * 2 * 6
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
 class Apart(MinimalAnalysis):
-    """Reads no samples, and shows four rows of its own."""
+    """An analysis that reads no samples: three rows of its own, and a page of four.
+
+    `calls` lists the first sample of each batch that it was called with.
+    """
 
     name: ClassVar = "apart"
     reads_samples: ClassVar = False
@@ -214,55 +257,83 @@ class Apart(MinimalAnalysis):
 OWN = Axis("row", "", np.arange(4.0))
 
 
-def test_what_reads_no_samples_is_asked_once(tmp_path):
-    made, pages = sk.load("four_bar"), SceneListener()
+def test_an_analysis_that_reads_no_samples_is_computed_once():
+    """`Apart` is called once in a run of seven blocks, and shows its page once.
+
+    The four rows of its page are spread over the range of the input, 0 to 270 degrees in
+    steps of 90, or over the duration of a run in time.
+    """
+    mechanism = sk.load("four_bar")
+    listener = SceneListener()
     Apart.calls.clear()
-    result = sk.run(made, [Apart(), "poles"], samples=25, block=4, recorder=pages)
-    assert Apart.calls == [0] and result.summary["samples_in_a_block"] == 4
+    analyses = [Apart(), "poles"]
+    result = sk.run(mechanism, analyses, samples=25, block=4, recorder=listener)
+    assert Apart.calls == [0]
+    assert result.summary["samples_in_a_block"] == 4
     assert result.frame("apart")["x"].tolist() == [0.0, 1.0, 2.0]
-    own = [each for each in pages.logged if isinstance(each[0], str)]
-    logged = {page: rest for page, *rest in own}
-    assert len(own) == len(logged) and set(logged) == {"Apart", "Construction"}
-    samples, inputs, times = logged["Apart"]
-    assert (samples, times) == ([0, 1, 2, 3], None)
+
+    # Pages with a name are logged once; the others are pages of assembly modes.
+    logged = [entry for entry in listener.logged if isinstance(entry[0], str)]
+    assert sorted(page for page, *_ in logged) == ["Apart", "Construction"]
+    (entry,) = (entry for entry in logged if entry[0] == "Apart")
+    _, samples, inputs, times = entry
+    assert samples == [0, 1, 2, 3]
     assert np.allclose(inputs, np.arange(4) * np.pi / 2.0)
-    timed = SceneListener()
-    sk.run(made, Apart(), samples=25, block=4, duration=2.0, recorder=timed)
-    (own,) = (each for each in timed.logged if isinstance(each[0], str))
-    assert own[2] is None and own[3].tolist() == [0.0, 0.5, 1.0, 1.5]
+    assert times is None
+
+    timed_listener = SceneListener()
+    options = {"samples": 25, "block": 4, "duration": 2.0}
+    sk.run(mechanism, Apart(), **options, recorder=timed_listener)
+    (entry,) = (entry for entry in timed_listener.logged if isinstance(entry[0], str))
+    _, _, inputs, times = entry
+    assert inputs is None
+    assert times.tolist() == [0.0, 0.5, 1.0, 1.5]
 
 
-def test_nothing_is_traced_for_what_reads_no_samples(tmp_path, monkeypatch):
-    """No mode is looked for, no sample followed, and no table of a motion written."""
-
-    def followed(*given, **named):
-        raise AssertionError("a motion was traced")
-
-    monkeypatch.setattr("spherekit.positions.position_analysis.ModeSearch", followed)
-    made = sk.load("two_dof_spm")
-    for request in (
+@pytest.mark.parametrize(
+    "request_text",
+    [
         "inverse_kinematics:poses=21=14+61=23",
         "workspace:working_mode=0,tolerance=0.1",
         "equivalent_rotation:start=phi=75+gamma=-20,end=phi=70+gamma=20,samples=3",
-    ):
-        result = sk.run(made, request)
-        assert not result.failures and not result.results["motion"].tables
-        assert result.summary["assembly_modes"] == [] and result.summary["remarks"]
+    ],
+)
+def test_no_motion_is_computed_for_analyses_that_read_no_samples(request_text, monkeypatch):
+    """No mode is searched, no sample is followed, and no table of a motion is written.
+
+    As soon as another analysis reads samples, the (disabled) search is called.
+    """
+
+    def refuse_to_search(*arguments, **options):
+        raise AssertionError("a motion was traced")
+
+    monkeypatch.setattr(
+        "spherekit.positions.position_analysis.ModeSearch", refuse_to_search
+    )
+    mechanism = sk.load("two_dof_spm")
+    result = sk.run(mechanism, request_text)
+    assert not result.failures
+    assert not result.results["motion"].tables
+    assert result.summary["assembly_modes"] == []
+    assert result.summary["remarks"]
     with pytest.raises(AssertionError, match="was traced"):
-        sk.run(made, ["inverse_kinematics:poses=21=14+61=23", "poles"])
+        sk.run(mechanism, [request_text, "poles"])
 
 
-def test_it_is_not_asked_again_when_a_run_goes_on(tmp_path):
-    def stop(done, total):
+def test_an_analysis_that_reads_no_samples_is_not_repeated_in_a_resumed_run(tmp_path):
+    """A run is interrupted after two blocks and resumed: `Apart` is called once in all."""
+
+    def interrupt_after_eight_samples(done, total):
         if done == 8:
             raise KeyboardInterrupt
 
-    made = sk.load("four_bar")
+    mechanism = sk.load("four_bar")
     Apart.calls.clear()
-    words = {"samples": 25, "block": 4, "folder": tmp_path}
+    analyses = [Apart(), "poles"]
+    options = {"samples": 25, "block": 4, "folder": tmp_path}
     with pytest.raises(KeyboardInterrupt):
-        sk.run(made, [Apart(), "poles"], **words, progress=stop)
-    result = sk.run(made, [Apart(), "poles"], **words, unfinished="resume")
+        sk.run(mechanism, analyses, **options, progress=interrupt_after_eight_samples)
+    result = sk.run(mechanism, analyses, **options, unfinished="resume")
     assert Apart.calls == [0]
     assert len(result.frame("apart")) == 3
     assert result.summary["remarks"] == ["apart: Three."]

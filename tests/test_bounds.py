@@ -19,17 +19,19 @@ from spherekit.tolerances import EPS
 from spherekit.velocities.pole_request import request
 
 
-def test_what_follows_from_rates_in_doubt_has_a_status(tmp_path):
-    """Beside where a four-bar of right angles folds flat."""
+def test_inertia_that_follows_from_uncertain_rates_has_a_status(tmp_path):
+    """A four-bar of right angles, 1e-1, 1e-2 and 1e-4 rad beside where it folds flat.
+
+    At the last input the generalized inertia B is missing and its status says why.
+    """
     file = tmp_path / "special.toml"
     file.write_text(mechanism_text("special").format(90, 90, 90, 90) + MASSES)
-    made = sk.load(file)
     path = np.pi - np.array([1e-1, 1e-2, 1e-4])
-    frame = sk.run(made, "eksergian", path=path[:, None], assembly_mode=0).frame(
-        "eksergian"
-    )
+    run = sk.run(sk.load(file), "eksergian", path=path[:, None], assembly_mode=0)
+    frame = run.frame("eksergian")
     assert list(frame["status"]) == ["OK", "OK", "ILL_CONDITIONED"]
-    assert np.isnan(frame["B"].iloc[-1]) and np.all(np.isfinite(frame["B"].iloc[:2]))
+    assert np.isnan(frame["B"].iloc[-1])
+    assert np.all(np.isfinite(frame["B"].iloc[:2]))
 
 
 MASSES = """
@@ -44,19 +46,29 @@ LONG = pytest.param(range(12, 400), marks=pytest.mark.long)
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("seeds", [range(7), range(7, 12), LONG])
-def test_special_geometry_keeps_to_what_is_stated(seeds):
-    """By the float64 numbers and by the decimal degrees, every number of every row."""
-    judged, marked, worst = 0, 0, 0.0
+def test_error_bounds_are_right_for_special_geometry(seeds):
+    """Every number of every row with status OK is within its error bound.
+
+    The reference is evaluated in more digits, from the float64 sizes of the mechanism and
+    from the decimal degrees of its file. Bounds must not be useless either: some direction
+    uses more than 5 % of its bound, and fewer than 60 % of the rows have another status.
+    """
+    numbers = 0
+    rows_not_ok = 0
+    worst_ratio = 0.0
     for seed in seeds:
-        _, found = compare_special_mechanism(seed)
+        _, comparison = compare_special_mechanism(seed)
         for kind in KINDS:
-            assert np.all(found.error_ratios(kind) <= 1.0), (seed, kind)
-        assert found.silent == 0 and found.unknown == 0, seed
-        judged += found.numbers
-        marked += found.marked
-        worst = max(worst, float(np.max(found.error_ratios("directions"), initial=0.0)))
-    assert judged > 150 * len(seeds) and worst > 0.05
-    assert marked < 0.6 * (judged / 6)  # of rows; far from folds none is marked
+            assert np.all(comparison.error_ratios(kind) <= 1.0), (seed, kind)
+        assert comparison.silent == 0, seed
+        assert comparison.unknown == 0, seed
+        numbers += comparison.numbers
+        rows_not_ok += comparison.marked
+        ratios = comparison.error_ratios("directions")
+        worst_ratio = max(worst_ratio, float(np.max(ratios, initial=0.0)))
+    assert numbers > 150 * len(seeds)
+    assert worst_ratio > 0.05
+    assert rows_not_ok < 0.6 * (numbers / 6)  # a row has six poles or more
 
 
 @pytest.mark.long

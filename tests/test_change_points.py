@@ -24,28 +24,34 @@ DISTANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("arcs", CHANGE_POINTS.values(), ids=CHANGE_POINTS)
-def test_no_wrong_torque_without_a_status(arcs):
-    """At 1e-6 rad it was wrong by the hundredfold, and OK."""
+def test_torques_beside_change_points_are_right_or_have_a_status(arcs):
+    """Torque of the crank at 1e-2 to 1e-9 rad from where all links lie on a great circle.
+
+    There the modes of the four-bar cross, and rates are known to few digits. The reference
+    is the generalized inertia B and its derivative in 50 digits: with the rate 1 rad/s and
+    the acceleration 0.6 rad/s^2 of the law q + t + 0.3 t^2, tau = 0.6 B + 0.5 dB/dq.
+    """
     masses = tuple(Mass(link, TENSOR) for link in "234")
-    made = replace(four_bar(np.radians(arcs)), masses=masses, loads=())
-    tracer = PositionAnalysis(made)
-    seen = set()
+    mechanism = replace(four_bar(np.radians(arcs)), masses=masses, loads=())
+    position_analysis = PositionAnalysis(mechanism)
+    statuses = set()
     for q in DISTANCES:
-        solved = sk.inverse_dynamics(made, sk.Polynomial((q, 1.0, 0.3)), [0.0])
-        motion = tracer.at(np.array([q]))
-        assert len(motion) == len(solved.status) == 2
-        good = solved.status == sk.Status.OK
-        seen |= {sk.Status(code).name for code in solved.status}
-        assert np.array_equal(np.isfinite(solved.tau), good)
-        if not np.any(good):
+        solution = sk.inverse_dynamics(mechanism, sk.Polynomial((q, 1.0, 0.3)), [0.0])
+        motion = position_analysis.at(np.array([q]))
+        assert len(motion) == len(solution.status) == 2  # two modes
+        is_ok = solution.status == sk.Status.OK
+        statuses |= {sk.Status(code).name for code in solution.status}
+        assert np.array_equal(np.isfinite(solution.tau), is_ok)
+        if not np.any(is_ok):
             continue
-        exact = sk.exact_rows(motion, good, motion.assembly.input, Digits(50))
+        exact = sk.exact_rows(motion, is_ok, motion.assembly.input, Digits(50))
         assert np.all(exact.status == sk.Status.OK)
-        inertia, slope = map(centre_floats, exact_inertia(exact))
-        torque = 0.6 * inertia + 0.5 * slope
-        scale = np.maximum(np.maximum(np.abs(torque), np.abs(slope)), inertia)
-        assert np.max(np.abs(solved.B[good] - inertia) / inertia) < 1e-3
-        assert np.max(np.abs(solved.tau[good] - torque) / scale) < 5e-3
+        inertia, inertia_dq = map(centre_floats, exact_inertia(exact))
+        torque = 0.6 * inertia + 0.5 * inertia_dq
+        scale = np.maximum(np.maximum(np.abs(torque), np.abs(inertia_dq)), inertia)
+        torque_error = np.max(np.abs(solution.tau[is_ok] - torque) / scale)
+        assert np.max(np.abs(solution.B[is_ok] - inertia) / inertia) < 1e-3
+        assert torque_error < 5e-3
         if q >= 1e-3:
-            assert np.max(np.abs(solved.tau[good] - torque) / scale) < 1e-6
-    assert seen == {"OK", "AT_SINGULARITY"}
+            assert torque_error < 1e-6
+    assert statuses == {"OK", "AT_SINGULARITY"}

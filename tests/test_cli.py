@@ -28,18 +28,28 @@ def run(capsys, *arguments):
     return status, out, err
 
 
-def test_plan_prints_the_lectures_table(capsys):
+def test_plan_prints_the_published_table_of_poles(capsys):
+    """The order in which poles of the Stephenson mechanism are found (Di Gregorio 2019).
+
+    `LECTURE_TABLE` is printed as text, as JSON and as Markdown.
+    """
     status, out, err = run(capsys, "plan", "stephenson")
     assert (status, err) == (0, "")
     assert [line.split()[1:] for line in out.splitlines()[1:]] == LECTURE_TABLE
+
     _, out, _ = run(capsys, "plan", "stephenson", "--json")
     assert json.loads(out)["table"] == LECTURE_TABLE
+
     _, out, _ = run(capsys, "plan", "stephenson", "--markdown")
-    assert "P51" not in run(capsys, "plan", "stephenson", "--for", "3/1", "--steps")[1]
-    _, second, *rows = out.splitlines()
-    assert second == "|---|---|---|---|---|---|---|"
+    _, second_line, *rows = out.splitlines()
+    assert second_line == "|---|---|---|---|---|---|---|"
     cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
     assert [row[1:] for row in cells] == LECTURE_TABLE
+
+
+def test_plan_for_one_pole_leaves_out_the_others(capsys):
+    _, out, _ = run(capsys, "plan", "stephenson", "--for", "3/1", "--steps")
+    assert "P51" not in out
 
 
 @pytest.mark.parametrize("command", TABLES["told by commands"])
@@ -114,8 +124,14 @@ def test_view_says_what_to_do_without_display(capsys, tmp_path, monkeypatch):
     assert (status, "--png" in err) == (0, True)
 
 
-def serve(*words):
-    """Start a run that serves; return its process and the port, when this is free."""
+def start_serving_run(*words):
+    """Start a run with the option --serve in another process.
+
+    Returns
+    -------
+    process, port
+        Process, and a free port at which it serves its recording.
+    """
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -124,25 +140,27 @@ def serve(*words):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        # Ignored, as by the shells that start jobs in the background, it would stay so.
+        # Shells that start jobs in the background ignore the interrupt signal, and a child
+        # process would inherit this.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     return process, port
 
 
 @pytest.mark.slow
-def test_serve_streams_and_stops_on_interrupt():
-    process, port = serve("four_bar", "--samples", "20")
+def test_a_served_run_can_be_reached_and_ends_with_an_interrupt():
+    """A finished run prints its address, accepts viewers, and exits with 0 on Ctrl-C."""
+    process, port = start_serving_run("four_bar", "--samples", "20")
     try:
-        said = [process.stderr.readline(), process.stderr.readline()]
+        first_lines = [process.stderr.readline(), process.stderr.readline()]
         socket.create_connection(("127.0.0.1", port), 5.0).close()
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=30)
     finally:
         process.kill()
     url = f"rerun+http://127.0.0.1:{port}/proxy"
-    assert said[0] == f"serving at {url}; open it with: rerun {url}\n"
-    assert "the run is done" in said[1] + err
+    assert first_lines[0] == f"serving at {url}; open it with: rerun {url}\n"
+    assert "the run is done" in first_lines[1] + err
     assert "assembly modes 0 (+, p1), 1 (-, p0): each 20 OK" in out
     assert process.returncode == 0
     assert "Traceback" not in err
@@ -160,19 +178,22 @@ SERVED_LONG = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize("words", SERVED_LONG)
-def test_a_long_run_says_first_where_it_is_served(words):
-    """Viewers may come while it is at work, which takes minutes here."""
-    process, port = serve(*words)
+def test_a_long_run_prints_its_address_before_it_computes(words):
+    """Viewers can connect while the run, which takes minutes, is at work.
+
+    Interrupted on the way, it exits with 130.
+    """
+    process, port = start_serving_run(*words)
     try:
-        first = process.stderr.readline()
+        first_line = process.stderr.readline()
         assert process.poll() is None
         socket.create_connection(("127.0.0.1", port), 5.0).close()
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=60)
     finally:
         process.kill()
-    assert first.startswith(f"serving at rerun+http://127.0.0.1:{port}/proxy")
-    assert process.returncode == 130  # it was stopped on the way
+    assert first_line.startswith(f"serving at rerun+http://127.0.0.1:{port}/proxy")
+    assert process.returncode == 130
 
 
 def test_a_run_that_fails_leaves_no_empty_folder(tmp_path, capsys):

@@ -28,17 +28,20 @@ def helps():
 
 
 @pytest.mark.parametrize("words", helps())
-def test_help_loads_no_library_and_none_but_its_own_command(words):
+def test_help_loads_no_large_library_and_no_other_command(words):
+    """In a fresh process, `sys.modules` is printed after the help of a command."""
     code = (
         f"import sys; from spherekit.cli.main import main\ntry: main([*{words!r}, "
         "'--help'])\nexcept SystemExit: print(*sys.modules)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    text, _, loaded = done.stdout.rstrip().rpartition("\n")
-    loaded = set(loaded.split())
-    assert not HEAVY & loaded
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    text, _, last_line = process.stdout.rstrip().rpartition("\n")
+    modules = set(last_line.split())
+    assert not HEAVY & modules
+    # `run` has options that other commands share.
     others = {f"spherekit.cli.{name}" for name in COMMANDS} - {"spherekit.cli.run"}
-    assert not (others - {f"spherekit.cli.{word}" for word in words}) & loaded
+    others -= {f"spherekit.cli.{word}" for word in words}
+    assert not others & modules
     assert "examples:\n  # " in text
 
 
@@ -103,28 +106,31 @@ CASES = {
 }
 
 
-def test_a_shell_completes_words():
+def test_bash_completes_commands_mechanisms_analyses_and_options():
+    """Words are typed into a real bash in a terminal, each followed by the tab key."""
     path = f"{BIN}{os.pathsep}{os.environ['PATH']}"
     child, terminal = pty.fork()
-    if child == 0:
+    if child == 0:  # the child process becomes the shell
         environment = {**os.environ, "PATH": path, "TERM": "dumb", "PS1": "$ "}
         os.execvpe("bash", ["bash", "--norc", "--noprofile", "-i"], environment)
     try:
+        # The terminal echoes what is typed, so the word to wait for is typed in two parts.
         os.write(terminal, b'eval "$(spherekit completion bash)"; echo rea""dy\n')
-        assert "ready" in until(terminal, "ready")
-        for typed, whole in CASES.items():
+        assert "ready" in read_until(terminal, "ready")
+        for typed, completed in CASES.items():
             os.write(terminal, f"{typed}\t".encode())
-            assert whole in until(terminal, whole), typed
-            os.write(terminal, b"\x15")
+            assert completed in read_until(terminal, completed), typed
+            os.write(terminal, b"\x15")  # Ctrl-U deletes the line
     finally:
         os.close(terminal)
         os.waitpid(child, 0)
 
 
-def until(terminal, word, limit=20.0):
-    """What a terminal shows until a word is there."""
-    seen, end = "", time.monotonic() + limit
-    while word not in seen and time.monotonic() < end:
+def read_until(terminal, word, limit_s=20.0):
+    """Return what a terminal shows until a word appears, or until the limit of time."""
+    text = ""
+    end = time.monotonic() + limit_s
+    while word not in text and time.monotonic() < end:
         if select.select([terminal], [], [], 0.2)[0]:
-            seen += os.read(terminal, 4096).decode(errors="replace")
-    return seen
+            text += os.read(terminal, 4096).decode(errors="replace")
+    return text
