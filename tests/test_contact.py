@@ -46,21 +46,38 @@ BY_GRAPH = {"bevel_pair": 0, "rolling_cones": 0, "planetary_bevel": -1} | dict.f
 HUMPAGE = mechanism_text("humpage")
 
 
-def test_gears_of_a_train_turn_about_coaxial_pairs(tmp_path, capsys):
-    """Humpage's gear: sun and fixed ring, out wheel and arm turn about one line."""
+def test_humpages_gear_has_the_speed_ratios_of_its_pitch_cones(tmp_path):
+    """In Humpage's gear the sun, the fixed ring, the output and the arm are coaxial.
+
+    The planet on the arm has two wheels. Without slip on the ring, the arm turns by
+    s / (s + r) of the sun, with the sines s and r of the half angles of sun and ring. The
+    output turns by (1 - r sin 25 / (p o)) of the arm, with the sines p of the planet's
+    larger wheel and o of the output wheel.
+    """
     path = tmp_path / "humpage.toml"
     path.write_text(HUMPAGE)
-    made = sk.load(path)
-    sun, ring, beside, out = np.sin(np.radians([18.0, 78.0, 42.0, 95.0]))
-    arm = sun / (sun + ring)
-    here = sk.evaluate(made, 0.4)
-    assert np.max(np.abs(here.velocity_coefficient("arm/case") - arm)) < 1e-13
-    wheel = arm * (1.0 - ring * np.sin(np.radians(25.0)) / (beside * out))
-    assert np.max(np.abs(np.abs(here.velocity_coefficient("out/case")) - wheel)) < 1e-13
-    sk.dump(made, tmp_path / "again.toml")
-    assert sk.load(tmp_path / "again.toml") == made
+    mechanism = sk.load(path)
+    sun, ring, planet, out = np.sin(np.radians([18.0, 78.0, 42.0, 95.0]))
+    arm_ratio = sun / (sun + ring)
+    out_ratio = arm_ratio * (1.0 - ring * np.sin(np.radians(25.0)) / (planet * out))
+    rows = sk.evaluate(mechanism, 0.4)
+    assert np.max(np.abs(rows.velocity_coefficient("arm/case") - arm_ratio)) < 1e-13
+    out_coefficient = np.abs(rows.velocity_coefficient("out/case"))
+    assert np.max(np.abs(out_coefficient - out_ratio)) < 1e-13
+
+
+def test_humpages_gear_is_kept_in_files_and_certified(tmp_path, capsys):
+    """The certificate prints the ratio of the arm; wheels need coaxial pairs."""
+    path = tmp_path / "humpage.toml"
+    path.write_text(HUMPAGE)
+    mechanism = sk.load(path)
+    sk.dump(mechanism, tmp_path / "copy.toml")
+    assert sk.load(tmp_path / "copy.toml") == mechanism
+
+    sun, ring = np.sin(np.radians([18.0, 78.0]))
     assert main(["certify", str(path)]) == 0
-    assert f"arm_shaft turns {arm:+.10f}" in capsys.readouterr().out
+    assert f"arm_shaft turns {sun / (sun + ring):+.10f}" in capsys.readouterr().out
+
     path.write_text(HUMPAGE.replace("arcs = [0.0, 180.0]", "arcs = [10.0, 180.0]"))
     with pytest.raises(sk.SpherekitError, match="nor does a pair coaxial"):
         sk.load(path)
@@ -79,23 +96,28 @@ def test_shipped_contact_mechanisms_run_over_their_whole_range(name, by_graph):
     assert sorted(repeated["pairs"]) == (all_pairs if repeated["count"] else [])
 
 
-def test_internal_bevel_gears():
-    """sin d1 / sin d2 = N1 / N2 with d2 - d1 the shaft angle."""
+def test_internal_bevel_gears_turn_by_the_ratio_of_their_teeth():
+    """sin d1 / sin d2 = N1 / N2, and d2 - d1 is the shaft angle (30 degrees).
+
+    A mechanism with circles of these half angles has the velocity coefficient N1 / N2.
+    """
     from spherekit.mechanism.bevel_gears import pitch_angles
 
-    shaft = 30 * DEGREE
-    first, second = pitch_angles((20, 50), shaft, "internal")
-    assert second - first == pytest.approx(shaft, abs=1e-15)
+    shaft_angle = 30 * DEGREE
+    first, second = pitch_angles((20, 50), shaft_angle, "internal")
+    assert second - first == pytest.approx(shaft_angle, abs=1e-15)
     assert np.sin(first) / np.sin(second) == pytest.approx(20 / 50, abs=1e-15)
-    base = sk.load("bevel_pair")
+
+    external = sk.load("bevel_pair")
     circles = tuple(Profile("circle", (0.0, 0.0, 1.0), r) for r in (first, second))
-    sizes = dict(base.geometry.links) | {"0": LinkSizes(("01", "02"), (shaft,))}
-    pairs = tuple(
-        replace(p, profiles=circles, contact="internal") if p.name == "12" else p
-        for p in base.pairs
-    )
-    made = replace(base, pairs=pairs, geometry=SizeGeometry(sizes))
-    _, field = evaluate_poles_of_motion(made, samples=13)
+    sizes = {**external.geometry.links, "0": LinkSizes(("01", "02"), (shaft_angle,))}
+    pairs = []
+    for pair in external.pairs:
+        if pair.name == "12":
+            pair = replace(pair, profiles=circles, contact="internal")
+        pairs.append(pair)
+    internal = replace(external, pairs=tuple(pairs), geometry=SizeGeometry(sizes))
+    _, field = evaluate_poles_of_motion(internal, samples=13)
     assert np.max(np.abs(field.velocity_coefficient[0, 2] - 20 / 50)) < 1e-13
 
 
@@ -112,17 +134,19 @@ def test_redundant_constraints_are_named_and_rigid_wheels_refused():
 
 @pytest.mark.slow
 def test_running_off_an_open_profile_has_a_status():
-    """An arc of the shaped cam alone: the follower loses it where it ends."""
-    whole = cam_with_follower(
-        GROUND, SHAPE, Profile("circle", direction_at_colatitude(ARM), ROLLER)
-    )
-    motion = sk.trace(whole, samples=73, search=False)
+    """The open cam is an arc of a closed one: it moves alike, and then loses its roller."""
+    roller = Profile("circle", direction_at_colatitude(ARM), ROLLER)
+    closed_cam = cam_with_follower(GROUND, SHAPE, roller)
+    closed_motion = sk.trace(closed_cam, samples=73, search=False)
     open_motion = sk.trace(open_cam(), samples=73, search=False)
     assert np.any(open_motion.status == sk.Status.OK)
     assert np.any(open_motion.status == sk.Status.OFF_PROFILE)
+    follower = 1  # variable of pair 13
     for row in np.flatnonzero(open_motion.status == sk.Status.OK):
-        there = motion.values[np.abs(motion.q - open_motion.q[row]) < 1e-9, 1]
-        assert np.min(np.abs(np.exp(1j * (there - open_motion.values[row, 1])) - 1)) < 1e-5
+        is_same_input = np.abs(closed_motion.q - open_motion.q[row]) < 1e-9
+        closed_angles = closed_motion.values[is_same_input, follower]
+        gap = np.exp(1j * (closed_angles - open_motion.values[row, follower])) - 1
+        assert np.min(np.abs(gap)) < 1e-5
 
 
 BEVEL = (ROOT / "mechanisms" / "bevel_pair.toml").read_text()
@@ -158,14 +182,19 @@ def test_what_cannot_be_a_contact_is_refused(call):
 
 
 def test_pole_of_two_sliding_contacts_is_where_their_planes_meet():
-    """Case (c): P31 of the shipped example, against the null space."""
-    made = sk.load("two_contacts")
-    (step,) = [s for s in plan(made).steps if getattr(s, "contacts", ()) and not s.via]
-    assert step.case == "c"
-    motion, field = evaluate_poles_of_motion(made, samples=41, search=False)
+    """Case (c) of Di Gregorio: P31 of the shipped example, against the null space.
+
+    A link with two sliding contacts has its pole where the two great circles meet that are
+    normal to the contacts.
+    """
+    mechanism = sk.load("two_contacts")
+    steps = [s for s in plan(mechanism).steps if getattr(s, "contacts", ()) and not s.via]
+    assert [step.case for step in steps] == ["c"]
+    motion, field = evaluate_poles_of_motion(mechanism, samples=41, search=False)
     assert np.all(motion.status == sk.Status.OK)
-    types = [pair.type for pair in made.pairs]
+    types = [pair.type for pair in mechanism.pairs]
     for row in range(0, 41, 5):
-        w, _ = null_space(3, made.ends, motion.axes[row], types)
+        rates, _ = null_space(3, mechanism.ends, motion.axes[row], types)
         for i, j in all_poles(3):
-            assert sine_between_lines(field.direction[i, j][row], w[j] - w[i]) < 1e-11
+            sine = sine_between_lines(field.direction[i, j][row], rates[j] - rates[i])
+            assert sine < 1e-11
