@@ -130,11 +130,11 @@ def with_locks(
     Parameters
     ----------
     mechanism
-        The mechanism that `file` states.
+        The mechanism of `file`.
     lock_texts
         The values of ``--lock``. None or empty returns the mechanism itself.
     file
-        Path or name of the mechanism file, whose unit the angles have.
+        Path or name of the mechanism file. Locked angles are in the angle unit of the file.
 
     Raises
     ------

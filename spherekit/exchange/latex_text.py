@@ -69,7 +69,7 @@ class LatexText(NamedTuple):
     text
         The LaTeX.
     binding
-        How loosely its parts are joined.
+        How loosely its parts are joined, by which a larger expression puts it in brackets.
     rank
         Its position in products.
     """

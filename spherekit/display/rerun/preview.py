@@ -137,7 +137,7 @@ def _zero_arcs(motion: Motion, row: int) -> list[Primitive]:
     """
     mechanism = motion.mechanism
     arcs: list[Primitive] = []
-    for name, variable in mechanism.angles.items():
+    for name, variable in mechanism.angles.items():  # R pairs, with their variables
         # Columns of the pair frame: x, y and z, the axis of the pair. The x axis moves with
         # the second link. Seen from it, the zero of the pair is at the angle -value.
         x, y, axis = motion.frames[row, mechanism.pair_number[name]].T
