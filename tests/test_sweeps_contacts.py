@@ -1,4 +1,4 @@
-"""Sweeps of wheels and of circles that slide against runs of each design."""
+"""Sweeps of wheels and of sliding circles against separate runs of each design."""
 
 import numpy as np
 import pytest
@@ -52,11 +52,12 @@ CASES = {
     "geared": (GEARED, {"links.1.arcs.right": [74.0]}, "67", [90.0, 390.0]),
     "pushed": (PUSHED, {"pairs.push.profiles.7.radius": [30.0]}, "57", [5.0, 180.0]),
 }
+"""Text of the file (None: shipped), varied numbers, a passive pair, two inputs (deg)."""
 
 SLOW = (pytest.mark.slow,)
 
 
-def written(folder, text):
+def write_mechanism(folder, text):
     path = folder / "mechanism.toml"
     path.write_text(text)
     return path
@@ -67,85 +68,96 @@ def written(folder, text):
 @pytest.mark.parametrize(
     "case", [pytest.param(case, marks=SLOW if case == "geared" else ()) for case in CASES]
 )
-def test_wheels_and_contacts_in_any_group_are_those_of_runs(case, tmp_path):
-    text, vary, pair, places = CASES[case]
-    mechanism = written(tmp_path, text) if text else case
-    several = isinstance(places[0], tuple)
-    rate = f"rate_{pair}" + ("_by_right" if several else "")
+def test_a_sweep_of_wheels_or_contacts_has_the_figures_of_separate_runs(case, tmp_path):
+    """Sine, cosine and rate of a passive pair at two inputs, mode by mode.
+
+    A design that does not close is refused by a run. Modes of both are matched by sorting.
+    """
+    text, vary, pair, inputs_deg = CASES[case]
+    mechanism = write_mechanism(tmp_path, text) if text else case
+    has_several_inputs = isinstance(inputs_deg[0], tuple)
+    rate = f"rate_{pair}_by_right" if has_several_inputs else f"rate_{pair}"
     columns = {"sine": f"sin(theta_{pair})", "cosine": f"cos(theta_{pair})", "rate": rate}
-    reduce = [
-        f"{name}_{k}=at({column}, {', '.join(map(str, np.atleast_1d(place)))})"
-        for k, place in enumerate(places)
-        for name, column in columns.items()
-    ]
-    found = sk.sweep(mechanism, vary, reduce, samples=9)
-    assert found.sweep.evaluator.kernel is not None
-    frame = found.frame()
+    figures = []
+    for k, place in enumerate(inputs_deg):
+        place_text = ", ".join(map(str, np.atleast_1d(place)))
+        for name, column in columns.items():
+            figures.append(f"{name}_{k}=at({column}, {place_text})")
+    result = sk.sweep(mechanism, vary, figures, samples=9)
+    assert result.sweep.evaluator.kernel is not None
+    frame = result.frame()
     assert set(frame["claim"]) <= {"complete", ""}
+
     for _, rows in frame.groupby("design"):
-        design = {key: rows[key.replace(".", "_")].iloc[0] for key in vary}
+        numbers = {key: rows[key.replace(".", "_")].iloc[0] for key in vary}
         if rows["status"].iloc[0] != "OK":
             with pytest.raises(sk.SpherekitError):
-                sk.trace(with_file_numbers(mechanism, design), samples=9)
+                sk.trace(with_file_numbers(mechanism, numbers), samples=9)
             continue
-        run = sk.evaluate(with_file_numbers(mechanism, design), np.radians(places))
+        run = sk.evaluate(with_file_numbers(mechanism, numbers), np.radians(inputs_deg))
         theta = run.variable(pair)
-        rates = run.variable_coefficient(pair, "right" if several else None)
-        for k in range(len(places)):
-            here = (np.arange(len(theta)) % len(places) == k) & (run.status == 0)
-            wanted = np.array([np.sin(theta), np.cos(theta), rates]).T[here]
-            mine = rows[[f"{name}_{k}" for name in columns]].to_numpy()
-            mine = mine[np.isfinite(mine[:, 0])]
-            assert len(mine) == len(wanted) > 0
-            order = [np.lexsort(np.round(each.T, 6)) for each in (mine, wanted)]
-            assert mine[order[0]] == pytest.approx(wanted[order[1]], rel=1e-12, abs=1e-12)
+        rates = run.variable_coefficient(pair, "right" if has_several_inputs else None)
+        run_columns = np.array([np.sin(theta), np.cos(theta), rates]).T
+        for k in range(len(inputs_deg)):
+            is_place = np.arange(len(theta)) % len(inputs_deg) == k
+            expected = run_columns[is_place & (run.status == 0)]
+            swept = rows[[f"{name}_{k}" for name in columns]].to_numpy()
+            swept = swept[np.isfinite(swept[:, 0])]
+            assert len(swept) == len(expected) > 0
+            swept = swept[np.lexsort(np.round(swept.T, 6))]
+            expected = expected[np.lexsort(np.round(expected.T, 6))]
+            assert swept == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
 @pytest.mark.slow
-def test_wheels_that_deviate_mesh_as_gears_do(tmp_path):
-    """By the contacts as they are, and by ratios and offsets: two formulations."""
-    wheels = sk.load(written(tmp_path, WHEELS))
+def test_sensitivities_of_wheels_are_the_same_by_contacts_and_by_ratios(tmp_path):
+    """Meshes are treated as contacts of circles as soon as a radius may deviate.
+
+    Without a radius among the sizes they are ratios of teeth with offsets. Values and
+    derivatives by the common sizes must agree between both formulations.
+    """
+    wheels = sk.load(write_mechanism(tmp_path, WHEELS))
     motion = sk.trace(wheels, samples=5)
-    rest = np.zeros_like(motion.q)
-    samples = np.stack([motion.q, rest + 1.0, rest, rest], axis=1)
+    deviations = np.zeros_like(motion.q)
+    samples = np.stack([motion.q, deviations + 1.0, deviations, deviations], axis=1)
     sizes = ("links.1.angles.c", "links.1.arcs.c", "links.5.arc")
     quantities = ("theta_c", "theta_56", "rate_56")
-    given = Sensitivity(wheels, sizes, quantities).at(samples, motion.values)
-    more = (*sizes, "pairs.m1.profiles.2.radius")
-    ratios = Sensitivity(wheels, more, quantities).at(samples, motion.values)
-    assert np.sin(ratios[0]) == pytest.approx(np.sin(given[0]), abs=1e-11)
-    assert ratios[1][:3] == pytest.approx(given[1], abs=1e-9)
-    assert np.max(np.abs(ratios[1][3])) > 0.1
+    by_ratios = Sensitivity(wheels, sizes, quantities)
+    values_by_ratios, gradients_by_ratios = by_ratios.at(samples, motion.values)
+    by_contacts = Sensitivity(wheels, (*sizes, "pairs.m1.profiles.2.radius"), quantities)
+    values, gradients = by_contacts.at(samples, motion.values)
+    assert np.sin(values) == pytest.approx(np.sin(values_by_ratios), abs=1e-11)
+    assert gradients[:3] == pytest.approx(gradients_by_ratios, abs=1e-9)
+    assert np.max(np.abs(gradients[3])) > 0.1
 
 
-def test_a_differential_has_derivatives_though_its_equations_repeat(tmp_path):
-    made = sk.load(written(tmp_path, DIFFERENTIAL))
-    motion = sk.trace(made, samples=(2, 2))
+def test_a_differential_has_derivatives_although_its_equations_repeat(tmp_path):
+    """The derivative by one size agrees with a central difference of scattered values."""
+    mechanism = sk.load(write_mechanism(tmp_path, DIFFERENTIAL))
+    motion = sk.trace(mechanism, samples=(2, 2))
     motion = motion.rows(np.flatnonzero(~motion.failed))
-    key = "pairs.knee.latitude"
-    sensitivity = Sensitivity(made, [key], ["theta_foot"])
+    sensitivity = Sensitivity(mechanism, ["pairs.knee.latitude"], ["theta_foot"])
     samples = sensitivity.at_rest(motion.inputs)
     _, gradients = sensitivity.at(samples, motion.values)
     step = 1e-4
-    drawn = sensitivity.scattered(samples, motion.values, np.array([[step, -step]]))
-    slope = (drawn[0, :, 0] - drawn[0, :, 1]) / (2.0 * step)
-    assert gradients[0, 0] == pytest.approx(slope, abs=1e-6)
+    scattered = sensitivity.scattered(samples, motion.values, np.array([[step, -step]]))
+    differences = (scattered[0, :, 0] - scattered[0, :, 1]) / (2.0 * step)
+    assert gradients[0, 0] == pytest.approx(differences, abs=1e-6)
 
 
 @pytest.mark.slow
-def test_gradients_of_figures_on_wheels_are_those_of_differences(tmp_path):
-    """Whole turns with which wheels are put together are no change."""
-    keys = {"links.1.arcs.c": [70.0], "links.1.arcs.b": [50.0]}
-    merit = "there=at(rate_56, 100)"
-    found = sk.sweep(written(tmp_path, WHEELS), keys, merit, samples=5)
-    gradients = FigureGradients(found.sweep.evaluator)
-    place, step = np.array([70.0, 50.0]), 1e-3
+def test_gradients_of_figures_on_wheels_agree_with_differences(tmp_path):
+    """Wheels may be put together whole turns apart; that is no change of the figure."""
+    nominal = {"links.1.arcs.c": [70.0], "links.1.arcs.b": [50.0]}
+    figure = "there=at(rate_56, 100)"
+    result = sk.sweep(write_mechanism(tmp_path, WHEELS), nominal, figure, samples=5)
+    figure_gradients = FigureGradients(result.sweep.evaluator)
+    design = np.array([70.0, 50.0])
     mode = SynthesisMode("+")
-    exact = gradients.evaluate(place, mode).gradients
+    gradients = figure_gradients.evaluate(design, mode).gradients
+    step = 1e-3
     for k, change in enumerate(step * np.eye(2)):
-        ends = [
-            gradients.evaluate(place + sense * change, mode).figures
-            for sense in (1.0, -1.0)
-        ]
-        slope = (ends[0] - ends[1]) / (2.0 * step)
-        assert exact[:, k] == pytest.approx(slope, rel=1e-6, abs=1e-9)
+        above = figure_gradients.evaluate(design + change, mode).figures
+        below = figure_gradients.evaluate(design - change, mode).figures
+        derivative = (above - below) / (2.0 * step)
+        assert gradients[:, k] == pytest.approx(derivative, rel=1e-6, abs=1e-9)

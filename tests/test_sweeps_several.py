@@ -1,4 +1,7 @@
-"""Sweeps over designs of mechanisms with several inputs against runs of each design."""
+"""Sweeps of mechanisms with several inputs against separate runs of each design.
+
+A sweep evaluates designs by a compiled kernel and reduces the columns of each to figures.
+"""
 
 from itertools import product
 
@@ -16,35 +19,65 @@ from spherekit.files.study import Study
 MASSES = mechanism_text("sweeps_several_masses")
 
 
-def designs_of(name, keys, changes):
-    """Return designs of a file: what is varied, and the mechanism of each."""
-    own = {key: design_variable(document_of(name), key).value for key in keys}
-    vary = {key: [own[key], own[key] + changes] for key in keys}
-    designs = product(*vary.values())
-    return vary, [
-        with_file_numbers(name, dict(zip(keys, row, strict=True))) for row in designs
+def make_designs(name, keys, change_deg):
+    """Return two values of each number, and the mechanisms of all combinations.
+
+    Returns
+    -------
+    vary
+        Nominal value and that plus the change, by key.
+    mechanisms
+        The mechanism of each design, in the order of a sweep.
+    """
+    document = document_of(name)
+    vary = {}
+    for key in keys:
+        nominal = design_variable(document, key).value
+        vary[key] = [nominal, nominal + change_deg]
+    mechanisms = [
+        with_file_numbers(name, dict(zip(keys, numbers, strict=True)))
+        for numbers in product(*vary.values())
     ]
+    return vary, mechanisms
 
 
-def figures_of(mechanism, samples, link, pair, moving):
-    """Return, for each mode of a run, the figures that a sweep is asked for."""
+def compute_figures_by_runs(mechanism, samples, link, pair, moving_inputs):
+    """Compute the figures of a sweep from a run with poles and one of positions.
+
+    Parameters
+    ----------
+    link
+        Link whose pole relative to the ground is taken.
+    pair
+        Passive pair whose angle is taken.
+    moving_inputs
+        Two inputs: the first moves for the velocity coefficient, the second for the
+        acceleration coefficient.
+
+    Returns
+    -------
+    (modes, 4) share of closed samples, largest coefficients, mean cosine of the angle.
+    """
     motion = sk.trace(mechanism, samples=samples)
-    frame = sk.run(Study("", mechanism, samples=samples), "poles").frame("poles")
-    own = frame[(frame["link"] == link) & (frame["relative_to"] == mechanism.ground)]
+    poles = sk.run(Study("", mechanism, samples=samples), "poles").frame("poles")
+    is_pole = (poles["link"] == link) & (poles["relative_to"] == mechanism.ground)
+    poles = poles[is_pole]
     theta = motion.values[:, mechanism.variable_names.index(f"theta_{pair}")]
-    made = []
+    figures = []
     for mode in motion.assembly_modes:
-        rows = own[own["assembly_mode"] == mode.number]
-        here = motion.assembly_mode == mode.number
-        made.append(
+        rows = poles[poles["assembly_mode"] == mode.number]
+        first_moves = rows[rows["moving"] == moving_inputs[0]]
+        second_moves = rows[rows["moving"] == moving_inputs[1]]
+        is_mode = motion.assembly_mode == mode.number
+        figures.append(
             [
-                np.mean(motion.status[here] == 0),
-                rows[rows["moving"] == moving[0]]["velocity_coefficient"].abs().max(),
-                rows[rows["moving"] == moving[1]]["acceleration_coefficient"].abs().max(),
-                np.nanmean(np.cos(theta[here])),
+                np.mean(motion.status[is_mode] == 0),
+                first_moves["velocity_coefficient"].abs().max(),
+                second_moves["acceleration_coefficient"].abs().max(),
+                np.nanmean(np.cos(theta[is_mode])),
             ]
         )
-    return np.array(made)
+    return np.array(figures)
 
 
 @pytest.mark.many
@@ -60,80 +93,92 @@ def figures_of(mechanism, samples, link, pair, moving):
         ),
     ],
 )
-def test_rows_of_several_inputs_are_those_of_runs(name, keys, samples, link, pair):
+def test_a_sweep_with_several_inputs_has_the_figures_of_separate_runs(
+    name, keys, samples, link, pair
+):
+    """Each mode of each run is a row of the sweep, with equal figures.
+
+    A sweep also has rows of modes that close nowhere, which a run does not list. The keys
+    vary by 3 degrees. `pair` is a passive pair; None takes the first pair of the link.
+    """
     mechanism = sk.load(name)
-    pair = pair or next(p.name for p in mechanism.pairs if link in p.links)
-    moving = [item.pair for item in mechanism.inputs][:2]
+    if pair is None:
+        pair = next(p.name for p in mechanism.pairs if link in p.links)
+    moving_inputs = [item.pair for item in mechanism.inputs][:2]
     pole = f"{link}_{mechanism.ground}"
-    reduce = [
-        f"most=max(abs(velocity_coefficient_{pole}_by_{moving[0]}))",
-        f"bend=max(abs(acceleration_coefficient_{pole}_by_{moving[1]}))",
+    figures = [
+        f"most=max(abs(velocity_coefficient_{pole}_by_{moving_inputs[0]}))",
+        f"bend=max(abs(acceleration_coefficient_{pole}_by_{moving_inputs[1]}))",
         f"mean=mean(cos(theta_{pair}))",
     ]
-    vary, made = designs_of(name, keys, 3.0)
-    found = sk.sweep(Study(name, mechanism, samples=samples), vary, reduce)
-    assert found.sweep.evaluator.kernel is not None
-    frame = found.frame()
-    for number, own in enumerate(made):
+    vary, designs = make_designs(name, keys, 3.0)
+    result = sk.sweep(Study(name, mechanism, samples=samples), vary, figures)
+    assert result.sweep.evaluator.kernel is not None
+    frame = result.frame()
+    for number, design in enumerate(designs):
+        # `closes` is the share of samples at which the mode closes.
         rows = frame[frame["design"] == number][["closes", "most", "bend", "mean"]]
-        known = figures_of(own, samples, link, pair, moving)
-        known = known[np.all(np.isfinite(known), axis=1)]
-        assert len(known) and len(rows) >= len(known)
-        for each in known:
-            off = np.min(np.max(np.abs(rows.to_numpy() / each - 1.0), axis=1))
-            assert off < 1e-9
+        expected = compute_figures_by_runs(design, samples, link, pair, moving_inputs)
+        is_finite = np.all(np.isfinite(expected), axis=1)
+        expected = expected[is_finite]
+        assert len(expected)
+        assert len(rows) >= len(expected)
+        for mode_figures in expected:
+            differences = np.abs(rows.to_numpy() / mode_figures - 1.0)
+            assert np.min(np.max(differences, axis=1)) < 1e-9
 
 
-def test_moments_of_several_inputs_are_those_of_the_dynamics(tmp_path):
+def test_torques_of_several_inputs_in_a_sweep_are_those_of_the_dynamics(tmp_path):
+    """A five-bar moves by laws of both inputs; the mass of link 4 varies."""
     path = tmp_path / "acted.toml"
-    whole = find("five_bar").read_text()
-    path.write_text(whole[: whole.index("[mass.")] + MASSES)
+    five_bar_text = find("five_bar").read_text()
+    path.write_text(five_bar_text[: five_bar_text.index("[mass.")] + MASSES)
     mechanism = sk.load(path)
     laws = {"21": sk.ConstantSpeed(0.7, 0.9), "51": sk.ConstantSpeed(-0.4, 1.1)}
     study = Study("", mechanism, samples=5, duration=1.0, laws=laws)
     inputs = ("21", "51")
-    reduce = [f"torque_{i}=max(torque_by_{i})" for i in inputs]
-    reduce += [f"B_{i}_{k}=max(B_{i}_by_{k})" for i in inputs for k in inputs]
-    found = sk.sweep(study, {"mass.4.mass": [2.0, 1.5]}, reduce).frame()
-    for mass, rows in found.groupby("mass_4_mass"):
-        own = with_file_numbers(mechanism, {"mass.4.mass": mass})
-        run = sk.run(Study("", own, samples=5, duration=1.0, laws=laws), "dynamics")
-        known = run.frame("dynamics")
-        for (_, row), (_, table) in zip(
-            rows.iterrows(), known.groupby("assembly_mode"), strict=True
-        ):
+    figures = [f"torque_{i}=max(torque_by_{i})" for i in inputs]
+    figures += [f"B_{i}_{k}=max(B_{i}_by_{k})" for i in inputs for k in inputs]
+    frame = sk.sweep(study, {"mass.4.mass": [2.0, 1.5]}, figures).frame()
+    for mass, rows in frame.groupby("mass_4_mass"):
+        design = with_file_numbers(mechanism, {"mass.4.mass": mass})
+        run = sk.run(Study("", design, samples=5, duration=1.0, laws=laws), "dynamics")
+        tables = [table for _, table in run.frame("dynamics").groupby("assembly_mode")]
+        for (_, row), table in zip(rows.iterrows(), tables, strict=True):
             for name in inputs:
-                assert row[f"torque_{name}"] == pytest.approx(
-                    table[f"tau_{name}"].max(), rel=1e-9
-                )
+                largest_torque = table[f"tau_{name}"].max()
+                assert row[f"torque_{name}"] == pytest.approx(largest_torque, rel=1e-9)
 
 
-def test_what_is_said_of_several_inputs():
-    vary, _ = designs_of("five_bar", ["links.2.arc"], 1.0)
-    vary = {"links.2.arc": vary["links.2.arc"][:1]}
-    there = sk.evaluate("five_bar", np.radians([[50.0, 60.0]]))
-    text = ["there=at(rate_43_by_51, 50, 60)", "where=argmin(q_51 + q_21, 51)"]
-    rows = sk.sweep("five_bar", vary, text, samples=5).frame()
-    assert np.allclose(rows["there"], there.variable_coefficient("43", "51"), rtol=1e-12)
-    low = sk.load("five_bar").inputs[1].start
-    assert np.allclose(rows["where"], np.degrees(low))
+def test_figures_at_a_pose_or_at_an_extreme_name_their_inputs():
+    """`at(..., 50, 60)` is the value at both inputs (deg), `argmin(..., 51)` one input."""
+    document_value = make_designs("five_bar", ["links.2.arc"], 1.0)[0]["links.2.arc"][0]
+    figures = ["there=at(rate_43_by_51, 50, 60)", "where=argmin(q_51 + q_21, 51)"]
+    vary = {"links.2.arc": [document_value]}
+    rows = sk.sweep("five_bar", vary, figures, samples=5).frame()
+    pose = sk.evaluate("five_bar", np.radians([[50.0, 60.0]]))
+    assert np.allclose(rows["there"], pose.variable_coefficient("43", "51"), rtol=1e-12)
+    lowest_51 = sk.load("five_bar").inputs[1].start
+    assert np.allclose(rows["where"], np.degrees(lowest_51))
 
 
-def test_a_function_of_two_inputs_is_found_again(tmp_path):
-    known = sk.load("five_bar")
-    places = [[45.0, 60.0], [50.0, 80.0], [70.0, 60.0], [80.0, 75.0]]
-    there = sk.evaluate(known, np.radians(places))
-    wanted = np.degrees(there.variable("43")[: len(places)])
-    own = np.degrees(known.geometry.links["3"].arcs[0])
+def test_a_five_bar_is_found_again_by_its_function_of_two_inputs(tmp_path):
+    """The angle of pair 43 at four poses determines the arc of link 3."""
+    target = sk.load("five_bar")
+    inputs_deg = [[45.0, 60.0], [50.0, 80.0], [70.0, 60.0], [80.0, 75.0]]
+    poses = sk.evaluate(target, np.radians(inputs_deg))
+    # Rows are sorted by mode; the first four are those of one mode.
+    angles_deg = np.degrees(poses.variable("43")[: len(inputs_deg)])
+    target_arc = np.degrees(target.geometry.links["3"].arcs[0])
     path = tmp_path / "wanted.toml"
     path.write_text(f"""
 format = 1
 mechanism = "five_bar"
 samples = [3, 3]
 minimise = "match"
-vary = {{"links.3.arc" = [{own - 8.0}, {own + 12.0}]}}
-match = {{quantity = "theta_43", at = {places}, values = {wanted.tolist()}}}
+vary = {{"links.3.arc" = [{target_arc - 8.0}, {target_arc + 12.0}]}}
+match = {{quantity = "theta_43", at = {inputs_deg}, values = {angles_deg.tolist()}}}
 """)
-    found = sk.synthesize(path, designs=64, starts=1)
-    assert found.objectives[0, 0] < 1e-7
-    assert found.values[0, 0] == pytest.approx(own, abs=1e-6)
+    result = sk.synthesize(path, designs=64, starts=1)
+    assert result.objectives[0, 0] < 1e-7
+    assert result.values[0, 0] == pytest.approx(target_arc, abs=1e-6)

@@ -1,4 +1,8 @@
-"""Synthesis against random designs, differences, and what the mechanism then does."""
+"""Synthesis against random designs, differences, and what the mechanism then does.
+
+A synthesis varies numbers of a mechanism within ranges to make an objective least, under
+conditions. It evaluates many designs and improves the best ones ("starts").
+"""
 
 from pathlib import Path
 
@@ -20,94 +24,138 @@ from spherekit.files.library import find
 EXAMPLES = Path(__file__).parent.parent / "examples" / "synthesis"
 
 
-def random_best(path, count):
-    """Return the least objective of so many random designs that meet the conditions."""
+def find_best_random_objective(path, count):
+    """Return the least objective of this many random designs that meet the conditions."""
     synthesis = specification_of(path, designs=count, seed=7)
     best = np.inf
-    for number in range(synthesis.sweep.part_count):
-        _, wanted = synthesis.select_rows(synthesis.sweep.compute_part(number))
-        best = np.min(wanted[:, 0], initial=best)
+    for part in range(synthesis.sweep.part_count):
+        _, objectives = synthesis.select_rows(synthesis.sweep.compute_part(part))
+        best = np.min(objectives[:, 0], initial=best)
     return best
 
 
+def mode_number(mechanism, label):
+    """Return the number of the assembly mode with this label."""
+    modes = sk.trace(mechanism, samples=3).assembly_modes
+    return next(mode.number for mode in modes if mode.label == label)
+
+
 @pytest.mark.slow
-def test_the_rocker_follows_the_function():
+def test_a_synthesized_rocker_follows_its_function():
+    """The rocker shall be at 30 (1 - cos q) degrees; the objective is the rms deviation.
+
+    The best linkage is better than the best of 8192 random ones, and its deviation is
+    computed again from its angles. Its transmission angle exceeds 40 degrees as required.
+    """
     path = EXAMPLES / "function.toml"
-    found = sk.synthesize(path, designs=1024, starts=4)
-    assert found.objectives[0, 0] < 0.5 < random_best(path, 8192)
-    assert np.all(np.diff(found.objectives[:, 0]) > 1e-6)  # no linkage twice
-    made = found.mechanism()
-    mode = next(
-        m.number
-        for m in sk.trace(made, samples=3).assembly_modes
-        if m.label == found.modes[0]
-    )
-    turned = np.arange(0.0, 360.0, 30.0)
-    theta = sk.evaluate(made, np.radians(turned), assembly_mode=mode).variable("41")
-    missed = np.degrees(theta) - 30.0 * (1.0 - np.cos(np.radians(turned)))
-    missed = (missed + 180.0) % 360.0 - 180.0
-    assert np.sqrt(np.mean(missed**2)) == pytest.approx(found.objectives[0, 0], rel=2e-3)
-    near = sk.run(made, "singularities", samples=73).frame("singularities", "relation")
-    assert np.degrees(near["transmission"].min()) > 40.0
+    result = sk.synthesize(path, designs=1024, starts=4)
+    assert result.objectives[0, 0] < 0.5 < find_best_random_objective(path, 8192)
+    # No linkage is listed twice.
+    assert np.all(np.diff(result.objectives[:, 0]) > 1e-6)
+
+    mechanism = result.mechanism()
+    mode = mode_number(mechanism, result.modes[0])
+    inputs_deg = np.arange(0.0, 360.0, 30.0)
+    inputs = np.radians(inputs_deg)
+    theta = sk.evaluate(mechanism, inputs, assembly_mode=mode).variable("41")
+    deviations = np.degrees(theta) - 30.0 * (1.0 - np.cos(inputs))
+    deviations = (deviations + 180.0) % 360.0 - 180.0
+    rms = np.sqrt(np.mean(deviations**2))
+    assert rms == pytest.approx(result.objectives[0, 0], rel=2e-3)
+
+    run = sk.run(mechanism, "singularities", samples=73)
+    relation = run.frame("singularities", "relation")
+    assert np.degrees(relation["transmission"].min()) > 40.0
 
 
-def test_a_linkage_is_listed_once():
-    """Axes turned round, and the mirror image, are the same linkage, other arcs are not."""
-    made = sk.load("stephenson")
-    arcs = {"2": (np.pi - made.geometry.links["2"].arcs[0],)}
-    assert not is_same_linkage(made, made.with_sizes(arcs=arcs, angle_unit="rad"))
-    across = sk.load("four_bar")
-    sizes = across.geometry.links
-    turned = {name: np.pi - sizes[name].arcs[0] for name in ("2", "3")}  # 32 turned round
-    for other, same in ((turned, True), ({"2": turned["2"]}, False)):
-        other = across.with_sizes(arcs=other, angle_unit="rad")
-        assert is_same_linkage(across, other) == same == is_same_linkage(other, across)
+def test_linkages_with_turned_round_axes_or_mirrored_are_the_same():
+    """An arc of pi - alpha belongs to the opposite direction of one of its axes.
+
+    In the four-bar, this happens to both links at the axis 32 when that axis is reversed.
+    An arc that is replaced alone makes another linkage.
+    """
+    stephenson = sk.load("stephenson")
+    supplement = {"2": (np.pi - stephenson.geometry.links["2"].arcs[0],)}
+    turned_stephenson = stephenson.with_sizes(arcs=supplement, angle_unit="rad")
+    assert not is_same_linkage(stephenson, turned_stephenson)
+
+    four_bar = sk.load("four_bar")
+    sizes = four_bar.geometry.links
+    supplements = {name: np.pi - sizes[name].arcs[0] for name in ("2", "3")}
+    both_turned = four_bar.with_sizes(arcs=supplements, angle_unit="rad")
+    assert is_same_linkage(four_bar, both_turned)
+    assert is_same_linkage(both_turned, four_bar)
+
+    one_changed = four_bar.with_sizes(arcs={"2": supplements["2"]}, angle_unit="rad")
+    assert not is_same_linkage(four_bar, one_changed)
+    assert not is_same_linkage(one_changed, four_bar)
 
 
 @pytest.mark.slow
-def test_the_peak_torque_is_less_than_that_of_random_designs():
+def test_a_synthesized_peak_torque_is_that_of_the_mechanism_and_less_than_random_ones():
+    """A swing of 65 degrees and a transmission angle of 30 degrees are required."""
     path = EXAMPLES / "torque.toml"
-    found = sk.synthesize(path, designs=2048, starts=4)
-    assert found.objectives[0, 0] <= random_best(path, 16384)
-    row = found.frame().iloc[0]
-    assert row["swing"] > 65.0 - 1e-6 and row["least"] > 30.0 - 1e-6
-    mode = sk.trace(found.mechanism(), samples=3).assembly_modes
-    number = next(m.number for m in mode if m.label == found.modes[0])
-    run = sk.run(found.mechanism(), "eksergian", samples=181, assembly_mode=number)
-    assert run.frame("eksergian")["tau"].abs().max() == pytest.approx(row["peak"], rel=1e-9)
+    result = sk.synthesize(path, designs=2048, starts=4)
+    assert result.objectives[0, 0] <= find_best_random_objective(path, 16384)
+    row = result.frame().iloc[0]
+    assert row["swing"] > 65.0 - 1e-6
+    assert row["least"] > 30.0 - 1e-6
+    mechanism = result.mechanism()
+    mode = mode_number(mechanism, result.modes[0])
+    run = sk.run(mechanism, "eksergian", samples=181, assembly_mode=mode)
+    peak_torque = run.frame("eksergian")["tau"].abs().max()
+    assert peak_torque == pytest.approx(row["peak"], rel=1e-9)
 
 
 def check_front(name, designs, count, starts, seed=0):
-    """Compare a front with random designs: none beats it in both objectives."""
+    """Check that no random design beats one of a Pareto front in both objectives.
+
+    Parameters
+    ----------
+    name
+        File of the synthesis.
+    designs, starts, seed
+        Options of the synthesis.
+    count
+        Number of random designs, which are compared mode by mode.
+
+    Returns
+    -------
+    The result of the synthesis.
+    """
     pytest.importorskip("pymoo")
-    found = sk.synthesize(EXAMPLES / name, designs=designs, starts=starts, seed=seed)
-    assert np.all(found.tolerance <= 1e-5 * np.max(np.abs(found.objectives), axis=0))
-    assert np.all(np.diff(found.objectives[:, 0]) >= 0.0)
+    result = sk.synthesize(EXAMPLES / name, designs=designs, starts=starts, seed=seed)
+    largest = np.max(np.abs(result.objectives), axis=0)
+    assert np.all(result.tolerance <= 1e-5 * largest)
+    assert np.all(np.diff(result.objectives[:, 0]) >= 0.0)
     synthesis = specification_of(EXAMPLES / name, designs=count, seed=7)
-    for number in range(synthesis.sweep.part_count):
-        rows, wanted = synthesis.select_rows(synthesis.sweep.compute_part(number))
-        for mode in set(found.modes):
-            own = wanted[rows["mode"] == mode]
-            front = found.objectives[np.array(found.modes) == mode]
-            for each in front:
-                assert not np.any(np.all(own < each - found.tolerance, axis=1))
-    return found
+    for part in range(synthesis.sweep.part_count):
+        rows, objectives = synthesis.select_rows(synthesis.sweep.compute_part(part))
+        for mode in set(result.modes):
+            random_objectives = objectives[rows["mode"] == mode]
+            front = result.objectives[np.array(result.modes) == mode]
+            for front_objectives in front:
+                limit = front_objectives - result.tolerance
+                assert not np.any(np.all(random_objectives < limit, axis=1))
+    return result
 
 
 @pytest.mark.slow
-def test_a_front_is_beaten_by_no_random_design():
-    found = check_front("trade_off.toml", 1024, 8192, 1)
-    frame = found.frame()
+def test_no_random_design_beats_a_front_of_torque_and_swing():
+    """The last design of the front has the swing that its angles over a turn have."""
+    result = check_front("trade_off.toml", designs=1024, count=8192, starts=1)
+    frame = result.frame()
+    assert len(frame) > 4
     assert np.allclose(frame["objective_1"], frame["peak"])
     assert np.allclose(frame["objective_2"], -frame["swing"])
-    assert (frame["least"] > 30.0 - 1e-6).all() and len(frame) > 4
-    last = frame.iloc[-1]
-    made = found.mechanism(len(frame) - 1)
-    modes = sk.trace(made, samples=3).assembly_modes
-    mode = next(m.number for m in modes if m.label == last["mode"])
-    turned = np.radians(np.linspace(0.0, 360.0, 181))
-    theta = np.unwrap(sk.evaluate(made, turned, assembly_mode=mode).variable("41"))
-    assert np.degrees(np.ptp(theta)) == pytest.approx(last["swing"], rel=1e-9)
+    assert (frame["least"] > 30.0 - 1e-6).all()
+
+    last_row = frame.iloc[-1]
+    mechanism = result.mechanism(len(frame) - 1)
+    mode = mode_number(mechanism, last_row["mode"])
+    inputs = np.radians(np.linspace(0.0, 360.0, 181))
+    theta = np.unwrap(sk.evaluate(mechanism, inputs, assembly_mode=mode).variable("41"))
+    assert np.degrees(np.ptp(theta)) == pytest.approx(last_row["swing"], rel=1e-9)
 
 
 @pytest.mark.long
@@ -115,76 +163,110 @@ def test_a_front_is_beaten_by_no_random_design():
     ("designs", "count", "starts", "seed"),
     [*((1024, 65536, 1, seed) for seed in range(1, 5)), (16384, 1 << 20, 12, 0)],
 )
-def test_other_fronts_are_beaten_by_no_random_design(designs, count, starts, seed):
+def test_no_random_design_beats_fronts_of_other_seeds(designs, count, starts, seed):
     check_front("trade_off.toml", designs, count, starts, seed)
 
 
 @pytest.mark.slow
-def test_cutting_planes_find_the_centre_of_the_smallest_ball():
-    rng = np.random.default_rng(3)
+@pytest.mark.parametrize(
+    ("least_y", "centre"), [(-1.0, [0.5, 0.2, 0.3]), (0.5, [0.5, 0.5, 0.3])]
+)
+def test_cutting_planes_find_the_smallest_ball_around_points(least_y, centre):
+    """The largest of four distances is minimized, with the condition y >= least_y.
+
+    Two of the points, 0.8 apart, fix the ball; the others lie within it. The condition
+    either does not act, or it moves the centre along y to its limit.
+    """
+    random = np.random.default_rng(3)
     corners = np.array([[0.1, 0.2, 0.3], [0.9, 0.2, 0.3], [0.5, 0.2 + 0.16**0.5, 0.3]])
-    points = np.concatenate([corners, corners[:1] + [[0.4, 0.0, 0.399]]])
-    limit = np.array([[0.0, 1.0, 0.0]])
+    inner_point = corners[0] + [0.4, 0.0, 0.399]
+    points = np.concatenate([corners, inner_point[None]])
+    gradient_of_condition = np.array([[0.0, -1.0, 0.0]])
 
-    def parts(y, least):
-        away = y - points
-        far = np.linalg.norm(away, axis=1)
-        return LinearisedFunctions(
-            far, away / far[:, None], np.array([least - y[1]]), -limit
-        )
+    def linearise(position):
+        differences = position - points
+        distances = np.linalg.norm(differences, axis=1)
+        gradients = differences / distances[:, None]
+        condition = np.array([least_y - position[1]])
+        return LinearisedFunctions(distances, gradients, condition, gradient_of_condition)
 
-    for least, centre in ((-1.0, [0.5, 0.2, 0.3]), (0.5, [0.5, 0.5, 0.3])):
-        for start in rng.uniform(0.5, 1.0, (4, 3)):
-            x, radius = minimize_largest(lambda y: parts(y, least), start, 1e-12)  # noqa: B023
-            assert x == pytest.approx(centre, abs=1e-4)
-            assert radius == pytest.approx(np.hypot(0.4, centre[1] - 0.2), abs=1e-8)
+    for start in random.uniform(0.5, 1.0, (4, 3)):
+        solution, radius = minimize_largest(linearise, start, 1e-12)
+        assert solution == pytest.approx(centre, abs=1e-4)
+        assert radius == pytest.approx(np.hypot(0.4, centre[1] - 0.2), abs=1e-8)
 
 
-def test_rows_that_no_other_beats():
-    rng = np.random.default_rng(5)
-    wanted, modes = rng.integers(0, 12, (200, 3)).astype(float), rng.integers(0, 2, 200)
-    wanted = np.unique(wanted, axis=0)
-    modes = modes[: len(wanted)]
-    beats = np.all(wanted[:, None] <= wanted, axis=2) & (modes[:, None] == modes)
-    beaten = np.sum(beats, axis=0) > 1
-    assert select_nondominated(wanted, modes).tolist() == np.flatnonzero(~beaten).tolist()
+def test_nondominated_rows_are_those_that_no_row_of_their_mode_beats():
+    """200 random rows with three objectives, compared pair by pair."""
+    random = np.random.default_rng(5)
+    objectives = random.integers(0, 12, (200, 3)).astype(float)
+    modes = random.integers(0, 2, 200)
+    objectives = np.unique(objectives, axis=0)
+    modes = modes[: len(objectives)]
+    is_not_worse = np.all(objectives[:, None] <= objectives, axis=2)
+    beats_or_is = is_not_worse & (modes[:, None] == modes)
+    is_beaten = np.sum(beats_or_is, axis=0) > 1  # each row counts itself once
+    expected = np.flatnonzero(~is_beaten).tolist()
+    assert select_nondominated(objectives, modes).tolist() == expected
 
 
 @pytest.mark.slow
 def test_a_five_bar_for_a_cone_is_better_than_the_agile_eye():
-    found = sk.synthesize(EXAMPLES / "cone.toml", designs=512, starts=1)
+    """The least sine between the distal arcs over a cone of 25 degrees is maximized.
+
+    With all arcs of 90 degrees, as in the agile eye, it has a closed form: B is along A x C
+    and E along D x C. The cosine between the distal arcs is a d / sqrt((1-a^2)(1-d^2)) with
+    the components a and d of C along A and D. It is largest where a = d.
+    """
+    result = sk.synthesize(EXAMPLES / "cone.toml", designs=512, starts=1)
     arcs = {f"links.{link}.arc": [90.0] for link in "2345"}
-    arcs |= {f"links.1.{each}": [90.0] for each in ("arcs.A", "arcs.D", "angles.D")}
-    published = sk.sweep(
+    arcs |= {f"links.1.{key}": [90.0] for key in ("arcs.A", "arcs.D", "angles.D")}
+    agile_eye = sk.sweep(
         EXAMPLES / "five_bar_cone.toml",
         arcs,
         "platform=min(abs(sin(theta_C - theta_F)))",
         samples=73,
     ).frame()
-    # B is along A x C and E along D x C, so the cosine of the angle between the distal arcs
-    # is a d / sqrt((1 - a^2)(1 - d^2)), C's components along A and D: most where a = d.
-    x = np.sin(np.radians(25.0)) ** 2 / 2.0
-    wanted = np.sqrt(1.0 - x**2 / (1.0 - x) ** 2)
-    assert published["platform"].to_numpy() == pytest.approx(wanted, rel=1e-12)
-    assert -found.objectives[0, 0] > published["platform"].max()
+    a_squared = np.sin(np.radians(25.0)) ** 2 / 2.0
+    least_sine = np.sqrt(1.0 - a_squared**2 / (1.0 - a_squared) ** 2)
+    assert agile_eye["platform"].to_numpy() == pytest.approx(least_sine, rel=1e-12)
+    assert -result.objectives[0, 0] > agile_eye["platform"].max()
 
 
-def closes_with_gradients(evaluator, at, steps, mode, least):
-    """Hold the gradients of all figures against differences; return how a mode closes."""
-    values = FigureGradients(evaluator).evaluate(at, SynthesisMode(mode))
-    figures, slopes = values.figures, values.gradients
-    every = np.concatenate([np.diag(steps), -np.diag(steps)]) + at
-    found = evaluator.evaluate(np.concatenate([at[None], every]).T)
-    rows, count = np.flatnonzero(found.mode == mode), len(at)
+def check_gradients(evaluator, design, steps, mode, absolute_tolerance):
+    """Compare the gradients of all figures with central differences of a sweep.
+
+    Parameters
+    ----------
+    design, steps
+        (variables,) numbers of the design and half-widths of the differences.
+    mode
+        Label of the assembly mode.
+    absolute_tolerance
+        Allowed difference of derivatives beside the relative one of 1e-6.
+
+    Returns
+    -------
+    Share of the samples at which the mode closes.
+    """
+    result = FigureGradients(evaluator).evaluate(design, SynthesisMode(mode))
+    changes = np.concatenate([np.diag(steps), -np.diag(steps)])
+    designs = np.concatenate([design[None], design + changes])
+    swept = evaluator.evaluate(designs.T)
+    rows = np.flatnonzero(swept.mode == mode)
+    count = len(design)
     for k, merit in enumerate(evaluator.figures.merits):
-        own = found.merits[merit.name][rows]
-        assert figures[k] == pytest.approx(own[0], rel=1e-12)
-        difference = (own[1 : count + 1] - own[count + 1 :]) / (2.0 * steps)
-        assert slopes[k] == pytest.approx(difference, rel=1e-6, abs=least), merit.name
-    return values.closes
+        figures = swept.merits[merit.name][rows]
+        assert result.figures[k] == pytest.approx(figures[0], rel=1e-12)
+        differences = (figures[1 : count + 1] - figures[count + 1 :]) / (2.0 * steps)
+        assert result.gradients[k] == pytest.approx(
+            differences, rel=1e-6, abs=absolute_tolerance
+        ), merit.name
+    return result.closes
 
 
-def test_gradients_of_figures_are_those_of_differences(tmp_path):
+def test_gradients_of_figures_of_every_kind_agree_with_differences(tmp_path):
+    """Two arcs and a zero vary (deg); figures are extremes, means, and values at inputs."""
     path = tmp_path / "synthesis.toml"
     path.write_text(
         'format = 1\nmechanism = "four_bar"\nsamples = 19\nminimise = "a"\n'
@@ -195,17 +277,21 @@ def test_gradients_of_figures_are_those_of_differences(tmp_path):
         'f = "mean(min(B, 2))"\ng = "range(acceleration_coefficient_3_1)"\n'
     )
     evaluator = specification_of(path, designs=4).sweep.evaluator
-    at, step = np.array([22.0, 41.0, 10.0]), np.full(3, np.degrees(1e-6))
+    design = np.array([22.0, 41.0, 10.0])
+    steps = np.full(3, np.degrees(1e-6))
     for mode in ("+", "-"):
-        assert closes_with_gradients(evaluator, at, step, mode, 1e-7) == 1.0
+        assert check_gradients(evaluator, design, steps, mode, 1e-7) == 1.0
 
 
 ACTED = mechanism_text("synthesis_acted")
 
 
-def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):
-    whole = find("four_bar").read_text()
-    (tmp_path / "acted.toml").write_text(whole[: whole.index("[mass.2]")] + ACTED)
+@pytest.fixture
+def acted_evaluator(tmp_path):
+    """Return the evaluator of a four-bar whose masses and loads vary."""
+    four_bar_text = find("four_bar").read_text()
+    sizes = four_bar_text[: four_bar_text.index("[mass.2]")]
+    (tmp_path / "acted.toml").write_text(sizes + ACTED)
     path = tmp_path / "synthesis.toml"
     path.write_text(
         'format = 1\nmechanism = "acted.toml"\nsamples = 19\nminimise = "a"\n'
@@ -214,41 +300,63 @@ def test_gradients_by_masses_and_loads_are_those_of_differences(tmp_path):
         '"loads.back.rest" = [-90, 90]\n[figures]\na = "max(abs(torque))"\n'
         'b = "rms(torque)"\nc = "mean(B)"\n'
     )
-    evaluator = specification_of(path, designs=4).sweep.evaluator
-    at, steps = np.array([41.0, 2.1, 0.25, 2.5, 31.0]), np.array([1e-4] + 4 * [1e-5])
-    closes_with_gradients(evaluator, at, steps, "+", 1e-8)
-    design = evaluator.varied_mechanism.evaluate_design(at)
-    numbers, by_values = design.sizes, design.slopes
-    # About O the tensor has m (|c|^2 1 - c c^T), whose derivatives are known.
-    place = list(evaluator.varied_mechanism.varied_numbers).index(0)
-    assert numbers[1 + place] == pytest.approx(0.2 + 2.1 * (0.25**2 + 0.64), rel=1e-14)
-    known = [0.0, 0.25**2 + 0.64, 2.0 * 2.1 * 0.25, 0.0, 0.0]
-    assert by_values[1 + place] == pytest.approx(known, rel=1e-12, abs=1e-12)
+    return specification_of(path, designs=4).sweep.evaluator
 
 
-def test_numbers_at_their_limits_have_slopes():
-    """The rocker of the file is as light as a body with its other moments can be."""
-    wanted = specification_of(EXAMPLES / "spring.toml", designs=4)
-    varied = wanted.sweep.evaluator.varied_mechanism
-    wanted = [[0.0, 0.0, 0.0, 1.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, np.pi / 180.0, 0.0]]
-    slopes = varied.evaluate_design(varied.nominal_values).slopes[
-        len(varied.size_variables) :
-    ]
-    assert slopes == pytest.approx(np.array(wanted), rel=1e-12)
-    assert not any(steady is None for steady in varied.constant_slopes)
+ACTED_DESIGN = np.array([41.0, 2.1, 0.25, 2.5, 31.0])
+"""Arc of link 4 (deg), mass and y of its centre (m) of link 3, stiffness, rest (deg)."""
+
+
+def test_gradients_by_masses_and_loads_agree_with_differences(acted_evaluator):
+    steps = np.array([1e-4, 1e-5, 1e-5, 1e-5, 1e-5])
+    check_gradients(acted_evaluator, ACTED_DESIGN, steps, "+", 1e-8)
+
+
+def test_derivatives_of_an_inertia_tensor_follow_the_parallel_axis_theorem(acted_evaluator):
+    """About the centre O the tensor gains m (|c|^2 1 - c c^T), c the centre of mass.
+
+    Its first entry is 0.2 + m (y^2 + z^2) with m = 2.1, y = 0.25 and z = 0.8. It depends on
+    the second and the third number of the design, m and y.
+    """
+    varied_mechanism = acted_evaluator.varied_mechanism
+    design = varied_mechanism.evaluate_design(ACTED_DESIGN)
+    entry = 1 + list(varied_mechanism.varied_numbers).index(0)
+    assert design.sizes[entry] == pytest.approx(0.2 + 2.1 * (0.25**2 + 0.64), rel=1e-14)
+    derivatives = [0.0, 0.25**2 + 0.64, 2.0 * 2.1 * 0.25, 0.0, 0.0]
+    assert design.slopes[entry] == pytest.approx(derivatives, rel=1e-12, abs=1e-12)
+
+
+def test_numbers_at_their_physical_limit_have_derivatives():
+    """The rocker of the file is as light as a body with its other moments can be.
+
+    The derivatives of the varied numbers are known: each is a number of the design itself,
+    in rad or with the opposite sign.
+    """
+    specification = specification_of(EXAMPLES / "spring.toml", designs=4)
+    varied = specification.sweep.evaluator.varied_mechanism
+    expected = np.array(
+        [[0.0, 0.0, 0.0, 1.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, np.pi / 180.0, 0.0]]
+    )
+    design = varied.evaluate_design(varied.nominal_values)
+    derivatives = design.slopes[len(varied.size_variables) :]
+    assert derivatives == pytest.approx(expected, rel=1e-12)
+    assert not any(slope is None for slope in varied.constant_slopes)
 
 
 @pytest.mark.parametrize("call", TABLES["syntheses"])
-def test_mistakes_say_what_is_wrong(call, tmp_path):
-    def made(*changes):
+def test_mistakes_in_a_synthesis_file_are_refused(call, tmp_path):
+    """Each call of the table replaces passages of a small file; its message is checked."""
+
+    def synthesize_changed_file(*changes):
         path = tmp_path / "synthesis.toml"
         path.write_text(replace_passages(mechanism_text("synthesis_small"), *changes))
         sk.synthesize(path, designs=8, starts=1)
 
-    check_call(call, {"made": made}, TABLES["syntheses"][call])
+    check_call(call, {"made": synthesize_changed_file}, TABLES["syntheses"][call])
 
 
-def test_match_is_the_angle_that_points_are_missed_by(tmp_path):
+def test_match_of_an_angle_is_the_rms_of_its_deviations(tmp_path):
+    """The rocker's angle is asked for at three inputs; deviations count modulo a turn."""
     path = tmp_path / "synthesis.toml"
     path.write_text(
         """
@@ -259,19 +367,18 @@ vary = { "links.2.arc" = [19.0, 21.0] }
 match = { quantity = "theta_41", at = [0.0, 90.0, 180.0], values = [300.0, 60.0, 0.0] }
 """
     )
-    sized = sk.synthesize(path, designs=4, starts=1)
-    for row in range(len(sized.modes)):
-        mechanism = sized.mechanism(row)
-        modes = sk.evaluate(mechanism, np.radians([0.0, 90.0, 180.0]))
-        theta = np.degrees(modes.variable("41")).reshape(-1, 3)
-        off = (theta - [300.0, 60.0, 0.0] + 180.0) % 360.0 - 180.0
-        wanted = np.sqrt(np.mean(off**2, axis=1))
-        assert np.min(np.abs(sized.figures["match"][row] / wanted - 1.0)) < 1e-9
+    result = sk.synthesize(path, designs=4, starts=1)
+    for row in range(len(result.modes)):
+        motion = sk.evaluate(result.mechanism(row), np.radians([0.0, 90.0, 180.0]))
+        theta_by_mode = np.degrees(motion.variable("41")).reshape(-1, 3)
+        deviations = (theta_by_mode - [300.0, 60.0, 0.0] + 180.0) % 360.0 - 180.0
+        rms_by_mode = np.sqrt(np.mean(deviations**2, axis=1))
+        # The row is one of the modes.
+        match = result.figures["match"][row]
+        assert np.min(np.abs(match / rms_by_mode - 1.0)) < 1e-9
 
 
-def test_match_of_directions_and_poses_is_how_far_they_are_missed(tmp_path):
-    path = tmp_path / "synthesis.toml"
-    text = """
+POSES_TEXT = """
 format = 1
 mechanism = "five_bar"
 minimise = "match"
@@ -285,78 +392,110 @@ quantity = "orientation_3"
 at = [[50.0, 110.0], [45.0, 100.0]]
 values = [[10.0, 20.0, 30.0], [0.0, 0.0, 0.6, 0.8]]
 """
-    path.write_text(text)
-    sized = sk.synthesize(path, designs=4, starts=1)
-    q = np.radians([[40.0, 110.0], [60.0, 100.0], [50.0, 110.0], [45.0, 100.0]])
+"""Directions by x, y, z and by azimuth and tilt; orientations by angles and quaternion."""
+
+
+def test_match_of_directions_and_orientations_is_the_rms_of_chords(tmp_path):
+    """A deviation is the chord 2 sin(angle/2), in degrees, of the angle that is missed.
+
+    Directions and orientations are written out here: (0, 2, 1) normalized, azimuth 30 and
+    tilt 60 degrees; Euler angles ZYZ of azimuth 10, tilt 20 and torsion 30 degrees, which
+    are 10, 20, 30 - 10; and a quaternion xyzw.
+    """
+    path = tmp_path / "synthesis.toml"
+    path.write_text(POSES_TEXT)
+    result = sk.synthesize(path, designs=4, starts=1)
+    inputs = np.radians([[40.0, 110.0], [60.0, 100.0], [50.0, 110.0], [45.0, 100.0]])
     azimuth, tilt = np.radians([30.0, 60.0])
-    wanted = np.array(
+    directions = np.array(
         [
             [0.0, np.sqrt(0.8), np.sqrt(0.2)],
             [np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth), np.cos(tilt)],
         ]
     )
-    turned = Rotation.from_euler("ZYZ", [10.0, 20.0, 20.0], degrees=True)
-    poses = Rotation.concatenate([turned, Rotation.from_quat([0.0, 0.0, 0.6, 0.8])])
-    for row, own in enumerate(sized.figures["match"]):
-        mechanism = sized.mechanism(row)
+    by_angles = Rotation.from_euler("ZYZ", [10.0, 20.0, 20.0], degrees=True)
+    by_quaternion = Rotation.from_quat([0.0, 0.0, 0.6, 0.8])
+    poses = Rotation.concatenate([by_angles, by_quaternion]).as_matrix()
+
+    for row, match in enumerate(result.figures["match"]):
+        mechanism = result.mechanism(row)
         (output,) = mechanism.outputs
-        turned = sk.evaluate(mechanism, q).rotation("3").reshape(-1, 4, 3, 3)
-        cosines = np.sum((turned[:, :2] @ output.direction) * wanted, axis=2)
-        trace = np.einsum("mkij,kij->mk", turned[:, 2:], poses.as_matrix())
-        angles = np.arccos(np.concatenate([cosines, 0.5 * (trace - 1.0)], axis=1))
-        chords = np.degrees(2.0 * np.sin(0.5 * angles))
-        missed = np.sqrt(np.mean(chords**2, axis=1))
-        assert np.min(np.abs(own / missed - 1.0)) < 1e-9
-    path.write_text(text.replace("[30.0, 60.0]]", "[30.0, 60.0, 0.0, 1.0]]"))
+        # (modes, inputs, 3, 3) rotations of link 3; two inputs are for each quantity.
+        rotations = sk.evaluate(mechanism, inputs).rotation("3").reshape(-1, 4, 3, 3)
+        pointed = rotations[:, :2] @ output.direction
+        cosines_of_directions = np.sum(pointed * directions, axis=2)
+        traces = np.einsum("mkij,kij->mk", rotations[:, 2:], poses)
+        cosines_of_poses = 0.5 * (traces - 1.0)
+        cosines = np.concatenate([cosines_of_directions, cosines_of_poses], axis=1)
+        chords_deg = np.degrees(2.0 * np.sin(0.5 * np.arccos(cosines)))
+        rms_by_mode = np.sqrt(np.mean(chords_deg**2, axis=1))
+        assert np.min(np.abs(match / rms_by_mode - 1.0)) < 1e-9
+
+
+def test_a_direction_of_four_numbers_is_refused(tmp_path):
+    path = tmp_path / "synthesis.toml"
+    path.write_text(POSES_TEXT.replace("[30.0, 60.0]]", "[30.0, 60.0, 0.0, 1.0]]"))
     with pytest.raises(FileError, match=r"match\[0\]\.values: .* give x, y, z, or azimuth"):
         sk.synthesize(path)
 
 
+TARGET_ARCS_DEG = {"1": 80.0, "2": 25.0, "3": 75.0, "4": 60.0}
+"""Arcs of the four-bar that is to be found again, by link."""
+
+
 @pytest.mark.slow
 def test_a_linkage_is_found_again_by_the_poses_of_its_coupler(tmp_path):
-    arcs = {"1": 80.0, "2": 25.0, "3": 75.0, "4": 60.0}
-    given = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs)
-    q = [0.0, 40.0, 90.0, 150.0, 230.0, 300.0]
-    turned = sk.evaluate(given, np.radians(q), assembly_mode=0).rotation("3")
-    poses = Rotation.from_matrix(turned).as_quat().tolist()
-    vary = "".join(f'"links.{k}.arc" = [{x - 20.0}, {x + 20.0}]\n' for k, x in arcs.items())
+    """Six orientations of the coupler of a known four-bar determine its four arcs."""
+    target = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=TARGET_ARCS_DEG)
+    inputs_deg = [0.0, 40.0, 90.0, 150.0, 230.0, 300.0]
+    rotations = sk.evaluate(target, np.radians(inputs_deg), assembly_mode=0).rotation("3")
+    quaternions = Rotation.from_matrix(rotations).as_quat().tolist()
+    ranges = "".join(
+        f'"links.{link}.arc" = [{arc - 20.0}, {arc + 20.0}]\n'
+        for link, arc in TARGET_ARCS_DEG.items()
+    )
     path = tmp_path / "synthesis.toml"
     path.write_text(
         'format = 1\nmechanism = "four_bar"\nminimise = "match"\n'
-        f'[vary]\n{vary}[match]\nquantity = "orientation_3"\n'
-        f"at = {q}\nvalues = {poses}\n"
+        f'[vary]\n{ranges}[match]\nquantity = "orientation_3"\n'
+        f"at = {inputs_deg}\nvalues = {quaternions}\n"
     )
-    found = sk.synthesize(path, designs=256, starts=2)
-    assert found.objectives[0, 0] < 1e-6
-    assert found.values[0] == pytest.approx([*arcs.values()], abs=1e-5)
+    result = sk.synthesize(path, designs=256, starts=2)
+    assert result.objectives[0, 0] < 1e-6
+    assert result.values[0] == pytest.approx([*TARGET_ARCS_DEG.values()], abs=1e-5)
 
 
 @pytest.mark.slow
 def test_a_linkage_is_found_again_by_the_path_of_a_point_of_its_coupler(tmp_path):
-    """Sizes, the zero of the crank and the point of the coupler are free."""
-    arcs = {"1": 80.0, "2": 25.0, "3": 75.0, "4": 60.0}
-    given = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs)
-    q = np.arange(0.0, 360.0, 40.0)
+    """Nine points of the path of a coupler point determine the four-bar.
+
+    Arcs, the zero of the crank, and longitude and latitude of the point on the coupler
+    vary, each by 15 degrees to both sides of the number that is to be found again.
+    """
+    target = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=TARGET_ARCS_DEG)
+    inputs_deg = np.arange(0.0, 360.0, 40.0)
     point = np.array([0.48, 0.36, 0.8])
-    path = sk.evaluate(given, np.radians(q), assembly_mode=0).rotation("3") @ point
-    text = (
-        find("four_bar")
-        .read_text()
-        .replace(
-            "[outputs.rocker]",
-            '[outputs.tip]\nlink = "3"\nlonlat = [20.0, 40.0]\n[outputs.rocker]',
-        )
-    )
+    rotations = sk.evaluate(target, np.radians(inputs_deg), assembly_mode=0).rotation("3")
+    path_points = rotations @ point
+
+    output_of_point = '[outputs.tip]\nlink = "3"\nlonlat = [20.0, 40.0]\n'
+    four_bar_text = find("four_bar").read_text()
+    text = four_bar_text.replace("[outputs.rocker]", output_of_point + "[outputs.rocker]")
     (tmp_path / "bar.toml").write_text(text)
-    keys = {f"links.{k}.arc": x for k, x in arcs.items()}
-    keys |= {"outputs.tip.longitude": np.degrees(np.arctan2(0.36, 0.48))}
-    keys |= {"outputs.tip.latitude": np.degrees(np.arcsin(0.8)), "pairs.21.zero": 0.0}
-    vary = "".join(f'"{key}" = [{x - 15.0}, {x + 15.0}]\n' for key, x in keys.items())
+
+    target_numbers = {f"links.{k}.arc": arc for k, arc in TARGET_ARCS_DEG.items()}
+    target_numbers["outputs.tip.longitude"] = np.degrees(np.arctan2(0.36, 0.48))
+    target_numbers["outputs.tip.latitude"] = np.degrees(np.arcsin(0.8))
+    target_numbers["pairs.21.zero"] = 0.0
+    ranges = "".join(
+        f'"{key}" = [{number - 15.0}, {number + 15.0}]\n'
+        for key, number in target_numbers.items()
+    )
     (tmp_path / "path.toml").write_text(
         'format = 1\nmechanism = "bar.toml"\nminimise = "match"\n'
-        f'[vary]\n{vary}[match]\nquantity = "direction_tip"\n'
-        f"at = {q.tolist()}\nvalues = {path.tolist()}\n"
+        f'[vary]\n{ranges}[match]\nquantity = "direction_tip"\n'
+        f"at = {inputs_deg.tolist()}\nvalues = {path_points.tolist()}\n"
     )
-    found = sk.synthesize(tmp_path / "path.toml", designs=512, starts=3)
-    assert found.objectives[0, 0] < 1e-6
-    assert found.values[0] == pytest.approx([*keys.values()], abs=1e-4)
+    result = sk.synthesize(tmp_path / "path.toml", designs=512, starts=3)
+    assert result.objectives[0, 0] < 1e-6
+    assert result.values[0] == pytest.approx([*target_numbers.values()], abs=1e-4)
