@@ -1,7 +1,12 @@
-"""Whole tables of designs against runs of each design, and sweeps of kernels and runs."""
+"""Whole tables of designs against runs of each design, and sweeps of kernels and runs.
+
+A sweep with `tables` writes every row of the tables of its analyses, with the number of the
+design as the first column.
+"""
 
 import json
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -35,71 +40,98 @@ CASES = [
     ("five_bar", {"links.2.arc": [60.0, 75.0]}, ["workspace", "poles"], (5, 4)),
     ("single_flier", {"pairs.23.longitude": [20.0, 22.0]}, ["poles"], 5),
 ]
+"""Mechanism, varied numbers (deg), analyses and numbers of samples."""
 
 
-def alike(rows, wanted):
-    """Say that two tables have the same rows, but for rounding."""
-    assert list(rows.columns) == list(wanted.columns) and len(rows) == len(wanted)
-    for name in wanted.columns:
-        if wanted[name].dtype == float:
-            assert np.allclose(rows[name], wanted[name], 1e-12, 1e-13, equal_nan=True), name
+def assert_equal_tables(table, expected):
+    """Assert that two tables have the same columns and rows, numbers up to rounding."""
+    assert list(table.columns) == list(expected.columns)
+    assert len(table) == len(expected)
+    for name in expected.columns:
+        if expected[name].dtype == float:
+            assert np.allclose(
+                table[name], expected[name], rtol=1e-12, atol=1e-13, equal_nan=True
+            ), name
         else:
-            assert list(rows[name].astype(str)) == list(wanted[name].astype(str)), name
+            assert list(table[name].astype(str)) == list(expected[name].astype(str)), name
 
 
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name, vary, analyses, samples", CASES)
-def test_tables_of_designs_are_those_of_runs(name, vary, analyses, samples, tmp_path):
-    asked = {"analyses": analyses, "samples": samples, "tables": True}
-    swept = sk.sweep(name, vary, **asked)
-    in_folder = sk.sweep(name, vary, folder=tmp_path, workers=1, **asked)
-    designs, document, with_rows = swept.frame(), document_of(name), set()
-    alike(in_folder.frame(), designs)
+def test_tables_of_a_sweep_are_those_of_separate_runs(
+    name, vary, analyses, samples, tmp_path
+):
+    """Each table of each design equals that of a run, in memory and in the folder.
+
+    A design that a run refuses has a reason, and no rows in any table.
+    """
+    options = {"analyses": analyses, "samples": samples, "tables": True}
+    sweep = sk.sweep(name, vary, **options)
+    sweep_in_folder = sk.sweep(name, vary, folder=tmp_path, workers=1, **options)
+    designs = sweep.frame()
+    assert_equal_tables(sweep_in_folder.frame(), designs)
+    document = document_of(name)
+    designs_with_rows = set()
     for number, rows in designs.groupby("design"):
-        values = {
-            number_path(document, key): float(rows[key.replace(".", "_")].iloc[0])
-            for key in vary
-        }
+        values = {}
+        for key in vary:
+            column = key.replace(".", "_")
+            values[number_path(document, key)] = float(rows[column].iloc[0])
         try:
             changed = with_numbers(document, values)
             check(changed)
             run = sk.run(read(changed), analyses, samples=samples)
-        except sk.SpherekitError as problem:
-            assert set(rows["status"]) <= {"IMPOSSIBLE", "NEVER_CLOSES"}, problem
+        except sk.SpherekitError as error:
+            assert set(rows["status"]) <= {"IMPOSSIBLE", "NEVER_CLOSES"}, error
             assert all(rows["reason"] != "")
             continue
         assert set(rows["status"]) == {"OK"}
-        with_rows.add(number)
-        numbers = {mode["number"] for mode in run.summary["assembly_modes"]}
-        assert set(rows["assembly_mode"].dropna()) <= numbers
+        designs_with_rows.add(number)
+        mode_numbers = {mode["number"] for mode in run.summary["assembly_modes"]}
+        assert set(rows["assembly_mode"].dropna()) <= mode_numbers
         for analysis, result in run.results.items():
             for table in result.tables:
-                main_one = table is result.tables[0]
-                stem = analysis if main_one else f"{analysis}_{table.name}"
-                whole = swept.table(stem)
-                mine = whole[whole["design"] == number].drop(columns="design")
-                wanted = run.frame(analysis, table.name)
-                alike(mine, wanted)
-                assert whole.attrs["units"] == wanted.attrs["units"]
-                alike(pd.read_parquet(tmp_path / "tables" / stem), whole)
-    assert with_rows and set(swept.table("motion")["design"]) == with_rows
+                is_main_table = table is result.tables[0]
+                stem = analysis if is_main_table else f"{analysis}_{table.name}"
+                all_designs = sweep.table(stem)
+                is_design = all_designs["design"] == number
+                expected = run.frame(analysis, table.name)
+                assert_equal_tables(all_designs[is_design].drop(columns="design"), expected)
+                assert all_designs.attrs["units"] == expected.attrs["units"]
+                in_folder = pd.read_parquet(tmp_path / "tables" / stem)
+                assert_equal_tables(in_folder, all_designs)
+    assert designs_with_rows
+    assert set(sweep.table("motion")["design"]) == designs_with_rows
     assert len(pd.read_parquet(tmp_path / "designs")) == len(designs)
 
 
-def test_figures_of_kernels_and_of_tables_share_a_sweep():
-    rate, area = "most=max(abs(rate_43_by_51))", "workspace"
+def test_figures_of_the_kernel_and_of_an_analysis_share_a_sweep():
+    """Rows of assembly modes and of working modes stand together, as if swept separately.
+
+    A figure of the other kind is missing in a row.
+    """
+    figure = "most=max(abs(rate_43_by_51))"
     vary = {"links.2.arc": [60.0, 65.0]}
-    both = sk.sweep("five_bar", vary, rate, analyses=[area], samples=(5, 5)).frame()
-    kernel = sk.sweep("five_bar", vary, rate, samples=(5, 5)).frame()
-    runs = sk.sweep("five_bar", vary, analyses=[area], samples=(5, 5)).frame()
-    working = both["mode"].str.startswith("working ")
-    assert list(both["most"][~working]) == list(kernel["most"])
-    assert list(both["mode"][~working]) == list(kernel["mode"])
-    assert list(both["workspace_area"][working]) == list(runs["workspace_area"])
-    assert [m.split()[1] for m in both["mode"][working]] == list(runs["mode"])
-    assert both["most"][working].isna().all()
-    assert both["workspace_area"][~working].isna().all()
+    samples = (5, 5)
+    both = sk.sweep(
+        "five_bar", vary, figure, analyses=["workspace"], samples=samples
+    ).frame()
+    kernel_only = sk.sweep("five_bar", vary, figure, samples=samples).frame()
+    analysis_only = sk.sweep(
+        "five_bar", vary, analyses=["workspace"], samples=samples
+    ).frame()
+
+    is_working_mode = both["mode"].str.startswith("working ")
+    assembly_rows = both[~is_working_mode]
+    working_rows = both[is_working_mode]
+    assert list(assembly_rows["most"]) == list(kernel_only["most"])
+    assert list(assembly_rows["mode"]) == list(kernel_only["mode"])
+    assert assembly_rows["workspace_area"].isna().all()
+    assert list(working_rows["workspace_area"]) == list(analysis_only["workspace_area"])
+    working_modes = [mode.split()[1] for mode in working_rows["mode"]]
+    assert working_modes == list(analysis_only["mode"])
+    assert working_rows["most"].isna().all()
 
 
 @pytest.mark.parametrize(
@@ -115,31 +147,34 @@ def test_figures_in_the_same_assembly_mode_share_a_row(name, link, arc, modes):
 
 
 @dataclass(frozen=True)
-class Doubled(MinimalAnalysis):
-    """Twice the input; of inputs up to one turn only."""
+class DoubledInput(MinimalAnalysis):
+    """Twice the input; it fails for designs with an arc of 45 degrees."""
 
     name: ClassVar[str] = "doubled"
     tables: ClassVar[tuple[Table, ...]] = (
         Table("doubled", "twice the input", (SAMPLE, Column("twice", "rad", "2 q"))),
     )
     rowwise: ClassVar[bool] = True
-    most: float = 10.0
 
     def compute(self, batch):
-        arcs = [size.arcs for size in batch.mechanism.geometry.links.values()]
-        if any(abs(arc - np.pi / 4.0) < 0.01 for (arc,) in arcs):
-            raise ValueError("not this one")
+        for size in batch.mechanism.geometry.links.values():
+            (arc,) = size.arcs
+            if abs(arc - np.pi / 4.0) < 0.01:
+                raise ValueError("not this one")
         return {"doubled": {"sample": batch.sample, "twice": 2.0 * batch.q}}
 
 
-def swept(vary, folder=None, **options):
-    space = DesignSpace.from_variations([parse_variation(*item) for item in vary.items()])
-    made = sweep_of("four_bar", space, (), [Doubled()], samples=5, tables=True)
-    return run_sweep(made, folder, **options)
+def sweep_doubled_input(vary, folder=None, **options):
+    """Sweep the four-bar with the analysis above and all its tables."""
+    variations = [parse_variation(key, values) for key, values in vary.items()]
+    space = DesignSpace.from_variations(variations)
+    sweep = sweep_of("four_bar", space, (), [DoubledInput()], samples=5, tables=True)
+    return run_sweep(sweep, folder, **options)
 
 
-def test_plugins_without_figures_have_tables_and_failures_have_reasons(tmp_path):
-    result = swept({"links.2.arc": [20.0, 45.0]}, tmp_path)
+def test_a_failing_analysis_is_the_reason_of_its_design(tmp_path):
+    """The first design has tables; the second, of 45 degrees, has none."""
+    result = sweep_doubled_input({"links.2.arc": [20.0, 45.0]}, tmp_path)
     designs = result.frame()
     assert list(designs["status"]) == ["OK", "OK", "FAILED"]
     assert "not this one" in designs["reason"].iloc[-1]
@@ -148,69 +183,75 @@ def test_plugins_without_figures_have_tables_and_failures_have_reasons(tmp_path)
 
 
 @pytest.mark.slow
-def test_a_part_without_one_of_its_files_is_made_again(tmp_path):
+def test_a_part_without_one_of_its_files_is_computed_again(tmp_path):
+    """Three parts have three files each; the file that is made again is the same."""
     vary = {"links.2.arc": list(np.linspace(10.0, 40.0, 40))}
-    first = swept(vary, tmp_path)
-    files = {path: path.read_bytes() for path in tmp_path.rglob("part-*")}
-    assert first.computed == 3 and len(files) == 9
+    first = sweep_doubled_input(vary, tmp_path)
+    contents = {path: path.read_bytes() for path in tmp_path.rglob("part-*")}
+    assert first.computed == 3
+    assert len(contents) == 9
     (tmp_path / "tables" / "motion" / "part-000001.parquet").unlink()
-    assert swept(vary, tmp_path).computed == 1
-    assert {path: path.read_bytes() for path in files} == files
-    assert swept(vary, tmp_path).computed == 0
+    assert sweep_doubled_input(vary, tmp_path).computed == 1
+    assert {path: path.read_bytes() for path in contents} == contents
+    assert sweep_doubled_input(vary, tmp_path).computed == 0
 
 
-def test_conditions_hold_for_tables_too(monkeypatch):
+def test_a_condition_leaves_designs_out_of_tables_too():
     vary = {"links.2.arc": list(np.linspace(10.0, 40.0, 7)), "links.3.arc": [70.0]}
-    least = "least=min(transmission_angle_43)"
+    figure = "least=min(transmission_angle_43)"
     options = {"analyses": ["poles"], "samples": 7}
-    every = sk.sweep("four_bar", vary, least, **options).frame()
-    limit = float(every["least"].median())
-    met = set(every["design"][every["least"] > limit])
-    made = sk.sweep(
-        "four_bar", vary, least, tables=True, where=f"least > {limit!r}", **options
-    )
-    assert 0 < len(met) < 7
-    assert set(made.frame()["design"]) == set(made.table("poles")["design"]) == met
+    unconditional = sk.sweep("four_bar", vary, figure, **options).frame()
+    limit = float(unconditional["least"].median())
+    expected = set(unconditional["design"][unconditional["least"] > limit])
+    assert 0 < len(expected) < 7
+    condition = f"least > {limit!r}"
+    result = sk.sweep("four_bar", vary, figure, tables=True, where=condition, **options)
+    assert set(result.frame()["design"]) == expected
+    assert set(result.table("poles")["design"]) == expected
 
 
-def test_parts_by_other_code_are_refused(tmp_path):
-    swept({"links.2.arc": [20.0]}, tmp_path)
+def test_parts_by_other_versions_are_refused(tmp_path):
+    vary = {"links.2.arc": [20.0]}
+    sweep_doubled_input(vary, tmp_path)
     path = tmp_path / sweep_identity.DEFINITION_FILE
     definition = json.loads(path.read_text())
     path.write_text(json.dumps({**definition, "spherekit": "0.0.9", "numpy": "1.0"}))
-    words = r"other code \(spherekit: 0\.0\.9 there, .* now, numpy: 1\.0 there"
-    with pytest.raises(OutputError, match=words):
-        swept({"links.2.arc": [20.0]}, tmp_path)
+    message = r"other code \(spherekit: 0\.0\.9 there, .* now, numpy: 1\.0 there"
+    with pytest.raises(OutputError, match=message):
+        sweep_doubled_input(vary, tmp_path)
     del definition["machine"]
     path.write_text(json.dumps(definition))
     with pytest.raises(OutputError, match="machine: null there"):
-        swept({"links.2.arc": [20.0]}, tmp_path)
+        sweep_doubled_input(vary, tmp_path)
 
 
 def test_a_worker_with_other_versions_writes_nothing(tmp_path):
-    sweep = swept({"links.2.arc": [20.0]}).sweep
+    sweep = sweep_doubled_input({"links.2.arc": [20.0]}).sweep
     code = run_identity.code_identity() | {"numpy": "1.0"}
     with pytest.raises(DesignError, match=r"other versions \(numpy: .* there, 1\.0 now"):
         PartComputer(sweep, str(tmp_path), code)(0)
     assert not list(tmp_path.iterdir())
 
 
-def test_what_the_disk_does_not_hold_is_said(tmp_path, monkeypatch):
+def test_tables_that_do_not_fit_on_the_disk_are_refused(tmp_path, monkeypatch):
+    """The disk is said to have 1000 bytes left."""
     vary = {"links.2.arc": list(np.linspace(10.0, 40.0, 40))}
-    free = type("", (), {"free": 1000})
-    monkeypatch.setattr(resource_checks.shutil, "disk_usage", lambda _: free)
+    monkeypatch.setattr(
+        resource_checks.shutil, "disk_usage", lambda _: SimpleNamespace(free=1000)
+    )
     with pytest.raises(OutputError, match="the tables of 40 designs will take about"):
-        swept(vary, tmp_path)
+        sweep_doubled_input(vary, tmp_path)
     with pytest.raises(OutputError, match="choose another folder"):
-        swept(vary)
+        sweep_doubled_input(vary)
 
 
-def test_the_command_writes_tables_and_says_where(tmp_path, capsys):
-    words = ["sweep", "four_bar", "--vary", "links.2.arc=20,25", "--samples", "5"]
-    words += ["-a", "poles", "--tables"]
-    assert main(words) == 1
+def test_the_command_writes_tables_and_prints_their_folder(tmp_path, capsys):
+    command = ["sweep", "four_bar", "--vary", "links.2.arc=20,25", "--samples", "5"]
+    command += ["-a", "poles", "--tables"]
+    assert main(command) == 1
     assert "--tables: give the folder" in capsys.readouterr().err
-    assert main([*words, "-o", str(tmp_path), "--workers", "1"]) == 0
-    said = capsys.readouterr().err
-    assert str(tmp_path / "tables" / "poles") in said
+    assert main([*command, "-o", str(tmp_path), "--workers", "1"]) == 0
+    printed = capsys.readouterr().err
+    assert str(tmp_path / "tables" / "poles") in printed
+    # 2 designs, 2 modes, 5 samples, 6 poles
     assert len(pd.read_parquet(tmp_path / "tables" / "poles")) == 120

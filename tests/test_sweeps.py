@@ -1,4 +1,9 @@
-"""Sweeps over designs against every design evaluated on its own."""
+"""Sweeps over designs against every design evaluated on its own.
+
+A sweep evaluates many designs, that is values of varied numbers of a mechanism, and reduces
+the columns of each to figures of merit. It is divided into parts, which are written as
+Parquet files and can be computed by several processes.
+"""
 
 import json
 import os
@@ -44,27 +49,31 @@ FIGURES = {
     "place": "argmax(rate_{pair})",
     "there": "at(sin(theta_{pair}), 100)",
 }
+"""Figures of merit of a pair, and of a link relative to the ground."""
 
 
-def of_mode(mechanism, mode, pair, pole):
-    """Return the same figures from poles by the plan, in one mode."""
+def compute_figures(mechanism, mode, pair, pole):
+    """Compute `FIGURES` of one assembly mode from poles by the pole plan, in degrees."""
     (driven,) = mechanism.inputs
     q = np.linspace(driven.start, driven.stop, SAMPLES)
-    here = sk.evaluate(mechanism, q, assembly_mode=mode)
-    closed = here.status == 0
-    theta, rate = here.variable(pair), here.variable_coefficient(pair)
-    pieces = np.split(theta, np.flatnonzero(~closed))
-    pieces = [np.unwrap(piece[np.isfinite(piece)]) for piece in pieces]
-    there = sk.evaluate(mechanism, np.radians(100.0), assembly_mode=mode)
+    motion = sk.evaluate(mechanism, q, assembly_mode=mode)
+    closes = motion.status == 0
+    theta = motion.variable(pair)
+    rate = motion.variable_coefficient(pair)
+    # The swing is that of the largest interval in which the loops close.
+    intervals = np.split(theta, np.flatnonzero(~closes))
+    intervals = [np.unwrap(interval[np.isfinite(interval)]) for interval in intervals]
+    swing = max(np.ptp(interval) for interval in intervals if len(interval))
+    at_100_deg = sk.evaluate(mechanism, np.radians(100.0), assembly_mode=mode)
     return {
-        "closes": np.mean(closed),
+        "closes": np.mean(closes),
         "least_rate": np.nanmin(rate),
-        "largest": np.nanmax(np.abs(here.velocity_coefficient(pole))),
-        "bend": np.nanmax(np.abs(here.acceleration_coefficient(pole))),
+        "largest": np.nanmax(np.abs(motion.velocity_coefficient(pole))),
+        "bend": np.nanmax(np.abs(motion.acceleration_coefficient(pole))),
         "mean": np.nanmean(np.cos(theta)),
-        "swing": np.degrees(max(np.ptp(piece) for piece in pieces if len(piece))),
+        "swing": np.degrees(swing),
         "place": np.degrees(q[np.nanargmax(rate)]) % 360.0,
-        "there": np.sin(there.variable(pair))[0],
+        "there": np.sin(at_100_deg.variable(pair))[0],
     }
 
 
@@ -73,60 +82,73 @@ CASES = [
     ("stephenson", ["links.1.arcs.14", "links.3.angle", "links.6.arc"], "16", "5"),
     ("watt", None, None, None),
 ]
+"""Mechanism, varied numbers, pair and link of the figures; None varies all arcs."""
 
 
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name, keys, pair, link", CASES)
-def test_rows_are_those_of_each_design_on_its_own(name, keys, pair, link):
-    mechanism, document = sk.load(name), document_of(name)
+def test_rows_of_a_sweep_are_the_figures_of_each_design(name, keys, pair, link):
+    """The nominal design and three random ones, about 4 degrees away in each number.
+
+    Each mode of each design has a row, with figures computed from a run of that design.
+    """
+    mechanism = sk.load(name)
+    document = document_of(name)
     ground = mechanism.ground
     if keys is None:
-        sizes = mechanism.geometry.links.items()
-        keys = [f"links.{k}.arcs.{leads}" for k, own in sizes for leads in own.axes[1:]]
+        keys = []
+        for number, size in mechanism.geometry.links.items():
+            keys += [f"links.{number}.arcs.{axis}" for axis in size.axes[1:]]
         link = mechanism.links[-1]
         pair = next(p.name for p in mechanism.pairs if link in p.links)
-    pole = f"{link}/{ground}"
-    rng = np.random.default_rng(3)
-    before = np.array([design_variable(document, key).value for key in keys])
-    designs = before[:, None] + rng.normal(size=(len(keys), 4)) * 4.0
-    designs[:, 0] = before
-    words = {"pair": pair, "link": link, "ground": ground}
-    reduce = [f"{k}={text.format(**words)}" for k, text in FIGURES.items()]
+    random = np.random.default_rng(3)
+    nominal = np.array([design_variable(document, key).value for key in keys])
+    designs = nominal[:, None] + random.normal(size=(len(keys), 4)) * 4.0
+    designs[:, 0] = nominal
+    names = {"pair": pair, "link": link, "ground": ground}
+    figures = [f"{k}={text.format(**names)}" for k, text in FIGURES.items()]
     for values in designs.T:
         design = dict(zip(keys, values, strict=True))
         vary = {key: [value] for key, value in design.items()}
-        found = sk.sweep(name, vary, reduce, samples=SAMPLES).frame()
+        frame = sk.sweep(name, vary, figures, samples=SAMPLES).frame()
         changed = with_file_numbers(name, design)
         modes = sk.trace(changed, samples=SAMPLES).assembly_modes
-        assert sorted(found["mode"]) == sorted(mode.label for mode in modes)
+        assert sorted(frame["mode"]) == sorted(mode.label for mode in modes)
         for mode in modes:
-            row = found[found["mode"] == mode.label].iloc[0].copy()
-            wanted = of_mode(changed, mode.number, pair, pole)
+            row = frame[frame["mode"] == mode.label].iloc[0].copy()
             row["place"] %= 360.0
-            for figure, value in wanted.items():
+            expected = compute_figures(changed, mode.number, pair, f"{link}/{ground}")
+            for figure, value in expected.items():
                 assert row[figure] == pytest.approx(value, rel=1e-9, abs=1e-9), figure
 
 
 @pytest.mark.slow
 @pytest.mark.many
-@pytest.mark.parametrize("name, middle", [("four_bar", "43"), ("stephenson", "56")])
-def test_figures_of_analyses_are_those_of_their_tables(name, middle):
-    """The plane of the fourth link of form ii gave another angle in six-bars."""
-    analyses = ["singularities", "eksergian"][: 1 + (name == "four_bar")]
+@pytest.mark.parametrize("name, middle_pair", [("four_bar", "43"), ("stephenson", "56")])
+def test_figures_of_analyses_in_a_sweep_are_extremes_of_their_tables(name, middle_pair):
+    """Transmission angle at the pair between coupler and output, torque and inertia.
+
+    A run of `singularities` and `eksergian` gives the tables; only the four-bar has loads.
+    """
+    analyses = ["singularities"]
+    if name == "four_bar":
+        analyses.append("eksergian")
     vary = {"links.2.arc": [15.0]}
-    found = sk.sweep(name, vary, analyses=analyses, samples=SAMPLES).frame()
-    other = sk.load(name).with_sizes(angle_unit="deg", arcs={"2": 15.0})
-    run = sk.run(other, analyses, samples=SAMPLES)
-    labels = {m.label: m.number for m in sk.trace(other, samples=3).assembly_modes}
-    near = run.frame("singularities", "relation").groupby("assembly_mode")
-    near = np.degrees(near["transmission"].min())
-    for _, row in found.iterrows():
-        least = row[f"least_transmission_angle_{middle}"]
-        assert least == pytest.approx(near[labels[row["mode"]]], abs=1e-7)
+    frame = sk.sweep(name, vary, analyses=analyses, samples=SAMPLES).frame()
+    design = sk.load(name).with_sizes(angle_unit="deg", arcs={"2": 15.0})
+    run = sk.run(design, analyses, samples=SAMPLES)
+    modes = sk.trace(design, samples=3).assembly_modes
+    numbers_by_label = {mode.label: mode.number for mode in modes}
+    relation = run.frame("singularities", "relation").groupby("assembly_mode")
+    least_transmission_deg = np.degrees(relation["transmission"].min())
+    for _, row in frame.iterrows():
+        mode = numbers_by_label[row["mode"]]
+        least = row[f"least_transmission_angle_{middle_pair}"]
+        assert least == pytest.approx(least_transmission_deg[mode], abs=1e-7)
         if name == "four_bar":
             table = run.frame("eksergian")
-            table = table[table["assembly_mode"] == labels[row["mode"]]]
+            table = table[table["assembly_mode"] == mode]
             assert row["largest_torque"] == pytest.approx(table["tau"].abs().max())
             assert row["largest_inertia"] == pytest.approx(table["B"].max(), rel=1e-9)
 
@@ -139,43 +161,60 @@ def test_reactions_are_figures():
 
 
 @pytest.mark.slow
-def test_tables_of_runs_give_figures_of_what_no_kernel_knows():
-    key = "pairs.contact.profiles.cam.cosines.1"
-    text = (
+def test_figures_of_tables_are_those_of_a_run():
+    """A figure may reduce a column of any table; here coefficients of a cam's follower."""
+    vary = {"pairs.contact.profiles.cam.cosines.1": [4.0]}
+    figure = (
         "most=max(poles.poles link=follower relative_to=frame: abs(velocity_coefficient))"
     )
-    found = sk.sweep("shaped_cam", {key: [4.0]}, text, samples=7).frame()
-    own = found.set_index("mode")
-    run = sk.run("shaped_cam", "poles", samples=7).frame("poles")
-    run = run[(run["link"] == "follower") & (run["relative_to"] == "frame")]
-    for mode, rows in run.groupby("assembly_mode"):
-        assert own.loc[str(mode), "most"] == rows["velocity_coefficient"].abs().max()
-    row = "max(abs(velocity_coefficient_follower_frame))"
-    of_rows = sk.sweep("shaped_cam", {key: [4.0]}, f"most={row}", samples=7).frame()
-    assert of_rows["most"].to_numpy() == pytest.approx(own["most"].to_numpy(), rel=1e-12)
-    bend = "most=" + row.replace("velocity", "acceleration")
-    of_rows = sk.sweep("shaped_cam", {key: [4.0]}, bend, samples=7).frame()
-    for mode, rows in run.groupby("assembly_mode"):
-        most = of_rows.loc[of_rows["mode"].str.startswith(str(mode)), "most"].item()
-        own = rows["acceleration_coefficient"].abs().max()
-        assert most == pytest.approx(own, rel=1e-10)
+    by_mode = sk.sweep("shaped_cam", vary, figure, samples=7).frame().set_index("mode")
+    for mode, rows in follower_poles().groupby("assembly_mode"):
+        assert by_mode.loc[str(mode), "most"] == rows["velocity_coefficient"].abs().max()
 
 
-def test_designs_that_cannot_be_are_rows_with_their_reason():
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("quantity", "tolerance"),
+    [("velocity_coefficient", 1e-12), ("acceleration_coefficient", 1e-10)],
+)
+def test_figures_of_kernel_columns_are_those_of_a_run(quantity, tolerance):
+    """The compiled kernel computes the same coefficients without a table."""
+    vary = {"pairs.contact.profiles.cam.cosines.1": [4.0]}
+    figure = f"most=max(abs({quantity}_follower_frame))"
+    frame = sk.sweep("shaped_cam", vary, figure, samples=7).frame()
+    for mode, rows in follower_poles().groupby("assembly_mode"):
+        largest = frame.loc[frame["mode"].str.startswith(str(mode)), "most"].item()
+        expected = rows[quantity].abs().max()
+        assert largest == pytest.approx(expected, rel=tolerance)
+
+
+def follower_poles():
+    """Return the rows of a run for the pole of the cam's follower in its frame."""
+    poles = sk.run("shaped_cam", "poles", samples=7).frame("poles")
+    return poles[(poles["link"] == "follower") & (poles["relative_to"] == "frame")]
+
+
+def test_impossible_designs_are_rows_with_a_reason():
+    """Arcs have to lie between 0 and 180 degrees; other designs close in part or not."""
     vary = {"links.2.arc": [20.0, 0.0, 190.0], "links.3.arc": [70.0, 5.0]}
-    found = sk.sweep("four_bar", vary, "at(theta_41 + q, 30)", samples=9).frame()
-    assert "at_theta_41_q_30" in found and sorted(set(found["design"])) == list(range(6))
-    assert set(found["reason"][found["status"] == "OK"]) == {""}
-    assert set(found["status"]) == {"OK", "IMPOSSIBLE"}
-    reasons = found[found["status"] != "OK"].set_index("design")["reason"]
+    frame = sk.sweep("four_bar", vary, "at(theta_41 + q, 30)", samples=9).frame()
+    assert "at_theta_41_q_30" in frame
+    assert sorted(set(frame["design"])) == list(range(6))
+    assert set(frame["reason"][frame["status"] == "OK"]) == {""}
+    assert set(frame["status"]) == {"OK", "IMPOSSIBLE"}
+    reasons = frame[frame["status"] != "OK"].set_index("design")["reason"]
     assert reasons[2] == "links.2.arc = 0: not between 0 and 180 deg"
     assert reasons[4].startswith("links.2.arc = 190")
-    assert found[found["design"] == 1]["closes"].max() < 1.0
-    assert list(found["grashof"][found["design"] == 0]) == 2 * ["crank-rocker"]
-    assert set(found["grashof"][found["status"] == "IMPOSSIBLE"]) == {""}
+    assert frame[frame["design"] == 1]["closes"].max() < 1.0
+    assert list(frame["grashof"][frame["design"] == 0]) == 2 * ["crank-rocker"]
+    assert set(frame["grashof"][frame["status"] == "IMPOSSIBLE"]) == {""}
+
+
+def test_profiles_that_curve_into_each_other_are_impossible():
     vary = {"pairs.contact.profiles.cam.radius": [25.0, 169.0]}
-    last = sk.sweep("roller_cam", vary, "max(q)", samples=3).frame().iloc[-1]
-    assert last["status"] == "IMPOSSIBLE" and last["reason"] == (
+    last_row = sk.sweep("roller_cam", vary, "max(q)", samples=3).frame().iloc[-1]
+    assert last_row["status"] == "IMPOSSIBLE"
+    assert last_row["reason"] == (
         "roller_cam: pairs.contact: the profiles curve into each other, or alike"
     )
 
@@ -196,10 +235,14 @@ ACTED = mechanism_text("sweeps_acted")
 
 
 @pytest.mark.slow
-def test_masses_and_loads_are_inputs_of_the_kernel(tmp_path):
+def test_a_sweep_over_masses_and_loads_has_the_torques_of_runs(tmp_path):
+    """Mass, centre of mass, weight, spring, friction, force and an arc vary together.
+
+    Every fifth possible design is compared with a run. A negative mass is impossible.
+    """
     path = tmp_path / "acted.toml"
-    whole = find("four_bar").read_text()
-    path.write_text(whole[: whole.index("[mass.2]")] + ACTED)
+    four_bar_text = find("four_bar").read_text()
+    path.write_text(four_bar_text[: four_bar_text.index("[mass.2]")] + ACTED)
     vary = {
         "mass.3.mass": [2.0, 5.0, -1.0],
         "mass.3.centre.0": [0.1, 0.4],
@@ -209,20 +252,18 @@ def test_masses_and_loads_are_inputs_of_the_kernel(tmp_path):
         "loads.push.point.1": [-0.5],
         "links.4.arc": [42.0],
     }
-    reduce = ["peak=max(abs(torque))", "mean=mean(torque)", "most=max(B)"]
-    sweep = sweep_of(
-        path,
-        DesignSpace.from_variations([parse_variation(*v) for v in vary.items()]),
-        reduce,
-    )
-    sweep = replace(
-        sweep, samples=DesignSamples.from_study(Study("", sweep.mechanism, samples=19))
-    )
+    figures = ["peak=max(abs(torque))", "mean=mean(torque)", "most=max(B)"]
+    variations = [parse_variation(key, values) for key, values in vary.items()]
+    sweep = sweep_of(path, DesignSpace.from_variations(variations), figures)
+    samples = DesignSamples.from_study(Study("", sweep.mechanism, samples=19))
+    sweep = replace(sweep, samples=samples)
     assert sweep.evaluator.kernel is not None
-    found = run_sweep(sweep).frame()
-    bad = found["mass_3_mass"] < 0.0
-    assert found["reason"][bad].str.contains("mass").all() and sum(bad) == 8
-    for _, row in found[~bad].iloc[::5].iterrows():
+    frame = run_sweep(sweep).frame()
+
+    is_impossible = frame["mass_3_mass"] < 0.0
+    assert sum(is_impossible) == 8
+    assert frame["reason"][is_impossible].str.contains("mass").all()
+    for _, row in frame[~is_impossible].iloc[::5].iterrows():
         design = {key: row[key.replace(".", "_")] for key in vary}
         run = sk.run(with_file_numbers(path, design), "eksergian", samples=19)
         table = run.frame("eksergian")
@@ -245,133 +286,161 @@ def test_masses_stated_by_sizes_follow_them(tmp_path):
 
 
 @pytest.mark.parametrize("scheme", ["grid", "sobol", "latin", "random"])
-def test_a_design_is_the_same_in_whatever_part_it_is_asked_for(scheme):
+def test_a_design_does_not_depend_on_the_part_in_which_it_is_computed(scheme):
+    """60 designs of three numbers at once, and in four parts of unequal size."""
     variations = [
         parse_variation("a", "1:2:5"),
         parse_variation("b", "3,7,9"),
         parse_variation("c", "0:1:4"),
     ]
-    count, seed = (None, 0) if scheme == "grid" else (60, 5)
-    space = DesignSpace.from_variations(variations, count, scheme, seed=seed)
-    whole = space.compute_designs(0, 60)
-    assert whole.shape == (3, 60)
-    cuts = [0, 1, 17, 18, 60]
-    parts = [space.compute_designs(*ends) for ends in pairwise(cuts)]
-    assert np.array_equal(np.concatenate(parts, axis=1), whole)
-    assert set(whole[1]) <= {3.0, 7.0, 9.0}
     if scheme == "grid":
-        assert len({tuple(design) for design in whole.T}) == 60
+        space = DesignSpace.from_variations(variations, None, scheme, seed=0)
+    else:
+        space = DesignSpace.from_variations(variations, 60, scheme, seed=5)
+    all_designs = space.compute_designs(0, 60)
+    assert all_designs.shape == (3, 60)
+    part_limits = [0, 1, 17, 18, 60]
+    parts = [space.compute_designs(start, stop) for start, stop in pairwise(part_limits)]
+    assert np.array_equal(np.concatenate(parts, axis=1), all_designs)
+    assert set(all_designs[1]) <= {3.0, 7.0, 9.0}
+    if scheme == "grid":
+        assert len({tuple(design) for design in all_designs.T}) == 60
 
 
 def test_conditions_leave_out_designs_and_rows():
+    """A condition may use varied numbers and figures; the other rows are unchanged."""
     vary = {"links.2.arc": "10:40:7", "links.4.arc": "20:50:4"}
-    reduce = "least=min(transmission_angle_43)"
-    every = sk.sweep("four_bar", vary, reduce, samples=9).frame()
-    where = ["links_2_arc < links_4_arc", "least > 30"]
-    found = sk.sweep("four_bar", vary, reduce, where=where, samples=9).frame()
-    kept = every[(every["links_2_arc"] < every["links_4_arc"]) & (every["least"] > 30.0)]
-    assert 0 < len(found) < len(every)
-    text = dict.fromkeys(("mode", "status", "grashof"), str)
-    kept = kept.reset_index(drop=True).astype(text)
-    pd.testing.assert_frame_equal(found.astype(text), kept)
+    figure = "least=min(transmission_angle_43)"
+    unconditional = sk.sweep("four_bar", vary, figure, samples=9).frame()
+    conditions = ["links_2_arc < links_4_arc", "least > 30"]
+    frame = sk.sweep("four_bar", vary, figure, where=conditions, samples=9).frame()
+    is_met = unconditional["links_2_arc"] < unconditional["links_4_arc"]
+    is_met &= unconditional["least"] > 30.0
+    assert 0 < len(frame) < len(unconditional)
+    text_columns = dict.fromkeys(("mode", "status", "grashof"), str)
+    expected = unconditional[is_met].reset_index(drop=True).astype(text_columns)
+    pd.testing.assert_frame_equal(frame.astype(text_columns), expected)
 
 
-def test_a_swing_goes_on_where_the_turn_begins_anew():
-    """A range from 0 to 360 deg cuts through what -180 to 180 has in one piece."""
+def test_a_swing_does_not_depend_on_where_the_range_of_a_turn_begins():
+    """0 to 360 degrees cuts through an interval that -180 to 180 has in one piece."""
     sizes = {"base": 179.9, "crank": 30.0, "coupler": 100.0, "rocker": 110.0}
-    vary, reduce = {"links.crank.arc": [30.0]}, "swing=swing(theta_hinge)"
-    both = [crank_rocker(**sizes, inputs={"drive": x}) for x in ((0, 360), (-180, 180))]
-    swings = [sk.sweep(x, vary, reduce, samples=361).frame()["swing"] for x in both]
-    assert np.allclose(*swings, rtol=1e-9, atol=0.0)
+    swings = []
+    for limits in ((0, 360), (-180, 180)):
+        mechanism = crank_rocker(**sizes, inputs={"drive": limits})
+        vary = {"links.crank.arc": [30.0]}
+        frame = sk.sweep(mechanism, vary, "swing=swing(theta_hinge)", samples=361).frame()
+        swings.append(frame["swing"])
+    assert np.allclose(swings[0], swings[1], rtol=1e-9, atol=0.0)
     assert np.all(swings[0] > 150.0)
 
 
-def test_nothing_left_is_no_row(capsys):
+def test_a_condition_that_no_design_meets_leaves_no_row(capsys):
     command = ["sweep", "four_bar", "--vary", "links.2.arc=20", "--samples", "9"]
     assert main([*command, "--reduce", "a=min(rate_41)", "--where", "a > 100"]) == 0
-    assert "0 rows" in (said := capsys.readouterr().out)
-    assert "none meets a > 100" in said and "Empty" not in said
+    printed = capsys.readouterr().out
+    assert "0 rows" in printed
+    assert "none meets a > 100" in printed
+    assert "Empty" not in printed
 
 
-def test_sizes_of_a_mechanism_with_a_locked_pair_are_its_own(capsys):
-    words = ["sweep", "five_bar", "--lock", "51=30", "--vary", "links.2.arc=50:70:3"]
-    words += ["--reduce", "most=max(abs(velocity_coefficient_3_1))", "--samples", "9"]
-    assert main([*words, "--json"]) == 0
+def test_a_sweep_with_a_locked_input_is_that_of_the_locked_mechanism(capsys):
+    """`--lock 51=30` holds an input of a five-bar at 30 degrees; an arc varies."""
+    command = ["sweep", "five_bar", "--lock", "51=30", "--vary", "links.2.arc=50:70:3"]
+    command += ["--reduce", "most=max(abs(velocity_coefficient_3_1))", "--samples", "9"]
+    assert main([*command, "--json"]) == 0
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    held = sk.lock(sk.load("five_bar"), {"51": 30.0}, angle_unit="deg")
     assert {row["design"] for row in rows} == {0, 1, 2}
+    locked = sk.lock(sk.load("five_bar"), {"51": 30.0}, angle_unit="deg")
     for row in rows:
-        made = held.with_sizes(angle_unit="deg", arcs={"2": row["links_2_arc"]})
-        (driven,) = made.inputs
-        modes = {m.label: m.number for m in sk.trace(made, samples=3).assembly_modes}
-        here = sk.evaluate(
-            made,
-            np.linspace(driven.start, driven.stop, 9),
-            assembly_mode=modes[row["mode"]],
-        )
-        most = np.nanmax(np.abs(here.velocity_coefficient("3/1")))
-        assert row["most"] == pytest.approx(most, rel=1e-9)
+        design = locked.with_sizes(angle_unit="deg", arcs={"2": row["links_2_arc"]})
+        (driven,) = design.inputs
+        modes = sk.trace(design, samples=3).assembly_modes
+        numbers_by_label = {mode.label: mode.number for mode in modes}
+        q = np.linspace(driven.start, driven.stop, 9)
+        motion = sk.evaluate(design, q, assembly_mode=numbers_by_label[row["mode"]])
+        largest = np.nanmax(np.abs(motion.velocity_coefficient("3/1")))
+        assert row["most"] == pytest.approx(largest, rel=1e-9)
 
 
-def rows_of(folder):
-    """Return all rows of all data sets, in order of the parts."""
+def read_parts(folder):
+    """Return all files of all data sets as data frames, sorted by path."""
     parts = sorted(folder.rglob("part-*.parquet"))
     return [pq.ParquetFile(part).read().to_pandas() for part in parts]
 
 
-def done_parts(folder):
-    """Return the parts of the table of designs, which are written last."""
+def finished_parts(folder):
+    """Return the files of the table of designs, which are written last."""
     return [part for kind in (".", "designs") for part in folder.glob(f"{kind}/part-*")]
 
 
-VARIED = ["links.2.arc=10:40:40", "links.3.arc=50:90:41", "links.4.arc=30:60:40"]
-FEWER = ["links.2.arc=10:40:12", "links.3.arc=0:90:10"]
+VARIED_FOR_FIGURES = [
+    "links.2.arc=10:40:40",
+    "links.3.arc=50:90:41",
+    "links.4.arc=30:60:40",
+]
+VARIED_FOR_TABLES = ["links.2.arc=10:40:12", "links.3.arc=0:90:10"]
 
 
 @pytest.fixture(scope="module", params=["figures", "tables"])
-def whole(request, tmp_path_factory):
-    """A command for a sweep of several parts, and its rows when nothing disturbs it."""
+def undisturbed_sweep(request, tmp_path_factory):
+    """Return a command for a sweep of several parts, and the files that it writes.
+
+    The command lacks its last argument, the folder. The files are data frames, written by
+    one process that nothing disturbs.
+    """
     folder = tmp_path_factory.mktemp("whole")
-    code = [sys.executable, "-m", "spherekit", "sweep", "four_bar", "--samples", "91"]
+    command = [sys.executable, "-m", "spherekit", "sweep", "four_bar", "--samples", "91"]
     if request.param == "figures":
-        varied, what = VARIED, {"reduce": "max(rate_41)"}
-        code += ["--reduce", "max(rate_41)"]
+        varied = VARIED_FOR_FIGURES
+        options = {"reduce": "max(rate_41)"}
+        command += ["--reduce", "max(rate_41)"]
     else:
-        varied, what = FEWER, {"analyses": ["poles"], "tables": True}
-        code += ["-a", "poles", "--tables"]
+        varied = VARIED_FOR_TABLES
+        options = {"analyses": ["poles"], "tables": True}
+        command += ["-a", "poles", "--tables"]
     vary = dict(text.split("=") for text in varied)
-    sk.sweep("four_bar", vary, **what, samples=91, folder=folder, workers=1)
-    code += [word for text in varied for word in ("--vary", text)]
-    assert len(done_parts(folder)) > 4
-    return [*code, "-q", "-o"], rows_of(folder)
+    sk.sweep("four_bar", vary, **options, samples=91, folder=folder, workers=1)
+    for text in varied:
+        command += ["--vary", text]
+    assert len(finished_parts(folder)) > 4
+    return [*command, "-q", "-o"], read_parts(folder)
 
 
-def first_part(running, folder):
-    """Wait until a sweep has written something."""
-    while not done_parts(folder):
-        assert running.poll() is None
+def wait_for_first_part(process, folder):
+    """Wait until a sweep has written its first part."""
+    while not finished_parts(folder):
+        assert process.poll() is None
         time.sleep(0.002)
 
 
+def assert_equal_frames(first_frames, second_frames):
+    """Assert that two lists of data frames are equal bit by bit."""
+    for first, second in zip(first_frames, second_frames, strict=True):
+        pd.testing.assert_frame_equal(first, second, check_exact=True)
+
+
 @pytest.mark.slow
-def test_a_sweep_that_was_killed_goes_on_to_the_same_data_set(whole, tmp_path):
-    code, rows = whole
-    running = subprocess.Popen([*code, tmp_path, "--workers", "1"])
-    first_part(running, tmp_path)
-    running.send_signal(signal.SIGKILL)
-    running.wait()
-    left = {part: part.stat().st_mtime_ns for part in done_parts(tmp_path)}
-    subprocess.run([*code, tmp_path, "--workers", "2"], check=True)
-    assert all(part.stat().st_mtime_ns == when for part, when in left.items())
-    for one, other in zip(rows, rows_of(tmp_path), strict=True):
-        pd.testing.assert_frame_equal(one, other, check_exact=True)
+def test_a_killed_sweep_continues_to_the_same_data_set(undisturbed_sweep, tmp_path):
+    """The parts that were finished are not written again, and all parts are equal."""
+    command, expected = undisturbed_sweep
+    process = subprocess.Popen([*command, tmp_path, "--workers", "1"])
+    wait_for_first_part(process, tmp_path)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    times = {part: part.stat().st_mtime_ns for part in finished_parts(tmp_path)}
+    subprocess.run([*command, tmp_path, "--workers", "2"], check=True)
+    assert all(part.stat().st_mtime_ns == written for part, written in times.items())
+    assert_equal_frames(expected, read_parts(tmp_path))
 
 
-def test_a_folder_holds_one_sweep_that_is_known(tmp_path):
+def test_a_folder_takes_only_the_sweep_that_it_holds(tmp_path):
+    """The same sweep computes nothing again; another one is refused."""
     sweep = partial(sk.sweep, "four_bar", {"links.2.arc": [10.0, 20.0]}, "max(q)")
     sweep(samples=5, folder=tmp_path)
-    again = sweep(samples=5, folder=tmp_path)
-    assert again.computed == 0 and len(again.frame()) == 4
+    repeated = sweep(samples=5, folder=tmp_path)
+    assert repeated.computed == 0
+    assert len(repeated.frame()) == 4
     with pytest.raises(OutputError, match="of another sweep.*samples: "):
         sweep(samples=6, folder=tmp_path)
     (tmp_path / DEFINITION_FILE).unlink()
@@ -380,61 +449,86 @@ def test_a_folder_holds_one_sweep_that_is_known(tmp_path):
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("where", [(), "links_2_arc > 25"])
-def test_a_folder_is_one_data_set(where, tmp_path, monkeypatch):
-    """Also where no row of the first part is left."""
+@pytest.mark.parametrize("condition", [(), "links_2_arc > 25"])
+def test_a_folder_is_one_data_set(condition, tmp_path, monkeypatch):
+    """pandas reads the three parts as one table, also if the first part has no row left."""
     monkeypatch.setattr("spherekit.designs.design_evaluation.CLOSED_FORM_PART_SIZE", 2)
     vary = {"links.2.arc": [10.0, 20.0, 30.0, 200.0, 40.0]}
-    how = {"where": where, "folder": tmp_path, "workers": 1}
-    found = sk.sweep("four_bar", vary, "max(rate_41)", samples=5, **how)
-    assert found.sweep.part_count == 3
-    read, wanted = pd.read_parquet(tmp_path), found.frame()
-    assert len(read) == len(wanted) > 3
+    options = {"where": condition, "folder": tmp_path, "workers": 1}
+    result = sk.sweep("four_bar", vary, "max(rate_41)", samples=5, **options)
+    assert result.sweep.part_count == 3
+    table = pd.read_parquet(tmp_path)
+    expected = result.frame()
+    assert len(table) == len(expected) > 3
     for name in ("design", "links_2_arc", "closes", "max_rate_41"):
-        assert np.array_equal(read[name], wanted[name], equal_nan=True)
+        assert np.array_equal(table[name], expected[name], equal_nan=True)
     for name in ("mode", "status", "claim", "grashof"):
-        assert list(read[name].astype(str)) == list(wanted[name].astype(str))
+        assert list(table[name].astype(str)) == list(expected[name].astype(str))
 
 
 @pytest.mark.slow
-def test_lost_workers_of_a_cluster_change_nothing(whole, tmp_path):
+def test_losing_a_worker_of_a_cluster_does_not_change_the_data_set(
+    undisturbed_sweep, tmp_path
+):
+    """One of two Dask workers is killed after the first part; the other finishes."""
     pytest.importorskip("distributed")
-    code, rows = whole
-    file, folder = tmp_path / "scheduler.json", tmp_path / "parts"
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": tmp_path}
-    run = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1"]
-    run += ["--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
-    processes = [subprocess.Popen(run, **quiet)]
+    command, expected = undisturbed_sweep
+    scheduler_file = tmp_path / "scheduler.json"
+    folder = tmp_path / "parts"
+    options = {
+        "stdout": subprocess.DEVNULL,
+        "stderr": subprocess.DEVNULL,
+        "cwd": tmp_path,
+    }
+    python_module = [sys.executable, "-m"]
+    scheduler = [*python_module, "distributed.cli.dask_scheduler", "--host", "127.0.0.1"]
+    scheduler += ["--port", "0", "--no-dashboard", "--scheduler-file", str(scheduler_file)]
+    processes = [subprocess.Popen(scheduler, **options)]
     try:
-        while not (file.exists() and file.read_text().endswith("}")):
+        while not (scheduler_file.exists() and scheduler_file.read_text().endswith("}")):
             time.sleep(0.05)
-        address = json.loads(file.read_text())["address"]
-        work = [sys.executable, "-m", "distributed.cli.dask_worker", address]
-        work += ["--nthreads", "1", "--no-dashboard", "--no-nanny"]
-        processes += [subprocess.Popen(work, **quiet) for _ in range(2)]
-        running = subprocess.Popen([*code, folder, "--dask", address])
-        first_part(running, folder)
-        os.kill(processes[1].pid, signal.SIGKILL)
-        assert running.wait(300) == 0
+        address = json.loads(scheduler_file.read_text())["address"]
+        worker = [*python_module, "distributed.cli.dask_worker", address]
+        worker += ["--nthreads", "1", "--no-dashboard", "--no-nanny"]
+        workers = [subprocess.Popen(worker, **options) for _ in range(2)]
+        processes += workers
+        sweep = subprocess.Popen([*command, folder, "--dask", address])
+        wait_for_first_part(sweep, folder)
+        os.kill(workers[0].pid, signal.SIGKILL)
+        assert sweep.wait(300) == 0
     finally:
         for process in processes:
             process.kill()
             process.wait()
-    for one, other in zip(rows, rows_of(folder), strict=True):
-        pd.testing.assert_frame_equal(one, other, check_exact=True)
+    assert_equal_frames(expected, read_parts(folder))
 
 
-def test_a_mechanism_that_states_no_input_is_driven_as_in_runs():
-    """Hooke's joint: its ratio goes from the cosine of the angle of the shafts to 1/it."""
-    made = sk.load("universal_joint")
-    assert made.inputs[0].is_default
-    found = sk.sweep(made, {"links.1.arc": [10.0, 35.0]}, "s=range(rate_41)").frame()
-    cosine = np.cos(np.radians(found["links_1_arc"].to_numpy()))
-    assert found["s"].to_numpy() == pytest.approx(1.0 / cosine - cosine, rel=1e-12)
+def test_a_sweep_of_hookes_joint_has_the_range_of_its_ratio():
+    """The file states no input. The ratio goes from cos a to 1/cos a at shaft angle a."""
+    mechanism = sk.load("universal_joint")
+    assert mechanism.inputs[0].is_default
+    vary = {"links.1.arc": [10.0, 35.0]}
+    frame = sk.sweep(mechanism, vary, "s=range(rate_41)").frame()
+    cosine = np.cos(np.radians(frame["links_1_arc"].to_numpy()))
+    assert frame["s"].to_numpy() == pytest.approx(1.0 / cosine - cosine, rel=1e-12)
 
 
-def wound_up(pair, zero=0.0, range_=(0.0, 360.0), crank=20):
-    """Return a four-bar with a coil whose rest is not where its angle begins anew."""
+def four_bar_with_coil(pair, zero=0.0, range_=(0.0, 360.0), crank=20):
+    """Return a crank-rocker with a torsion spring ("coil") at a pair.
+
+    The torque of the coil depends on the whole angle of its pair, turns included.
+
+    Parameters
+    ----------
+    pair
+        Pair of the coil: drive, tip, joint or hinge.
+    zero
+        Angle (deg) at which the hinge reads zero.
+    range_
+        Range of the input in degrees.
+    crank
+        Arc of the crank in degrees.
+    """
     coil = {"kind": "spring", "pair": pair, "stiffness": 2.0, "rest": 30.0}
     return crank_rocker(
         crank=crank,
@@ -445,11 +539,12 @@ def wound_up(pair, zero=0.0, range_=(0.0, 360.0), crank=20):
     )
 
 
-def torques_of_runs(subject, samples):
-    """Return the largest and least torque of each mode, by the analysis."""
-    rows = sk.run(subject, "eksergian", samples=samples).frame()
-    modes = rows.groupby("assembly_mode")["tau"]
-    return np.sort(np.stack([modes.max(), modes.min()], axis=1), axis=0)
+def extreme_torques_of_runs(mechanism, samples):
+    """Return the largest and the least torque (modes, 2) of a run, each column sorted."""
+    rows = sk.run(mechanism, "eksergian", samples=samples).frame()
+    torques_by_mode = rows.groupby("assembly_mode")["tau"]
+    extremes = np.stack([torques_by_mode.max(), torques_by_mode.min()], axis=1)
+    return np.sort(extremes, axis=0)
 
 
 HIGH_AND_LOW = ["high=max(torque)", "low=min(torque)"]
@@ -468,75 +563,106 @@ HIGH_AND_LOW = ["high=max(torque)", "low=min(torque)"]
         ("hinge", 161.5, (-390.0, 760.0), 85.162, 60),
     ],
 )
-def test_coils_are_wound_on_beyond_half_a_turn(pair, zero, range_, crank, samples):
-    """Also of few samples, and of modes that do not reach zero, over three turns."""
-    mechanism = wound_up(pair, zero, range_, crank)
-    wanted = torques_of_runs(mechanism, samples)
+def test_torques_of_coils_in_a_sweep_count_whole_turns(pair, zero, range_, crank, samples):
+    """Extreme torques are those of runs, for long ranges, few samples and open modes.
+
+    Angles and ranges are in degrees, see `four_bar_with_coil`. The gradients of a synthesis
+    evaluate the same figures.
+    """
+    mechanism = four_bar_with_coil(pair, zero, range_, crank)
+    expected = extreme_torques_of_runs(mechanism, samples)
     vary = {"links.crank.arc": [crank, crank + 1.0]}
-    found = sk.sweep(mechanism, vary, HIGH_AND_LOW, samples=samples)
-    rows = found.frame()
-    rows = rows[rows["design"] == 0]
-    assert np.allclose(np.sort(rows[["high", "low"]], axis=0), wanted, rtol=1e-9)
-    gradients = FigureGradients(found.sweep.evaluator)
-    modes = [SynthesisMode(sign) for sign in "+-"]
-    highs = [gradients.evaluate(np.array([crank]), mode).figures[0] for mode in modes]
-    assert np.allclose(np.sort(highs), wanted[:, 0], rtol=1e-9)
+    result = sk.sweep(mechanism, vary, HIGH_AND_LOW, samples=samples)
+    frame = result.frame()
+    rows = frame[frame["design"] == 0]
+    extremes = np.sort(rows[["high", "low"]], axis=0)
+    assert np.allclose(extremes, expected, rtol=1e-9)
+
+    figure_gradients = FigureGradients(result.sweep.evaluator)
+    high_torques = []
+    for sign in "+-":
+        values = figure_gradients.evaluate(np.array([crank]), SynthesisMode(sign))
+        high_torques.append(values.figures[0])
+    assert np.allclose(np.sort(high_torques), expected[:, 0], rtol=1e-9)
 
 
 @pytest.mark.slow
-def test_coils_are_wound_on_in_groups_beyond_dyads_and_at_inputs():
+def test_torques_of_coils_count_whole_turns_in_groups_beyond_dyads():
+    """A spring at pair C of the double butterfly, whose modes are followed."""
     spring = sk.Spring("coil", "C", stiffness=2.0, rest=0.3)
     mechanism = load_without_loads("double_butterfly").with_loads(spring)
-    inertia = [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
-    mechanism = mechanism.with_mass("8", inertia)
-    wanted = torques_of_runs(mechanism, 73)
+    tensor = [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
+    mechanism = mechanism.with_mass("8", tensor)
+    expected = extreme_torques_of_runs(mechanism, 73)
+
     latitude = design_variable(document_of(mechanism), "pairs.C.latitude")
-    reduce = [*HIGH_AND_LOW, "there=at(torque, 185)"]
     vary = {latitude.key: [latitude.value]}
-    rows = sk.sweep(mechanism, vary, reduce, samples=73).frame()
+    figures = [*HIGH_AND_LOW, "there=at(torque, 185)"]
+    rows = sk.sweep(mechanism, vary, figures, samples=73).frame()
     assert set(rows["claim"]) == {"complete"}
-    assert np.allclose(np.sort(rows[["high", "low"]], axis=0), wanted, rtol=1e-7, atol=1e-9)
+    extremes = np.sort(rows[["high", "low"]], axis=0)
+    assert np.allclose(extremes, expected, rtol=1e-7, atol=1e-9)
+
     run = sk.run(mechanism, "eksergian", samples=73).frame()
-    run = run[np.isclose(run["q"], np.radians(185.0))]["tau"].dropna()
-    assert np.allclose(np.sort(rows["there"].dropna()), np.sort(run), rtol=1e-7, atol=1e-9)
+    at_185_deg = run[np.isclose(run["q"], np.radians(185.0))]["tau"].dropna()
+    swept = rows["there"].dropna()
+    assert np.allclose(np.sort(swept), np.sort(at_185_deg), rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.slow
 def test_angles_in_groups_beyond_dyads_are_those_of_runs():
-    keys = ["C.longitude", "E.latitude", "H.latitude", "F.longitude"]
-    changed = dict(zip([f"pairs.{key}" for key in keys], [5, 15, 12, 30], strict=True))
-    motion = sk.trace(with_file_numbers("double_butterfly", changed), samples=37)
-    theta = np.degrees(motion.values[:, motion.mechanism.variable_names.index("theta_F")])
-    theta = theta.reshape(-1, 37)
-    wanted = np.stack([np.nanmax(theta, axis=1), np.nanmin(theta, axis=1)], axis=1)
-    assert np.max(np.ptp(wanted, axis=1)) > 350.0
-    reduce, vary = ["max(theta_F)", "min(theta_F)"], {k: [v] for k, v in changed.items()}
-    rows = sk.sweep("double_butterfly", vary, reduce, samples=37).frame()
-    rows = np.sort(rows[["max_theta_F", "min_theta_F"]], axis=0)
-    assert np.allclose(rows, np.sort(wanted, axis=0), rtol=0.0, atol=1e-8)
+    """Extreme angles of pair F per mode; in one mode it turns by more than 350 degrees."""
+    numbers = {
+        "pairs.C.longitude": 5,
+        "pairs.E.latitude": 15,
+        "pairs.H.latitude": 12,
+        "pairs.F.longitude": 30,
+    }
+    motion = sk.trace(with_file_numbers("double_butterfly", numbers), samples=37)
+    column = motion.mechanism.variable_names.index("theta_F")
+    theta_by_mode = np.degrees(motion.values[:, column]).reshape(-1, 37)
+    expected = np.stack(
+        [np.nanmax(theta_by_mode, axis=1), np.nanmin(theta_by_mode, axis=1)], axis=1
+    )
+    assert np.max(np.ptp(expected, axis=1)) > 350.0
+    figures = ["max(theta_F)", "min(theta_F)"]
+    vary = {key: [number] for key, number in numbers.items()}
+    rows = sk.sweep("double_butterfly", vary, figures, samples=37).frame()
+    extremes = np.sort(rows[["max_theta_F", "min_theta_F"]], axis=0)
+    assert np.allclose(extremes, np.sort(expected, axis=0), rtol=0.0, atol=1e-8)
 
 
-def test_sensitivities_are_of_coils_that_are_wound_on():
-    mechanism = wound_up("tip")
-    asked = "sensitivity:of=torque,by=links.crank.arc,draws=0"
-    table, rows = (sk.run(mechanism, x, samples=37).frame() for x in (asked, "eksergian"))
-    assert np.allclose(table["value"], rows["tau"], rtol=1e-9, atol=1e-12)
+def test_sensitivities_of_torques_count_whole_turns_of_coils():
+    mechanism = four_bar_with_coil("tip")
+    sensitivity = "sensitivity:of=torque,by=links.crank.arc,draws=0"
+    torques = sk.run(mechanism, sensitivity, samples=37).frame()["value"]
+    expected = sk.run(mechanism, "eksergian", samples=37).frame()["tau"]
+    assert np.allclose(torques, expected, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("periodic", [False, True])
-def test_tables_of_torques_are_those_of_runs(periodic):
-    times = [0.0, 0.7, 1.0, 2.5] if periodic else [-1.0, 0.7, 1.0, 7.0]
-    torques = [1.0, -2.0, 3.0, 1.0]
-    base = wound_up("tip")
-    table = sk.TorqueTable("gust", "hinge", tuple(times), tuple(torques), periodic)
+def test_torque_tables_act_in_a_sweep_as_in_runs(periodic):
+    """A table of torques over the angle of the hinge; one of its torques varies."""
+    angles = (0.0, 0.7, 1.0, 2.5) if periodic else (-1.0, 0.7, 1.0, 7.0)
+    torques = (1.0, -2.0, 3.0, 1.0)
+    base = four_bar_with_coil("tip")
+    table = sk.TorqueTable("gust", "hinge", angles, torques, periodic)
     mechanism = base.with_loads(*base.loads, table)
-    wanted = torques_of_runs(mechanism, 61)
-    varied = {"loads.gust.torques.1": [-2.0, -1.0]}
-    rows = sk.sweep(mechanism, varied, HIGH_AND_LOW, samples=61).frame()
-    rows = rows[["high", "low"]].to_numpy().reshape(2, 2, 2)
-    assert np.allclose(np.sort(rows[0], axis=0), wanted, rtol=1e-9)
-    assert np.all(np.any(rows[0] != rows[1], axis=1))
-    if not periodic:
-        longer = mechanism.with_inputs(ranges={"drive": (0, 720)}, angle_unit="deg")
-        with pytest.raises(ModelError, match="but the table has"):
-            sk.sweep(longer, {"links.crank.arc": [20.0]}, HIGH_AND_LOW)
+    expected = extreme_torques_of_runs(mechanism, 61)
+    vary = {"loads.gust.torques.1": [-2.0, -1.0]}
+    rows = sk.sweep(mechanism, vary, HIGH_AND_LOW, samples=61).frame()
+    # (designs, modes, 2)
+    extremes = rows[["high", "low"]].to_numpy().reshape(2, 2, 2)
+    assert np.allclose(np.sort(extremes[0], axis=0), expected, rtol=1e-9)
+    assert np.all(np.any(extremes[0] != extremes[1], axis=1))
+
+
+def test_a_torque_table_that_is_too_short_for_the_range_is_refused():
+    """Two turns of the input need more than the angles that the table has."""
+    base = four_bar_with_coil("tip")
+    angles = (-1.0, 0.7, 1.0, 7.0)
+    table = sk.TorqueTable("gust", "hinge", angles, (1.0, -2.0, 3.0, 1.0), False)
+    mechanism = base.with_loads(*base.loads, table)
+    two_turns = mechanism.with_inputs(ranges={"drive": (0, 720)}, angle_unit="deg")
+    with pytest.raises(ModelError, match="but the table has"):
+        sk.sweep(two_turns, {"links.crank.arc": [20.0]}, HIGH_AND_LOW)
