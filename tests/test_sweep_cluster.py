@@ -68,45 +68,53 @@ sys.modules["spherekit.designs.sweep"] = None
 """
 
 
-def swept(folder, address=None, **options):
-    how = {"analyses": ["poles"], "tables": True, "samples": 3, "workers": 1} | options
-    return sk.sweep("four_bar", VARY, folder=folder, dask=address, **how)
+def sweep_on_cluster(folder, address=None, **options):
+    """Sweep the four-bar in three parts; without an address, in this process."""
+    defaults = {"analyses": ["poles"], "tables": True, "samples": 3, "workers": 1}
+    options = defaults | options
+    return sk.sweep("four_bar", VARY, folder=folder, dask=address, **options)
 
 
 @pytest.fixture(scope="module")
 def undisturbed():
-    """Return what a sweep gives in this process."""
-    return swept(None)
+    """Return the result of the sweep in this process."""
+    return sweep_on_cluster(None)
 
 
 @pytest.fixture(scope="module")
-def wanted(undisturbed):
-    """The rows when nothing disturbs a sweep."""
+def expected_tables(undisturbed):
+    """Return the designs and the poles of an undisturbed sweep."""
     return undisturbed.frame(), undisturbed.table("poles")
 
 
-def same(found, wanted):
-    """Say that a sweep has all rows, bit by bit."""
-    for one, other in zip((found.frame(), found.table("poles")), wanted, strict=True):
-        pd.testing.assert_frame_equal(one, other, check_exact=True)
+def assert_same_rows(result, expected_tables):
+    """Assert that a sweep has the designs and poles of another, bit by bit."""
+    designs, poles = expected_tables
+    pd.testing.assert_frame_equal(result.frame(), designs, check_exact=True)
+    pd.testing.assert_frame_equal(result.table("poles"), poles, check_exact=True)
 
 
 class Machines:
-    """A scheduler, and workers in folders of their own."""
+    """A Dask scheduler and workers, each a process in a folder of its own.
+
+    `address` is that of the scheduler that was started last.
+    """
 
     def __init__(self, root):
+        """Begin without processes, with `root` as the parent of their folders."""
         self.root = root
         self.processes = []
         self.address = ""
 
-    def start(self, words, site="", **environment):
-        place = self.root / f"machine-{len(self.processes)}"
-        (place / "site").mkdir(parents=True)
-        (place / "site" / "sitecustomize.py").write_text(site)
-        environment["PYTHONPATH"] = str(place / "site")
+    def start(self, arguments, site="", **environment):
+        """Start `python -m arguments`, with `site` as its sitecustomize; return it."""
+        folder = self.root / f"machine-{len(self.processes)}"
+        (folder / "site").mkdir(parents=True)
+        (folder / "site" / "sitecustomize.py").write_text(site)
+        environment["PYTHONPATH"] = str(folder / "site")
         process = subprocess.Popen(
-            [sys.executable, "-m", *words],
-            cwd=place,
+            [sys.executable, "-m", *arguments],
+            cwd=folder,
             env=os.environ | environment,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
@@ -115,23 +123,26 @@ class Machines:
         self.processes.append(process)
         return process
 
-    def schedule(self, port=0, **environment):
+    def start_scheduler(self, port=0, **environment):
+        """Start a scheduler and wait for its address; port 0 is any free one."""
         file = self.root / f"scheduler-{len(self.processes)}.json"
-        words = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--no-dashboard"]
-        words += ["--port", str(port), "--scheduler-file", str(file)]
-        process = self.start(words, **environment)
+        arguments = ["distributed.cli.dask_scheduler", "--host", "127.0.0.1"]
+        arguments += ["--no-dashboard", "--port", str(port), "--scheduler-file", str(file)]
+        process = self.start(arguments, **environment)
         while not (file.exists() and file.read_text().endswith("}")):
             assert process.poll() is None
             time.sleep(0.05)
         self.address = json.loads(file.read_text())["address"]
         return process
 
-    def work(self, site="", threads=1, nanny=False):
-        words = ["distributed.cli.dask_worker", self.address, "--no-dashboard"]
-        words += ["--nthreads", str(threads), "--nanny" if nanny else "--no-nanny"]
-        return self.start(words, site)
+    def start_worker(self, site="", threads=1, nanny=False):
+        """Start a worker; a nanny starts it again when it ends."""
+        arguments = ["distributed.cli.dask_worker", self.address, "--no-dashboard"]
+        arguments += ["--nthreads", str(threads), "--nanny" if nanny else "--no-nanny"]
+        return self.start(arguments, site)
 
     def end(self):
+        """Kill all processes and their children."""
         for process in self.processes:
             if process.poll() is None:
                 os.killpg(process.pid, signal.SIGKILL)
@@ -140,73 +151,86 @@ class Machines:
 
 @pytest.fixture
 def machines(tmp_path):
-    made = Machines(tmp_path / "machines")
+    """Yield an empty set of machines, and end them after the test."""
+    machines = Machines(tmp_path / "machines")
     try:
-        yield made
+        yield machines
     finally:
-        made.end()
+        machines.end()
 
 
 @pytest.mark.slow
-def test_threads_of_one_worker_make_the_same_rows(tmp_path, wanted):
+def test_threads_of_one_worker_make_the_same_rows(tmp_path, expected_tables):
     """Those of a cluster within this process, which share one sweep."""
     from dask.distributed import LocalCluster
 
     options = {"n_workers": 1, "threads_per_worker": 4, "dashboard_address": None}
     with LocalCluster(processes=False, **options) as local:
-        found = swept(tmp_path, local.scheduler_address)
+        found = sweep_on_cluster(tmp_path, local.scheduler_address)
     assert found.computed == 3
-    same(found, wanted)
+    assert_same_rows(found, expected_tables)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("site", ["", BLIND], ids=["seeing", "blind"])
-def test_a_relative_folder_is_that_of_the_command(
-    site, machines, tmp_path, wanted, monkeypatch
+def test_a_relative_folder_is_relative_to_the_command(
+    site, machines, tmp_path, expected_tables, monkeypatch
 ):
-    """Workers stand elsewhere; those that do not see it send their parts."""
-    machines.schedule()
-    machines.work(site)
-    (tmp_path / "here").mkdir()
-    monkeypatch.chdir(tmp_path / "here")
-    found = swept("designs", machines.address)
-    assert found.computed == 3 and found.folder == Path("designs")
-    same(found, wanted)
-    files = {path.name for path in Path("designs").iterdir()}
-    assert files == {"designs", "tables", "_sweep.json", ".sweep.lock"}
-    others = (tmp_path / "machines").rglob("part-*")
-    assert not list(others)
-    assert swept("designs").computed == 0
+    """Workers run in other folders; those that cannot see the folder send their parts."""
+    machines.start_scheduler()
+    machines.start_worker(site)
+    working_folder = tmp_path / "here"
+    working_folder.mkdir()
+    monkeypatch.chdir(working_folder)
+    result = sweep_on_cluster("designs", machines.address)
+    assert result.computed == 3
+    assert result.folder == Path("designs")
+    assert_same_rows(result, expected_tables)
+    names = {path.name for path in Path("designs").iterdir()}
+    assert names == {"designs", "tables", "_sweep.json", ".sweep.lock"}
+    # Workers leave nothing in their own folders.
+    assert not list((tmp_path / "machines").rglob("part-*"))
+    assert sweep_on_cluster("designs").computed == 0
 
 
 @pytest.mark.slow
-def test_parts_of_seeing_and_blind_workers_are_one_data_set(machines, tmp_path, wanted):
-    machines.schedule()
-    machines.work(BLIND + SLOW)
-    machines.work(SLOW)
-    same(swept(tmp_path / "designs", machines.address), wanted)
+def test_parts_of_seeing_and_blind_workers_are_one_data_set(
+    machines, tmp_path, expected_tables
+):
+    machines.start_scheduler()
+    machines.start_worker(BLIND + SLOW)
+    machines.start_worker(SLOW)
+    assert_same_rows(
+        sweep_on_cluster(tmp_path / "designs", machines.address), expected_tables
+    )
 
 
 class WorkerlessClient:
-    """A client whose scheduler has no workers until some time (s) of a clock."""
+    """A client of a scheduler that has no workers until some time of a simulated clock.
+
+    `now` is the time in seconds; sleeping moves it on at once.
+    """
 
     status = "running"
 
-    def __init__(self, monkeypatch, until):
+    def __init__(self, monkeypatch, seconds):
+        """Replace the clock of the cluster code; workers appear after `seconds`."""
         self.now = 1000.0
-        self.until = self.now + until
+        self.until = self.now + seconds
         monkeypatch.setattr(dask_cluster.time, "monotonic", lambda: self.now)
         monkeypatch.setattr(dask_cluster.time, "sleep", self.sleep)
 
     def sleep(self, seconds):
+        """Move the clock on."""
         self.now += seconds
 
     def nthreads(self):
+        """Return the threads by worker: one worker, or none yet."""
         return {"tcp://worker": 1} if self.now >= self.until else {}
 
 
 @pytest.mark.parametrize(
-    ("wait", "minutes"),
+    ("wait_seconds", "minutes"),
     [
         (0.0, []),
         (5.0, [0]),
@@ -217,36 +241,44 @@ class WorkerlessClient:
     ],
 )
 def test_waiting_for_workers_is_reported_every_minute_with_a_way_out(
-    wait, minutes, monkeypatch
+    wait_seconds, minutes, monkeypatch
 ):
-    said = []
-    client = WorkerlessClient(monkeypatch, wait)
-    with progress_listener(said.append):
+    """`minutes` are the waiting times that the reports state, the first without one."""
+    messages = []
+    client = WorkerlessClient(monkeypatch, wait_seconds)
+    with progress_listener(messages.append):
         dask_cluster._await_workers(client, "tcp://here:1")
     assert client.now >= client.until
-    assert len(said) == len(minutes)
-    for text, minute in zip(said, minutes, strict=True):
-        words = "" if not minute else f" for {minute} minute{'s' if minute > 1 else ''}"
-        assert text.startswith(f"tcp://here:1: the scheduler has no workers{words}; wait")
-        assert "dask worker tcp://here:1" in text and "Ctrl-C" in text
-        assert "parts that are written stay" in text and "without --dask" in text
+    assert len(messages) == len(minutes)
+    for text, minute in zip(messages, minutes, strict=True):
+        duration = ""
+        if minute:
+            duration = f" for {minute} minute{'s' if minute > 1 else ''}"
+        assert text.startswith(
+            f"tcp://here:1: the scheduler has no workers{duration}; wait"
+        )
+        assert "dask worker tcp://here:1" in text
+        assert "Ctrl-C" in text
+        assert "parts that are written stay" in text
+        assert "without --dask" in text
 
 
 @pytest.mark.slow
-def test_workers_that_come_late_are_waited_for(machines, tmp_path, wanted):
-    machines.schedule()
-    said = []
+def test_a_sweep_waits_for_workers_that_come_late(machines, tmp_path, expected_tables):
+    """A worker is started when the sweep reports that there is none."""
+    machines.start_scheduler()
+    messages = []
 
-    def listen(text):
-        said.append(text)
+    def start_worker_when_missed(text):
+        messages.append(text)
         if "no workers" in text:
-            machines.work()
+            machines.start_worker()
 
-    with progress_listener(listen):
-        found = swept(tmp_path / "designs", machines.address)
-    waiting = f"{machines.address}: the scheduler has no workers; waiting for them. Start"
-    assert sum(text.startswith(waiting) for text in said) == 1
-    same(found, wanted)
+    with progress_listener(start_worker_when_missed):
+        result = sweep_on_cluster(tmp_path / "designs", machines.address)
+    report = f"{machines.address}: the scheduler has no workers; waiting for them. Start"
+    assert sum(text.startswith(report) for text in messages) == 1
+    assert_same_rows(result, expected_tables)
 
 
 class FinishedFuture:
@@ -292,7 +324,7 @@ class FailedFuture:
 @pytest.mark.many
 @pytest.mark.parametrize("error", [OSError(28, "No space left"), TimeoutError("a lock")])
 def test_an_error_of_a_part_is_not_taken_for_a_lost_scheduler(error):
-    sweep = swept(None).sweep
+    sweep = sweep_on_cluster(None).sweep
     with pytest.raises(OSError) as raised:
         dask_cluster._read_answer(FailedFuture(error), None, "tcp://here:1", sweep, 2)
     assert raised.value is error
@@ -300,101 +332,104 @@ def test_an_error_of_a_part_is_not_taken_for_a_lost_scheduler(error):
 
 @pytest.mark.long  # it once waited for ever, perhaps for a lost result; see _fetch_result
 @pytest.mark.parametrize("poll_seconds", [0.05, 4.0])
-def test_when_all_workers_are_lost_others_make_the_parts(
-    poll_seconds, machines, tmp_path, wanted
+def test_after_the_loss_of_all_workers_another_one_computes_the_parts(
+    poll_seconds, machines, tmp_path, expected_tables
 ):
-    """Also the sweep itself was lost with them.
+    """Both workers are killed after the first part is taken; then a new one is started.
 
-    With few looks for finished parts, both workers have finished one when the first is
-    taken, so the result of the other one is lost.
+    With rare looks for finished parts (4 s) both workers have finished one when the first
+    is taken, so that the result of the second is lost with its worker.
     """
-    machines.schedule()
-    lost = [machines.work(SLOW), machines.work(SLOW)]
-    said = []
+    machines.start_scheduler()
+    killed_workers = [machines.start_worker(SLOW), machines.start_worker(SLOW)]
 
-    def listen(text):
-        said.append(text)
-        if "no workers" in text and len(said) > 0 and all(x.poll() for x in lost):
-            machines.work()
+    def start_worker_when_missed(text):
+        if "no workers" in text and all(worker.poll() for worker in killed_workers):
+            machines.start_worker()
 
-    made = 0
-    write = dask_cluster._take_part
+    taken_parts = 0
+    take_part = dask_cluster._take_part
 
-    def take_and_end(*words):
-        nonlocal made
-        write(*words)
-        made += 1
-        if made == 1:
-            for process in lost:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
+    def take_part_and_kill_workers(*arguments):
+        nonlocal taken_parts
+        take_part(*arguments)
+        taken_parts += 1
+        if taken_parts == 1:
+            for worker in killed_workers:
+                os.killpg(worker.pid, signal.SIGKILL)
+                worker.wait()
 
-    with pytest.MonkeyPatch.context() as patch, progress_listener(listen):
-        patch.setattr(dask_cluster, "_take_part", take_and_end)
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        progress_listener(start_worker_when_missed),
+    ):
+        patch.setattr(dask_cluster, "_take_part", take_part_and_kill_workers)
         patch.setattr(dask_cluster, "POLL_SECONDS", poll_seconds)
-        found = swept(tmp_path / "designs", machines.address)
-    same(found, wanted)
+        result = sweep_on_cluster(tmp_path / "designs", machines.address)
+    assert_same_rows(result, expected_tables)
 
 
 @pytest.mark.slow
-def test_a_lost_scheduler_is_one_sentence_and_the_sweep_goes_on(machines, tmp_path, wanted):
-    scheduler = machines.schedule()
-    machines.work(SLOW)
+def test_a_lost_scheduler_ends_a_sweep_with_one_sentence(
+    machines, tmp_path, expected_tables
+):
+    """The scheduler is killed after the first part. The same sweep then continues here."""
+    scheduler = machines.start_scheduler()
+    machines.start_worker(SLOW)
     folder = tmp_path / "designs"
-    words = ["-m", "spherekit", "sweep", "four_bar", "-a", "poles", "--tables"]
-    words += ["--samples", "3", "-o", str(folder)]
-    words += ["--vary", "links.2.arc=" + ",".join(map(repr, VARY["links.2.arc"]))]
-    running = subprocess.Popen(
-        [sys.executable, *words, "--dask", machines.address, "-q"],
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    numbers = ",".join(map(repr, VARY["links.2.arc"]))
+    command = [sys.executable, "-m", "spherekit", "sweep", "four_bar", "-a", "poles"]
+    command += ["--tables", "--samples", "3", "-o", str(folder), "-q"]
+    command += ["--vary", f"links.2.arc={numbers}", "--dask", machines.address]
+    sweep = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     while not list(folder.glob("designs/part-*")):
-        assert running.poll() is None, running.stderr.read()
+        assert sweep.poll() is None, sweep.stderr.read()
         time.sleep(0.02)
     os.killpg(scheduler.pid, signal.SIGKILL)
-    said = running.communicate(timeout=120)[1]
-    assert running.returncode == 1
-    assert said == (
+    error_text = sweep.communicate(timeout=120)[1]
+    assert sweep.returncode == 1
+    assert error_text == (
         f"spherekit: {machines.address}: the scheduler is lost; parts that are written "
         "stay, and the same command continues, with another --dask ADDRESS or, without "
         "--dask, on this machine\n"
     )
-    done = len(list(folder.glob("designs/part-*")))
-    assert 0 < done < 3
-    found = swept(folder)
-    assert found.computed == 3 - done
-    same(found, wanted)
+    finished_count = len(list(folder.glob("designs/part-*")))
+    assert 0 < finished_count < 3
+    result = sweep_on_cluster(folder)
+    assert result.computed == 3 - finished_count
+    assert_same_rows(result, expected_tables)
 
 
 @pytest.mark.slow
 def test_a_part_that_ends_every_worker_is_told(machines, tmp_path):
-    machines.schedule(DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="1")
-    machines.work(ENDING, nanny=True)
+    machines.start_scheduler(DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="1")
+    machines.start_worker(ENDING, nanny=True)
     with pytest.raises(DesignError, match=r"every worker of .* held part \d has ended"):
-        swept(tmp_path / "designs", machines.address)
+        sweep_on_cluster(tmp_path / "designs", machines.address)
     assert len(list((tmp_path / "designs" / "designs").glob("part-*"))) >= 1
 
 
 @pytest.mark.slow
 def test_a_worker_without_spherekit_is_told(machines, tmp_path):
-    machines.schedule()
-    machines.work(LACKING)
+    machines.start_scheduler()
+    machines.start_worker(LACKING)
     with pytest.raises(DesignError, match="cannot load the sweep .*install on it"):
-        swept(tmp_path / "designs", machines.address)
+        sweep_on_cluster(tmp_path / "designs", machines.address)
 
 
 def test_no_scheduler_is_told(tmp_path, monkeypatch):
     monkeypatch.setattr(dask_cluster, "CONNECT_SECONDS", 0.5)
     for address in ("tcp://127.0.0.1:1", "nonsense://x", "127.0.0.1:99999"):
         with pytest.raises(DesignError, match="no scheduler answers"):
-            swept(tmp_path / "designs", address)
+            sweep_on_cluster(tmp_path / "designs", address)
     with pytest.raises(DesignError, match="give the folder"):
-        swept(None, "tcp://127.0.0.1:1")
+        sweep_on_cluster(None, "tcp://127.0.0.1:1")
 
 
-def test_a_part_that_is_not_there_is_no_part(undisturbed, tmp_path, monkeypatch):
-    """What says that it has computed it may have written elsewhere."""
+def test_a_part_that_does_not_appear_in_the_folder_is_missed(
+    undisturbed, tmp_path, monkeypatch
+):
+    """A worker that says it has written a part may have written it on another disk."""
     monkeypatch.setattr(dask_cluster, "VISIBLE_SECONDS", 0.1)
     sweep = undisturbed.sweep
     with pytest.raises(OutputError, match="computed part 2, and it does not appear here"):
@@ -402,10 +437,10 @@ def test_a_part_that_is_not_there_is_no_part(undisturbed, tmp_path, monkeypatch)
     with pytest.raises(OutputError, match="part 2 was computed, and is not in"):
         sweep.move_part(str(tmp_path), tmp_path / "designs", 2)
 
-    def elsewhere(sweep, folder, numbers):
+    def write_first_part_only(sweep, folder, numbers):
         yield sweep.write_part(folder, numbers[0])
 
     from spherekit.designs.sweep_parts import run_sweep
 
     with pytest.raises(OutputError, match=r"2 parts of 3 are missing in the end \(1, 2\)"):
-        run_sweep(sweep, tmp_path / "designs", elsewhere=elsewhere)
+        run_sweep(sweep, tmp_path / "designs", elsewhere=write_first_part_only)

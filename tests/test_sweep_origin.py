@@ -70,26 +70,34 @@ def test_a_processor_is_known_by_what_it_computes():
 
 
 @pytest.mark.slow
-def test_parts_of_other_processors_are_recorded_and_said(tmp_path):
-    """They agree to rounding; and the same processor says nothing."""
-    whole = swept(tmp_path / "whole")
-    assert len(whole.processors) == 1 and not whole.remarks
+def test_parts_of_another_processor_are_recorded_and_reported(tmp_path):
+    """One of three parts is computed with the least instructions of this processor.
+
+    The rows agree to rounding with those of one processor. A sweep by one kind of processor
+    has no remark.
+    """
+    expected = swept(tmp_path / "whole")
+    assert len(expected.processors) == 1
+    assert not expected.remarks
     swept(tmp_path / "mixed")
     part(tmp_path / "mixed").unlink()
-    said = elsewhere(tmp_path / "mixed")
-    assert "several kinds of processors have computed the parts (2 parts by" in said
-    assert "agree to rounding, not bit by bit" in said
+    printed = elsewhere(tmp_path / "mixed")
+    assert "several kinds of processors have computed the parts (2 parts by" in printed
+    assert "agree to rounding, not bit by bit" in printed
+
     mixed = swept(tmp_path / "mixed")
     assert mixed.computed == 0
     assert sorted(mixed.processors.values()) == [[0, 2], [1]]
     assert len(mixed.remarks) == 1
-    for one, other in (
-        (whole.frame(), mixed.frame()),
-        *((whole.table(name), mixed.table(name)) for name in whole.table_names),
-    ):
-        pd.testing.assert_frame_equal(one, other, check_exact=False, rtol=1e-9, atol=1e-9)
-    notes = json.loads(pq.read_schema(part(tmp_path / "mixed")).metadata[b"spherekit"])
-    assert set(notes["processor"]) == {"instructions", "blas", "arithmetic"}
+    tables = [(expected.frame(), mixed.frame())]
+    for name in expected.table_names:
+        tables.append((expected.table(name), mixed.table(name)))
+    for first, second in tables:
+        pd.testing.assert_frame_equal(
+            first, second, check_exact=False, rtol=1e-9, atol=1e-9
+        )
+    metadata = pq.read_schema(part(tmp_path / "mixed")).metadata[b"spherekit"]
+    assert set(json.loads(metadata)["processor"]) == {"instructions", "blas", "arithmetic"}
 
 
 @pytest.mark.many

@@ -23,15 +23,19 @@ RATE_TOLERANCE = 1e-9
 """Largest difference of coefficients by the two kernels, relative to 1 or more."""
 
 
-def sweep_of(path, vary, figures, out, samples):
-    """Return the rows that the command `sweep` writes."""
-    words = ["sweep", str(path), "--samples", samples, "-o", str(out), "-q"]
+def sweep_by_command(path, vary, figures, folder, samples):
+    """Return the rows that the command `sweep` writes.
+
+    `vary` has lists of numbers by key, `figures` formulas by name; `samples` is text such
+    as "7" or "2x2".
+    """
+    command = ["sweep", str(path), "--samples", samples, "-o", str(folder), "-q"]
     for key, numbers in vary.items():
-        words += ["--vary", f"{key}={','.join(map(repr, numbers))}"]
+        command += ["--vary", f"{key}={','.join(map(repr, numbers))}"]
     for name, figure in figures.items():
-        words += ["--reduce", f"{name}={figure}"]
-    assert main(words) == 0
-    return pd.read_parquet(out / "part-000000.parquet")
+        command += ["--reduce", f"{name}={figure}"]
+    assert main(command) == 0
+    return pd.read_parquet(folder / "part-000000.parquet")
 
 
 VARIANTS = {
@@ -85,43 +89,54 @@ def marked(names):
 
 
 @pytest.mark.parametrize("name", marked(VARIANTS))
-def test_the_design_of_the_file_has_the_figures_of_a_run(name, tmp_path):
-    make, (key, number), links, pair, samples = VARIANTS[name]
+def test_the_nominal_design_has_the_figures_of_a_run(name, tmp_path):
+    """Largest coefficients of a pole and the rms sine of a passive angle, mode by mode.
+
+    Poles and positions of a run give the expected figures. With several inputs a figure
+    ends in `_by_` and the input that moves.
+    """
+    make, (key, nominal), links, pair, samples = VARIANTS[name]
     mechanism = make()
     if links is None:
-        links = mechanism.links[-1], mechanism.links[1]
+        links = (mechanism.links[-1], mechanism.links[1])
         pair = mechanism.pairs[-2].name
+    first_link, second_link = links
     path = tmp_path / f"{name}.toml"
     sk.export(mechanism, path)
-    ends = [""]
+
+    moving_by_suffix = {"": None}
     if len(mechanism.inputs) > 1:
-        ends = [f"_by_{driven.pair}" for driven in mechanism.inputs]
+        moving_by_suffix = {f"_by_{item.pair}": item.pair for item in mechanism.inputs}
     figures = {"sine": f"rms(sin(theta_{pair}))"}
-    for end in ends:
-        first, second = links
-        figures |= {
-            f"{kind}{end}": f"max(abs({kind}_coefficient_{first}_{second}{end}))"
-            for kind in ("velocity", "acceleration")
-        }
-    found = sweep_of(path, {key: [number]}, figures, tmp_path / "sweep", samples)
-    assert set(found["status"]) == {"OK"} and set(found["closes"]) == {1.0}
-    count = tuple(map(int, samples.split("x")))
-    run = sk.run(path, "poles", samples=count if len(count) > 1 else count[0])
-    poles, motion = run.frame("poles"), run.frame("motion")
-    is_pole = poles["link"].isin(links) & poles["relative_to"].isin(links)
-    poles = poles[is_pole]
-    modes = [str(mode).split()[0] for mode in found["mode"]]
-    assert modes == [str(x["number"]) for x in run.summary["assembly_modes"]]
-    for (_, row), mode in zip(found.iterrows(), modes, strict=True):
+    for suffix in moving_by_suffix:
+        for kind in ("velocity", "acceleration"):
+            quantity = f"{kind}_coefficient_{first_link}_{second_link}{suffix}"
+            figures[f"{kind}{suffix}"] = f"max(abs({quantity}))"
+    frame = sweep_by_command(path, {key: [nominal]}, figures, tmp_path / "sweep", samples)
+    assert set(frame["status"]) == {"OK"}
+    assert set(frame["closes"]) == {1.0}
+
+    counts = tuple(map(int, samples.split("x")))
+    run = sk.run(path, "poles", samples=counts if len(counts) > 1 else counts[0])
+    poles = run.frame("poles")
+    poles = poles[poles["link"].isin(links) & poles["relative_to"].isin(links)]
+    motion = run.frame("motion")
+    modes = [str(mode).split()[0] for mode in frame["mode"]]
+    assert modes == [str(mode["number"]) for mode in run.summary["assembly_modes"]]
+    for (_, row), mode in zip(frame.iterrows(), modes, strict=True):
         angles = motion.loc[motion["assembly_mode"] == int(mode), f"theta_{pair}"]
-        assert row["sine"] == pytest.approx(np.sqrt(np.mean(np.sin(angles) ** 2)), abs=1e-9)
-        of_mode = poles[poles["assembly_mode"] == int(mode)]
-        for end in ends:
-            rows = of_mode[of_mode["moving"] == end[4:]] if end else of_mode
+        rms_sine = np.sqrt(np.mean(np.sin(angles) ** 2))
+        assert row["sine"] == pytest.approx(rms_sine, abs=1e-9)
+        poles_of_mode = poles[poles["assembly_mode"] == int(mode)]
+        for suffix, moving in moving_by_suffix.items():
+            rows = poles_of_mode
+            if moving is not None:
+                rows = rows[rows["moving"] == moving]
             for kind in ("velocity", "acceleration"):
-                size = np.max(np.abs(rows[f"{kind}_coefficient"]))
-                near = pytest.approx(size, rel=RATE_TOLERANCE, abs=RATE_TOLERANCE)
-                assert row[f"{kind}{end}"] == near
+                largest = np.max(np.abs(rows[f"{kind}_coefficient"]))
+                assert row[f"{kind}{suffix}"] == pytest.approx(
+                    largest, rel=RATE_TOLERANCE, abs=RATE_TOLERANCE
+                )
 
 
 OPEN = {
@@ -166,34 +181,52 @@ def turned_east(axis):
 
 @pytest.mark.many
 @pytest.mark.parametrize("name", marked(OPEN))
-def test_a_design_that_does_not_agree_has_the_reason_of_a_run(name, tmp_path):
-    make, (key, nominal, number), change = OPEN[name]
+def test_a_design_whose_loops_do_not_agree_has_the_reason_of_a_run(name, tmp_path):
+    """Beside the nominal design stands one whose repeated constraints contradict.
+
+    It is IMPOSSIBLE, and its reason is the message with which a run of it is refused.
+    """
+    make, (key, nominal, contradictory), change = OPEN[name]
     mechanism = make()
     path = tmp_path / f"{name}.toml"
     sk.export(mechanism, path)
-    samples, end = ("2x2", "_by_left") if name == "five_bar_b" else ("5", "")
-    links = mechanism.links[-1], mechanism.links[0]
-    figures = {"v": f"max(abs(velocity_coefficient_{'_'.join(links)}{end}))"}
-    found = sweep_of(path, {key: [nominal, number]}, figures, tmp_path / "sweep", samples)
-    of_file, other = found[found["design"] == 0], found[found["design"] == 1]
-    assert set(of_file["status"]) == {"OK"} and np.all(np.isfinite(of_file["v"]))
-    assert list(other["status"]) == ["IMPOSSIBLE"] and np.all(np.isnan(other["v"]))
-    with pytest.raises(SpherekitError) as refused:
-        sk.run(change(mechanism), samples=(2, 2) if end else 5)
-    assert list(other["reason"]) == [reason_of(refused.value)]
+    has_two_inputs = name == "five_bar_b"
+    samples, suffix = ("2x2", "_by_left") if has_two_inputs else ("5", "")
+    quantity = f"velocity_coefficient_{mechanism.links[-1]}_{mechanism.links[0]}{suffix}"
+    frame = sweep_by_command(
+        path,
+        {key: [nominal, contradictory]},
+        {"v": f"max(abs({quantity}))"},
+        tmp_path / "sweep",
+        samples,
+    )
+    nominal_rows = frame[frame["design"] == 0]
+    assert set(nominal_rows["status"]) == {"OK"}
+    assert np.all(np.isfinite(nominal_rows["v"]))
+
+    contradictory_rows = frame[frame["design"] == 1]
+    assert list(contradictory_rows["status"]) == ["IMPOSSIBLE"]
+    assert np.all(np.isnan(contradictory_rows["v"]))
+    with pytest.raises(SpherekitError) as refusal:
+        sk.run(change(mechanism), samples=(2, 2) if has_two_inputs else 5)
+    assert list(contradictory_rows["reason"]) == [reason_of(refusal.value)]
 
 
 @pytest.mark.slow
 def test_a_file_that_does_not_close_has_designs_that_do(tmp_path):
-    """Names of quantities follow from the graph, whatever the numbers of the file."""
+    """Names of quantities follow from the graph, whatever the numbers of the file are.
+
+    The two joints of a double Cardan shaft of equal angles cancel each other in one mode,
+    in which the ratio is 1 all the time.
+    """
     path = tmp_path / "open.toml"
     changed = sk.load(CARDAN).with_sizes(angle_unit="deg", arcs={"cross1": 88.0})
     sk.export(changed, path)
     vary = {"links.cross1.arc": [88.0, 90.0]}
-    found = sweep_of(path, vary, {"v": "max(abs(rate_out))"}, tmp_path / "sweep", "5")
-    assert list(found["status"]) == ["IMPOSSIBLE"] + ["OK"] * 8
-    # The two joints of a double Cardan shaft of equal angles cancel each other, or add up.
-    assert np.min(np.abs(found["v"].dropna() - 1.0)) < 1e-12
+    figures = {"v": "max(abs(rate_out))"}
+    frame = sweep_by_command(path, vary, figures, tmp_path / "sweep", "5")
+    assert list(frame["status"]) == ["IMPOSSIBLE"] + ["OK"] * 8
+    assert np.min(np.abs(frame["v"].dropna() - 1.0)) < 1e-12
 
 
 def test_torques_are_those_of_a_run():
@@ -207,26 +240,28 @@ def test_torques_are_those_of_a_run():
         assert row["t"] == pytest.approx(np.max(np.abs(rows["tau"])), rel=1e-9)
 
 
-def test_equations_that_are_rounding_errors_are_not_chosen():
-    """In mode 4 of the fold a vertex stays flat, so one equation of its loop is empty.
+def test_an_equation_that_is_only_rounding_is_not_used_for_rates():
+    """In mode 4 of the folding pattern a vertex stays flat, so one loop equation is empty.
 
-    The rates of the pairs are compared with the null space of all loop equations.
+    Largest rates of three pairs per unit rate of the input z00 are compared with the null
+    space of all loop equations, which needs no choice of equations.
     """
     motion = sk.trace(MIURA, samples=5)
-    jacobians = motion.linearisation.jacobian
     mechanism = motion.mechanism
-    found = sk.sweep(
+    pairs = ("h11", "z21", "z10")
+    frame = sk.sweep(
         mechanism,
         {"pairs.z00.value": [60.0]},
-        [f"{pair}=max(abs(rate_{pair}))" for pair in ("h11", "z21", "z10")],
+        [f"{pair}=max(abs(rate_{pair}))" for pair in pairs],
         samples=5,
     ).frame()
-    rates = np.array([null_vector(jacobian) for jacobian in jacobians])
+    rates = np.array([null_vector(matrix) for matrix in motion.linearisation.jacobian])
     rates /= rates[:, [mechanism.angles["z00"]]]
-    for mode, (_, row) in enumerate(found.iterrows()):
-        for pair in ("h11", "z21", "z10"):
-            of_mode = rates[motion.assembly_mode == mode, mechanism.angles[pair]]
-            assert row[pair] == pytest.approx(np.max(np.abs(of_mode)), abs=1e-9)
+    for mode, (_, row) in enumerate(frame.iterrows()):
+        rates_of_mode = rates[motion.assembly_mode == mode]
+        for pair in pairs:
+            largest = np.max(np.abs(rates_of_mode[:, mechanism.angles[pair]]))
+            assert row[pair] == pytest.approx(largest, abs=1e-9)
 
 
 def null_vector(jacobian):

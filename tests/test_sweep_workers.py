@@ -89,6 +89,7 @@ def run(words, cwd, **options):
 
 
 def as_script(tmp_path, text):
+    """Run the text as a file."""
     (tmp_path / "script.py").write_text(text)
     return run(["script.py"], tmp_path)
 
@@ -183,16 +184,17 @@ def test_analyses_of_the_script_itself_are_sent(program, tmp_path):
     assert "3 720.0" in out  # the input turns once, and figures are in degrees
 
 
-def sweep_of_runs(folder, workers=2, **options):
-    how = {"analyses": ["poles"], "tables": True, "samples": 3} | options
-    return sk.sweep("four_bar", VARY, folder=folder, workers=workers, **how)
+def sweep_with_tables(folder, workers=2, **options):
+    """Sweep the four-bar with one run per design, in three parts."""
+    defaults = {"analyses": ["poles"], "tables": True, "samples": 3}
+    return sk.sweep("four_bar", VARY, folder=folder, workers=workers, **defaults | options)
 
 
 def test_what_cannot_be_sent_is_refused_in_a_sentence(tmp_path, monkeypatch):
     state = {"lock": threading.Lock()}
     monkeypatch.setattr("spherekit.designs.sweep.Sweep.__getstate__", lambda _: state)
     with pytest.raises(DesignError, match="cannot be sent.*keep locks.*--workers 1"):
-        sweep_of_runs(tmp_path)
+        sweep_with_tables(tmp_path)
 
 
 @pytest.mark.many
@@ -206,9 +208,9 @@ def test_what_cannot_be_sent_is_refused_in_a_sentence(tmp_path, monkeypatch):
 def test_a_python_that_does_not_start_is_told(python, says, tmp_path, monkeypatch):
     monkeypatch.setattr(worker_processes, "get_executable", lambda: python)
     with pytest.raises(DesignError, match=f"{says}.*--workers 1"):
-        sweep_of_runs(tmp_path)
+        sweep_with_tables(tmp_path)
     monkeypatch.setattr(worker_processes, "get_executable", lambda: None)
-    assert sweep_of_runs(tmp_path, None).computed == 3  # in this process
+    assert sweep_with_tables(tmp_path, None).computed == 3  # in this process
 
 
 @pytest.mark.slow
@@ -222,7 +224,7 @@ def test_modules_that_a_worker_lacks_are_named(tmp_path, monkeypatch):
     how = {"analyses": ["twice"]}
     says = "cannot load the sweep .ModuleNotFoundError: No module named 'of_elsewhere'"
     with registered(Twice), pytest.raises(DesignError, match=says):
-        sweep_of_runs(tmp_path / "designs", **how)
+        sweep_with_tables(tmp_path / "designs", **how)
 
 
 ENDING = """
@@ -245,28 +247,37 @@ def write_or_end(self, folder, part):
 
 sweep.Sweep.write_part = write_or_end
 """
+"""A `sitecustomize` by which a process ends itself when it writes part `number`.
+
+Each death leaves a file in the folder `mark`, so that their number can be limited.
+"""
 
 
 @pytest.fixture
-def ending(tmp_path, monkeypatch):
-    """Return what lets processes that compute a part be ended so often."""
+def end_processes(tmp_path, monkeypatch):
+    """Return a function that has worker processes end themselves at a part.
 
-    def arrange(mode, number=0, by="SIGKILL"):
-        mark, site = tmp_path / "mark", tmp_path / "site"
+    Its arguments are how often ("once", "twice", "always"), the number of the part, and the
+    name of the signal. It returns the folder that has a file for each death.
+    """
+
+    def install(mode, number=0, signal_name="SIGKILL"):
+        mark = tmp_path / "mark"
+        site = tmp_path / "site"
         mark.mkdir()
         site.mkdir()
-        text = ENDING.format(mark=str(mark), mode=mode, number=number, signal=by)
+        text = ENDING.format(mark=str(mark), mode=mode, number=number, signal=signal_name)
         (site / "sitecustomize.py").write_text(text)
         monkeypatch.setenv("PYTHONPATH", str(site))
         return mark
 
-    return arrange
+    return install
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 @pytest.mark.parametrize(
-    ("mode", "number", "by"),
+    ("mode", "number", "signal_name"),
     [
         ("once", 0, "SIGKILL"),  # before any part is made
         ("once", 2, "SIGKILL"),
@@ -275,35 +286,39 @@ def ending(tmp_path, monkeypatch):
         ("twice", 1, "SIGTERM"),
     ],
 )
-def test_a_part_whose_process_is_ended_is_made_by_another(
-    mode, number, by, tmp_path, ending
+def test_a_part_whose_process_is_ended_is_computed_by_another(
+    mode, number, signal_name, tmp_path, end_processes
 ):
-    """The rows are those of a sweep that nothing disturbs, bit by bit."""
-    mark = ending(mode, number, by)
-    said = []
-    with progress_listener(said.append):
-        found = sweep_of_runs(tmp_path / "designs")
-    deaths = {"once": 1, "twice": 2}[mode]
-    assert len(list(mark.iterdir())) == deaths
-    told = [text for text in said if "its process was ended" in text]
-    assert len(told) == deaths
-    assert f"part {number} (designs {16 * number} to " in told[0]
-    assert f"signal {int(getattr(signal, by))}, {by}" in told[0]
-    assert found.computed == 3
-    wanted = sweep_of_runs(None)
-    pd.testing.assert_frame_equal(found.frame(), wanted.frame(), check_exact=True)
-    for name in wanted.table_names:
-        pd.testing.assert_frame_equal(found.table(name), wanted.table(name))
+    """Each death is reported, and the rows are equal bit by bit to undisturbed ones."""
+    mark = end_processes(mode, number, signal_name)
+    messages = []
+    with progress_listener(messages.append):
+        result = sweep_with_tables(tmp_path / "designs")
+    death_count = {"once": 1, "twice": 2}[mode]
+    assert len(list(mark.iterdir())) == death_count
+    reports = [text for text in messages if "its process was ended" in text]
+    assert len(reports) == death_count
+    assert f"part {number} (designs {16 * number} to " in reports[0]
+    signal_number = int(getattr(signal, signal_name))
+    assert f"signal {signal_number}, {signal_name}" in reports[0]
+    assert result.computed == 3
+
+    expected = sweep_with_tables(None)
+    pd.testing.assert_frame_equal(result.frame(), expected.frame(), check_exact=True)
+    for name in expected.table_names:
+        pd.testing.assert_frame_equal(result.table(name), expected.table(name))
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
-def test_a_part_that_ends_every_process_ends_the_sweep_in_words(tmp_path, ending):
-    """The other parts are there, and the same command goes on with them."""
-    mark = ending("always", 1)
-    with pytest.raises(DesignError) as stop:
-        sweep_of_runs(tmp_path / "designs")
-    assert str(stop.value) == (
+def test_a_part_that_ends_every_process_ends_the_sweep_with_a_message(
+    tmp_path, end_processes
+):
+    """The other two parts are written, and the same command continues with them."""
+    mark = end_processes("always", 1)
+    with pytest.raises(DesignError) as refusal:
+        sweep_with_tables(tmp_path / "designs")
+    assert str(refusal.value) == (
         "four_bar: part 1 (designs 16 to 31): the system ended each of 3 processes that "
         "computed it (signal 9, SIGKILL), perhaps for want of memory; parts that are "
         "written stay, and the same command continues; ask for fewer samples, or for "
@@ -311,27 +326,28 @@ def test_a_part_that_ends_every_process_ends_the_sweep_in_words(tmp_path, ending
     )
     assert len(list(mark.iterdir())) == 3
     (tmp_path / "site" / "sitecustomize.py").write_text("")
-    assert sweep_of_runs(tmp_path / "designs").computed == 1
+    assert sweep_with_tables(tmp_path / "designs").computed == 1
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc of Linux")
-def test_workers_that_are_killed_from_outside_change_nothing(tmp_path):
-    """Every process of the sweep, one after the other, as the system takes memory back."""
-    words = ["-m", "spherekit", "sweep", "four_bar", "-a", "poles", "--tables"]
-    words += ["--vary", "links.2.arc=10:40:160", "--samples", "91", "--workers", "2"]
-    running = subprocess.Popen(
-        [sys.executable, *words, "-q", "-o", tmp_path / "designs"], start_new_session=True
-    )
+def test_killing_worker_processes_from_outside_does_not_change_a_sweep(tmp_path):
+    """Four processes of a sweep are killed, one per second, as a system short of memory."""
+    command = [sys.executable, "-m", "spherekit", "sweep", "four_bar", "-a", "poles"]
+    command += ["--tables", "--vary", "links.2.arc=10:40:160", "--samples", "91"]
+    command += ["--workers", "2", "-q", "-o", str(tmp_path / "designs")]
+    sweep = subprocess.Popen(command, start_new_session=True)
     killed = set()
-    while running.poll() is None and len(killed) < 4:
-        lists = Path(f"/proc/{running.pid}/task").glob("*/children")
+    while sweep.poll() is None and len(killed) < 4:
+        lists = Path(f"/proc/{sweep.pid}/task").glob("*/children")
         children = {int(pid) for path in lists for pid in path.read_text().split()}
         for pid in sorted(children - killed)[:1]:
             time.sleep(1.0)
-            if running.poll() is None:
+            if sweep.poll() is None:
                 os.kill(pid, signal.SIGKILL)
                 killed.add(pid)
         time.sleep(0.05)
-    assert running.wait(300) == 0 and len(killed) == 4
+    assert sweep.wait(300) == 0
+    assert len(killed) == 4
+    # 160 designs with two assembly modes
     assert len(pd.read_parquet(tmp_path / "designs" / "designs")) == 2 * 160
