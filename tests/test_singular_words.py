@@ -11,14 +11,18 @@ from spherekit.plugin.singularities import ordered_pole
 NAME = "singularities"
 
 
-def said_of(mechanism, samples=73):
-    found = sk.run(mechanism, NAME, samples=samples)
-    assert not found.failures
-    return "\n".join(found.summary["remarks"])
+def read_remarks(mechanism, samples=73):
+    """Run the singularities analysis; return the remarks of its summary as one text."""
+    result = sk.run(mechanism, NAME, samples=samples)
+    assert not result.failures
+    return "\n".join(result.summary["remarks"])
 
 
 def flapper():
-    """A crank-rocker whose coupler leads a second rocker by a tie, a Stephenson chain."""
+    """Return a crank-rocker whose coupler leads a second rocker by a tie.
+
+    It is a Stephenson chain. Arcs and angles between arcs of a link are in degrees.
+    """
     links = {
         "body": {"axes": ["motor", "shoulder", "aux"], "arcs": [60, 75], "angles": [55]},
         "crank": {"axes": ["motor", "pin"], "arcs": [14]},
@@ -27,15 +31,17 @@ def flapper():
         "tie": {"axes": ["j2", "j3"], "arcs": [45]},
         "vane": {"axes": ["aux", "j3"], "arcs": [50]},
     }
-    joined = "motor body crank, pin crank coupler, j1 coupler wing, shoulder body wing"
-    return built("flapper", links, joined + ", j2 coupler tie, j3 tie vane, aux body vane")
+    pairs = "motor body crank, pin crank coupler, j1 coupler wing, shoulder body wing"
+    pairs += ", j2 coupler tie, j3 tie vane, aux body vane"
+    return build_mechanism("flapper", links, pairs)
 
 
-def built(name, links, joined, outputs=("wing", "vane")):
+def build_mechanism(name, links, pair_text, outputs=("wing", "vane")):
+    """Return a mechanism from links and pairs, which are texts "pair link link, ..."."""
     pairs = {}
-    for words in joined.split(", "):
-        pair, one, other = words.split()
-        pairs[pair] = {"type": "R", "links": [one, other]}
+    for words in pair_text.split(", "):
+        pair, first, second = words.split()
+        pairs[pair] = {"type": "R", "links": [first, second]}
     return sk.build(
         name,
         angle_unit="deg",
@@ -47,51 +53,74 @@ def built(name, links, joined, outputs=("wing", "vane")):
 
 
 @pytest.mark.slow
-def test_a_dyad_at_its_limit_is_no_crossing_for_an_output_before_it():
-    """Where the tie and the vane are in line crank and wing rest, and no curves cross."""
-    said = said_of(flapper())
-    line = "it rests with the input while other links move: at motor = 4.31768, 108.184 deg"
-    assert f"self-motion of wing/body, {line}" in said
-    assert "curves of configurations cross" not in said
-    assert "least transmission angle of vane/body: 0 deg" in said
+def test_a_stretched_dyad_is_no_crossing_for_outputs_before_it():
+    """Where tie and vane are in line, crank and wing rest while the vane moves on.
+
+    That is a self-motion of the output wing/body; configuration curves do not cross.
+    """
+    remarks = read_remarks(flapper())
+    places = "at motor = 4.31768, 108.184 deg"
+    rests = f"it rests with the input while other links move: {places}"
+    assert f"self-motion of wing/body, {rests}" in remarks
+    assert "curves of configurations cross" not in remarks
+    assert "least transmission angle of vane/body: 0 deg" in remarks
 
 
 @pytest.mark.slow
-def test_a_plate_about_a_moving_pole_does_not_swing():
-    """A wobbling plate held by a gimbal: its rate's size is integrated over a turn."""
-    tilt = 18.0
+def test_the_turn_of_a_plate_about_a_moving_pole_is_the_integral_of_its_rate():
+    """The remark on a wobble plate says "turns by" and the length of its motion.
+
+    The plate is tilted by 18 degrees on the shaft and held by a gimbal. Here its frame is
+    built in the case's frame, with the shaft along z and the gimbal along y. The angles
+    between 20001 successive orientations over one turn of the shaft are added up.
+    """
+    tilt_deg = 18.0
     links = {
         "case": {"axes": ["shaft", "gimbal"], "arcs": [90.0]},
-        "swash": {"axes": ["shaft", "tilted"], "arcs": [tilt]},
+        "swash": {"axes": ["shaft", "tilted"], "arcs": [tilt_deg]},
         "plate": {"axes": ["tilted", "trunnion"], "arcs": [90.0]},
         "ring": {"axes": ["gimbal", "trunnion"], "arcs": [90.0]},
     }
-    joined = "shaft case swash, tilted swash plate, trunnion plate ring, gimbal case ring"
-    said = said_of(built("wobble", links, joined, outputs=["plate"]))
-    q, tilted = np.linspace(0.0, 2.0 * np.pi, 20001), np.radians(tilt)
-    normal = np.stack([np.sin(q) * np.sin(tilted), np.cos(q) * np.sin(tilted)])
-    normal = np.stack([*normal, np.full_like(q, np.cos(tilted))], axis=1)
-    trunnion = np.cross([0.0, 1.0, 0.0], normal)
+    pairs = "shaft case swash, tilted swash plate, trunnion plate ring, gimbal case ring"
+    remarks = read_remarks(build_mechanism("wobble", links, pairs, outputs=["plate"]))
+
+    q = np.linspace(0.0, 2.0 * np.pi, 20001)
+    tilt = np.radians(tilt_deg)
+    plate_normal = np.stack(
+        [np.sin(q) * np.sin(tilt), np.cos(q) * np.sin(tilt), np.full_like(q, np.cos(tilt))],
+        axis=1,
+    )
+    gimbal = [0.0, 1.0, 0.0]
+    trunnion = np.cross(gimbal, plate_normal)
     trunnion /= np.linalg.norm(trunnion, axis=1)[:, None]
-    axes = np.stack([normal, trunnion, np.cross(normal, trunnion)], axis=2)
-    turns = Rotation.from_matrix(np.swapaxes(axes[:-1], 1, 2) @ axes[1:])
-    turned = np.degrees(np.sum(turns.magnitude()))
-    (line,) = (x for x in said.splitlines() if "moving pole" in x)
+    third_axis = np.cross(plate_normal, trunnion)
+    orientations = np.stack([plate_normal, trunnion, third_axis], axis=2)
+    steps = np.swapaxes(orientations[:-1], 1, 2) @ orientations[1:]
+    turned_deg = np.degrees(np.sum(Rotation.from_matrix(steps).magnitude()))
+
+    (line,) = (x for x in remarks.splitlines() if "moving pole" in x)
     assert "plate/case turns by " in line
-    assert abs(float(line.split(" deg")[0].split()[-1]) - turned) < 1e-3
+    assert abs(last_degrees(line) - turned_deg) < 1e-3
+
+
+def last_degrees(line):
+    """Return the number before the first " deg" of a line."""
+    return float(line.split(" deg")[0].split()[-1])
 
 
 @pytest.mark.slow
-def test_a_cone_that_never_returns_turns_by_its_ratio():
+def test_a_rolling_cone_turns_by_the_ratio_of_sines_in_a_turn():
     """About the line of contact, by the sines of the shaft angle and its half angle."""
-    said = said_of(sk.load("rolling_cones"))
-    turned = 360.0 * np.sin(np.radians(70.0)) / np.sin(np.radians(20.0))
-    (line,) = (x for x in said.splitlines() if "turns in one sense" in x)
+    remarks = read_remarks(sk.load("rolling_cones"))
+    turned_deg = 360.0 * np.sin(np.radians(70.0)) / np.sin(np.radians(20.0))
+    (line,) = (x for x in remarks.splitlines() if "turns in one sense" in x)
     assert line.endswith("deg in a turn of the input")
-    assert abs(float(line.split(" deg")[0].split()[-1]) - turned) < 1e-3
+    assert abs(last_degrees(line) - turned_deg) < 1e-3
 
 
-def test_links_whose_names_begin_alike_are_told_apart():
-    made = rename_links(sk.load("four_bar"), {"1": "1", "2": "2", "3": "3", "4": "11"})
-    assert ordered_pole(made, "11/1") == ordered_pole(made, (3, "1")) == (3, 0)
-    assert ordered_pole(made, "1/11") == (0, 3)
+def test_links_whose_names_begin_alike_are_distinguished():
+    names = {"1": "1", "2": "2", "3": "3", "4": "11"}
+    mechanism = rename_links(sk.load("four_bar"), names)
+    assert ordered_pole(mechanism, "11/1") == (3, 0)
+    assert ordered_pole(mechanism, (3, "1")) == (3, 0)
+    assert ordered_pole(mechanism, "1/11") == (0, 3)

@@ -26,15 +26,17 @@ from spherekit.status import Status
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
-OPEN = {
+OPEN_CHAINS = {
     "one link": "1-2",
     "two in series": "1-2 2-3",
     "two side by side": "1-2 1-3",
     "three in series": "1-2 2-3 3-4",
     "a tree": "1-2 2-3 2-4 1-5",
 }
+"""Chains without a loop, by the links that each pair joins."""
 INERTIA = ((2.0, 0.1, 0.0), (0.1, 1.5, 0.2), (0.0, 0.2, 1.0))
-Q = np.array([-0.9, 0.0, 0.7])
+LAST_ANGLES = np.array([-0.9, 0.0, 0.7])
+"""Angles (rad) of the first pair in three samples; later pairs turn less."""
 
 
 @pytest.fixture(autouse=True)
@@ -45,121 +47,148 @@ def no_silent_division():
 
 
 def open_chain(chain):
+    """Return an open chain with random axes, masses and a weight, all pairs driven."""
     edges = chain.split()
     axes = random_axes(np.random.default_rng(len(edges)), len(edges))
-    made = mechanism_from_chain(chain, axes)
-    inputs = tuple(Input(pair.name, -1.0, 1.0) for pair in made.pairs)
-    last = made.links[-1]
-    masses = tuple(Mass(link, INERTIA, 1.0, (0.1, 0.2, -0.3)) for link in made.links[1:])
-    outputs = (Output("end", last, "1", (0.0, 0.0, 1.0)),)
-    made = replace(made, inputs=inputs, masses=masses, outputs=outputs)
-    return replace(made, loads=(Gravity("weight", (0.0, 0.0, -9.81)),))
-
-
-def turned(made, values):
-    """Return the rotation of each link by the product of exponentials."""
-    found = {"1": Rotation.identity()}
-    while len(found) < len(made.links):
-        for pair, angle in zip(made.pairs, values, strict=True):
-            a, b = pair.links
-            if a in found and b not in found:
-                axis = np.array(made.geometry.axes[pair.name])
-                found[b] = found[a] * Rotation.from_rotvec(angle * axis)
-    return found
-
-
-@pytest.mark.parametrize("chain", OPEN.values(), ids=OPEN)
-@pytest.mark.parametrize("route", ["best", "equations", "conditioned"])
-def test_poles_of_open_chains(chain, route):
-    """It raised ZeroDivisionError with one link; by the equations 1 was divided by 0."""
-    made = open_chain(chain)
-    q = np.repeat(Q[:, None], len(made.inputs), axis=1) * np.linspace(
-        1.0, 0.5, len(made.inputs)
+    mechanism = mechanism_from_chain(chain, axes)
+    masses = []
+    for link in mechanism.links[1:]:
+        masses.append(Mass(link, INERTIA, 1.0, (0.1, 0.2, -0.3)))
+    return replace(
+        mechanism,
+        inputs=tuple(Input(pair.name, -1.0, 1.0) for pair in mechanism.pairs),
+        masses=tuple(masses),
+        outputs=(Output("end", mechanism.links[-1], "1", (0.0, 0.0, 1.0)),),
+        loads=(Gravity("weight", (0.0, 0.0, -9.81)),),
     )
-    tracer = PositionAnalysis(made, path=q)
-    motion = tracer.motion()
+
+
+def link_rotations(mechanism, angles):
+    """Return the rotation of each link at pair angles (rad), as a product of exponentials.
+
+    A link is turned like the link before it, times the rotation about the pair's axis in
+    the reference pose.
+    """
+    rotations = {"1": Rotation.identity()}
+    while len(rotations) < len(mechanism.links):
+        for pair, angle in zip(mechanism.pairs, angles, strict=True):
+            first, second = pair.links
+            if first in rotations and second not in rotations:
+                axis = np.array(mechanism.geometry.axes[pair.name])
+                rotations[second] = rotations[first] * Rotation.from_rotvec(angle * axis)
+    return rotations
+
+
+def links_beyond(mechanism, pair_number):
+    """Return the links that a pair of an open chain moves."""
+    beyond = {mechanism.pairs[pair_number].links[1]}
+    for pair in mechanism.pairs[pair_number + 1 :]:
+        if pair.links[0] in beyond:
+            beyond.add(pair.links[1])
+    return beyond
+
+
+@pytest.mark.parametrize("chain", OPEN_CHAINS.values(), ids=OPEN_CHAINS)
+@pytest.mark.parametrize("route", ["best", "equations", "conditioned"])
+def test_rotations_and_rates_of_open_chains_are_those_by_exponentials(chain, route):
+    """With one pair moving, the links beyond it turn about its axis and the others rest."""
+    mechanism = open_chain(chain)
+    input_count = len(mechanism.inputs)
+    path = LAST_ANGLES[:, None] * np.linspace(1.0, 0.5, input_count)
+    position_analysis = PositionAnalysis(mechanism, path=path)
+    motion = position_analysis.motion()
     assert np.all(motion.status == Status.OK)
-    assert tracer.claim.guarantee == Guarantee.COMPLETE
-    poles = all_poles(len(made.links))
-    for driven, pair in enumerate(made.pairs):
-        field = evaluate(motion, request(made, pair.name, poles, poles), route=route)
+    assert position_analysis.claim.guarantee == Guarantee.COMPLETE
+    poles = all_poles(len(mechanism.links))
+    for pair_number, pair in enumerate(mechanism.pairs):
+        pole_request = request(mechanism, pair.name, poles, poles)
+        field = evaluate(motion, pole_request, route=route)
         assert np.all(field.status == Status.OK)
-        for row, values in enumerate(q):
-            placed = turned(made, values)
-            axis = placed[pair.links[0]].apply(made.geometry.axes[pair.name])
-            beyond = {pair.links[1]}
-            for other in made.pairs[driven + 1 :]:
-                if other.links[0] in beyond:
-                    beyond.add(other.links[1])
-            for number, name in enumerate(made.links):
-                want = axis if name in beyond else np.zeros(3)
-                assert np.max(np.abs(field.w[number][row] - want)) < 1e-14
-                turn = placed[name].as_matrix()
-                assert np.max(np.abs(motion.rotations[row, number] - turn)) < 1e-14
+        moved_links = links_beyond(mechanism, pair_number)
+        for row, angles in enumerate(path):
+            rotations = link_rotations(mechanism, angles)
+            reference_axis = mechanism.geometry.axes[pair.name]
+            axis = rotations[pair.links[0]].apply(reference_axis)
+            for number, link in enumerate(mechanism.links):
+                rate = axis if link in moved_links else np.zeros(3)
+                assert np.max(np.abs(field.w[number][row] - rate)) < 1e-14
+                rotation = rotations[link].as_matrix()
+                difference = motion.rotations[row, number] - rotation
+                assert np.max(np.abs(difference)) < 1e-14
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("chain", OPEN.values(), ids=OPEN)
-def test_every_analysis_of_an_open_chain_ends(chain, tmp_path, capsys):
-    made = open_chain(chain)
+@pytest.mark.parametrize("chain", OPEN_CHAINS.values(), ids=OPEN_CHAINS)
+def test_every_command_handles_an_open_chain_or_refuses_its_inputs(chain, tmp_path, capsys):
+    """Some analyses take up to three inputs or one; no command ends with a traceback.
+
+    The first word of a case is whether the command is refused.
+    """
+    mechanism = open_chain(chain)
     file = tmp_path / "open.toml"
-    sk.dump(made, file)
-    laws = [
-        word
-        for item in made.inputs
-        for word in ("--law", f"{item.pair}=constant_speed:speed=1")
-    ]
-    count = len(made.inputs)
-    few = ("--samples", "3")
-    asked = (
+    sk.dump(mechanism, file)
+    laws = []
+    for item in mechanism.inputs:
+        laws += ["--law", f"{item.pair}=constant_speed:speed=1"]
+    input_count = len(mechanism.inputs)
+    few_samples = ("--samples", "3")
+    over_time = (*few_samples, "--duration", "1", *laws)
+    cases = (
         (0, "validate"),
         (0, "plan"),
         (0, "explain", "-a", "poles"),
-        (0, "run", "-a", "poles", *few, "--duration", "1", *laws),
-        (count > 3, "run", "-a", "singularities:input_grid=3,slices=2", *few),
-        (0, "run", "-a", "singularities:slices=0,seconds=2", *few),
-        (count > 1, "run", "-a", "eksergian", *few, "--duration", "1", *laws),
+        (0, "run", "-a", "poles", *over_time),
+        (
+            input_count > 3,
+            *("run", "-a", "singularities:input_grid=3,slices=2", *few_samples),
+        ),
+        (0, "run", "-a", "singularities:slices=0,seconds=2", *few_samples),
+        (input_count > 1, "run", "-a", "eksergian", *over_time),
         (0, "export", "--to", "mjcf", "-o", str(tmp_path / "mjcf.xml")),
         (0, "export", "--to", "model", "-o", str(tmp_path / "model.npz")),
         (1, "export", "--to", "coupling", "-o", str(tmp_path / "table.csv")),
     )
-    for refused, command, *rest in asked:
-        status = main([command, str(file), *rest])
-        said = capsys.readouterr().err
-        assert "Traceback" not in said
-        assert status == refused, (command, rest, said)
-        assert not refused or " inputs" in said or "one input" in said
+    for is_refused, command, *arguments in cases:
+        status = main([command, str(file), *arguments])
+        error_text = capsys.readouterr().err
+        assert "Traceback" not in error_text
+        assert status == is_refused, (command, arguments, error_text)
+        if is_refused:
+            assert " inputs" in error_text or "one input" in error_text
 
 
-def test_numbers_that_are_rounding_are_not_their_own_scale():
-    """All coefficients of a chain are 1, and derivatives of theirs by the inputs zero."""
-    found = sk.trade(open_chain(OPEN["three in series"]), "poles", samples=21)
-    assert all(setting.error < 1e-14 for setting in found.settings if not setting.reason)
+def test_errors_of_derivatives_that_are_zero_are_not_judged_by_their_own_size():
+    """All coefficients of a chain are 1, so their derivatives are zero up to rounding."""
+    trade = sk.trade(open_chain(OPEN_CHAINS["three in series"]), "poles", samples=21)
+    assert all(item.error < 1e-14 for item in trade.settings if not item.reason)
 
 
-def test_one_link_as_a_pendulum():
-    """Inertia, torque and motion of a link about a fixed axis, in closed form."""
-    made = open_chain(OPEN["one link"])
-    axis = np.array(made.geometry.axes["p1_2"])
+def test_one_link_is_a_pendulum():
+    """Inertia, torque and acceleration of a link about a fixed axis have closed forms.
+
+    The inertia is a . I a about the axis a. The torque of the weight is a . (c x g), with
+    the centre of mass c turned by q and the mass of 1 kg.
+    """
+    mechanism = open_chain(OPEN_CHAINS["one link"])
+    axis = np.array(mechanism.geometry.axes["p1_2"])
     inertia = axis @ np.array(INERTIA) @ axis
+
+    def torque_of_weight(q):
+        centre = Rotation.from_rotvec(q * axis).apply((0.1, 0.2, -0.3))
+        return axis @ np.cross(centre, (0.0, 0.0, -9.81))
+
     t = np.linspace(0.0, 1.0, 11)
-    found = inverse_dynamics(made, ConstantSpeed(1.3, 0.2), t)
-    assert np.all(found.status == Status.OK)
-    assert np.max(np.abs(found.B - inertia)) < 1e-13
-    assert np.max(np.abs(found.dB_dq)) < 1e-13
+    driven = inverse_dynamics(mechanism, ConstantSpeed(1.3, 0.2), t)
+    assert np.all(driven.status == Status.OK)
+    assert np.max(np.abs(driven.B - inertia)) < 1e-13
+    assert np.max(np.abs(driven.dB_dq)) < 1e-13
+    holding_torques = [-torque_of_weight(0.2 + 1.3 * time) for time in t]
+    assert np.max(np.abs(driven.tau - holding_torques)) < 1e-13
 
-    def weight(q):
-        arm = Rotation.from_rotvec(q * axis).apply((0.1, 0.2, -0.3))
-        return axis @ np.cross(arm, (0.0, 0.0, -9.81))
-
-    want = [-weight(0.2 + 1.3 * time) for time in t]
-    assert np.max(np.abs(found.tau - want)) < 1e-13
-    run = simulate(made, Start(0.2, 0.5), 1.0, engine="numpy")
-    history = run.at(t)
-    want = [weight(q) / inertia for q in history.q]
-    assert np.max(np.abs(history.ddq - want)) < 1e-12
-    model = reduced_model(made)
-    assert abs(model.inertia(0.4) - inertia) < 1e-12
+    free = simulate(mechanism, Start(0.2, 0.5), 1.0, engine="numpy").at(t)
+    accelerations = [torque_of_weight(q) / inertia for q in free.q]
+    assert np.max(np.abs(free.ddq - accelerations)) < 1e-12
+    assert abs(reduced_model(mechanism).inertia(0.4) - inertia) < 1e-12
 
 
 def test_the_smallest_that_cannot_move():

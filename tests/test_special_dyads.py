@@ -30,94 +30,128 @@ def no_warning():
 
 
 FOLDED = {(60, 40, 40, 60): 0, (33, 71, 71, 33): 0, (90,) * 4: 0, (60, 40, 140, 120): np.pi}
+"""Arcs (deg) of ground, crank, coupler and rocker, and the rocker's angle (rad) where its
+tip lies on the crank's axis or opposite to it."""
 
 
-@pytest.mark.parametrize(("arcs", "folded"), FOLDED.items())
-def test_two_bars_that_can_turn_together_are_singular_and_not_out_of_reach(arcs, folded):
-    """The tip of the rocker lies on the crank's axis, or opposite to it."""
-    made = four_bar(np.radians(arcs)).with_inputs("41")
-    gap = np.array([folded, folded + 1e-3, folded + 0.1])
-    motion = PositionAnalysis(made).at(np.pi - gap)  # the file counts 41 from there
-    status = motion.status.reshape(len(motion.assembly_modes), -1)
+@pytest.mark.parametrize(("arcs", "folded_angle"), FOLDED.items())
+def test_crank_and_coupler_that_can_turn_together_are_singular(arcs, folded_angle):
+    """Where the rocker's tip lies on the crank's axis the position is undetermined.
+
+    The rocker is driven. At that angle the status is AT_SINGULARITY, not OUT_OF_REACH.
+    Beside it the loop closes where crank and coupler reach the tip, whose arc from the
+    crank's axis follows from the law of cosines.
+    """
+    mechanism = four_bar(np.radians(arcs)).with_inputs("41")
+    rocker_angle = np.array([folded_angle, folded_angle + 1e-3, folded_angle + 0.1])
+    position_analysis = PositionAnalysis(mechanism)
+    motion = position_analysis.at(np.pi - rocker_angle)  # the file counts 41 from pi
+    mode_count = len(motion.assembly_modes)
+    status = motion.status.reshape(mode_count, -1)
+    residual = motion.residual.reshape(mode_count, -1)
     assert np.all(status[:, 0] == Status.AT_SINGULARITY)
-    assert np.all(motion.residual.reshape(len(motion.assembly_modes), -1)[:, 0] < 1e-13)
-    # independently: the tip's arc from the crank's axis, by the law of cosines
+    assert np.all(residual[:, 0] < 1e-13)
+
     ground, crank, coupler, rocker = np.radians(arcs)
-    cosine = np.cos(ground) * np.cos(rocker) + np.sin(ground) * np.sin(rocker) * np.cos(gap)
-    away = np.arccos(np.clip(cosine, -1.0, 1.0))
-    reach = min(crank + coupler, 2.0 * np.pi - crank - coupler) - away
-    reach = np.minimum(reach, away - abs(crank - coupler))
-    held = np.any(status == Status.OK, axis=0)
-    assert np.array_equal(held[1:], reach[1:] > 0.0)
+    cosine = np.cos(ground) * np.cos(rocker)
+    cosine += np.sin(ground) * np.sin(rocker) * np.cos(rocker_angle)
+    tip_distance = np.arccos(np.clip(cosine, -1.0, 1.0))
+    longest = min(crank + coupler, 2.0 * np.pi - crank - coupler)
+    shortest = abs(crank - coupler)
+    margin = np.minimum(longest - tip_distance, tip_distance - shortest)
+    closes = np.any(status == Status.OK, axis=0)
+    assert np.array_equal(closes[1:], margin[1:] > 0.0)
 
 
-def dead_pose(chain, driven, random):
-    """Return random axes of a chain at a dead centre of a pair: a determinant is zero."""
+def axes_at_dead_centre(chain, driven, random):
+    """Return axes (pairs, 3) of a chain that is at a dead centre of the driven pair.
+
+    Axes are random except for one, which lies on a great circle where the determinant of
+    the loop equations without the driven pair is zero.
+    """
     while True:
         axes = random_axes(random, len(chain.split()))
-        moved, goal = random.integers(len(axes)), random_axes(random, 1)[0]
+        moved = random.integers(len(axes))
+        goal = random_axes(random, 1)[0]
 
-        def at(part, axes=axes, moved=moved, goal=goal):
-            new = axes.copy()
-            new[moved] = (1.0 - part) * axes[moved] + part * goal
-            return new / np.linalg.norm(new, axis=1, keepdims=True)
+        def axes_at(part, axes=axes, moved=moved, goal=goal):
+            """Return the axes with the moved one some part of the way to its goal."""
+            new_axes = axes.copy()
+            new_axes[moved] = (1.0 - part) * axes[moved] + part * goal
+            return new_axes / np.linalg.norm(new_axes, axis=1, keepdims=True)
 
-        def determinant(part, at=at):
-            made = mechanism_from_chain(chain, at(part), driven)
-            jacobian = LoopTree.of_mechanism(made).jacobian(at(part)[None])[0]
-            number = made.pair_number[driven]
+        def determinant(part, axes_at=axes_at):
+            mechanism = mechanism_from_chain(chain, axes_at(part), driven)
+            jacobian = LoopTree.of_mechanism(mechanism).jacobian(axes_at(part)[None])[0]
+            number = mechanism.pair_number[driven]
             return np.linalg.det(np.delete(jacobian, number, axis=1))
 
         if determinant(0.0) * determinant(1.0) < 0.0:
-            return at(brentq(determinant, 0.0, 1.0, xtol=1e-15, rtol=1e-15))
+            return axes_at(brentq(determinant, 0.0, 1.0, xtol=1e-15, rtol=1e-15))
 
 
 @pytest.mark.parametrize(
     ("chain", "driven"), [(FOUR_BAR, "p1_2"), (STEPHENSON, "p1_2"), (STEPHENSON, "p1_6")]
 )
-def test_a_pose_at_a_dead_centre_is_there_and_has_a_way_on(chain, driven):
-    """With a triad nothing but the pose was: both sides were OUT_OF_REACH."""
+def test_a_reference_pose_at_a_dead_centre_is_singular_and_closes_on_one_side(
+    chain, driven
+):
+    """The input cannot move beyond a dead centre, so it closes on one side only.
+
+    The pose is a double root of the equations; it is found to 1e-6 rad, the square root of
+    rounding.
+    """
     random = np.random.default_rng(11)
     for _ in range(2):
-        made = mechanism_from_chain(chain, dead_pose(chain, driven, random), driven)
-        path = np.array([0.0, -1e-4, 1e-4])
-        motion = PositionAnalysis(made, path=path, search=False).motion()
+        axes = axes_at_dead_centre(chain, driven, random)
+        mechanism = mechanism_from_chain(chain, axes, driven)
+        inputs = np.array([0.0, -1e-4, 1e-4])
+        motion = PositionAnalysis(mechanism, path=inputs, search=False).motion()
         assert motion.status[0] == Status.AT_SINGULARITY
-        assert np.max(np.abs(motion.values[0])) < 1e-6  # a double root
+        assert np.max(np.abs(motion.values[0])) < 1e-6
         assert sorted(motion.status[1:]) == [Status.OK, Status.OUT_OF_REACH]
 
 
-def test_a_function_of_rounding_only_is_given_up_early():
-    """It was halved up to 400 cells of 39 samples, here and at every group of a chain."""
-    asked = []
+def test_the_search_for_sign_changes_gives_up_a_function_that_is_noise():
+    """It evaluates few points of sin(1e9 q), and reports the whole range as doubtful."""
+    evaluated_counts = []
 
     def noise(q):
-        asked.append(len(q))
+        evaluated_counts.append(len(q))
         return np.sin(1e9 * q)
 
     _, doubtful = find_sign_changes(noise, 0.0, 2.0 * np.pi, smooth_width=0.5 * np.pi)
-    assert sum(asked) < 39 * 64
+    assert sum(evaluated_counts) < 39 * 64
     assert np.allclose(doubtful, [[0.0, 2.0 * np.pi]])
-    # a smooth function of many periods is not
-    places, doubtful = find_sign_changes(np.sin, 0.5, 200.0, smooth_width=0.5 * np.pi)
+
+
+def test_all_sign_changes_of_a_smooth_function_of_many_periods_are_located():
+    roots, doubtful = find_sign_changes(np.sin, 0.5, 200.0, smooth_width=0.5 * np.pi)
     assert not len(doubtful)
-    assert np.allclose(places, np.pi * np.arange(1, 64), rtol=0.0, atol=1e-12)
-    roots = np.array([-1.5, -0.75, 0.0, 1.5, 2.25])  # round places, each of them once
+    expected = np.pi * np.arange(1, 64)
+    assert np.allclose(roots, expected, rtol=0.0, atol=1e-12)
+
+
+def test_roots_at_ends_of_search_intervals_are_located_once():
+    """These round numbers are ends of intervals that are halved again and again."""
+    expected = np.array([-1.5, -0.75, 0.0, 1.5, 2.25])
 
     def product(x):
-        return np.prod(np.sin(0.5 * (x[:, None] - roots)), axis=1)
+        return np.prod(np.sin(0.5 * (x[:, None] - expected)), axis=1)
 
-    places, doubtful = find_sign_changes(product, -3.0, 3.0)
-    assert places == pytest.approx(roots, abs=1e-12) and not len(doubtful)
+    roots, doubtful = find_sign_changes(product, -3.0, 3.0)
+    assert roots == pytest.approx(expected, abs=1e-12)
+    assert not len(doubtful)
 
 
-def test_steps_of_following_end_the_search_of_modes(monkeypatch):
-    """As the claim says, with the steps along its modes; others were followed beside."""
-    made = sk.load("eight_bar_07")
-    every = PositionAnalysis(made, samples=3)
+def test_a_search_of_modes_ends_after_its_limit_of_steps(monkeypatch):
+    """The message states the modes and the steps along them; fewer modes result."""
+    mechanism = sk.load("eight_bar_07")
+    complete_search = PositionAnalysis(mechanism, samples=3)
     monkeypatch.setattr(modes_over_range, "MAX_STEPS_ALONG_MODES", 100)
-    few = PositionAnalysis(made, samples=3)
-    assert 0 < len(few.assembly_modes) < len(every.assembly_modes)
-    count = len(few.assembly_modes)
-    said = re.search(rf"stopped at {count} modes after (\d+) steps", few.search)
-    assert said is not None and int(said[1]) > 10 * count
+    short_search = PositionAnalysis(mechanism, samples=3)
+    count = len(short_search.assembly_modes)
+    assert 0 < count < len(complete_search.assembly_modes)
+    match = re.search(rf"stopped at {count} modes after (\d+) steps", short_search.search)
+    assert match is not None
+    assert int(match[1]) > 10 * count

@@ -17,38 +17,42 @@ def at_rest(made, pair):
 BEVEL_GEARS = mechanism_text("example")
 
 
-def test_the_load_and_the_thrust_of_bevel_gears(tmp_path):
-    """Teeth press along the normal of their flanks, 20 degrees off the pitch circles.
+def test_forces_of_bevel_gears_are_those_of_a_textbook(tmp_path):
+    """Forces along the pitch circles, torque and thrusts of a pair of bevel gears.
 
-    The cones roll without sliding at the pitch point, which moves with V = r w of either
-    gear, and the force W along the pitch circles does P = W V: with 5 hp (745.7 W each), r
-    = 32.84 mm and w = 62.83 rad/s of the pinion W = 1807 N, and the pinion's torque P/w =
-    59.34 N m. The point is at r / sin g from the centre with tan g = 15/45, the pinion's
-    half angle between shafts at 90 degrees. W comes with W tan 20 = 657.7 N that presses
-    the wheels apart, at right angles to the line of contact in the plane of the shafts:
-    of it sin g = 1/sqrt(10) pushes the pinion outwards along its shaft, 208.0 N, and
-    the gear 3/sqrt(10), 623.9 N. These are the W tan(phi) sin(gamma) along the shaft and W
-    tan(phi) cos(gamma) across it of textbooks (R. G. Budynas and J. K. Nisbett, Shigley's
-    Mechanical Engineering Design, chapter 13, force analysis of bevel gearing), for the
-    gears of the example there: 5 hp at 600 rev/min, 15 and 45 teeth, 20 degrees, the mean
-    pitch radius of the pinion 1.293 in, so 406 lbf along the pitch circles.
+    The example has 5 hp (745.7 W each) at 600 rev/min, 15 and 45 teeth, shafts at 90
+    degrees, a pressure angle of 20 degrees, and a mean pitch radius of the pinion r = 1.293
+    in = 32.84 mm (R. G. Budynas and J. K. Nisbett, Shigley's Mechanical Engineering Design,
+    chapter 13, force analysis of bevel gearing). By hand:
+
+    - The force along the pitch circles W does the power P = W r w, with w = 62.83 rad/s, so
+      W = 1807 N (406 lbf). The pinion's torque is P / w = 59.34 N m.
+    - The pitch point is r / sin g from the centre, with tan g = 15/45.
+    - W tan 20 = 657.7 N presses the wheels apart, across the line of contact. Its part sin
+      g = 1/sqrt(10) along the pinion's shaft is 208.0 N, its part 3/sqrt(10) along the
+      gear's shaft is 623.9 N.
     """
     text = BEVEL_GEARS.replace(
         "teeth =", "pressure_angle = 20\ndistance = 0.10385\nteeth ="
     )
     (tmp_path / "gears.toml").write_text(text)
-    made = sk.load(tmp_path / "gears.toml")
-    found = at_rest(made, "pinion_shaft")
-    assert not np.any(found.is_open) and not np.any(found.open_forces)
-    traction = found.traction[:, made.pair_number["mesh"]]
+    mechanism = sk.load(tmp_path / "gears.toml")
+    result = at_rest(mechanism, "pinion_shaft")
+    assert not np.any(result.is_open)
+    assert not np.any(result.open_forces)
+
+    # The traction of the mesh is a moment about the centre of the sphere.
+    mesh = mechanism.pair_number["mesh"]
     cone_distance = 0.03284 / np.sin(np.arctan(15 / 45))
-    assert np.abs(traction) / cone_distance == pytest.approx(1807, rel=1e-3)
-    assert np.abs(found.torques.tau) == pytest.approx(59.34, rel=1e-3)
+    tangential_force = np.abs(result.traction[:, mesh]) / cone_distance
+    assert tangential_force == pytest.approx(1807, rel=1e-3)
+    assert np.abs(result.torques.tau) == pytest.approx(59.34, rel=1e-3)
+
+    contact_line = result.frames[:, mesh, :, 2]
     for pair, thrust in (("pinion_shaft", 208.0), ("gearshaft", 623.9)):
-        number = made.pair_number[pair]
-        z = found.frames[:, number, :, 2]
-        outwards = np.sign(
-            np.sum(z * found.frames[:, made.pair_number["mesh"], :, 2], axis=1)
-        )
+        number = mechanism.pair_number[pair]
+        shaft = result.frames[:, number, :, 2]
+        outward_sign = np.sign(np.sum(shaft * contact_line, axis=1))
         # The bearings push back, towards the centre.
-        assert found.forces[:, number, 2] * outwards == pytest.approx(-thrust, rel=1e-3)
+        axial_force = result.forces[:, number, 2] * outward_sign
+        assert axial_force == pytest.approx(-thrust, rel=1e-3)
