@@ -63,25 +63,38 @@ def through(random, line):
 
 @pytest.mark.slow
 def test_superposition_gives_the_motion_of_all_inputs_together():
-    """Eq. (7) of the method: rates of each input alone, against the velocity equations."""
+    """Eq. (7) of Di Gregorio 2015: prod(c) w = sum of d_i (prod of other c) q'_i u_i.
+
+    c_i, d_i and u_i belong to the motion by input i alone. The rate w of the platform
+    (link 8) is computed from the velocity equations, for all inputs together and for each
+    alone.
+    """
     random = np.random.default_rng(1)
     for _ in range(8):
-        found, motion = at_reference(three_legs(random_axes(random, 9)))
-        assert found.type[0] == RowType.REGULAR and found.group[0] == 0
-        rates = random.normal(size=3)
-        w, _ = locked_rates(
-            motion, 0, dict(zip(motion.assembly.inputs, rates, strict=True))
-        )
-        c, d, u = found.c[0], found.d[0], found.u[0]
-        rest = np.array([np.prod(np.delete(c, i)) for i in range(3)])
-        right = (d * rest * rates) @ u
-        assert np.allclose(np.prod(c) * w[7], right, atol=1e-12 * np.linalg.norm(w[7]))
-        for k, driven in enumerate(motion.assembly.inputs):
-            alone, _ = locked_rates(motion, 0, driven)
-            assert np.allclose(found.w[0, k], alone[7], rtol=1e-9, atol=1e-11)
-            assert sine_between_lines(found.u[0, k], alone[7]) < 1e-10
-            ratio = found.output_rate[0, k] / abs(found.input_rate[0, k])
-            assert ratio == pytest.approx(np.linalg.norm(alone[7]), rel=1e-9)
+        rows, motion = at_reference(three_legs(random_axes(random, 9)))
+        assert rows.type[0] == RowType.REGULAR
+        assert rows.group[0] == 0
+        input_pairs = motion.assembly.inputs
+        input_rates = random.normal(size=3)
+        rate_by_pair = dict(zip(input_pairs, input_rates, strict=True))
+        link_rates_together, _ = locked_rates(motion, 0, rate_by_pair)
+        platform_rate = link_rates_together[7]
+
+        c = rows.c[0]
+        d = rows.d[0]
+        u = rows.u[0]
+        product_of_others = np.array([np.prod(np.delete(c, i)) for i in range(3)])
+        right_side = (d * product_of_others * input_rates) @ u
+        rounding = 1e-12 * np.linalg.norm(platform_rate)
+        assert np.allclose(np.prod(c) * platform_rate, right_side, atol=rounding)
+
+        for k, input_pair in enumerate(input_pairs):
+            link_rates_alone, _ = locked_rates(motion, 0, input_pair)
+            rate_alone = link_rates_alone[7]
+            assert np.allclose(rows.w[0, k], rate_alone, rtol=1e-9, atol=1e-11)
+            assert sine_between_lines(rows.u[0, k], rate_alone) < 1e-10
+            ratio = rows.output_rate[0, k] / abs(rows.input_rate[0, k])
+            assert ratio == pytest.approx(np.linalg.norm(rate_alone), rel=1e-9)
 
 
 PAIRS = ("p1_2", "p2_3", "p1_4")
@@ -115,43 +128,69 @@ def test_statement_1_a_stretched_leg_is_type_one(leg):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_coincident_poles_are_type_two_and_a_leg_stretched_into_their_line_type_three(seed):
-    """Statements 2 and 3, theorem 2: u1, u2, u3 coincide, the second example."""
+def test_coincident_poles_of_a_three_rrr_are_type_two(seed):
+    """Theorem 2 of Di Gregorio 2015: u_1, u_2, u_3 coincide, so all c_i vanish.
+
+    The planes of the distal axes of all legs have a common line, which is that of the u_i.
+    """
     line, axes = common(np.random.default_rng(5 + seed))
-    found, _ = at_reference(three_legs(axes))
-    assert found.type[0] == RowType.II and found.group[0] == 1
-    assert np.all(sine_between_lines(found.u[0], line) < 1e-12)
-    assert np.all(np.abs(found.c[0]) < 1e-12)
-    assert np.all(np.abs(found.input_rate[0]) < 1e-12)
-    assert np.all(np.abs(found.d[0]) > 1e-6) and found.type_one[0] > 1e-6
+    rows, _ = at_reference(three_legs(axes))
+    assert rows.type[0] == RowType.II
+    assert rows.group[0] == 1
+    assert np.all(sine_between_lines(rows.u[0], line) < 1e-12)
+    assert np.all(np.abs(rows.c[0]) < 1e-12)
+    assert np.all(np.abs(rows.input_rate[0]) < 1e-12)
+    assert np.all(np.abs(rows.d[0]) > 1e-6)
+    assert rows.type_one[0] > 1e-6
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_coincident_poles_with_a_stretched_leg_are_type_three(seed):
+    """Statement 3: the crank axis of leg 1 is in the plane of its other two axes, too."""
+    _, axes = common(np.random.default_rng(5 + seed))
     axes[0] = in_plane(np.random.default_rng(seed), axes[1], axes[2])
-    found, _ = at_reference(three_legs(axes))
-    assert found.type[0] == RowType.III and found.group[0] == 1
+    rows, _ = at_reference(three_legs(axes))
+    assert rows.type[0] == RowType.III
+    assert rows.group[0] == 1
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("seed", range(8))
-def test_theorem_1_coplanar_poles_of_regular_single_freedom_mechanisms(seed):
-    """Inputs at two pairs of one leg: its stretched pose is type I of the second group.
+def test_theorem_1_coplanar_poles_are_type_one_of_the_second_group(seed):
+    """Inputs at two pairs of one leg; that leg is stretched, so the u_i are coplanar.
 
-    With the third axis of that leg in the plane of the undriven axes of the leg that has
-    the third input it is of type III though no d vanishes: the `only if` of statement 3
-    has exceptions.
+    The triple product of the u_i vanishes although no c or d does (theorem 1 of Di
+    Gregorio 2015).
     """
     axes = random_axes(np.random.default_rng(6 + seed), 9)
-    found, _ = at_reference(three_legs(axes, PAIRS))
-    assert found.type[0] == RowType.REGULAR
-    assert abs(found.triples[0, 0]) > 1e-6
+    rows, _ = at_reference(three_legs(axes, PAIRS))
+    assert rows.type[0] == RowType.REGULAR
+    assert abs(rows.triples[0, 0]) > 1e-6
     stretched(axes)
-    found, _ = at_reference(three_legs(axes, PAIRS))
-    assert found.type[0] == RowType.I and found.group[0] == 2
-    assert abs(found.triples[0, 0]) < 1e-12
-    assert np.all(np.abs(found.c[0]) > 1e-4) and np.all(np.abs(found.d[0]) > 1e-4)
+    rows, _ = at_reference(three_legs(axes, PAIRS))
+    assert rows.type[0] == RowType.I
+    assert rows.group[0] == 2
+    assert abs(rows.triples[0, 0]) < 1e-12
+    assert np.all(np.abs(rows.c[0]) > 1e-4)
+    assert np.all(np.abs(rows.d[0]) > 1e-4)
+
+
+@pytest.mark.many
+@pytest.mark.parametrize("seed", range(8))
+def test_a_pose_can_be_of_type_three_without_a_vanishing_d(seed):
+    """An exception to the "only if" of statement 3 of Di Gregorio 2015.
+
+    In addition to the stretched leg, the third axis of that leg lies in the plane of the
+    undriven axes of the leg with the third input.
+    """
+    axes = random_axes(np.random.default_rng(6 + seed), 9)
+    stretched(axes)
     axes[4] = in_plane(np.random.default_rng(seed), axes[2], axes[5])
-    found, _ = at_reference(three_legs(axes, PAIRS))
-    assert found.type[0] == RowType.III
-    assert np.all(np.abs(found.c[0]) < 1e-12)
-    assert np.all(np.abs(found.d[0]) > 1e-4) and np.all(found.output_rate[0] > 1e-4)
+    rows, _ = at_reference(three_legs(axes, PAIRS))
+    assert rows.type[0] == RowType.III
+    assert np.all(np.abs(rows.c[0]) < 1e-12)
+    assert np.all(np.abs(rows.d[0]) > 1e-4)
+    assert np.all(rows.output_rate[0] > 1e-4)
 
 
 def near_type_two(distance):
@@ -187,15 +226,20 @@ def test_failed_rows_are_unknown_and_a_rigid_output_is_type_one():
     assert np.all(found.type == RowType.I) and np.all(found.group == 2)
 
 
-SIZES = (80.0, (70.0, 45.0), (60.0, 55.0))
-"""Base arc, and crank and coupler of both legs (deg), of a five-bar."""
+BASE_DEG = 80.0
+FIRST_LEG_DEG = (70.0, 45.0)
+SECOND_LEG_DEG = (60.0, 55.0)
+"""Base arc of a five-bar, and crank and coupler arcs of both its legs."""
 
 
 def five_bar():
-    base, (crank, coupler), (other, second) = SIZES
-    arcs = {"1": base, "2": crank, "3": coupler, "4": second, "5": other}
-    made = sk.load("five_bar").with_sizes(angle_unit="deg", arcs=arcs)
-    return made.with_inputs(ranges={"21": (0.5, 2.5), "51": (0.5, 2.5)}, angle_unit="rad")
+    """Return the five-bar with the sizes above; its inputs run from 0.5 to 2.5 rad."""
+    crank_1, coupler_1 = FIRST_LEG_DEG
+    crank_2, coupler_2 = SECOND_LEG_DEG
+    arcs = {"1": BASE_DEG, "2": crank_1, "3": coupler_1, "4": coupler_2, "5": crank_2}
+    mechanism = sk.load("five_bar").with_sizes(angle_unit="deg", arcs=arcs)
+    ranges = {"21": (0.5, 2.5), "51": (0.5, 2.5)}
+    return mechanism.with_inputs(ranges=ranges, angle_unit="rad")
 
 
 def whole(made):
@@ -204,130 +248,175 @@ def whole(made):
     return made.with_inputs(ranges=turn, angle_unit="rad")
 
 
-def with_flat_chain(kind):
-    """Return the four-bars that singular curves are motions of.
+def four_bars_of_singular_curves(kind):
+    """Return the arcs (rad) of the four-bars whose motions are the singular curves.
 
-    A stretched or folded leg is one bar to the output point; coplanar distal links are
-    one bar between the elbows.
+    Type I: a stretched or folded leg is one bar to the output point; the stretched legs
+    come first. Type II: coplanar distal links are one bar between the ends of the cranks.
     """
-    base, ((crank, coupler), (other, second)) = np.radians(SIZES[0]), np.radians(SIZES[1:])
-    if kind == "II":
-        return [(base, crank, abs(coupler + s * second), other) for s in (1, -1)]
-    return [
-        (base, abs(one + s * two), *rest)
-        for s in (1, -1)
-        for (one, two), rest in (
-            ((crank, coupler), (second, other)),
-            ((other, second), (coupler, crank)),
-        )
-    ]
+    base = np.radians(BASE_DEG)
+    crank_1, coupler_1 = np.radians(FIRST_LEG_DEG)
+    crank_2, coupler_2 = np.radians(SECOND_LEG_DEG)
+    four_bars = []
+    for sign in (1, -1):
+        if kind == "II":
+            four_bars.append((base, crank_1, abs(coupler_1 + sign * coupler_2), crank_2))
+        else:
+            leg_1 = abs(crank_1 + sign * coupler_1)
+            leg_2 = abs(crank_2 + sign * coupler_2)
+            four_bars.append((base, leg_1, coupler_2, crank_2))
+            four_bars.append((base, leg_2, coupler_1, crank_1))
+    return four_bars
 
 
-def test_five_bar_type_one_curves_are_the_borders_of_the_annuli():
-    """Circles of radius |a - b| and a + b about both fixed axes, a and b a leg's arcs.
+def test_type_one_curves_of_a_five_bar_are_the_borders_of_reach():
+    """The output lies on a circle of radius |a - b| or a + b about one of the fixed axes.
 
-    Those of the stretched legs meet where both legs are stretched: there four curves end.
+    a and b are a leg's arcs. The circles of the folded legs are closed curves. Those of the
+    stretched legs meet where both legs are stretched, so that four curves end there.
     """
-    made = five_bar()
-    found = singular_curves(whole(made), "I", pointing="43", slices_of_each=2)
-    stretched, folded = with_flat_chain("I")[:2], with_flat_chain("I")[2:]
-    assert sum(each.closed for each in found.curves) == sum(
-        map(count_configuration_curves, folded)
-    )
-    assert [count_configuration_curves(bars) for bars in stretched] == [1, 1]
-    assert sum(not each.closed for each in found.curves) == 4 and not len(found.stray)
-    legs = np.radians(SIZES[1:])
-    for each in found.curves:
-        values = each.points.values
-        assert np.max(each.points.residual) < 1e-12
-        axes = axes_at_configuration(made, values)
-        assert np.allclose(each.points.pointing, axes[:, 2], atol=1e-13)
-        cosines = [np.sum(axes[:, k] * axes[:, 2], axis=1) for k in (0, 4)]
-        sign = -1 if each.closed else 1
-        on = [
-            np.max(np.abs(c - np.cos(leg @ [1, sign]))) < 1e-13
-            for c, leg in zip(cosines, legs, strict=True)
-        ]
-        assert sum(on) == 1
-        assert np.max(each.points.output_rate) < 1e-12 < np.min(each.points.input_rate)
-        if not each.closed:
-            assert each.traced[1].ends == (Status.AT_SINGULARITY, Status.AT_SINGULARITY)
+    mechanism = five_bar()
+    result = singular_curves(whole(mechanism), "I", pointing="43", slices_of_each=2)
+    four_bars = four_bars_of_singular_curves("I")
+    stretched_legs, folded_legs = four_bars[:2], four_bars[2:]
+    closed_count = sum(count_configuration_curves(bars) for bars in folded_legs)
+    assert sum(curve.closed for curve in result.curves) == closed_count
+    assert [count_configuration_curves(bars) for bars in stretched_legs] == [1, 1]
+    assert sum(not curve.closed for curve in result.curves) == 4
+    assert not len(result.stray)
+
+    legs = (np.radians(FIRST_LEG_DEG), np.radians(SECOND_LEG_DEG))
+    for curve in result.curves:
+        values = curve.points.values
+        assert np.max(curve.points.residual) < 1e-12
+        axes = axes_at_configuration(mechanism, values)
+        output = axes[:, 2]
+        assert np.allclose(curve.points.pointing, output, atol=1e-13)
+        # Pairs 0 and 4 are the fixed axes.
+        leg_is_on_circle = []
+        for fixed_axis, (crank, coupler) in zip((0, 4), legs, strict=True):
+            radius = crank - coupler if curve.closed else crank + coupler
+            cosine = np.sum(axes[:, fixed_axis] * output, axis=1)
+            leg_is_on_circle.append(np.max(np.abs(cosine - np.cos(radius))) < 1e-13)
+        assert sum(leg_is_on_circle) == 1
+        assert np.max(curve.points.output_rate) < 1e-12
+        assert np.min(curve.points.input_rate) > 1e-12
+        if not curve.closed:
+            singular_ends = (Status.AT_SINGULARITY, Status.AT_SINGULARITY)
+            assert curve.traced[1].ends == singular_ends
+            # Both elbows (variables 1 and 3) are stretched at the ends.
             assert np.max(np.abs(np.sin(values[[0, -1]][:, [1, 3]]))) < 1e-4
 
 
 @pytest.mark.slow
-def test_five_bar_type_two_curves_have_coplanar_distal_axes():
-    made = five_bar()
-    found = singular_curves(whole(made), "II", pointing="43", slices_of_each=5)
-    assert len(found.curves) == sum(map(count_configuration_curves, with_flat_chain("II")))
-    assert not len(found.stray)
-    both = np.concatenate([each.both.values for each in found.curves])
-    seen = coefficients(make_motion(solver_of(made), both), output_of(made, pointing="43"))
-    assert len(both) and np.all(seen.type == RowType.III)
-    for each in found.curves:
-        assert each.closed
-        axes = axes_at_configuration(made, each.points.values)
-        assert np.max(np.abs(np.linalg.det(axes[:, 1:4]))) < 1e-12
-        assert np.min(each.points.output_rate) > 0.1
-        gaps = np.linalg.norm(np.diff(each.points.values, axis=0), axis=1)
-        assert np.max(gaps) < 0.31 and np.all(np.diff(each.s) >= gaps - 1e-12)
-        arc = np.sum(axes[:, 1] * axes[:, 3], axis=1)
-        legs = np.radians([SIZES[1][1], SIZES[2][1]])
-        flat = np.cos([legs[0] + legs[1], legs[0] - legs[1]])
-        flat = flat[np.argmin(np.abs(flat - arc[0]))]
-        assert np.max(np.abs(elbows(*each.points.inputs.T) - flat)) < 1e-13
+def test_type_two_curves_of_a_five_bar_have_coplanar_distal_axes():
+    """On each curve the elbows are as far apart as the couplers reach, in or out.
 
-
-def elbows(first, second):
-    """Return the cosine of the arc between the elbows at inputs (rad).
-
-    The variable of a crank is its angle about its axis from the base's arc, which at the
-    second axis runs towards the first.
+    Marked points of type III lie on the curves. Successive points are at most 0.31 rad
+    apart.
     """
-    base, crank, other = np.radians([SIZES[0], SIZES[1][0], SIZES[2][0]])
-    one = -np.sin(crank) * np.sin(first), np.sin(crank) * np.cos(first), np.cos(crank)
-    along, aside = np.sin(other) * np.cos(second), np.sin(other) * np.sin(second)
-    two = (
-        aside,
-        np.cos(other) * np.sin(base) - along * np.cos(base),
-        np.cos(other) * np.cos(base) + along * np.sin(base),
+    mechanism = five_bar()
+    result = singular_curves(whole(mechanism), "II", pointing="43", slices_of_each=5)
+    four_bars = four_bars_of_singular_curves("II")
+    assert len(result.curves) == sum(map(count_configuration_curves, four_bars))
+    assert not len(result.stray)
+
+    points_of_both_types = np.concatenate([curve.both.values for curve in result.curves])
+    assert len(points_of_both_types)
+    motion = make_motion(solver_of(mechanism), points_of_both_types)
+    rows = coefficients(motion, output_of(mechanism, pointing="43"))
+    assert np.all(rows.type == RowType.III)
+
+    coupler_1, coupler_2 = np.radians([FIRST_LEG_DEG[1], SECOND_LEG_DEG[1]])
+    cosines_in_line = np.cos([coupler_1 + coupler_2, coupler_1 - coupler_2])
+    for curve in result.curves:
+        assert curve.closed
+        axes = axes_at_configuration(mechanism, curve.points.values)
+        distal_axes = axes[:, 1:4]
+        assert np.max(np.abs(np.linalg.det(distal_axes))) < 1e-12
+        assert np.min(curve.points.output_rate) > 0.1
+
+        chords = np.linalg.norm(np.diff(curve.points.values, axis=0), axis=1)
+        assert np.max(chords) < 0.31
+        assert np.all(np.diff(curve.s) >= chords - 1e-12)
+
+        first_cosine = axes[0, 1] @ axes[0, 3]
+        nearest = np.argmin(np.abs(cosines_in_line - first_cosine))
+        cosines = cosine_between_elbows(*curve.points.inputs.T)
+        assert np.max(np.abs(cosines - cosines_in_line[nearest])) < 1e-13
+
+
+def cosine_between_elbows(first_input, second_input):
+    """Return the cosine of the arc between the elbows at two inputs in rad.
+
+    The elbows are the free ends of both cranks. In the frame used, the first fixed axis is
+    z and the base arc lies in the y-z plane. The input of a crank is its angle about its
+    axis from the base arc, which at the second axis points towards the first.
+    """
+    base, crank_1, crank_2 = np.radians([BASE_DEG, FIRST_LEG_DEG[0], SECOND_LEG_DEG[0]])
+    first_elbow = (
+        -np.sin(crank_1) * np.sin(first_input),
+        np.sin(crank_1) * np.cos(first_input),
+        np.cos(crank_1),
     )
-    return sum(a * b for a, b in zip(one, two, strict=True))
+    along_base = np.sin(crank_2) * np.cos(second_input)
+    second_elbow = (
+        np.sin(crank_2) * np.sin(second_input),
+        np.cos(crank_2) * np.sin(base) - along_base * np.cos(base),
+        np.cos(crank_2) * np.cos(base) + along_base * np.sin(base),
+    )
+    return sum(a * b for a, b in zip(first_elbow, second_elbow, strict=True))
 
 
-def test_cusps_of_a_three_rrr_with_one_input_locked(monkeypatch):
-    """At a cusp the curve turns back in the plane of the inputs: their tangent vanishes."""
-    free = sk.load("three_rrr")
-    locked = sk.lock(free, {free.input_pairs[2]: free.inputs[2].start}, angle_unit="rad")
-    tracer = PositionAnalysis(locked, samples=3)
-    motion, driven = tracer.motion(), tracer.solver.driven
+def test_the_inputs_rest_at_a_cusp_of_a_singular_curve(monkeypatch):
+    """A 3-RRR with one input locked: its singular curve has cusps in the plane of inputs.
+
+    At a cusp the tangent of the curve has no component along the inputs, so it is the
+    motion with locked inputs itself.
+    """
+    mechanism = sk.load("three_rrr")
+    third_input = mechanism.inputs[2]
+    locked = sk.lock(mechanism, {third_input.pair: third_input.start}, angle_unit="rad")
+    position_analysis = PositionAnalysis(locked, samples=3)
+    motion = position_analysis.motion()
+    driven = position_analysis.solver.driven
     values = motion.values[~motion.failed][0]
-    locus = SingularityLocus(tracer.solver.closure, 2, InputsLocked(driven))
+    closure = position_analysis.solver.closure
+    locus = SingularityLocus(closure, 2, InputsLocked(driven))
     monkeypatch.setattr(curve_tracing, "MAX_SINGULAR_CURVE_LENGTH_RAD", 20.0)
     (curve,) = trace_curves(locus, locus.project(values[None]))
     assert curve is not None
     cusps = curve.cusps()
     assert len(cusps) >= 2
-    assert np.max(np.abs(cusps.tangents[:, list(driven), 0])) < 1e-7
-    along = np.abs(np.sum(cusps.tangents[:, :, 0] * cusps.motions, axis=1))
-    assert np.all(along > 1.0 - 1e-12)
+    tangents = cusps.tangents[:, :, 0]
+    assert np.max(np.abs(tangents[:, list(driven)])) < 1e-7
+    cosines = np.abs(np.sum(tangents * cusps.motions, axis=1))
+    assert np.all(cosines > 1.0 - 1e-12)
 
 
-def test_aspects_of_a_five_bar_against_a_flood_fill():
-    """Each sign of the dyad has the parts of the square where the elbows are in reach."""
-    made = five_bar()
-    found = aspects(whole(made), 25)
-    first, second = np.meshgrid(*[np.linspace(-np.pi, np.pi, 241)] * 2, indexing="ij")
-    _, (_, coupler), (_, far) = SIZES
-    cosine = elbows(first, second)
-    low, high = np.cos(np.radians(coupler + far)), np.cos(np.radians(coupler - far))
-    inside = (cosine > low) & (cosine < high)
-    _, count = ndimage.label(inside)
-    big = found.sizes > 2
-    assert np.sum(big) == 2 * count
-    assert set(found.sign_two[big]) == {1, -1} and np.all(found.modes == 1)
-    sampled = inside[::10, ::10]
-    assert len(found.values) == 2 * np.sum(sampled)
+def test_aspects_of_a_five_bar_are_regions_of_a_flood_fill():
+    """Aspects are the parts of the space of configurations free of type II.
+
+    The square of both inputs (a turn each) is sampled at 241 x 241 points; the dyad
+    closes where the elbows are within reach of the couplers. Connected regions are counted
+    by an image library. Each region is two aspects, one for each sign of the dyad. The
+    analysis uses every tenth point of that grid.
+    """
+    result = aspects(whole(five_bar()), 25)
+    angles = np.linspace(-np.pi, np.pi, 241)
+    first_input, second_input = np.meshgrid(angles, angles, indexing="ij")
+    cosine = cosine_between_elbows(first_input, second_input)
+    coupler_1, coupler_2 = FIRST_LEG_DEG[1], SECOND_LEG_DEG[1]
+    stretched_cosine = np.cos(np.radians(coupler_1 + coupler_2))
+    folded_cosine = np.cos(np.radians(coupler_1 - coupler_2))
+    closes = (cosine > stretched_cosine) & (cosine < folded_cosine)
+    _, region_count = ndimage.label(closes)
+
+    is_large = result.sizes > 2
+    assert np.sum(is_large) == 2 * region_count
+    assert set(result.sign_two[is_large]) == {1, -1}
+    assert np.all(result.modes == 1)
+    assert len(result.values) == 2 * np.sum(closes[::10, ::10])
 
 
 def test_aspects_free_of_both_types_split_by_signs():
@@ -339,22 +428,34 @@ def test_aspects_free_of_both_types_split_by_signs():
 
 
 @pytest.mark.slow
-def test_surface_of_type_two_in_a_three_rrr(monkeypatch):
-    """Vertices: distal planes of the legs with a common line. Edges: two triangles each."""
-    made = sk.load("three_rrr")
+def test_the_surface_of_type_two_of_a_three_rrr_is_a_sound_mesh(monkeypatch):
+    """At each vertex the planes of the distal axes of all legs have a common line.
+
+    Each edge belongs to two triangles, or to one at the border. Edges are about 0.3 rad
+    long, as asked for. The mesh stops at 80 vertices and says so.
+    """
+    mechanism = sk.load("three_rrr")
     monkeypatch.setattr(surface_front, "MAX_FRONT_VERTICES", 80)
-    mesh = singular_surface(whole(made), "II", slices_of_each=1, side=0.3)
+    mesh = singular_surface(whole(mechanism), "II", slices_of_each=1, side=0.3)
     assert str(mesh.claim).endswith("searched; stopped at 80 vertices")
     assert np.max(mesh.points.residual) < 1e-12
-    axes = axes_at_configuration(made, mesh.points.values)
-    normals = np.stack([np.cross(axes[:, k + 1], axes[:, k + 2]) for k in (0, 3, 6)], 1)
+
+    axes = axes_at_configuration(mechanism, mesh.points.values)
+    first_pairs = (0, 3, 6)
+    normals = [np.cross(axes[:, k + 1], axes[:, k + 2]) for k in first_pairs]
+    normals = np.stack(normals, axis=1)
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     assert np.max(np.abs(np.linalg.det(normals))) < 1e-12
-    sides = np.concatenate([mesh.triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))])
-    edges, often = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
-    assert np.max(often) == 2
-    assert np.array_equal(edges[often == 1], mesh.border)
-    away = mesh.points.values[edges[:, 0]] - mesh.points.values[edges[:, 1]]
-    away -= 2.0 * np.pi * np.round(away / (2.0 * np.pi))
-    lengths = np.linalg.norm(away, axis=1)
-    assert np.max(lengths) < 0.75 and np.median(lengths) == pytest.approx(0.3, abs=0.06)
+
+    sides = [mesh.triangles[:, [a, b]] for a, b in ((0, 1), (1, 2), (2, 0))]
+    sides = np.sort(np.concatenate(sides), axis=1)
+    edges, triangle_counts = np.unique(sides, axis=0, return_counts=True)
+    assert np.max(triangle_counts) == 2
+    assert np.array_equal(edges[triangle_counts == 1], mesh.border)
+
+    values = mesh.points.values
+    differences = values[edges[:, 0]] - values[edges[:, 1]]
+    differences -= 2.0 * np.pi * np.round(differences / (2.0 * np.pi))
+    lengths = np.linalg.norm(differences, axis=1)
+    assert np.max(lengths) < 0.75
+    assert np.median(lengths) == pytest.approx(0.3, abs=0.06)

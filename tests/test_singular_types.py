@@ -38,44 +38,69 @@ RANK = 1e-7
 
 
 def rank(matrix):
-    return np.sum(np.linalg.svd(matrix, compute_uv=False) > RANK) if matrix.size else 0
+    """Return the number of singular values above `RANK`, 0 for an empty matrix."""
+    if not matrix.size:
+        return 0
+    return np.sum(np.linalg.svd(matrix, compute_uv=False) > RANK)
 
 
-def kernel_type(made, values, output):
-    """Return the type of a configuration (V,): which motions the links' rates allow.
+def kernel_type(mechanism, values, output):
+    """Return the type of one configuration from the kernel of its velocity equations.
 
     Unknown are the angular velocities of all links but the first and the rates of all R
-    pairs, whose axes join them; no loop and no tree is chosen.
+    pairs. The equations w_b - w_a = rate u of all pairs are written out, so that no loop
+    and no tree is chosen. Their kernel has all motions that the links can do.
+
+    - Type II: the output can move while the inputs rest. Type I: the inputs can move
+      while the output rests, more than their number in excess of the output's freedoms
+      makes necessary. Type III: both.
+    - Self-motion: links can move while inputs and output rest.
+
+    Parameters
+    ----------
+    values
+        (V,) variables of the configuration in rad.
     """
-    at = solver_of(made).closure.at(values[None])
-    links, pairs = len(made.links), len(made.pairs)
-    equations = np.zeros((3 * pairs, 3 * links + pairs))
-    for k, (a, b) in enumerate(made.ends):
+    closure = solver_of(mechanism).closure.at(values[None])
+    link_count = len(mechanism.links)
+    pair_count = len(mechanism.pairs)
+    equations = np.zeros((3 * pair_count, 3 * link_count + pair_count))
+    for k, (a, b) in enumerate(mechanism.ends):
         rows = slice(3 * k, 3 * k + 3)
         equations[rows, 3 * a : 3 * a + 3] -= np.eye(3)
         equations[rows, 3 * b : 3 * b + 3] += np.eye(3)
-        equations[rows, 3 * links + k] = -at.axes[0, k]
+        equations[rows, 3 * link_count + k] = -closure.axes[0, k]
     motions = null_space(equations[:, 3:], rcond=1e-9)
-    w = np.concatenate([np.zeros((3, motions.shape[1])), motions])
-    o, s = (made.link_number[name] for name in (output.link, output.relative_to))
-    turning = w[3 * o : 3 * o + 3] - w[3 * s : 3 * s + 3]
+    motion_count = motions.shape[1]
+    rates = np.concatenate([np.zeros((3, motion_count)), motions])
+
+    # Rates of the output (3 or 2 freedoms) and of the inputs in each motion.
+    link = mechanism.link_number[output.link]
+    relative_to = mechanism.link_number[output.relative_to]
+    output_rates = rates[3 * link : 3 * link + 3]
+    output_rates = output_rates - rates[3 * relative_to : 3 * relative_to + 3]
     freedoms = 3
-    if output.direction is not None and len(made.inputs) == 2:
-        direction = at.rotations[0, o] @ np.array(output.direction)
-        turning = turning - np.outer(direction, direction @ turning)
+    if output.direction is not None and len(mechanism.inputs) == 2:
+        # Turning about its own direction does not move an output that points.
+        direction = closure.rotations[0, link] @ np.array(output.direction)
+        output_rates = output_rates - np.outer(direction, direction @ output_rates)
         freedoms = 2
-    driven = [made.pair_number[item.pair] for item in made.inputs]
-    inputs = w[3 * links :][driven]
-    count = motions.shape[1]
-    both = count - rank(np.concatenate([inputs, turning]))
-    idle = max(min(count - both, len(driven)) - freedoms, 0)
-    crossed = count > len(driven)
-    held = crossed or count - rank(turning) - both == idle
-    if count - rank(inputs) != both:
-        return "II" if held else "III"
-    if not held:
+    input_pairs = [mechanism.pair_number[item.pair] for item in mechanism.inputs]
+    input_count = len(input_pairs)
+    input_rates = rates[3 * link_count :][input_pairs]
+
+    both_rest = motion_count - rank(np.concatenate([input_rates, output_rates]))
+    inputs_rest = motion_count - rank(input_rates)
+    output_rests = motion_count - rank(output_rates)
+    # With more inputs than freedoms, some inputs can always move with the output at rest.
+    idle_inputs = max(min(motion_count - both_rest, input_count) - freedoms, 0)
+    is_crossing = motion_count > input_count
+    is_type_1_free = is_crossing or output_rests - both_rest == idle_inputs
+    if inputs_rest != both_rest:
+        return "II" if is_type_1_free else "III"
+    if not is_type_1_free:
         return "I"
-    return "self-motion" if both or crossed else "regular"
+    return "self-motion" if both_rest or is_crossing else "regular"
 
 
 def of_rows(frame, made):
@@ -113,7 +138,7 @@ DRIVEN = posed(
 
 @pytest.mark.many
 @pytest.mark.parametrize(
-    ("made", "expected"),
+    ("mechanism", "expected"),
     [
         pytest.param(
             PASSIVE, {"3/1": {"I", "II", "III", "self-motion"}}, marks=pytest.mark.slow
@@ -125,25 +150,32 @@ DRIVEN = posed(
     ],
     ids=["passive leg", "crank", "crank to crank", "one leg", "driven by a four-bar"],
 )
-def test_a_row_is_what_the_links_can_do_there(made, expected):
-    """The row alone names its configuration; its type is that of the output."""
-    result = sk.run(made, f"{NAME}:input_grid=0,slices=1", samples=3)
+def test_types_of_singular_rows_are_those_of_the_kernel(mechanism, expected):
+    """Each row of the table names a closed configuration and the type of its output there.
+
+    `expected` has the types that can occur, by output. Of the rows of an output about 60
+    are compared with the kernel of the velocity equations. Outputs 2/1 and 7/1 are also
+    singular in every configuration, which a row of its own says.
+    """
+    result = sk.run(mechanism, f"{NAME}:input_grid=0,slices=1", samples=3)
     frame = result.frame(NAME)
-    for name, kinds in expected.items():
+    for name, types in expected.items():
         rows = frame[frame.output == name]
-        assert set(rows.kind) <= kinds
-        always = rows[rows.note == "in every configuration"]
-        assert len(always) == (name in ("2/1", "7/1"))
-        rows = rows.drop(always.index)
-        assert set(rows.kind) >= kinds - {"I", "II", "III"}
-        (output,) = (o for o in made.outputs if f"{o.link}/{o.relative_to}" == name)
-        values = of_rows(rows, made)
-        assert (
-            np.max(solver_of(made).closure.at(values).closure_residual, initial=0.0) < 1e-12
+        assert set(rows.kind) <= types
+        rows_for_every_configuration = rows[rows.note == "in every configuration"]
+        assert len(rows_for_every_configuration) == (name in ("2/1", "7/1"))
+        rows = rows.drop(rows_for_every_configuration.index)
+        assert set(rows.kind) >= types - {"I", "II", "III"}
+
+        (output,) = (
+            item for item in mechanism.outputs if f"{item.link}/{item.relative_to}" == name
         )
+        values = of_rows(rows, mechanism)
+        closure = solver_of(mechanism).closure.at(values)
+        assert np.max(closure.closure_residual, initial=0.0) < 1e-12
         step = 1 + len(rows) // 60
-        for kind, here in zip(rows.kind[::step], values[::step], strict=True):
-            assert kernel_type(made, here, output) == kind
+        for kind, configuration in zip(rows.kind[::step], values[::step], strict=True):
+            assert kernel_type(mechanism, configuration, output) == kind
     remarks = " ".join(result.summary["remarks"])
     assert "stopped after" not in remarks
 
@@ -190,11 +222,16 @@ def test_axes_that_coincide_are_not_called_coplanar(name):
         assert "coincide" in text and "coplanar" not in text
 
 
-def drawn(number):
-    """Return a random mechanism: a chain, passive and coupled legs, any pairs driven."""
-    random = np.random.default_rng(number)
-    freedoms = 3 if number % 5 == 4 else 2
-    kind = number % 3
+def random_mechanism_with_outputs(seed):
+    """Return a random mechanism with two or three inputs and three outputs.
+
+    Seeds choose between a random chain, a five-bar with a passive leg, a five-bar with a
+    coupled leg, and three legs. The outputs are the relative positions of two random pairs
+    of links, and of the links of the first input.
+    """
+    random = np.random.default_rng(seed)
+    freedoms = 3 if seed % 5 == 4 else 2
+    kind = seed % 3
     if freedoms == 3:
         edges = parse_chain("1-2 2-3 3-4 1-5 5-6 6-4 1-7 7-8 8-4")
     elif kind == 0:
@@ -206,15 +243,18 @@ def drawn(number):
         edges += [(int(a), 11), (11, 12), (12, int(b))]
     if kind == 2 and freedoms == 2:
         edges += parse_chain("1-11 11-12 12-2")
-    made = choose_random_inputs(
-        random, mechanism_from_chain(edges, random_axes(random, len(edges))), freedoms
-    )
-    assert made is not None
-    links = [random.choice(made.links, 2, replace=False) for _ in range(2)]
-    links.append(made.pairs[made.pair_number[made.inputs[0].pair]].links)
+    chain = mechanism_from_chain(edges, random_axes(random, len(edges)))
+    mechanism = choose_random_inputs(random, chain, freedoms)
+    assert mechanism is not None
+    link_pairs = [random.choice(mechanism.links, 2, replace=False) for _ in range(2)]
+    first_input = mechanism.pair_number[mechanism.inputs[0].pair]
+    link_pairs.append(mechanism.pairs[first_input].links)
     directions = (None if freedoms == 3 else AHEAD, None, None)
-    outputs = [(*two, way) for two, way in zip(links, directions, strict=True)]
-    return declared(made, made.input_pairs, outputs)
+    outputs = [
+        (link, relative_to, direction)
+        for (link, relative_to), direction in zip(link_pairs, directions, strict=True)
+    ]
+    return declared(mechanism, mechanism.input_pairs, outputs)
 
 
 def closed(solver, count):
@@ -228,48 +268,59 @@ def closed(solver, count):
     return solution.values[solution.closure_residual < 1e-12][:count]
 
 
-def check_types(made, count):
-    """Compare what is said of rows and of loci with the kernel; return the types met."""
-    solver = solver_of(made)
-    met = []
-    for output in made.outputs:
-        rest = output_of(made, output.name)
-        rest = replace(rest, pointing=None if len(made.inputs) > 2 else output.direction)
-        views = {
-            kind: SingularityReport.for_output(solver, rest, kind)
+def check_types(mechanism, count):
+    """Compare types of regular and singular configurations with the kernel.
+
+    For each output up to `count` configurations are projected to the loci (sets) of
+    types II, I and self-motion. Configurations near a type or near where two loci meet are
+    left out, since rounding decides there.
+
+    Returns
+    -------
+    Names of the types that were compared, one for each configuration.
+    """
+    solver = solver_of(mechanism)
+    compared_types = []
+    for output in mechanism.outputs:
+        pole = output_of(mechanism, output.name)
+        has_direction = len(mechanism.inputs) <= 2
+        pole = replace(pole, pointing=output.direction if has_direction else None)
+        reports = {
+            kind: SingularityReport.for_output(solver, pole, kind)
             for kind in ("II", "I", "self-motion")
         }
-        values = closed(solver, count)
-        rows = [values[:6]]
-        for kind, view in views.items():
-            if is_singular_everywhere(view):
-                assert kernel_type(made, values[0], output) == kind
+        regular_values = closed(solver, count)
+        configurations = [regular_values[:6]]
+        for kind, report in reports.items():
+            if is_singular_everywhere(report):
+                assert kernel_type(mechanism, regular_values[0], output) == kind
                 continue
-            points = points_from(view.locus, values, solver.driven).values
-            rows.append(points[:8])
+            points = points_from(report.locus, regular_values, solver.driven).values
+            configurations.append(points[:8])
             if kind == "II":
-                assert np.all(view.has_type(view.types(points)))
-        rows = np.concatenate(rows)
-        told = coefficients(make_motion(solver, rows), rest)
-        measure = Transmission.from_mechanism(made, output).measure_configurations(
-            solver.closure, rows
-        )
-        assert np.max(np.abs(told.type_two - measure)) < 1e-12
-        whole = views["II"].locus
-        for k, here in enumerate(rows):
-            kind = kernel_type(made, here, output)
-            clear = min(told.type_two[k], told.type_one[k], told.hold[k])
-            if SINGULAR_TRANSMISSION < 1e3 * clear < 1.0:
-                continue  # near a type, or where two loci meet
-            assert views["II"].types(here[None])[0] == told.type[k]
-            assert kind == {0: "regular", 4: "self-motion"}.get(
-                int(told.type[k]), "I" * int(told.type[k])
-            )
+                assert np.all(report.has_type(report.types(points)))
+        configurations = np.concatenate(configurations)
+
+        rows = coefficients(make_motion(solver, configurations), pole)
+        transmission = Transmission.from_mechanism(mechanism, output)
+        measure = transmission.measure_configurations(solver.closure, configurations)
+        assert np.max(np.abs(rows.type_two - measure)) < 1e-12
+
+        type_2_locus = reports["II"].locus
+        for k, configuration in enumerate(configurations):
+            kind = kernel_type(mechanism, configuration, output)
+            least = min(rows.type_two[k], rows.type_one[k], rows.hold[k])
+            if SINGULAR_TRANSMISSION < 1e3 * least < 1.0:
+                continue
+            assert reports["II"].types(configuration[None])[0] == rows.type[k]
+            # The codes are 0 regular, 1 to 3 types I to III, 4 self-motion.
+            code = int(rows.type[k])
+            assert kind == {0: "regular", 4: "self-motion"}.get(code, "I" * code)
             if kind in ("II", "III"):
-                measure = whole.measure(whole.tangent_space(here[None]))
-                assert measure.smallest_singular_value[0] < RANK
-            met.append(kind)
-    return met
+                tangents = type_2_locus.tangent_space(configuration[None])
+                assert type_2_locus.measure(tangents).smallest_singular_value[0] < RANK
+            compared_types.append(kind)
+    return compared_types
 
 
 LONG = pytest.param(range(12, 200), marks=pytest.mark.long)
@@ -277,34 +328,49 @@ LONG = pytest.param(range(12, 200), marks=pytest.mark.long)
 
 @pytest.mark.slow
 @pytest.mark.many
-@pytest.mark.parametrize("numbers", [range(0, 4), range(4, 12), LONG])
-def test_random_mechanisms_by_the_kernel(numbers):
-    met = [kind for number in numbers for kind in check_types(drawn(number), 8)]
-    assert {"regular", "I", "II", "self-motion"} <= set(met)
+@pytest.mark.parametrize("seeds", [range(0, 4), range(4, 12), LONG])
+def test_types_of_random_mechanisms_are_those_of_the_kernel(seeds):
+    compared_types = []
+    for seed in seeds:
+        compared_types += check_types(random_mechanism_with_outputs(seed), 8)
+    assert {"regular", "I", "II", "self-motion"} <= set(compared_types)
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr", "agile_eye", "two_dof_spm"])
-def test_shipped_mechanisms_by_the_kernel(name):
-    """Rows, loci, inverse kinematics and the kernel say the same of one configuration."""
-    made = sk.load(name)
-    met = check_types(made, 16)
-    assert "regular" in met and "I" in met
-    kinematics = output_kinematics(made)
-    solver, rest = solver_of(made), output_of(made)
+def test_types_of_shipped_mechanisms_are_those_of_the_kernel(name):
+    compared_types = check_types(sk.load(name), 16)
+    assert "regular" in compared_types
+    assert "I" in compared_types
+
+
+@pytest.mark.many
+@pytest.mark.parametrize("name", ["five_bar", "three_rrr", "agile_eye", "two_dof_spm"])
+def test_measures_of_singularities_agree_with_inverse_kinematics(name):
+    """Twenty random poses: the measure of type II is equal, that of type I is bounded.
+
+    Rates of inputs q' = P w follow from that of the output. Inverse kinematics has
+    type_1 = 1 / |row i of P| for each input i, and the singularities type_one = 1 /
+    hypot(1, |P|) for all. So |P| lies between the largest row's size and sqrt(inputs)
+    times that.
+    """
+    mechanism = sk.load(name)
+    kinematics = output_kinematics(mechanism)
     random = np.random.default_rng(4)
     poses = random.normal(size=(20, 3 if kinematics.points else 4))
     poses /= np.linalg.norm(poses, axis=1, keepdims=True)
     if not kinematics.points:
         poses = Rotation.from_quat(poses).as_matrix()
-    pairs = range(len(made.pairs))
-    rows = kinematics.inverse(poses, kinematics.labels, pairs)
-    good = np.flatnonzero(rows.solved & np.isfinite(rows.values).all(axis=1))
-    told = coefficients(make_motion(solver, rows.values[good]), rest)
-    assert np.max(np.abs(told.type_two - rows.type_2[good])) < 1e-12
-    # type_1 of input i is 1 / |row i of P| for q' = P w; type_one 1 / hypot(1, |P|)
-    least = np.min(rows.type_1[good], axis=1)
-    slope = 1.0 / np.tan(np.arcsin(told.type_one))
-    count = len(made.inputs)
-    assert np.all(slope < np.sqrt(count) / least * (1.0 + 1e-9))
-    assert np.all(slope > 1.0 / least * (1.0 - 1e-9))
+    pairs = range(len(mechanism.pairs))
+    solutions = kinematics.inverse(poses, kinematics.labels, pairs)
+    is_reached = solutions.solved & np.isfinite(solutions.values).all(axis=1)
+    reached = np.flatnonzero(is_reached)
+
+    motion = make_motion(solver_of(mechanism), solutions.values[reached])
+    rows = coefficients(motion, output_of(mechanism))
+    assert np.max(np.abs(rows.type_two - solutions.type_2[reached])) < 1e-12
+    largest_row_size = 1.0 / np.min(solutions.type_1[reached], axis=1)
+    size_of_P = 1.0 / np.tan(np.arcsin(rows.type_one))
+    input_count = len(mechanism.inputs)
+    assert np.all(size_of_P < np.sqrt(input_count) * largest_row_size * (1.0 + 1e-9))
+    assert np.all(size_of_P > largest_row_size * (1.0 - 1e-9))

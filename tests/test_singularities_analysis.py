@@ -26,51 +26,65 @@ Z, SLANT = np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.6, 0.8])
 
 
 @pytest.fixture(scope="module")
-def rocker():
-    pages = SceneListener()
-    result = sk.run(four_bar(ROCKER), NAME, samples=61, recorder=pages)
+def rocker_result():
+    """Return the result of a double-rocker, and the listener that has its pages."""
+    listener = SceneListener()
+    result = sk.run(four_bar(ROCKER), NAME, samples=61, recorder=listener)
     assert not result.failures
-    return result, pages
+    return result, listener
 
 
-def silent(frame):
+def columns_with_missing_numbers(frame):
     """Return the columns with NaN in rows whose status is OK."""
     good = frame[frame["status"].astype(str) == "OK"]
     numbers = good.select_dtypes("number")
     return set(numbers.columns[numbers.isna().any()])
 
 
-def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker):
-    """By the cosine theorem, with kinds, assembly modes and conditions."""
-    frame = rocker[0].frame()
-    still, dead = (frame[frame["kind"] == kind] for kind in ("I", "II"))
-    angles = np.sort(np.mod(angles_with_links_in_line(*ROCKER), 2.0 * np.pi))
-    assert len(dead) == len(angles) > 0 and len(frame) == len(dead) + len(still)
-    assert np.max(np.abs(np.sort(dead["q"]) - angles)) < 1e-12
-    assert set(dead["reversal"]) == {"input"} and set(still["reversal"]) <= {"output"}
-    assert all(len(modes.split("+")) == 2 for modes in dead["assembly_mode"])
-    for kind, rows in (("I", still), ("II", dead)):
+def test_dead_centres_of_a_rocker_are_where_two_links_are_in_line(rocker_result):
+    """Inputs at which coupler and rocker are in line follow from the cosine theorem.
+
+    At such a dead centre (type II) the input reverses and two assembly modes meet; at a
+    singularity of type I the output reverses. Conditions I.3 and II.3 hold at both.
+    """
+    frame = rocker_result[0].frame()
+    type_1 = frame[frame["kind"] == "I"]
+    type_2 = frame[frame["kind"] == "II"]
+    expected = np.sort(np.mod(angles_with_links_in_line(*ROCKER), 2.0 * np.pi))
+    assert len(type_2) == len(expected) > 0
+    assert len(frame) == len(type_2) + len(type_1)
+    assert np.max(np.abs(np.sort(type_2["q"]) - expected)) < 1e-12
+    assert set(type_2["reversal"]) == {"input"}
+    assert set(type_1["reversal"]) <= {"output"}
+    assert all(len(modes.split("+")) == 2 for modes in type_2["assembly_mode"])
+    for kind, rows in (("I", type_1), ("II", type_2)):
         assert all(f"{kind}.3" in labels.split() for labels in rows["condition"])
-    for name, word in (("certain", "yes"), ("double", "no"), ("guarantee", "complete")):
-        assert set(frame[name]) == {word}
-    assert np.all(frame["residual"] < 1e-9) and np.all(frame["note"] != "")
+    assert set(frame["certain"]) == {"yes"}
+    assert set(frame["double"]) == {"no"}
+    assert set(frame["guarantee"]) == {"complete"}
+    assert np.all(frame["residual"] < 1e-9)
+    assert np.all(frame["note"] != "")
 
 
-def test_the_relation_holds_in_every_row(rocker):
-    frame = rocker[0].frame(NAME, "relation")
+def test_the_relation_holds_in_every_row(rocker_result):
+    frame = rocker_result[0].frame(NAME, "relation")
     good = frame[frame["status"].astype(str) == "OK"]
     assert 0 < len(good) < len(frame)
     gap = good["c"] * good["output_rate"] - good["d"] * good["input_rate"]
     assert np.max(np.abs(gap)) < 1e-12
     assert set(good["form"]) == {"i", "ii"} and set(good["output"]) == {"4/1"}
-    assert silent(frame) <= {"transmission", "input_margin_I", "input_margin_II"}
+    assert columns_with_missing_numbers(frame) <= {
+        "transmission",
+        "input_margin_I",
+        "input_margin_II",
+    }
     assert np.all(good[good["form"] == "ii"]["transmission"].notna())
 
 
 @pytest.mark.slow
-def test_findings_count_and_warn_as_near_asks(rocker):
-    figures, warnings = findings_and_warnings(rocker[0])
-    assert figures[NAME] == rocker[0].frame()["kind"].value_counts().to_dict()
+def test_findings_count_and_warn_as_near_asks(rocker_result):
+    figures, warnings = findings_and_warnings(rocker_result[0])
+    assert figures[NAME] == rocker_result[0].frame()["kind"].value_counts().to_dict()
     assert figures["guarantee"].startswith("complete")
     assert not figures["checks_failed"] and not figures["notes"]
     (_, wide), (_, none) = (
@@ -83,21 +97,22 @@ def test_findings_count_and_warn_as_near_asks(rocker):
     assert len(wide) >= len(warnings)
 
 
-def test_pages_show_every_singularity_and_mark_it_on_the_portrait(rocker):
-    result, pages = rocker
+def test_pages_list_every_singularity_and_mark_it_on_the_phase_portrait(rocker_result):
+    """The page has a table with two head lines; each portrait a mark per singularity."""
+    result, listener = rocker_result
     frame = result.frame()
-    page, _ = pages.last_scene("Singularities")
+    page, _ = listener.last_scene("Singularities")
     assert len(page.over[0].values) == len(frame)
-    (words,) = (p.markdown for p in page.primitives if isinstance(p, Text))
-    listed = [line for line in words.splitlines() if line.startswith("|")]
-    assert len(listed) == 2 + len(frame)
-    for assembly_mode in set(result.frame("motion")["assembly_mode"]):
-        (portrait,) = pages.primitives(Portrait, assembly_mode).values()
-        marked = sorted(mark.label for mark in portrait.marks)
-        assert marked == sorted(f"type {kind}" for kind in frame["kind"])
-        places = np.array([mark.place for mark in portrait.marks])
-        gaps = np.abs(frame["q"].to_numpy()[:, None] - places[:, 0])
-        assert np.max(np.min(gaps, axis=1)) < np.radians(1.0)
+    (text,) = (item.markdown for item in page.primitives if isinstance(item, Text))
+    table_lines = [line for line in text.splitlines() if line.startswith("|")]
+    assert len(table_lines) == 2 + len(frame)
+    for mode in set(result.frame("motion")["assembly_mode"]):
+        (portrait,) = listener.primitives(Portrait, mode).values()
+        labels = sorted(mark.label for mark in portrait.marks)
+        assert labels == sorted(f"type {kind}" for kind in frame["kind"])
+        positions = np.array([mark.place for mark in portrait.marks])
+        distances = np.abs(frame["q"].to_numpy()[:, None] - positions[:, 0])
+        assert np.max(np.min(distances, axis=1)) < np.radians(1.0)
 
 
 SWINGING = [
@@ -126,23 +141,29 @@ angle is; these circles are cut where the slope of the equation across them vani
 
 @pytest.mark.many
 @pytest.mark.parametrize("name", FOLDING)
-def test_folding_four_bars_run_with_the_right_types(name):
-    """At each crossing all axes are in one plane, III.a; a coincidence adds its own."""
-    arcs, kinds, resting, said = FOLDING[name]
+def test_folding_four_bars_have_the_right_types(name):
+    """Where configuration curves cross, all axes are in one plane (type III, III.a).
+
+    Numbers of rows by type are known for each shape. A link that rests on a whole curve
+    has a row without an input.
+    """
+    arcs, count_by_type, resting_count_by_type, expected_remarks = FOLDING[name]
     result = sk.run(four_bar(np.radians(arcs)), NAME, samples=37)
-    remarks = "\n".join(result.summary["remarks"])
-    assert "swings 0" not in remarks and all(words in remarks for words in said)
-    frame = result.frame()
     assert not result.failures
-    assert frame["kind"].value_counts().to_dict() == kinds
-    crossing = frame[frame["kind"] == "III"]
-    assert all("III.a" in labels.split() for labels in crossing["condition"])
+    remarks = "\n".join(result.summary["remarks"])
+    assert "swings 0" not in remarks
+    assert all(text in remarks for text in expected_remarks)
+
+    frame = result.frame()
+    assert frame["kind"].value_counts().to_dict() == count_by_type
     assert set(frame["certain"]) == {"yes"}
-    whole = frame["q"].isna()
-    assert all("at rest on the whole" in words for words in frame[whole]["note"])
-    assert frame[whole]["kind"].astype(str).value_counts().to_dict() == resting
+    crossings = frame[frame["kind"] == "III"]
+    assert all("III.a" in labels.split() for labels in crossings["condition"])
+    resting = frame[frame["q"].isna()]
+    assert all("at rest on the whole" in note for note in resting["note"])
+    assert resting["kind"].astype(str).value_counts().to_dict() == resting_count_by_type
     relation = result.frame(NAME, "relation")
-    assert silent(relation) <= {"transmission"}
+    assert columns_with_missing_numbers(relation) <= {"transmission"}
 
 
 @pytest.mark.parametrize("power", [8, 12])
@@ -151,7 +172,7 @@ def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
     arcs[0] += 10.0**-power
     result = sk.run(four_bar(arcs), NAME, samples=37)
     frame, relation = result.frame(), result.frame(NAME, "relation")
-    assert silent(relation) <= {"transmission"}
+    assert columns_with_missing_numbers(relation) <= {"transmission"}
     if power < 12:
         assert frame["kind"].value_counts().to_dict() == {"I": 2, "II": 2}
         assert set(frame["certain"]) == {"yes"}
@@ -162,30 +183,41 @@ def test_near_a_parallelogram_the_type_is_right_or_said_to_be_undecided(power):
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("away", [0.0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-14, -1e-3, -1e-14])
-def test_a_sample_on_a_dead_centre_or_beside_it_is_right_or_has_a_status(away):
-    """There the input is a quadratic function of the arc length, its rate goes as a root.
+@pytest.mark.parametrize(
+    "distance_rad", [0.0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-14, -1e-3, -1e-14]
+)
+def test_a_sample_on_a_dead_centre_or_beside_it_is_right_or_has_a_status(distance_rad):
+    """The last of five samples is before a dead centre, on it, or beyond (negative).
 
-    Both modes end there; beyond it neither closes.
+    There the input is a quadratic function of the arc length, so its rate is proportional
+    to the square root of the distance. Both modes end there; beyond it neither closes.
     """
-    dead = float(angles_with_links_in_line(*ROCKER)[0])
-    made = replace(four_bar(ROCKER), inputs=(Input("21", dead - 0.5, dead - away),))
-    result = sk.run(made, NAME, samples=5)
-    points, frame = result.frame(), result.frame(NAME, "relation")
+    dead_centre = float(angles_with_links_in_line(*ROCKER)[0])
+    span = Input("21", dead_centre - 0.5, dead_centre - distance_rad)
+    mechanism = replace(four_bar(ROCKER), inputs=(span,))
+    result = sk.run(mechanism, NAME, samples=5)
     assert not result.failures
-    assert np.min(np.abs(points[points["kind"] == "II"]["q"] - dead)) < 1e-13
-    assert silent(frame) <= {"transmission", "input_margin_I"}
-    last = frame[frame["sample"] == 4]
-    if away == -1e-3:
-        assert set(last["status"].astype(str)) == {"OUT_OF_REACH"}
-        return
-    if away >= 1e-14:
-        assert set(last["status"].astype(str)) == {"OK"}
-        rates = np.abs(last["input_rate"])
-        assert np.all((rates > 0.1 * np.sqrt(away)) & (rates < 10.0 * np.sqrt(away)))
-        assert np.allclose(last["input_margin_II"], away, rtol=1e-3, atol=1e-15)
+    points = result.frame()
+    relation = result.frame(NAME, "relation")
+    type_2_inputs = points[points["kind"] == "II"]["q"]
+    assert np.min(np.abs(type_2_inputs - dead_centre)) < 1e-13
+    missing = columns_with_missing_numbers(relation)
+    assert missing <= {"transmission", "input_margin_I"}
+
+    last = relation[relation["sample"] == 4]
+    status = set(last["status"].astype(str))
+    if distance_rad == -1e-3:
+        assert status == {"OUT_OF_REACH"}
+    elif distance_rad < 1e-14:
+        assert status <= {"AT_SINGULARITY", "OUT_OF_REACH"}
     else:
-        assert set(last["status"].astype(str)) <= {"AT_SINGULARITY", "OUT_OF_REACH"}
+        assert status == {"OK"}
+        root = np.sqrt(distance_rad)
+        rates = np.abs(last["input_rate"])
+        assert np.all(rates > 0.1 * root)
+        assert np.all(rates < 10.0 * root)
+        margins = last["input_margin_II"]
+        assert np.allclose(margins, distance_rad, rtol=1e-3, atol=1e-15)
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-8])
@@ -211,7 +243,7 @@ def test_a_chain_that_moves_against_its_count_has_its_singularities():
     assert "lie in one plane everywhere" in notes
     assert "are one line everywhere, so form i says nothing" in notes
     distances = {"distance_I", "distance_II", "transmission", "input_margin_II"}
-    assert silent(relation) <= {"c", "d"} | distances
+    assert columns_with_missing_numbers(relation) <= {"c", "d"} | distances
     empty = relation[relation["c"].isna()]
     assert set(zip(empty["output"], empty["form"], strict=True)) == {("bar2/bar0", "i")}
 
@@ -233,20 +265,25 @@ LONG = [pytest.param(name, marks=pytest.mark.long) for name in SINGLE.split()]
 
 @pytest.mark.parametrize("name", [*QUICK, *LONG])
 def test_shipped_mechanisms_run_from_the_shell(name, tmp_path, capsys):
-    """Run the command; every row has a kind, and NaN only with a reason."""
+    """Every row has a type and a reason, and numbers are missing only where explained.
+
+    Where three axes are one line everywhere, coefficients c and d of form i are missing.
+    """
     command = ["run", name, "-a", NAME, "--samples", "13", "-o", str(tmp_path)]
     assert main(command) == 0
     capsys.readouterr()
     frame = pd.read_csv(tmp_path / f"{NAME}.csv", keep_default_na=False)
     assert set(frame["kind"]) <= {"I", "II", "III", "self-motion"}
-    assert all(frame["note"].astype(bool) | frame["condition"].astype(bool))
+    has_reason = frame["note"].astype(bool) | frame["condition"].astype(bool)
+    assert all(has_reason)
+    (analysis,) = json.loads((tmp_path / "summary.json").read_text())["analyses"]
+    findings = analysis["findings"]
+    assert not findings["checks_failed"]
+    may_be_missing = {"transmission", "input_margin_I", "input_margin_II"}
+    if any("are one line everywhere" in note for note in findings["notes"]):
+        may_be_missing |= {"c", "d"}
     relation = pd.read_csv(tmp_path / f"{NAME}_relation.csv")
-    (item,) = json.loads((tmp_path / "summary.json").read_text())["analyses"]
-    assert not item["findings"]["checks_failed"]
-    silence = {"transmission", "input_margin_I", "input_margin_II"}
-    if any("are one line everywhere" in note for note in item["findings"]["notes"]):
-        silence |= {"c", "d"}
-    assert silent(relation) <= silence
+    assert columns_with_missing_numbers(relation) <= may_be_missing
 
 
 GRASHOF = {
@@ -259,63 +296,105 @@ GRASHOF = {
 
 
 @pytest.mark.parametrize("name", GRASHOF)
-def test_the_class_of_a_four_bar_is_how_its_links_turn(name):
-    """Against inputs at which the triangles of its diagonals close, one by one."""
-    g, a, h, b = np.radians(GRASHOF[name])
-    turns = np.linspace(0.0, np.pi, 2001)
+def test_the_grashof_class_of_a_four_bar_says_which_links_turn_fully(name):
+    """A link turns fully if the triangle beyond the diagonal closes at 2001 angles.
 
-    def closes(fixed, moved, one, other):
-        aside = np.sin(fixed) * np.sin(moved) * np.cos(turns)
-        across = np.arccos(np.cos(fixed) * np.cos(moved) + aside)
-        longest = min(one + other, 2.0 * np.pi - one - other)
-        return np.all((across >= abs(one - other)) & (across <= longest))
+    The diagonal is the third side of the triangle of both links at the turning axis. The
+    other two links must be able to span it.
+    """
+    ground, crank, coupler, rocker = np.radians(GRASHOF[name])
+    angles = np.linspace(0.0, np.pi, 2001)
 
-    turning = (
-        name in ("crank-rocker", "double-crank"),
-        name in ("rocker-crank", "double-crank"),
-    )
-    assert turning == (closes(g, a, h, b), closes(g, b, h, a))
-    if not any(turning):  # the coupler against the input, seen from there
-        assert closes(h, a, g, b) == (name == "double-rocker")
-    assert name == class_of(g, a, h, b)
-    assert class_of(abs(a - h) + b, a, h, b) == "change-point"
+    def turns_fully(fixed, moving, first, second):
+        """Return whether `moving` turns fully against `fixed`; all arcs in rad."""
+        cosine = np.cos(fixed) * np.cos(moving)
+        cosine = cosine + np.sin(fixed) * np.sin(moving) * np.cos(angles)
+        diagonal = np.arccos(cosine)
+        longest = min(first + second, 2.0 * np.pi - first - second)
+        shortest = abs(first - second)
+        return np.all((diagonal >= shortest) & (diagonal <= longest))
+
+    crank_turns = name in ("crank-rocker", "double-crank")
+    rocker_turns = name in ("rocker-crank", "double-crank")
+    assert turns_fully(ground, crank, coupler, rocker) == crank_turns
+    assert turns_fully(ground, rocker, coupler, crank) == rocker_turns
+    if not crank_turns and not rocker_turns:
+        # In a double-rocker the coupler turns fully against its neighbours.
+        coupler_turns = turns_fully(coupler, crank, ground, rocker)
+        assert coupler_turns == (name == "double-rocker")
+    assert class_of(ground, crank, coupler, rocker) == name
+    change_point = class_of(abs(crank - coupler) + rocker, crank, coupler, rocker)
+    assert change_point == "change-point"
 
 
-def test_the_summary_answers_what_a_designer_asks_of_a_four_bar():
-    found = sk.run("four_bar", NAME)
-    figures, warnings = findings_and_warnings(found)
-    assert figures["grashof"] == "crank-rocker" and not warnings
-    said = "\n".join(found.summary["remarks"])
-    g, a, h, b = np.radians([60.0, 20.0, 70.0, 40.0])
+def test_the_summary_of_a_four_bar_states_swing_transmission_angle_and_limits():
+    """All numbers are angles of spherical triangles, by the law of cosines.
 
-    def corner(opposite, one, other):
-        cosine = np.cos(opposite) - np.cos(one) * np.cos(other)
-        return np.degrees(np.arccos(cosine / (np.sin(one) * np.sin(other))))
+    The rocker swings between the positions in which crank and coupler are in line. The
+    transmission angle, between coupler and rocker, is least where the crank lies on the
+    ground arc.
+    """
+    result = sk.run("four_bar", NAME)
+    findings, warnings = findings_and_warnings(result)
+    assert findings["grashof"] == "crank-rocker"
+    assert not warnings
+    remarks = "\n".join(result.summary["remarks"])
+    ground, crank, coupler, rocker = np.radians([60.0, 20.0, 70.0, 40.0])
 
-    swing = corner(h + a, g, b) - corner(h - a, g, b)
-    assert f"swings {swing:.6g} deg" in said
-    least = min(corner(g - a, h, b), 180.0 - corner(g + a, h, b))
-    assert f"least transmission angle of 4/1: {least:.4g} deg at 21 = 0 deg" in said
-    for turn in (corner(b, h + a, g), corner(b, h - a, g) + 180.0):
-        assert all(f"{angle % 360.0:.6g}" in said for angle in (turn, -turn))
+    def corner_deg(opposite, first, second):
+        """Return the angle (deg) opposite to a side of a spherical triangle."""
+        cosine = np.cos(opposite) - np.cos(first) * np.cos(second)
+        return np.degrees(np.arccos(cosine / (np.sin(first) * np.sin(second))))
+
+    rocker_stretched = corner_deg(coupler + crank, ground, rocker)
+    rocker_folded = corner_deg(coupler - crank, ground, rocker)
+    assert f"swings {rocker_stretched - rocker_folded:.6g} deg" in remarks
+
+    at_0_deg = corner_deg(ground - crank, coupler, rocker)
+    at_180_deg = 180.0 - corner_deg(ground + crank, coupler, rocker)
+    least = min(at_0_deg, at_180_deg)
+    assert f"least transmission angle of 4/1: {least:.4g} deg at 21 = 0 deg" in remarks
+
+    crank_stretched = corner_deg(rocker, coupler + crank, ground)
+    crank_folded = corner_deg(rocker, coupler - crank, ground) + 180.0
+    for angle in (crank_stretched, crank_folded):
+        assert f"{angle % 360.0:.6g}" in remarks
+        assert f"{-angle % 360.0:.6g}" in remarks
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("rate", [6.0, -2.0])
-def test_a_simulation_has_the_places_that_it_passes_with_their_turn(rate):
-    """Type I of the rocker is where its rate changes sign, in whichever turn it is."""
-    made = replace(sk.load("four_bar"), loads=())
-    way = {"start": {"q": 0.3, "dq": rate}, "duration": 4.0, "samples": 41}
-    run = sk.run(made, "singularities", **way, engine="numpy")
+def test_a_simulation_lists_the_singularities_that_it_passes_in_their_turn(rate):
+    """Type I of the rocker is where its rate changes sign, at the whole angle of the input.
+
+    Sign changes are read off 4001 times of the same simulation. Singularities that it does
+    not pass are marked as outside.
+    """
+    mechanism = replace(sk.load("four_bar"), loads=())
+    start = {"q": 0.3, "dq": rate}
+    duration = 4.0
+    run = sk.run(
+        mechanism,
+        "singularities",
+        start=start,
+        duration=duration,
+        samples=41,
+        engine="numpy",
+    )
     rows = run.frame("singularities")
     passed = np.sort(rows["q"][rows["inside"] == "yes"])
-    moved = sk.simulate(made, way["start"], 4.0, engine="numpy").at(np.linspace(0, 4, 4001))
-    column = made.angles["41"]
-    turned = np.flatnonzero(np.diff(np.sign(np.diff(moved.values[:, column]))))
-    assert np.ptp(moved.q) > 4.0 and len(turned) == len(passed) >= 2
-    assert np.allclose(np.sort(moved.q[turned + 1]), passed, atol=0.02)
-    elsewhere = rows[rows["inside"] == "no"]
-    assert set(elsewhere["curve"]) == {1} and len(elsewhere) == 2
+
+    simulation = sk.simulate(mechanism, start, duration, engine="numpy")
+    states = simulation.at(np.linspace(0.0, duration, 4001))
+    rocker_angle = states.values[:, mechanism.angles["41"]]
+    reversals = np.flatnonzero(np.diff(np.sign(np.diff(rocker_angle))))
+    assert np.ptp(states.q) > 4.0
+    assert len(reversals) == len(passed) >= 2
+    assert np.allclose(np.sort(states.q[reversals + 1]), passed, atol=0.02)
+
+    not_passed = rows[rows["inside"] == "no"]
+    assert set(not_passed["curve"]) == {1}
+    assert len(not_passed) == 2
 
 
 def test_relations_keep_their_sense_where_an_axis_rests():
