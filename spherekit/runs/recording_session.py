@@ -15,9 +15,10 @@ from spherekit.runs.sampling import Sampling
 from spherekit.scenes.link_scenes import (
     graph_scene,
     link_shapes,
-    motion_scenes,
+    moving_link_scenes,
     static_scene,
 )
+from spherekit.scenes.motion_plots import motion_plots
 from spherekit.scenes.recording_head import RecordingHead
 from spherekit.scenes.scene import Axis, Scene
 from spherekit.version import __version__
@@ -164,7 +165,8 @@ class RecordingSession:
             self._sampling = sampling
             motion = sampling.motion_at(new_samples)
             self._shown_count += self._every * len(new_samples)
-            self.record_scenes(motion_scenes(motion, self._link_shapes), motion, MOTION)
+            scenes = moving_link_scenes(motion, self._link_shapes)
+            self.record_scenes(scenes, motion, MOTION)
 
     def use_final_sampling(self, sampling: Sampling) -> None:
         """Record the samples of a finished simulation from now on.
@@ -182,16 +184,20 @@ class RecordingSession:
             motion = self._sampling.motion_at(shown_after_end)
             # Links without a rotation (NaN) are not drawn.
             motion = replace(motion, placed=np.full_like(motion.placed, np.nan))
-            self.record_scenes(motion_scenes(motion, self._link_shapes), motion, MOTION)
+            scenes = moving_link_scenes(motion, self._link_shapes)
+            self.record_scenes(scenes, motion, MOTION)
         self._sampling = sampling
 
     def record_motion(self, motion: Motion) -> None:
-        """Record the links of a block."""
+        """Record the links of a block, and the plots that every recording has."""
         motion, _ = self._recorded_part(motion)
         if not motion.samples:
             return
-        for scene in motion_scenes(motion, self._link_shapes, self._sampling.is_over_time):
-            self._log(replace(scene, source=MOTION), motion)
+        link_scenes = moving_link_scenes(motion, self._link_shapes)
+        plots_by_mode = motion_plots(motion, self._sampling.is_over_time)
+        for scene, plots in zip(link_scenes, plots_by_mode, strict=True):
+            contents = (*scene.primitives, *plots)
+            self._log(replace(scene, primitives=contents, source=MOTION), motion)
 
     def record_scenes(self, scenes: Sequence[Scene], motion: Motion, source: str) -> None:
         """Record the scenes of a block; `source` is the name of their analysis."""

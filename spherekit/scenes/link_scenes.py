@@ -1,4 +1,7 @@
-"""What every recording shows: links moving on the sphere, the link/pair graph, the plan."""
+"""Links that move on the sphere, the link/pair graph and the plan of the poles.
+
+Every recording shows them. Plots of the motion are in `spherekit.scenes.motion_plots`.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -16,7 +19,7 @@ from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.plan_text import as_markdown, describe
 from spherekit.planning.pole_plan import Plan, PrimaryPole
 from spherekit.positions.motion import Motion
-from spherekit.scenes.scene import Body, Graph, Scene, Series, Text
+from spherekit.scenes.scene import Body, Graph, Scene, Text
 from spherekit.wording import listing
 
 ARC_POINT_DISTANCE_RAD = np.radians(2.0)
@@ -138,8 +141,8 @@ def graph_scene(mechanism: Mechanism) -> Scene:
     return Scene(None, (Graph("graph", nodes, edges, positions),))
 
 
-def motion_scenes(motion: Motion, shapes: list[Body], timed: bool = False) -> list[Scene]:
-    """Return the moving links of every assembly mode of a block of samples.
+def moving_link_scenes(motion: Motion, shapes: list[Body]) -> list[Scene]:
+    """Return the moving links of a block of samples, one scene for each assembly mode.
 
     Parameters
     ----------
@@ -147,16 +150,9 @@ def motion_scenes(motion: Motion, shapes: list[Body], timed: bool = False) -> li
         The motion of the block.
     shapes
         The links from `link_shapes`.
-    timed
-        Whether the samples are times. Plots of the pair variables are then added.
-
-    Returns
-    -------
-    One scene for each assembly mode.
     """
-    mechanism = motion.mechanism
     link_quaternions = {
-        link: motion.quaternions(link) for link in range(1, len(mechanism.links))
+        link: motion.quaternions(link) for link in range(1, len(motion.mechanism.links))
     }
     scenes = []
     for position, assembly_mode in enumerate(motion.assembly_modes):
@@ -166,28 +162,8 @@ def motion_scenes(motion: Motion, shapes: list[Body], timed: bool = False) -> li
             replace(shapes[link], quaternions=quaternions[rows])
             for link, quaternions in link_quaternions.items()
         ]
-        plots: list[Series] = []
-        if timed:
-            plots = [
-                _variable_plot(name, values)
-                for name, values in zip(
-                    mechanism.variable_names, motion.values[rows].T, strict=True
-                )
-            ]
-        scenes.append(Scene(assembly_mode.number, (*bodies, *plots)))
+        scenes.append(Scene(assembly_mode.number, tuple(bodies)))
     return scenes
-
-
-def _variable_plot(name: str, values: Floats) -> Series:
-    """Return the plot of a pair variable (n,) rad, with gaps where it jumps by a turn."""
-    jumps = np.abs(np.diff(values, prepend=values[:1])) > np.pi
-    return Series(
-        path=f"plots/variable/{name}",
-        label=name,
-        group="pair variables",
-        values=np.where(jumps, np.nan, values),
-        unit="rad",
-    )
 
 
 def link_bodies(mechanism: Mechanism, rotations: Floats) -> list[Body]:

@@ -16,7 +16,7 @@ from spherekit.mechanism.pair_frames import link_axes
 from spherekit.planning.pole_planner import plans
 from spherekit.positions.motion import Motion
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.scenes.link_scenes import link_shapes, motion_scenes, static_scene
+from spherekit.scenes.link_scenes import link_shapes, moving_link_scenes, static_scene
 from spherekit.scenes.recording_head import RecordingHead
 from spherekit.scenes.scene import Mark, Primitive, Scene, SphereCurves, Text
 
@@ -69,7 +69,8 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
         still_scene = static_scene(plans(mechanism, position_analysis.by_rank), shapes)
         recorder.start(RecordingHead([still_scene], assembly_modes=titles, focus=focus))
         sample = np.zeros(1, np.int64)  # the recording has one sample, number 0
-        for row, scene in enumerate(motion_scenes(motion, shapes)):  # one row per mode
+        # One row per mode.
+        for row, scene in enumerate(moving_link_scenes(motion, shapes)):
             recorder.log(scene, sample)
             additions = (*_zero_arcs(motion, row), _size_table(motion, row, note))
             recorder.log(Scene(scene.page, additions), sample)
