@@ -48,12 +48,14 @@ MODE_COLUMNS = (ASSEMBLY, "working_mode")
 
 
 class TableMode(NamedTuple):
-    """A mode to which rows of a table belong.
+    """A mode to which rows of a table belong, such as an assembly mode.
+
+    An assembly mode is one of the ways to assemble the mechanism.
 
     Attributes
     ----------
     column
-        One of `MODE_COLUMNS`.
+        Name of the column of the table that identifies the mode, one of `MODE_COLUMNS`.
     label
         The entry of the mode in this column, as a text.
     """
@@ -397,7 +399,8 @@ class DesignRuns:
             merits[name] = np.array(
                 [figure_by_mode.get(mode, common_figure) for mode in modes]
             )
-        # The number of the assembly mode, by which rows of the stored tables are found.
+        # The number of the assembly mode, by which rows of the stored tables are found. The
+        # rows of a table can belong to modes of another kind, which have no such number.
         if self.tables:
             merits[ASSEMBLY] = np.array(
                 [float(mode.label) if mode.column == ASSEMBLY else NAN for mode in modes]

@@ -178,10 +178,13 @@ def track_solutions(
         equations
             Function that returns a Newton step for the closure equations.
         """
-        # Each is (sizes, m) or (inputs, m); a single column applies to all paths.
-        start_sizes, end_sizes, start_inputs, end_inputs = (
-            end[:, paths] if end.shape[1] > 1 else end for end in (*sizes, *inputs)
-        )
+
+        def select_paths(ends: Array) -> Array:
+            """Return the columns (m) of these paths; a single column applies to all."""
+            return ends[:, paths] if ends.shape[1] > 1 else ends
+
+        start_sizes, end_sizes = map(select_paths, sizes)
+        start_inputs, end_inputs = map(select_paths, inputs)
         prepared = kernel.prepare(start_sizes + (end_sizes - start_sizes) * parameters)
 
         def equations(values: Array, selected: Indices) -> NewtonStep:
@@ -410,9 +413,9 @@ def find_start_solutions(kernel: PathKernel, sizes: Floats) -> StartSolutions | 
     """Find all solutions of the closure equations of the mechanism in a file.
 
     The links form groups, each a set of links whose positions are found together from those
-    of other links. Elimination reduces the equations of a group to a polynomial. Its roots
-    give all solutions, real and complex, at random real inputs. They are then tracked to
-    complex inputs, where solutions are well apart.
+    of other links. Elimination, an algebraic method, gives all solutions of a group, real
+    and complex, at random real inputs. They are then tracked to complex inputs, where
+    solutions are well apart.
 
     Parameters
     ----------

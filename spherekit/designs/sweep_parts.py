@@ -134,10 +134,11 @@ class SweepResult:
         FileError
             If the file of a part is damaged, or does not belong to this sweep.
         """
-        numbers = range(self.sweep.part_count)
+        # The notes in a file must say that it is this part of this sweep.
+        part_numbers = range(self.sweep.part_count)
         frame = read_frame(
-            [self.sweep.path_of(self._store, number) for number in numbers],
-            [self.sweep.part_notes(number) for number in numbers],
+            [self.sweep.path_of(self._store, number) for number in part_numbers],
+            [self.sweep.part_notes(number) for number in part_numbers],
         )
         frame.attrs = {"units": self.sweep.units()}
         return frame
@@ -191,10 +192,12 @@ class SweepResult:
                 f'{self.sweep.mechanism.name}: there is no table "{name}" of designs'
                 f"{nearest(name, tables) or ';'} {advice}"
             )
-        paths = tables[name].values()
-        notes = [self.sweep.part_notes(number) for number in tables[name]]
-        frame = read_frame([*paths], notes)
-        # The other notes (sweep, part number) are those of a single part.
+        # The path of the table in each part, by number of the part. The notes in a file
+        # must say that it is this part of this sweep.
+        path_by_part = tables[name]
+        notes = [self.sweep.part_notes(number) for number in path_by_part]
+        frame = read_frame([*path_by_part.values()], notes)
+        # The frame has the notes of the first part. Only the units apply to all parts.
         frame.attrs = {"units": frame.attrs["units"]}
         return frame
 

@@ -60,8 +60,8 @@ def to_text(angle: float, unit: AngleUnit) -> str:
     """
     if unit == "rad" or not math.isfinite(angle) or angle == 0.0:
         return repr(float(angle))
-    # Convert to degrees in decimal arithmetic, and find the least number of digits that
-    # suffices. 40 digits distinguish any two floats.
+    # Convert to degrees in decimal arithmetic with many digits, and find the least number
+    # of digits that suffices. 40 digits distinguish any two floats.
     degrees = _EXACT.divide(Decimal(angle), _DEGREE)
     for digits in range(1, 40):
         text = _decimal_text(Context(prec=digits).plus(degrees))

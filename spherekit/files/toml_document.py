@@ -240,8 +240,8 @@ def parse(text: str, name: str) -> Document:
         If the text is not TOML, is too large, has too many keys or values, or is nested too
         deeply.
     """
-    # Refuse texts that would take the parser very long, or exceed its recursion limit. The
-    # counts of "=" and "," are upper bounds, since strings may contain these characters.
+    # Refuse texts that are much larger than any mechanism. The counts of "=" and "," are
+    # upper bounds of the numbers of keys and values: strings can contain them too.
     if len(text) > MAX_BYTES:
         raise FileError(f"{name}: has {len(text)} characters, at most {MAX_BYTES}")
     text = text.replace("\r\n", "\n").removeprefix("\ufeff")

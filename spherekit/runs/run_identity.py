@@ -30,6 +30,7 @@ def code_identity() -> dict[str, str]:
         "numpy": np.__version__,
         "scipy": version("scipy"),
         "heyoka": heyoka_version,
+        # The type of text columns in stored files, which was another one before.
         "texts_in_parts": "strings",
         "machine": f"{platform.system()} {platform.machine()}",
     }
