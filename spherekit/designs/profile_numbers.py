@@ -129,7 +129,7 @@ class DesignProfiles:
             """Return the columns (9 profiles, m) at m points of paths.
 
             They are NaN if the design at the end of a path is impossible. The second
-            derivatives of the curvature are NaN too, as nobody uses them here.
+            derivatives of the curvature are not computed and always NaN.
             """
             columns = nans((COLUMN_COUNT * len(self.profiles), len(paths)))
             draws = paths % len(profiles_of_draw)

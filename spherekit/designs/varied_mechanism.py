@@ -622,7 +622,10 @@ class VariedMechanism:
         """
 
         def read_change(design: Floats) -> Floats:
-            """Return the change of the numbers from those of `values`."""
+            """Return the change of the numbers from those at `values`, which are nominal.
+
+            `nominal` is set below, before the first call.
+            """
             change = self._read_varied_numbers(design) - nominal
             # Wheels are put together with angles that may jump by whole revolutions.
             angle_count = len(self.varied_contact_numbers)

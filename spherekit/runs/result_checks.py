@@ -135,9 +135,9 @@ def _check_column(where: str, column: Column, data: Any) -> Array | Interleaved:
     column
         The declared column. Its kind is "number", "text" or a kind of whole numbers.
     data
-        The values that the analysis returned: an array, or an `Interleaved` column, whose
-        numbers are computed when they are read. The latter is returned unchanged if it has
-        the right type.
+        The values that the analysis returned: an array, or an `Interleaved` column. The
+        latter has the rows of several subjects in turn, and can be computed when it is
+        read. It is returned unchanged if it has the right type.
 
     Raises
     ------

@@ -19,7 +19,8 @@ REST = "rest"
 def count_evaluations(request: Request) -> dict[str, int]:
     """Count what a request evaluates at each configuration while one input moves.
 
-    All counts are zero if the request asks for no poles.
+    A pole is the axis about which one link rotates relative to another. A request lists the
+    poles to evaluate. All counts are zero if it asks for no poles.
 
     Returns
     -------
@@ -32,6 +33,7 @@ def count_evaluations(request: Request) -> dict[str, int]:
         and ``rate_derivatives`` count the axes and the angular velocities whose derivative
         with respect to the input is computed.
     """
+    # Each step of the plan gives one pole, or all poles of an irreducible part.
     steps = request.plan.steps if request.poles else ()
     circle_steps = [step for step in steps if isinstance(step, LinePole)]
     irreducible_steps = [step for step in steps if isinstance(step, BlockPoles)]
@@ -40,6 +42,8 @@ def count_evaluations(request: Request) -> dict[str, int]:
     irreducible_count = sum(len(step.poles) for step in irreducible_steps)
     pole_count = primary_count + len(circle_steps) + irreducible_count
     link_count = len(request.bodies) if request.poles else 0
+    # A secondary pole is on one great circle for each third link (`via`) and one for each
+    # contact of its two links. `derivatives` is a flag.
     return {
         "poles": pole_count,
         "primary": primary_count,

@@ -219,7 +219,7 @@ class RunFolder:
         ]
 
     def publish(self) -> list[Path]:
-        """Move complete results from the work folder to the run folder.
+        """Move complete results from the work folder to the folder of the run.
 
         First the files of an older run are removed, and its summary after them. Then the
         new files are moved, and their summary last. A folder with a summary therefore has
@@ -240,6 +240,7 @@ class RunFolder:
         names = [*(name for name in listed_names if Path(name).name == name), SUMMARY]
         self.refuse_foreign_results(names)
         try:
+            # Remove the older files, then move the new ones.
             for name in [*self._written_files(self.path / SUMMARY), SUMMARY]:
                 (self.path / name).unlink(missing_ok=True)
             for name in names:

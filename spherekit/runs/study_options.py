@@ -108,6 +108,7 @@ def _list_options(options_class: type) -> dict[str, inspect.Parameter]:
     # The default value and the type of each option.
     options: dict[str, tuple[Any, Any]] = {"input_pair": (None, str | Sequence[str] | None)}
     for item in (*study_fields, *fields(options_class)):
+        # A field has a default value, or a function that makes one.
         factory = item.default_factory
         default = item.default if factory is MISSING else factory()
         options[item.name] = (default, item.type)

@@ -95,9 +95,9 @@ def make_frame(
     columns
         Arrays (n,) by the name of the column.
     notes
-        Values for the `attrs` of the frame.
+        Facts about the table by name, such as units. They become the `attrs` of the frame.
     copy
-        Whether arrays are copied.
+        Whether the frame copies the arrays. Otherwise it may share them.
     """
     import pandas as pd
 
