@@ -151,9 +151,9 @@ class FigureGradients:
             The design.
         position_arguments
             (w, samples + points) numbers that determine the positions of an assembly mode
-            (way to assemble the mechanism): in closed form the signs of its dyads,
-            otherwise its pair variables (rad). Points are inputs at which single figures of
-            merit are evaluated.
+            (way to assemble the mechanism): in closed form the signs of its dyads (groups
+            of two links with three R pairs), otherwise its pair variables (rad). Points are
+            inputs at which single figures of merit are evaluated.
 
         Returns
         -------

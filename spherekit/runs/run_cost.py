@@ -59,8 +59,8 @@ def count_evaluations(request: Request) -> dict[str, int]:
 class Timer:
     """Measures the wall-clock time in seconds of each stage of a run.
 
-    A stage is a part of the work that comes again in each block of samples, such as
-    ``"positions"``.
+    A stage is a kind of work, such as ``"positions"``. Its times in all blocks of samples
+    are added up.
 
     Attributes
     ----------
