@@ -362,6 +362,9 @@ def solution_distance(solution_a: Array, solution_b: Array) -> Floats:
 def are_distinct(solutions: Array) -> Bools:
     """Return for each design whether its solutions are all finite and different.
 
+    Solutions of the closure equations that are tracked together can coincide if one path
+    has jumped to another one. A solution is then lost.
+
     Parameters
     ----------
     solutions
@@ -373,6 +376,7 @@ def are_distinct(solutions: Array) -> Bools:
     """
     # Finite over all variables (axis 0) and solutions (axis 2).
     distinct: Bools = all_finite(solutions, (0, 2))
+    # The indices of both solutions, for each pair of two different solutions.
     first, second = np.triu_indices(solutions.shape[2], 1)
     for design in np.flatnonzero(distinct):
         distances = solution_distance(

@@ -291,7 +291,7 @@ def evolve_fronts(
         designs. Coordinates 0 and 1 are the ends of the range of a design variable. pymoo
         then reads the objectives from ``out["F"]`` and the violations of constraints from
         ``out["G"]``. Designs that do not have the assembly mode (way to assemble the
-        mechanism) get large numbers.
+        mechanism) get large numbers. `low` and `high` are the ends of the ranges.
         """
 
         def __init__(self, mode: str) -> None:

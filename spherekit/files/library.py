@@ -71,7 +71,7 @@ class MechanismNames(tuple[str, ...]):
 def mechanisms() -> MechanismNames:
     """Return the names of shipped mechanisms, including those of plugins.
 
-    Functions such as `load` accept them in place of a path.
+    Functions such as `load` accept such a name in place of a path.
 
     Examples
     --------
@@ -79,6 +79,8 @@ def mechanisms() -> MechanismNames:
     >>> "four_bar" in sk.mechanisms()
     True
     """
+    # A pack is the set of files that one installed package ships. The names are printed in
+    # groups by pack.
     packs = shipped()
     names = MechanismNames(sorted(name for pack in packs for name in pack.files))
     names.packs = packs

@@ -569,6 +569,7 @@ class _MechanismReader:
         # `joined_links` has the two links of every pair with an axis.
         if name in self.joined_links:
             return Pair(name, "R", self.joined_links[name])
+        # Gears and cones have circles. The curves of other contacts are in the file.
         if "teeth" in item or "half_angles" in item:
             profiles = self.cones(path, item)
         else:

@@ -219,6 +219,15 @@ class Batch:
         """
 
         def make_column(quantity: str, component: int | None) -> Interleaved:
+            """Return the column of a quantity, for all poles at all rows of the batch.
+
+            Parameters
+            ----------
+            quantity
+                Name of a method that takes two links and an input, such as "direction".
+            component
+                Index of the component of a vector, None for a number.
+            """
             if quantity not in _POLE_FIELD_NAMES:
                 raise AnalysisError(
                     f"a column of {quantity!r} was asked for; give one of "
@@ -227,6 +236,7 @@ class Batch:
             # The attribute of `PoleField` with the numbers of this quantity.
             field_name = _POLE_FIELD_NAMES[quantity]
             values_by_pole: list[Array | LazyColumn] = []
+            # Two links, and the index of the input that moves while the others are locked.
             for i, j, moved in poles:
                 pole_field = self._pole_field(moved)
                 if (

@@ -134,7 +134,8 @@ class KernelColumns:
         motion
             The configurations of the block. A row is one sample in one assembly mode.
         requests
-            The poles to evaluate, for each input that moves while the others are locked.
+            The poles to evaluate, for each input that moves while the others are locked. A
+            pole is the axis about which one link rotates relative to another.
         uncertified
             (k,) numbers of the rows that the kernel does not certify.
         """

@@ -140,6 +140,7 @@ def check_made_by_spherekit(path: Path, mark: bytes) -> None:
     OutputError
         If the path is a link, a folder or a file without the mark.
     """
+    # A file that cannot be read counts as a file without the mark.
     with suppress(OSError):
         if path.is_file() and not path.is_symlink():
             with path.open("rb") as stream:
