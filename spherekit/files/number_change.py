@@ -202,11 +202,13 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
 
 
 def number_at(document: Document, path: KeyPath) -> float:
-    """Return the number at a path; 0 if the file leaves it out."""
+    """Return the number at a path; 0 if the file leaves it or a table on the way out."""
     value: Any = document.data
     for step in path:
         value = value[step] if isinstance(step, int) else value.get(step)
-    return 0.0 if value is None else float(value)
+        if value is None:
+            return 0.0
+    return float(value)
 
 
 def with_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> Document:
