@@ -197,7 +197,9 @@ class Dynamics(AbstractAnalysis):
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the larger torques of two blocks of rows."""
-        lost_rows = sum(item.figures["rows_at_singularities"] for item in (before, now))
+        lost_rows = sum(
+            findings.figures["rows_at_singularities"] for findings in (before, now)
+        )
         largest = merge_largest(before.figures["inputs"], now.figures["inputs"], TORQUE_KEY)
         return _make_findings(
             {**now.figures, "inputs": largest, "rows_at_singularities": lost_rows}

@@ -253,11 +253,14 @@ class Eksergian(AbstractAnalysis):
 
     def joined(self, before: Findings, now: Findings) -> Findings:
         """Return the worse conditioning and the larger torque of two blocks of rows."""
-        summaries = [item.figures for item in (before, now) if item.figures]
-        worst = max(summaries, key=lambda item: item["largest_conditioning"], default={})
-        torques = [item["torque"] for item in summaries if "torque" in item]
+        # A block without any configuration has an empty summary.
+        summaries = [findings.figures for findings in (before, now) if findings.figures]
+        worst = max(
+            summaries, key=lambda summary: summary["largest_conditioning"], default={}
+        )
+        torques = [summary["torque"] for summary in summaries if "torque" in summary]
         if torques:
-            largest = max(torques, key=lambda item: item[LARGEST_DRIVING_TORQUE])
+            largest = max(torques, key=lambda record: record[LARGEST_DRIVING_TORQUE])
             worst = {**worst, "torque": largest}
         return _make_findings(worst)
 

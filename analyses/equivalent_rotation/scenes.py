@@ -266,7 +266,7 @@ def _great_circle_points(normal: Floats) -> Floats:
     """Return points (`POINTS_OF_ARC`, 3) of the great circle with a normal (3,)."""
     # The right singular vectors are the normal (or its negative), then two orthonormal
     # vectors at right angles to it.
-    _, _, right = np.linalg.svd(normal[None])
-    plane_basis = right[1:]
+    _, _, right_vectors = np.linalg.svd(normal[None])
+    plane_basis = right_vectors[1:]
     angle = np.linspace(0.0, 2.0 * np.pi, POINTS_OF_ARC)
     return np.stack([np.cos(angle), np.sin(angle)], axis=1) @ plane_basis

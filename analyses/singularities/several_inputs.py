@@ -174,7 +174,11 @@ class SeveralInputs:
         The edges of the first mesh are halved so often that they have the length `mesh` at
         the end. The length 0 means that no surfaces are computed.
         """
-        widths = [abs(item.stop - item.start) for item in self.batch.mechanism.inputs]
+        # Ranges of the inputs (rad).
+        widths = [
+            abs(driven_input.stop - driven_input.start)
+            for driven_input in self.batch.mechanism.inputs
+        ]
         longest = min(LONGEST_EDGE_RAD, min(widths) / EDGES_PER_RANGE)
         if self.mesh is None:
             return longest, MAX_EDGE_HALVINGS
@@ -745,13 +749,13 @@ def _describe_locus(locus: Locus) -> tuple[dict[str, Any], str]:
     entry ``claim`` says how complete the search was.
     """
     if isinstance(locus, SingularSurface):
-        item = "surface"
+        shape = "surface"
         irregular = locus.irregular
         count = len(locus.nodes)
         counts = {"vertices": count, "irregular": irregular, "claim": locus.guarantee}
         words = f"{count} vertices of surfaces {of_kind(locus.kind)}"
     else:
-        item = "curve"
+        shape = "curve"
         irregular = len(locus.stray)
         count = sum(bool(np.any(curve.points.inside)) for curve in locus.curves)
         outside = len(locus.curves) - count
@@ -762,7 +766,7 @@ def _describe_locus(locus: Locus) -> tuple[dict[str, Any], str]:
     if irregular:
         words += (
             f"; {counted(irregular, 'configuration')} met are singular where the locus is "
-            f"not a regular {item}, and not listed"
+            f"not a regular {shape}, and not listed"
         )
     return counts, words
 
@@ -787,7 +791,9 @@ def name_output(mechanism: Mechanism, output: Output) -> str:
     The name of the output is added if another output has the same links.
     """
     links = f"{output.link}/{output.relative_to}"
-    links_of_outputs = [f"{item.link}/{item.relative_to}" for item in mechanism.outputs]
+    links_of_outputs = [
+        f"{declared.link}/{declared.relative_to}" for declared in mechanism.outputs
+    ]
     if links_of_outputs.count(links) == 1:
         return links
     return f"{links} {output.name}"

@@ -362,11 +362,11 @@ class _MidPlaneCurveSearch:
         linearisation = self.locus.tangent_space(values).linearisation
         constraint = self.locus.constraint.equations(linearisation)
         equations = np.hstack([linearisation.jacobian, constraint])
-        _, singular_values, right = np.linalg.svd(np.nan_to_num(equations))
+        _, singular_values, right_vectors = np.linalg.svd(np.nan_to_num(equations))
         closure_residual = np.nan_to_num(linearisation.closure_residual, nan=np.inf)
         residual = np.maximum(closure_residual, singular_values[:, -1])
         # The last right singular vector is the motion of the singularity.
-        points = self.report.describe(values, right[:, -1], residual)
+        points = self.report.describe(values, right_vectors[:, -1], residual)
         has_type = self.report.has_type(points.type)
         selected = np.flatnonzero((residual < CLOSURE_TOLERANCE) & has_type)
         # Arc length (rad) that the normal has travelled along the curve at each point.

@@ -345,8 +345,10 @@ def _make_architecture(
 
     # The improper orthogonal matrix that maps the axes of the end effector best to those of
     # the base (orthogonal Procrustes problem).
-    left, _, right = np.linalg.svd(mirror_axes.T @ tip_axes)
-    image = left @ np.diag([1.0, 1.0, -np.linalg.det(left @ right)]) @ right
+    # The sign of the last diagonal entry gives the determinant -1.
+    left_vectors, _, right_vectors = np.linalg.svd(mirror_axes.T @ tip_axes)
+    last_entry = -np.linalg.det(left_vectors @ right_vectors)
+    image = left_vectors @ np.diag([1.0, 1.0, last_entry]) @ right_vectors
     if max_abs(tip_axes @ image.T - mirror_axes) > EQUAL_SIZE_RAD:
         raise _error(
             mechanism,

@@ -200,13 +200,19 @@ class TargetDeviation:
         others are the motions that keep the loops closed (null space).
         """
         rank = self.values.shape[1] - self.output_link.degrees_of_freedom
-        left, singular_values, right = np.linalg.svd(self.linearisation.jacobian)
+        left_vectors, singular_values, right_vectors = np.linalg.svd(
+            self.linearisation.jacobian
+        )
         regular = singular_values[:, :rank]
         with np.errstate(all="ignore"):
-            inverse = transpose(right[:, :rank]) / regular[:, None]
-            inverse = inverse @ transpose(left)[:, :rank]
+            inverse = transpose(right_vectors[:, :rank]) / regular[:, None]
+            inverse = inverse @ transpose(left_vectors)[:, :rank]
             reciprocal_condition = np.min(regular / regular[:, :1], axis=1, initial=1.0)
-        return JacobianSplit(inverse, transpose(right[:, rank:]), reciprocal_condition)
+        return JacobianSplit(
+            pseudo_inverse=inverse,
+            null_space=transpose(right_vectors[:, rank:]),
+            reciprocal_condition=reciprocal_condition,
+        )
 
     @property
     def loop_conditioning(self) -> Floats:
@@ -400,10 +406,10 @@ class TargetDeviation:
         """
         if can_follow:
             # Close the loops, and turn the output link by the remaining rotation.
-            right = np.concatenate(
+            right_side = np.concatenate(
                 [-self.linearisation.residual, self.remaining_rotation], axis=1
             )
-            return np.matvec(self.system_inverse, right)
+            return np.matvec(self.system_inverse, right_side)
         # Where a^2 / 2 is not convex, a full Newton step could increase the angle. Without
         # the curvature of the configurations (Gauss-Newton) the step always decreases it.
         gauss_newton = transpose(self.free_output_rates) @ self.free_output_rates

@@ -153,7 +153,8 @@ def locate_singularities(curves: CertifiedCurves) -> CertifiedSingularities:
     }
     # Each variable that was examined, with its stationary points on each chain.
     examined = [(curves.input_variable, curves.input_stationary_points)]
-    for output in (item.name for item in curves.decimal_mechanism.mechanism.outputs):
+    output_names = [output.name for output in curves.decimal_mechanism.mechanism.outputs]
+    for output in output_names:
         pair = output_pairs.get(output)
         if pair in input_like_pairs:
             continue

@@ -164,11 +164,13 @@ def _find_four_pair_loop(
     construction = equations.construction
     paths = construction.parent_paths(step)
     path_links = (*paths.first, *paths.second)
-    path_steps = [item for item in construction.steps if item.link in path_links]
+    path_steps = [
+        path_step for path_step in construction.steps if path_step.link in path_links
+    ]
     # Steps that rotate a link about one joint. The loop has four pairs if there are two
     # such joints, with different variables, and no other step; the dyad has the other two
     # pairs.
-    joints = [item for item in path_steps if not item.is_dyad]
+    joints = [path_step for path_step in path_steps if not path_step.is_dyad]
     joint_variables = {joint.variable for joint in joints}
     if not len(path_steps) == len(joints) == len(joint_variables) == 2:
         return None

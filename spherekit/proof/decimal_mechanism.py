@@ -146,8 +146,8 @@ class DecimalMechanism(DecimalGeometry):
             # Both lengths of a mesh stay equal while the wheels roll, so each sum is the
             # difference of the lengths in the position of zero angles.
             constants = self._rolled_lengths_at_zero() @ exact_balls([1.0, -1.0])
-        right = constants - relations[:, structure.inputs] @ np.array(inputs)
-        followers = self._solve_followers(relations, right[:, None])[:, 0]
+        right_side = constants - relations[:, structure.inputs] @ np.array(inputs)
+        followers = self._solve_followers(relations, right_side[:, None])[:, 0]
         return [*inputs, *followers]
 
     def follower_ratios(self) -> Array:

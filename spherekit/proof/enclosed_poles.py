@@ -102,8 +102,8 @@ def _link_angular_velocities(
     rates = [*input_rates, *(row[input_number] for row in ratios)]
     if unknown_count:
         # The equations F(x, q) = 0 give F_x x' = -F_q q' for the rates x' of the unknowns.
-        right = -(slopes[:, unknown_count:] @ rates)
-        unknown_rates = solve_balls(slopes[:, :unknown_count], right[:, None])[:, 0]
+        right_side = -(slopes[:, unknown_count:] @ rates)
+        unknown_rates = solve_balls(slopes[:, :unknown_count], right_side[:, None])[:, 0]
         rates = [*unknown_rates, *rates]
     orientations = equations.link_orientations(variables, 1)
     angular_velocities = exact_balls(np.zeros((structure.body_count, 3)))

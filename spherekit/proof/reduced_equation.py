@@ -198,15 +198,15 @@ class ReducedEquation:
         bordered = np.block([[slopes, -missed[:, None]], [kernel, zero]])
         # Right-hand sides: remove the residual while u and v are constant; unit rate of u;
         # unit rate of v.
-        right = np.block([[-residual[:, None], np.zeros((k, 2))], [zero, np.eye(2)]])
-        first = solve_balls(bordered, right)
+        right_sides = np.block([[-residual[:, None], np.zeros((k, 2))], [zero, np.eye(2)]])
+        first = solve_balls(bordered, right_sides)
         if order < 2:
             return BorderedDerivatives(first)
         (curvature,) = curvatures
         # Differentiate F(z) = g l twice: the same matrix, and F''(z', z') on the right.
-        right = np.zeros((v + 1, 9), object)
-        right[:k] = -(first[:v].T @ curvature @ first[:v]).reshape(k, 9)
-        second = solve_balls(bordered, right).reshape(-1, 3, 3)
+        right_sides = np.zeros((v + 1, 9), object)
+        right_sides[:k] = -(first[:v].T @ curvature @ first[:v]).reshape(k, 9)
+        second = solve_balls(bordered, right_sides).reshape(-1, 3, 3)
         return BorderedDerivatives(first, second)
 
     def find_critical_point(self, position: Array) -> Array:
@@ -361,18 +361,18 @@ def _reduce_about(equations: ArcEquations, position: Floats) -> ReducedEquation:
     """
     circle_points = cosines_and_sines(position[None])
     _, slopes = equations.harmonics.derivatives(circle_points, 1)
-    left, singular_values, right = np.linalg.svd(slopes[0])
+    left_vectors, singular_values, right_vectors = np.linalg.svd(slopes[0])
     # All singular values but the last must be clearly different from 0.
     smallest = MIN_SECOND_SINGULAR_RATIO * singular_values[0]
     if not np.all(singular_values[:-1] > smallest):
         raise ZeroDivisionError
     # The last two right singular vectors span the kernel. They become the first two.
-    frame = np.roll(right, 2, axis=0).T
+    frame = np.roll(right_vectors, 2, axis=0).T
     return ReducedEquation(
         equations=equations,
         centre=position,
         frame=frame,
-        missed=left[:, -1],
+        missed=left_vectors[:, -1],
         units=np.ones(2),
         other_curvatures=np.ones(0),
     )

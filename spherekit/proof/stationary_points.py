@@ -465,7 +465,7 @@ def _enclose_zero(
         if position is None:
             position = piece.centre
         circle_points = cosines_and_sines(position[None])
-        _, (slopes,) = equations.harmonics.derivatives(circle_points, 1)
+        _values, (slopes,) = equations.harmonics.derivatives(circle_points, 1)
         tangent_frame = find_frame(slopes, piece.tangent)
         if tangent_frame is None:
             return end_sign * np.zeros(1)

@@ -212,17 +212,17 @@ def find_frame(slopes: Floats, direction: Floats | None) -> TangentFrame | None:
     direction
         (v,) the tangent is oriented along this direction; without it, in either sense.
     """
-    left, singular_values, right = np.linalg.svd(slopes)
+    left_vectors, singular_values, right_vectors = np.linalg.svd(slopes)
     # If the smallest singular value is only rounding, F' has lost a rank, and no tangent is
     # defined. Otherwise the last right singular vector is the tangent, since F' t = 0.
     if not singular_values[-1] > 1e-13 * singular_values[0]:
         return None
-    tangent = right[-1]
+    tangent = right_vectors[-1]
     if direction is not None and tangent @ direction < 0:
         tangent = -tangent
-    frame = np.column_stack([tangent, right[:-1].T])
-    # F' N is left @ diag(singular_values), so this is its inverse.
-    inverse = left.T / singular_values[:, None]
+    frame = np.column_stack([tangent, right_vectors[:-1].T])
+    # F' N is left_vectors @ diag(singular_values), so this is its inverse.
+    inverse = left_vectors.T / singular_values[:, None]
     return TangentFrame(frame, inverse)
 
 
