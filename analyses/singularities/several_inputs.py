@@ -75,27 +75,31 @@ OUTPUT_KINDS: tuple[LocusName, ...] = ("II", "I")
 """Kinds of singularities that are searched for every output."""
 SLICE_TIME_SHARE = 0.4
 """Part of the time limit that slices may take. The rest is for following loci and
-aspects."""
+aspects. Larger: more loci are found; smaller: more of each locus is followed."""
 SAME_TYPE_THREE_POINT_RAD = 1e-6
 """Points of type III whose variables differ by less are one point, met on two curves.
 Larger: points near each other are listed once; smaller: one point is listed twice."""
 ANGLE_DECIMALS = 9
 """Decimals of an angle in degrees that are not rounding."""
 DEFAULT_SLICES = 12
-"""Values of each of two inputs at which mechanisms of dyads are cut by default."""
+"""Values of each of two inputs at which mechanisms of dyads are cut by default. Larger:
+smaller loci are found, in more time."""
 EDGES_PER_RANGE = 4.0
 """Edges of the first mesh along the narrowest range of an input, at least. Larger: smaller
 triangles, and more time."""
 MAX_EDGE_HALVINGS = 2
-"""How often edges are halved afterwards at most, with vertices on the surface."""
+"""How often edges are halved afterwards at most, with vertices on the surface. Larger:
+finer surfaces, in more time."""
 PARTS_PER_CHORD = 8
-"""Parts into which each chord between two nodes of a drawn curve is divided."""
+"""Parts into which each chord between two nodes of a drawn curve is divided. Larger:
+smoother curves."""
 LONGEST_EDGE_RAD = np.radians(15.0)
 """Longest edge of the first mesh."""
 MAX_OUTPUT_FREEDOMS = 3
 """Degrees of freedom that an output has at most."""
 DEFAULT_ASPECT_SAMPLES = 11
-"""Values of each input for aspects by default."""
+"""Values of each input for aspects by default. Larger: narrow aspects are found, in more
+time."""
 
 
 def no_aspects(mechanism: Mechanism) -> str:

@@ -81,10 +81,16 @@ mode. Smaller: values that were rounded in a table are refused.
 """
 
 UNIT_ORIENTATION_TOLERANCE = 1e-9
-"""Largest element of R R^T - 1 with which a matrix R counts as a rotation matrix."""
+"""Largest element of R R^T - 1 with which a matrix R counts as a rotation matrix.
+
+Larger: matrices that are no rotations are accepted. Smaller: rounded ones are refused.
+"""
 
 RANGE_TOLERANCE = 1e-12
-"""Part of a range by which an angle or a time may be outside because of rounding."""
+"""Part of a range by which an angle or a time may be outside because of rounding.
+
+Larger: values outside are accepted and moved to the end. Smaller: rounded ends are refused.
+"""
 
 
 @dataclass(frozen=True)

@@ -43,13 +43,22 @@ orientations, and 1/60 for directions.
 """
 
 MAX_SEARCH_ROUNDS = 6
-"""Largest number of rounds. Each round improves all starts and then samples the ball."""
+"""Largest number of rounds. Each round improves all starts and then samples the ball.
+
+Larger: nearer poses may be found, in more time. Smaller: the search ends sooner.
+"""
 
 MAX_SQP_STEPS = 60
-"""Largest number of SQP steps from one start."""
+"""Largest number of SQP steps from one start.
+
+Larger: starts far from a minimum arrive. Smaller: they end before it.
+"""
 
 FIRST_STEPS = 8
-"""Number of SQP steps of all starts. After these, only the best are continued."""
+"""Number of SQP steps of all starts. After these, only the best are continued.
+
+Larger: a better choice of the best, in more time. Smaller: a good start may be dropped.
+"""
 
 FINALIST_COUNT = 3
 """Number of starts that are continued after `FIRST_STEPS`.
@@ -59,10 +68,16 @@ the ball is sampled.
 """
 
 DIFFERENCE_STEP = 1e-6
-"""Step of the central differences of the margins, in coordinates v (rad)."""
+"""Step of the central differences of the margins, in coordinates v (rad).
+
+Larger: curved margins have less accurate gradients. Smaller: rounding errors grow.
+"""
 
 MIN_STEP_LENGTH = 1e-11
-"""SQP steps from a start end when a step is shorter, in coordinates v (rad)."""
+"""SQP steps from a start end when a step is shorter, in coordinates v (rad).
+
+Larger: less accurate minima. Smaller: steps that are only rounding.
+"""
 
 STEP_FRACTIONS = 0.5 ** np.arange(10)
 """Fractions of an SQP step that are tried. The one with the least merit is used."""
@@ -80,7 +95,10 @@ This happens at a corner of the border, or if a margin has no value beyond the b
 """
 
 MIN_GAIN = 1e-9
-"""The search ends if a round reduces the arc to the nearest pose by less (rad)."""
+"""The search ends if a round reduces the arc to the nearest pose by less (rad).
+
+Larger: fewer rounds, and poses that are farther than the nearest one. Smaller: more rounds.
+"""
 
 
 @dataclass(frozen=True)

@@ -66,7 +66,10 @@ Larger: close extrema are found more reliably, in more time.
 """
 
 MAX_SCHEDULE_ROWS = 1_000_000
-"""Largest number of rows of a schedule, one for each cycle of the controller."""
+"""Largest number of rows of a schedule, one for each cycle of the controller.
+
+Larger: longer schedules, with more memory. Smaller: they are refused.
+"""
 
 CYCLE_ROUNDING = 1e-12
 """Part of a duration by which it may exceed a whole number of cycles.
@@ -75,10 +78,16 @@ Larger: a limit may be exceeded by this part. Smaller: rounding errors add a cyc
 """
 
 LAW_END_TOLERANCE = 1e-12
-"""Largest error of a law shape at its ends, and outside of the range from 0 to 1."""
+"""Largest error of a law shape at its ends, and outside of the range from 0 to 1.
+
+Larger: laws that end elsewhere are accepted. Smaller: rounding errors are refused.
+"""
 
 LAW_CHECK_SAMPLES = 1001
-"""Number of samples at which a law shape has to be in the range from 0 to 1."""
+"""Number of samples at which a law shape has to be in the range from 0 to 1.
+
+Larger: short excursions from the range are noticed. Smaller: they are missed.
+"""
 
 
 class FixedAxisRotation(Protocol):

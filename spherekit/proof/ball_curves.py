@@ -43,10 +43,16 @@ Larger: profiles with sharper bends succeed, slowly. Smaller: they are refused.
 """
 
 MAX_CACHED_CURVES = 32
-"""Number of curves that are remembered, by profile and precision."""
+"""Number of curves that are remembered, by profile and precision.
+
+Larger: more memory. Smaller: curves are computed again.
+"""
 
 PANEL_REDUCTION = 0.7
-"""Width of each panel that is tried, over that of the one before it."""
+"""Width of each panel that is tried, over that of the one before it.
+
+Larger: more trials. Smaller: panels are narrower than necessary.
+"""
 
 CONVERGENCE_MARGIN = 0.9
 """Used part of the estimated distance at which a series has all digits.

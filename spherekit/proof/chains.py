@@ -27,7 +27,10 @@ Larger: fewer arcs, more trials that fail. Smaller: more arcs that overlap more.
 """
 
 CENTRE_RATIO_REDUCTION = 0.6
-"""Each distance to the next centre that is tried, over the one before it."""
+"""Each distance to the next centre that is tried, over the one before it.
+
+Larger: more trials. Smaller: arcs overlap more than necessary.
+"""
 
 MIN_CENTRE_RATIO = 1e-3
 """Smallest distance to the next centre that is tried, over the half length of an arc.

@@ -56,7 +56,11 @@ several times.
 """
 
 SHORTEST_INTERVAL_RAD = 1e-12
-"""Length (rad) below which a part of the range gets no number of modes."""
+"""Length (rad) below which a part of the range gets no number of modes.
+
+Larger: short parts are not listed. Smaller: parts between equal inputs with different
+rounding are listed.
+"""
 
 
 class ModeInterval(NamedTuple):

@@ -31,10 +31,16 @@ Larger: paths that pass near singular systems arrive. Smaller: they are lost soo
 """
 
 FIRST_HOMOTOPY_STEP = 0.02
-"""First step of each path in t."""
+"""First step of each path in t.
+
+Larger: it fails on more paths and is repeated. Smaller: more steps at the start.
+"""
 
 MIN_HOMOTOPY_STEP = 1e-7
-"""Step in t below which a path is given up."""
+"""Step in t below which a path is given up.
+
+Larger: paths near singular systems are lost. Smaller: more time is spent on them.
+"""
 
 MAX_HOMOTOPY_STEP = 0.1
 """Largest step of a path in t.
@@ -43,7 +49,10 @@ Larger: fewer steps, but paths may jump to neighbours. Smaller: more steps.
 """
 
 HOMOTOPY_STEP_GROWTH = 1.2
-"""Step after an accepted one, over it."""
+"""Step after an accepted one, over it.
+
+Larger: more steps fail because they are too long. Smaller: more steps.
+"""
 
 MAX_PREDICTION_ERROR = 3e-3
 """Largest first correction of a predicted point, over 1 + its magnitude.
@@ -53,7 +62,10 @@ Smaller: shorter steps.
 """
 
 MAX_LAST_CORRECTION = 1e-8
-"""Largest last correction of a predicted point, over 1 + its magnitude."""
+"""Largest last correction of a predicted point, over 1 + its magnitude.
+
+Larger: points beside their path are accepted. Smaller: more steps are repeated.
+"""
 
 USEFUL_PROGRESS = 0.9
 """Value of t from which on a path that stops is still returned.
@@ -63,8 +75,11 @@ lost. Smaller: more approximations that lead nowhere.
 """
 
 HOMOTOPY_SEEDS = 4
-"""Number of homotopies with other random numbers; of four one nearly always loses no
-path."""
+"""Number of homotopies with different random numbers.
+
+Of four, one nearly always loses no path. Larger: fewer roots are missed, in more time.
+Smaller: more roots are missed.
+"""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,10 @@ More bits do not help: the tests over boxes are in float64.
 """
 
 DEFAULT_CELL_RAD = 0.01
-"""Largest side (rad) of the cells that are classified, unless another is asked for."""
+"""Largest side (rad) of the cells that are classified, unless another is asked for.
+
+Larger: coarser maps. Smaller: finer maps, in more time.
+"""
 
 CELL_HALVINGS = 5
 """Number of times that the sides of a cell are halved to classify it.

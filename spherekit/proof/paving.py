@@ -49,7 +49,11 @@ before a curve is found.
 """
 
 SEARCHED_BOXES = 3
-"""Number of boxes of each batch in which configurations are looked for."""
+"""Number of boxes of each batch in which configurations are looked for.
+
+Larger: curves are found earlier, with more searches that find nothing new. Smaller: more
+boxes are cut before a curve is found.
+"""
 
 SMALLEST_BOX_RAD = 1e-6
 """Half width (rad) below which boxes are not halved and count as undecided.

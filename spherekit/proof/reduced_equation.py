@@ -58,7 +58,10 @@ Larger: positions farther away succeed. Smaller: they fail sooner.
 """
 
 MAX_CRITICAL_STEP_RAD = 0.5
-"""Largest Newton step (rad) to the critical point of g; a longer one has diverged."""
+"""Largest Newton step (rad) to the critical point of g; a longer one has diverged.
+
+Larger: diverging iterations end later. Smaller: positions farther away fail.
+"""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,10 @@ from spherekit.proof.linkage import (
 from spherekit.status import Status
 
 MAX_PICARD_SWEEPS = 40
-"""Largest number of sweeps of Picard's iteration; a step that needs more is too long."""
+"""Largest number of sweeps of Picard's iteration; a step that needs more is too long.
+
+Larger: longer steps succeed, with many sweeps. Smaller: more steps are repeated.
+"""
 
 CHEAP_SWEEPS = 15
 """Number of sweeps beyond which the next step is shorter.
@@ -57,10 +60,16 @@ Larger: fewer and longer steps with more sweeps each. Smaller: more and shorter 
 """
 
 CHEAP_STEP_GROWTH = 1.05
-"""Length of the next step over that of a step with few sweeps."""
+"""Length of the next step over that of a step with few sweeps.
+
+Larger: more steps are too long. Smaller: steps stay short after a difficult part.
+"""
 
 COSTLY_STEP_REDUCTION = 0.8
-"""Length of the next step over that of a step with many sweeps or a large error."""
+"""Length of the next step over that of a step with many sweeps or a large error.
+
+Larger: more steps stay costly. Smaller: steps become shorter than necessary.
+"""
 
 MAX_TRUNCATION_ROUNDINGS = 16
 """Largest size of the last terms of a step, in roundings.
@@ -69,7 +78,10 @@ Larger: longer steps with larger errors. Smaller: shorter steps, whose roundings
 """
 
 CONVERGED_ROUNDINGS = 2
-"""Change of the last sweep, in roundings, below which the iteration has converged."""
+"""Change of the last sweep, in roundings, below which the iteration has converged.
+
+Larger: larger errors. Smaller: rounding hides the convergence.
+"""
 
 STAGNATION_ROUNDINGS = 1e5
 """Change of a sweep, in roundings, below which a change that no longer shrinks is rounding.
@@ -84,7 +96,10 @@ Before it, the iteration may not have begun to converge.
 """
 
 MIN_STEP_RATIO = 1e-10
-"""Shortest step, over the whole time; if a shorter one were needed the motion fails."""
+"""Shortest step, over the whole time; if a shorter one were needed the motion fails.
+
+Larger: more motions fail. Smaller: failing takes more steps.
+"""
 
 COORDINATE_CHANGE_RATIO = 1.5
 """Rate of another variable, per unit rate of the coordinate, that makes it the coordinate.

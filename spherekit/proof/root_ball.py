@@ -37,7 +37,7 @@ Larger: more tests fail. Smaller: less of the space around a solution is known t
 SOLUTION_MARGIN = 4.0
 """Stated radius of a solution over the proven one.
 
-Larger: solutions that are close are not told apart. Smaller: checkers with weaker bounds
+Larger: solutions that are close are not separated. Smaller: checkers with weaker bounds
 cannot repeat the proof.
 """
 
@@ -49,7 +49,10 @@ each bit.
 """
 
 MAX_ROOT_STEP_RAD = 10.0
-"""Largest Newton step (rad) to a solution; a longer one has diverged."""
+"""Largest Newton step (rad) to a solution; a longer one has diverged.
+
+Larger: diverging iterations end later. Smaller: poor approximations fail.
+"""
 
 REAL_TRIAL_IMAGINARY_RAD = 1e-6
 """Imaginary parts (rad) below which a solution is first tried as a real one.

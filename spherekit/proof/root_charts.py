@@ -35,7 +35,11 @@ radius.
 """
 
 RESIDUAL_FACTOR = 50.0
-"""The same over the distance of the root from its approximation."""
+"""Part of the same radius, over the distance of the root from its approximation.
+
+Larger: the derivatives change more, and the test fails. Smaller: the radius hardly exceeds
+the error of the approximation.
+"""
 
 MAX_POLISHING_STEPS = 8
 """Largest number of Newton steps that improve approximate roots.

@@ -64,7 +64,10 @@ Larger: sharply bent crossings are missed. Smaller: more trials that fail.
 """
 
 RECTANGLE_REDUCTION = 0.75
-"""Half width of each rectangle that is tried, over that of the one before it."""
+"""Half width of each rectangle that is tried, over that of the one before it.
+
+Larger: more trials. Smaller: rectangles are smaller than necessary.
+"""
 
 CROSSING_RECTANGLE_RAD = 0.02
 """Half width (rad) below which a crossing is accepted although rate signs are open.
@@ -74,10 +77,14 @@ arms reach less far, so that chains need more arcs near the crossing.
 """
 
 GAP_RECTANGLE_RAD = 1e-3
-"""The same for a saddle whose level is not proven to be 0."""
+"""Half width (rad) below which a near crossing is accepted although rate signs are open.
+
+A near crossing is a saddle whose level is not proven to be 0. Larger, smaller: as for
+`CROSSING_RECTANGLE_RAD`.
+"""
 
 INNER_HEIGHT_RATIO = 1.0 / 16.0
-"""Part of the height of the rectangle beyond which the quadrants tell the arms apart.
+"""Part of the height of the rectangle beyond which the quadrants distinguish the arms.
 
 Larger: chains end on arms only farther from the saddle. Smaller: the test fails more often.
 """

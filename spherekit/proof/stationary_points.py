@@ -43,9 +43,11 @@ Larger: two stationary points closer than this stay undecided. Smaller: more str
 """
 
 SHORTEST_FLAT_STRETCH_RAD = 0.02
-"""The same where neither the rate nor its derivative has a proven sign at the start.
+"""Length (rad) below which a stretch is not cut if shorter ones would not help.
 
-Short stretches would not help there: the signs are open at the start itself.
+They help only if the derivative of the rate has no proven sign in the whole stretch, but
+it or the rate has one at the start. Larger: more stays undecided. Smaller: more stretches
+are examined in vain.
 """
 
 MAX_STRETCHES = 4000
@@ -55,7 +57,10 @@ Larger: more is decided where the variable nearly rests. Smaller: less time is s
 """
 
 STRETCHES_PER_ARC = 40
-"""Number of further stretches for each arc of the chain, see `MAX_STRETCHES`."""
+"""Number of further stretches for each arc of the chain, see `MAX_STRETCHES`.
+
+Larger: more is decided on long chains, in more time. Smaller: less is decided.
+"""
 
 FIRST_BRACKET_RAD = 3.6e-10
 """Length (rad) of the first stretch in which a zero of a rate is enclosed.
@@ -64,7 +69,10 @@ Larger: wider enclosures. Smaller: the signs at the ends are more often open.
 """
 
 BRACKET_GROWTH = 4.0
-"""Length of each stretch that is tried to enclose a zero, over that of the one before."""
+"""Length of each stretch that is tried to enclose a zero, over that of the one before.
+
+Larger: wider enclosures. Smaller: more trials.
+"""
 
 MIN_FORWARD_COSINE = 1e-3
 """Smallest cosine of the angle between the tangents of two arcs that are oriented alike.
