@@ -432,17 +432,17 @@ class Poles(AbstractAnalysis):
         link = second_link if is_to_ground else None
         yield Series(
             f"plots/velocity/{name}",
-            velocity_label,
-            f"{title}velocity coefficients{kind}",
-            velocity[rows],
-            "",
-            link,
+            label=velocity_label,
+            group=f"{title}velocity coefficients{kind}",
+            values=velocity[rows],
+            unit="",
+            link=link,
         )
         yield Series(
             f"plots/acceleration/{name}",
-            acceleration_label,
-            f"{title}acceleration coefficients{kind}",
-            acceleration[rows],
-            "1/rad",
-            link,
+            label=acceleration_label,
+            group=f"{title}acceleration coefficients{kind}",
+            values=acceleration[rows],
+            unit="1/rad",
+            link=link,
         )

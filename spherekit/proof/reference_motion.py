@@ -654,7 +654,8 @@ class ExactSimulation:
             sign_change = min(
                 self._find_sign_changes(step),
                 key=lambda change: float(change.x),
-                default=_SignChange(exact_ball(1.0), None, False),
+                # At the end of the step, if nothing changes its sign.
+                default=_SignChange(x=exact_ball(1.0), switch=None, is_at_start=False),
             )
             switch = sign_change.switch
             if sign_change.is_at_start and switch == last_switch:
