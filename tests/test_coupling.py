@@ -28,48 +28,71 @@ def five_bar():
 
 
 @pytest.mark.parametrize("mode", [0, 1])
-def test_a_table_says_what_the_mechanism_does(four_bar, mode):
+def test_a_coupling_table_of_one_input_is_within_its_errors(four_bar, mode):
+    """Angles, coefficients and angular velocity of a pole at 200 random inputs.
+
+    They are compared with `sk.evaluate` at the same inputs. The table states its largest
+    error, measured between its nodes; 5 % more is allowed.
+    """
     q = np.random.default_rng(2).uniform(0.0, 2.0 * np.pi, 200)
     exact = sk.evaluate("four_bar", q, poles=["3/1"], assembly_mode=mode)
-    found = four_bar.at(q[:, None], mode)
+    interpolated = four_bar.at(q[:, None], mode)
+    coefficient_limit = 1.05 * four_bar.coefficient_error
     for k, name in enumerate(four_bar.variables):
-        off = np.exp(1j * found.angles[:, k]) - np.exp(1j * exact.variable(name))
-        assert np.max(np.abs(off)) < 1.05 * four_bar.angle_error
-        rate = exact.variable_coefficient(name.removeprefix("theta_"))
-        off = np.abs(found.coefficients[:, k, 0] - rate)
-        assert np.max(off) < 1.05 * four_bar.coefficient_error
+        exact_angle = exact.variable(name)
+        angle_gap = np.exp(1j * interpolated.angles[:, k]) - np.exp(1j * exact_angle)
+        assert np.max(np.abs(angle_gap)) < 1.05 * four_bar.angle_error
+        coefficients = exact.variable_coefficient(name.removeprefix("theta_"))
+        coefficient_gap = np.abs(interpolated.coefficients[:, k, 0] - coefficients)
+        assert np.max(coefficient_gap) < coefficient_limit
     w = exact.direction("3/1") * exact.velocity_coefficient("3/1")[:, None]
-    assert np.max(np.abs(found.turning[:, 0, 0] - w)) < 1.05 * four_bar.coefficient_error
-    assert four_bar.angle_error < 1e-6 and four_bar.coefficient_error < 1e-4
+    assert np.max(np.abs(interpolated.turning[:, 0, 0] - w)) < coefficient_limit
+    assert four_bar.angle_error < 1e-6
+    assert four_bar.coefficient_error < 1e-4
 
 
-def test_two_inputs_on_a_grid(five_bar):
+def test_a_coupling_table_of_two_inputs_is_within_its_errors(five_bar):
+    """Angles and coefficients at 300 random inputs, against `sk.evaluate`.
+
+    The table has no numbers out of reach and in cells at an end of the mode.
+    """
     q = np.random.default_rng(7).uniform(0.8, 2.3, (300, 2))
-    found = five_bar.at(q)
-    sure = np.isfinite(found.angles[:, 0])
-    assert np.mean(sure) > 0.3
-    exact = sk.evaluate("five_bar", q[sure], poles=[], assembly_mode=0)
+    interpolated = five_bar.at(q)
+    is_known = np.isfinite(interpolated.angles[:, 0])
+    assert np.mean(is_known) > 0.3
+    exact = sk.evaluate("five_bar", q[is_known], poles=[], assembly_mode=0)
     for k, name in enumerate(five_bar.variables):
-        off = np.exp(1j * found.angles[sure, k]) - np.exp(1j * exact.variable(name))
-        assert np.max(np.abs(off)) < 1.05 * five_bar.tolerance
-        rate = exact.variable_coefficient(name.removeprefix("theta_"), "51")
-        off = np.abs(found.coefficients[sure, k, 1] - rate)
-        assert np.max(off) < 1.05 * five_bar.coefficient_error
-    # The derivatives are those of the coefficients: symmetric, and their differences.
-    swapped = np.swapaxes(five_bar.derivatives, -1, -2)
-    known = np.isfinite(five_bar.derivatives)
-    assert np.allclose(five_bar.derivatives[known], swapped[known], atol=1e-9)
+        angles = interpolated.angles[is_known, k]
+        angle_gap = np.exp(1j * angles) - np.exp(1j * exact.variable(name))
+        assert np.max(np.abs(angle_gap)) < 1.05 * five_bar.tolerance
+        coefficients = exact.variable_coefficient(name.removeprefix("theta_"), "51")
+        coefficient_gap = np.abs(interpolated.coefficients[is_known, k, 1] - coefficients)
+        assert np.max(coefficient_gap) < 1.05 * five_bar.coefficient_error
     assert np.all(np.isnan(five_bar.at([[0.0, 0.0]]).angles))
 
 
-def test_cubics_are_exact(five_bar):
-    """The formula between nodes, on functions that it has to reproduce."""
+def test_second_derivatives_of_a_coupling_table_are_symmetric(five_bar):
+    derivatives = five_bar.derivatives
+    swapped = np.swapaxes(derivatives, -1, -2)
+    is_known = np.isfinite(derivatives)
+    assert np.allclose(derivatives[is_known], swapped[is_known], atol=1e-9)
+
+
+def test_interpolation_in_a_coupling_table_is_exact_for_cubic_polynomials(five_bar):
+    """The interpolation from values and derivatives at nodes has to reproduce cubics.
+
+    A table on the nodes of `five_bar` is filled with a cubic of both inputs and its first
+    and second derivatives, and evaluated at 50 random points.
+    """
     x, y = five_bar.nodes.T
     cubic = x**3 - 2.0 * x**2 * y + 0.5 * x * y**2 + y**3 + x * y - 4.0
-    slopes = np.stack(
-        [3 * x**2 - 4 * x * y + 0.5 * y**2 + y, -2 * x**2 + x * y + 3 * y**2 + x], axis=1
-    )
-    bends = np.stack([6 * x - 4 * y, -4 * x + y + 1, -4 * x + y + 1, x + 6 * y], axis=1)
+    by_x = 3 * x**2 - 4 * x * y + 0.5 * y**2 + y
+    by_y = -2 * x**2 + x * y + 3 * y**2 + x
+    by_xx = 6 * x - 4 * y
+    by_xy = -4 * x + y + 1
+    by_yy = x + 6 * y
+    slopes = np.stack([by_x, by_y], axis=1)
+    bends = np.stack([by_xx, by_xy, by_xy, by_yy], axis=1)
     table = replace(
         five_bar,
         variables=("theta_32",),
@@ -80,42 +103,54 @@ def test_cubics_are_exact(five_bar):
         rise=np.zeros((1, 2, 1)),
     )
     a, b = np.random.default_rng(1).uniform(0.8, 2.3, (2, 50))
-    found = table.at(np.stack([a, b], axis=1))
-    wanted = a**3 - 2.0 * a**2 * b + 0.5 * a * b**2 + b**3 + a * b - 4.0
-    assert found.angles[:, 0] == pytest.approx(wanted, abs=1e-12)
-    assert found.coefficients[:, 0, 0] == pytest.approx(
-        3 * a**2 - 4 * a * b + 0.5 * b**2 + b, abs=1e-12
-    )
+    interpolated = table.at(np.stack([a, b], axis=1))
+    value = a**3 - 2.0 * a**2 * b + 0.5 * a * b**2 + b**3 + a * b - 4.0
+    by_a = 3 * a**2 - 4 * a * b + 0.5 * b**2 + b
+    assert interpolated.angles[:, 0] == pytest.approx(value, abs=1e-12)
+    assert interpolated.coefficients[:, 0, 0] == pytest.approx(by_a, abs=1e-12)
 
 
-def test_archives_and_csv_hold_the_table(four_bar, tmp_path, capsys):
-    count = int(four_bar.count[0])
-    target = tmp_path / "t.npz"
-    words = ["export", "four_bar", "--to", "coupling", "--poles", "3/1", "-o"]
-    assert main([*words, str(target)]) == 0
+def test_archives_and_csv_hold_the_numbers_of_a_coupling_table(four_bar, tmp_path, capsys):
+    """`export --to coupling` writes .npz and .csv files, which are read back."""
+    command = ["export", "four_bar", "--to", "coupling", "--poles", "3/1", "-o"]
+    archive = tmp_path / "t.npz"
+    assert main([*command, str(archive)]) == 0
     assert f"errors measured: {four_bar.angle_error:.2g} rad" in capsys.readouterr().err
-    again = sk.load_coupling(target)
-    assert np.array_equal(again.angles, four_bar.angles) and again.modes == (0, 1)
-    assert again.at(0.7).coefficients == pytest.approx(four_bar.at(0.7).coefficients)
-    target = tmp_path / "t.csv"
-    assert main([*words, str(target), "-q"]) == 0
-    with target.open() as file:
+    loaded = sk.load_coupling(archive)
+    assert np.array_equal(loaded.angles, four_bar.angles)
+    assert loaded.modes == (0, 1)
+    assert loaded.at(0.7).coefficients == pytest.approx(four_bar.at(0.7).coefficients)
+
+    csv_path = tmp_path / "t.csv"
+    assert main([*command, str(csv_path), "-q"]) == 0
+    with csv_path.open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == 2 * count
-    assert float(rows[count + 9]["theta_41_by_21"]) == four_bar.coefficients[1, 9, 2, 0]
-    assert float(rows[count + 9]["w_3_1_y_by_21"]) == four_bar.turning[1, 9, 0, 0, 1]
-    assert float(rows[count + 9]["cell_error"]) == four_bar.error[1, 9]
-    assert rows[count - 1]["cell_error"] == ""
+    node_count = int(four_bar.count[0])
+    assert len(rows) == 2 * node_count  # mode by mode
+    row = rows[node_count + 9]  # node 9 of mode 1
+    assert float(row["theta_41_by_21"]) == four_bar.coefficients[1, 9, 2, 0]
+    assert float(row["w_3_1_y_by_21"]) == four_bar.turning[1, 9, 0, 0, 1]
+    assert float(row["cell_error"]) == four_bar.error[1, 9]
+    assert rows[node_count - 1]["cell_error"] == ""  # no cell begins at the last node
 
 
 @pytest.mark.skipif(COMPILER is None, reason="needs a C compiler")
 @pytest.mark.parametrize("name", ["four_bar", "five_bar"])
-def test_c_says_the_same_as_python(name, request, tmp_path):
+def test_the_c_header_of_a_coupling_table_gives_the_numbers_of_python(
+    name, request, tmp_path
+):
+    """The exported header is compiled and called at 200 random inputs in each mode.
+
+    Its return codes are 0 for numbers, 1 for a mode that does not exist, 2 and 3 for inputs
+    without numbers. Python gives NaN for the same inputs.
+    """
     from spherekit.exchange.coupling_header import header
 
     table = request.getfixturevalue(name)
     (tmp_path / "table.h").write_text(header(table), encoding="ascii")
-    m, k, p = len(table.inputs), len(table.variables), max(len(table.poles), 1)
+    m = len(table.inputs)
+    variable_count = len(table.variables)
+    pole_count = max(len(table.poles), 1)
     (tmp_path / "table.c").write_text(
         '#include "table.h"\n'
         f"int at(int mode, const double *q, double *a, double *c, double *d, double *w)\n"
@@ -126,29 +161,41 @@ def test_c_says_the_same_as_python(name, request, tmp_path):
     flags = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror", "-O1"]
     command = [COMPILER, *flags, "-shared", "-fPIC", "-o", str(library), "table.c", "-lm"]
     subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, timeout=60)
-    at = ctypes.CDLL(str(library)).at
+    c_function = ctypes.CDLL(str(library)).at
 
-    def asked(q, mode):
-        parts = [np.zeros(n) for n in (k, k * m, k * m * m, p * m * 3)]
-        pointers = [part.ctypes.data_as(ctypes.c_void_p) for part in (q, *parts)]
-        return at(mode, *pointers), parts
+    def evaluate_in_c(q, mode):
+        """Return the code, angles, coefficients, derivatives and angular velocities."""
+        angles = np.zeros(variable_count)
+        coefficients = np.zeros(variable_count * m)
+        derivatives = np.zeros(variable_count * m * m)
+        turning = np.zeros(pole_count * m * 3)
+        arrays = (q, angles, coefficients, derivatives, turning)
+        code = c_function(mode, *(x.ctypes.data_as(ctypes.c_void_p) for x in arrays))
+        return code, angles, coefficients, derivatives, turning
 
     q = np.random.default_rng(4).uniform(-1.0, 8.0, (200, m))
     codes = set()
     for mode in table.modes:
-        whole = table.at(q, mode)
+        in_python = table.at(q, mode)
         for row in range(len(q)):
-            code, parts = asked(q[row].copy(), mode)
+            code, angles, coefficients, derivatives, turning = evaluate_in_c(
+                q[row].copy(), mode
+            )
             codes.add(code)
-            assert (code == 0) == np.isfinite(whole.angles[row, 0])
-            if code == 0:
-                assert parts[0] == pytest.approx(whole.angles[row], abs=1e-13)
-                assert parts[1] == pytest.approx(whole.coefficients[row].ravel(), abs=1e-12)
-                assert parts[2] == pytest.approx(whole.derivatives[row].ravel(), abs=1e-11)
-                if table.poles:
-                    assert parts[3] == pytest.approx(whole.turning[row].ravel(), abs=1e-12)
+            assert (code == 0) == np.isfinite(in_python.angles[row, 0])
+            if code != 0:
+                continue
+            assert angles == pytest.approx(in_python.angles[row], abs=1e-13)
+            expected = in_python.coefficients[row].ravel()
+            assert coefficients == pytest.approx(expected, abs=1e-12)
+            expected = in_python.derivatives[row].ravel()
+            assert derivatives == pytest.approx(expected, abs=1e-11)
+            if table.poles:
+                expected = in_python.turning[row].ravel()
+                assert turning == pytest.approx(expected, abs=1e-12)
     assert codes == ({0} if name == "four_bar" else {0, 2, 3})
-    assert asked(q[0], 9)[0] == 1 and asked(np.full(m, np.nan), 0)[0] in (2, 3)
+    assert evaluate_in_c(q[0], 9)[0] == 1
+    assert evaluate_in_c(np.full(m, np.nan), 0)[0] in (2, 3)
 
 
 def test_faults_say_what_is_allowed(tmp_path):

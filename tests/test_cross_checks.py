@@ -20,7 +20,10 @@ DYNAMICS = "simulation and inverse"
 
 
 def findings(evidence, name):
-    """Return what a check finds wrong; a refusal is none, a leaking warning is one."""
+    """Run a check and return its findings that no claim of completeness excuses.
+
+    A mechanism that is refused has none. A warning of NumPy is an error.
+    """
     notes = Notes()
     evidence.begin(name)
     with warnings.catch_warnings():
@@ -30,7 +33,7 @@ def findings(evidence, name):
         except SpherekitError:
             return []
     evidence.compared = getattr(evidence, "compared", 0) + notes.compared
-    return [(name, *each) for each in notes.wrong]
+    return [(name, kind, words) for kind, words in notes.wrong]
 
 
 @pytest.fixture
@@ -88,8 +91,10 @@ def test_random_mechanisms_are_the_same_each_time_and_move(seed):
         ("singularities by default", "singularities", "motion", "q", -1.0),
     ],
 )
-def test_what_is_spoilt_is_found(evidence_of, check, analysis, table, column, value):
-    """Each check on the evidence as it is, and with some numbers changed."""
+def test_a_check_finds_numbers_that_were_changed(
+    evidence_of, check, analysis, table, column, value
+):
+    """The check has no finding for the four-bar, but has one after a column is changed."""
     evidence = evidence_of("four_bar")
     assert not findings(evidence, check)
     frame = evidence.ran(analysis).tables[table]

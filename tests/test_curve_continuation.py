@@ -97,16 +97,25 @@ def test_one_lap_of_a_four_bar_without_a_crank(no_crank):
         ("shaped_cam", (1, 0, -1, 0)),
     ],
 )
-def test_shipped_mechanisms_close_after_one_lap(name, winding):
+def test_curves_of_shipped_mechanisms_close_after_one_lap(name, winding):
+    """Each variable grows by whole turns in a lap: its winding number times its period.
+
+    The curve may be followed in either sense, so the winding numbers are compared up to a
+    common sign. Beyond its length the curve repeats itself, less these turns.
+    """
     curve = shipped(name)
-    assert curve.closed and curve.ends == (sk.Status.OK, sk.Status.OK)
-    sense = np.sign(curve.winding @ np.array(winding))
-    assert np.array_equal(sense * curve.winding, winding)
+    assert curve.closed
+    assert curve.ends == (sk.Status.OK, sk.Status.OK)
+    sign = np.sign(curve.winding @ np.array(winding))
+    assert np.array_equal(sign * curve.winding, winding)
     points = curve.at(np.linspace(0.0, curve.length, 301))
     assert np.max(points.residual) < 1e-14
-    lap = curve.at(np.array([0.3, 0.3 + curve.length, 0.3 - 2 * curve.length])).values
-    assert np.max(np.abs(lap[1] - lap[0] - curve.rise)) < 1e-12
-    assert np.max(np.abs(lap[2] - lap[0] + 2 * curve.rise)) < 1e-12
+    s = 0.3
+    first, a_lap_on, two_laps_back = curve.at(
+        np.array([s, s + curve.length, s - 2 * curve.length])
+    ).values
+    assert np.max(np.abs(a_lap_on - first - curve.rise)) < 1e-12
+    assert np.max(np.abs(two_laps_back - first + 2 * curve.rise)) < 1e-12
 
 
 def test_cones_without_a_common_length_never_close():
@@ -150,8 +159,12 @@ def test_stops_end_a_curve_where_they_are(no_crank):
 
 
 @pytest.mark.slow
-def test_a_folding_four_bar_ends_at_the_crossing():
-    """A kite, 60-40-60-40 degrees, folds flat: four open curves between two poses."""
+def test_curves_of_a_parallelogram_end_at_their_crossings():
+    """A four-bar with arcs of 60-40-60-40 degrees folds flat in two poses.
+
+    Its four open curves end there: the axes of all pairs lie in a plane, so the smallest
+    singular value of their matrix vanishes. A curve cannot be started there.
+    """
     curves = all_curves(four_bar(np.radians([60.0, 40.0, 60.0, 40.0])))
     assert len(curves) == 4
     for curve in curves:
@@ -179,51 +192,74 @@ def test_starts_that_cannot_be_followed(no_crank):
 
 
 def test_modes_that_meet_at_dead_points_are_one_curve():
-    tracer = PositionAnalysis(four_bar(NO_CRANK))
-    (found,) = tracer.configurations.curves
-    assert {piece.assembly_mode for piece in found.pieces} == {0, 1}
-    curve = found.curve
-    covered = sum(piece.stop - piece.start for piece in found.pieces)
+    """Both modes of a four-bar without a crank are pieces of one configuration curve.
+
+    The pieces cover the whole curve. On each piece the configurations are those of its mode
+    at the same input, and `find` returns their place on the curve.
+    """
+    position_analysis = PositionAnalysis(four_bar(NO_CRANK))
+    (item,) = position_analysis.configurations.curves
+    curve = item.curve
+    assert {piece.assembly_mode for piece in item.pieces} == {0, 1}
+    covered = sum(piece.stop - piece.start for piece in item.pieces)
     assert covered == pytest.approx(curve.length, abs=1e-9)
-    for piece in found.pieces:
+    for piece in item.pieces:
         s = np.linspace(piece.start, piece.stop, 9)[1:-1]
         values = curve.at(s).values
         q = np.mod(values[:, 0], 2 * np.pi)
-        mode = tracer.assembly_modes[piece.assembly_mode]
-        there = tracer.solver.evaluate(mode, q[:, None]).values
-        assert np.max(np.abs(curve.wrapped(there - values))) < 1e-9
-        again = curve.at(curve.find(there)).values
-        assert np.max(np.abs(curve.wrapped(again - there))) < 1e-9
+        mode = position_analysis.assembly_modes[piece.assembly_mode]
+        mode_values = position_analysis.solver.evaluate(mode, q[:, None]).values
+        assert np.max(np.abs(curve.wrapped(mode_values - values))) < 1e-9
+        values_at_place = curve.at(curve.find(mode_values)).values
+        assert np.max(np.abs(curve.wrapped(values_at_place - mode_values))) < 1e-9
 
 
-def test_inputs_between_and_at_dead_points(no_crank):
-    dead = no_crank.dead_points(0).places
-    limits = no_crank.at(dead).values[:, 0]
+def test_a_curve_has_two_configurations_between_dead_points_and_one_at_each(no_crank):
+    """A dead point is where the input turns back: its two modes meet in a double place.
+
+    1e-9 rad before it there are two configurations, and 1e-6 rad beyond it none. Whole
+    turns of the input do not matter.
+    """
+    input_variable = 0
+    dead_points = no_crank.dead_points(input_variable).places
+    limits = no_crank.at(dead_points).values[:, input_variable]
     middle = float(np.mean(limits))
-    found = no_crank.at_input(0, middle + 4 * np.pi)
-    assert len(found.places) == 2
-    assert np.max(np.abs(no_crank.at(found.places).values[:, 0] - middle)) < 1e-14
-    turning = no_crank.at_input(0, float(np.max(limits)))
-    assert turning.double.tolist() == [True]
-    assert np.min(np.abs(dead - turning.places)) < 1e-7
-    assert len(no_crank.at_input(0, float(np.max(limits)) + 1e-6).places) == 0
-    near = no_crank.at_input(0, float(np.max(limits)) - 1e-9)
-    assert len(near.places) == 2
+    highest = float(np.max(limits))
+
+    places = no_crank.at_input(input_variable, middle + 4 * np.pi).places
+    assert len(places) == 2
+    inputs = no_crank.at(places).values[:, input_variable]
+    assert np.max(np.abs(inputs - middle)) < 1e-14
+
+    at_dead_point = no_crank.at_input(input_variable, highest)
+    assert at_dead_point.double.tolist() == [True]
+    assert np.min(np.abs(dead_points - at_dead_point.places)) < 1e-7
+    assert len(no_crank.at_input(input_variable, highest + 1e-6).places) == 0
+    assert len(no_crank.at_input(input_variable, highest - 1e-9).places) == 2
 
 
 @pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "shaped_cam"])
-def test_tangents_and_bends_by_richardson(name):
-    """Central differences of the values; their errors fall by 4 with half the step."""
+def test_derivatives_along_a_curve_are_limits_of_central_differences(name):
+    """First and second derivatives by arc length (`tangents`, `bends`) at seven places.
+
+    Central differences have an error of second order: it falls by 4 with half the step,
+    and (4 fine - coarse) / 3 is right to fourth order (Richardson's extrapolation).
+    """
     curve = shipped(name)
     s = np.linspace(0.1, curve.length, 7)
-    here = curve.at(s)
+    points = curve.at(s)
 
-    def differences(h):
-        ahead, behind = curve.at(s + h).values, curve.at(s - h).values
-        return (ahead - behind) / (2 * h), (ahead - 2 * here.values + behind) / h**2
+    def central_differences(h):
+        ahead = curve.at(s + h).values
+        behind = curve.at(s - h).values
+        return (ahead - behind) / (2 * h), (ahead - 2 * points.values + behind) / h**2
 
-    (t1, b1), (t2, b2) = differences(4e-3), differences(2e-3)
-    for coarse, fine, exact in ((t1, t2, here.tangents), (b1, b2, here.bends)):
+    coarse_tangents, coarse_bends = central_differences(4e-3)
+    fine_tangents, fine_bends = central_differences(2e-3)
+    for coarse, fine, exact in (
+        (coarse_tangents, fine_tangents, points.tangents),
+        (coarse_bends, fine_bends, points.bends),
+    ):
         assert np.max(np.abs((4 * fine - coarse) / 3 - exact)) < 1e-7
-        wrong = np.max(np.abs(coarse - exact)) / np.max(np.abs(fine - exact))
-        assert wrong == pytest.approx(4.0, rel=0.02)
+        error_ratio = np.max(np.abs(coarse - exact)) / np.max(np.abs(fine - exact))
+        assert error_ratio == pytest.approx(4.0, rel=0.02)

@@ -28,50 +28,80 @@ def turned(angle):
 
 
 def curves(kind, backwards=False):
-    """Return a function of a number, and the curve varied by it."""
+    """Return a family of curves and its derivative by the parameter of the family.
+
+    Parameters
+    ----------
+    kind
+        "circle", "fourier", or "closed" or "open" for curves through points.
+    backwards
+        Whether the derivative is that of the reversed curve.
+
+    Returns
+    -------
+    curve_at
+        Function that returns the curve of the family at a parameter x. Near x = 0 its
+        centre moves along `SIDEWAYS`, and its sizes or points change linearly.
+    derivative
+        Derivative at x = 0 as spherekit evaluates it: a function of arc length.
+    """
+    centre = (CENTRE, SIDEWAYS)
     if kind == "circle":
-        varied = differentiate_fourier(
-            (CENTRE, SIDEWAYS), ([0.6], [1.0]), backwards=backwards
-        )
-        return lambda x: circle(turned(x), 0.6 + x), varied
+        derivative = differentiate_fourier(centre, ([0.6], [1.0]), backwards=backwards)
+        return lambda x: circle(turned(x), 0.6 + x), derivative
     if kind == "fourier":
-        even, odd = np.array([0.6, 0.1, 0.05]), np.array([0.0, 0.02, 0.0])
-        moved = np.array([0.2, -1.0, 0.5]), np.array([0.0, 0.3, 1.0])
-        varied = differentiate_fourier(
-            (CENTRE, SIDEWAYS), (even, moved[0]), (odd, moved[1]), backwards
+        cosines = np.array([0.6, 0.1, 0.05])
+        sines = np.array([0.0, 0.02, 0.0])
+        cosine_rates = np.array([0.2, -1.0, 0.5])
+        sine_rates = np.array([0.0, 0.3, 1.0])
+        derivative = differentiate_fourier(
+            centre, (cosines, cosine_rates), (sines, sine_rates), backwards
         )
-        return lambda x: fourier(turned(x), even + x * moved[0], odd + x * moved[1]), varied
-    closed = kind == "closed"
-    whole = 2.0 * np.pi if closed else 4.0
-    points, change = points_of(0.0, whole=whole)
-    varied = differentiate_spline(points, change, closed, backwards)
-    return lambda x: through(points_of(x, whole=whole)[0], closed), varied
+
+        def fourier_at(x):
+            return fourier(turned(x), cosines + x * cosine_rates, sines + x * sine_rates)
+
+        return fourier_at, derivative
+    is_closed = kind == "closed"
+    azimuth_range = 2.0 * np.pi if is_closed else 4.0
+    points, rates = points_of(0.0, whole=azimuth_range)
+    derivative = differentiate_spline(points, rates, is_closed, backwards)
+    return lambda x: through(points_of(x, whole=azimuth_range)[0], is_closed), derivative
 
 
 def columns(curve, s):
-    there = curve.evaluate(s)
-    rows = [there.frame[:, :, 0].T, there.frame[:, :, 2].T]
-    return np.concatenate([*rows, there.curvature[None], there.curvature_rate[None]])
+    """Return (8, n) tangent, point, curvature and its rate by arc length."""
+    points = curve.evaluate(s)
+    tangent = points.frame[:, :, 0].T
+    point = points.frame[:, :, 2].T
+    curvature = points.curvature[None]
+    return np.concatenate([tangent, point, curvature, points.curvature_rate[None]])
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("backwards", [False, True])
 @pytest.mark.parametrize("kind", ["circle", "fourier", "closed", "open"])
-def test_what_a_curve_changes_by_is_its_difference(kind, backwards):
-    made, varied = curves(kind, backwards)
+def test_the_derivative_of_a_changing_curve_is_its_central_difference(kind, backwards):
+    """Derivatives of tangent, point, curvature and its rate at fixed arc lengths.
 
-    def at(x, s):
-        curve = made(x)
+    They are compared with central differences of two curves of the family. Closed curves
+    are evaluated beyond one lap as well, where the change of their length counts. The last
+    row, the rate of the curvature, has larger differences.
+    """
+    curve_at, derivative = curves(kind, backwards)
+
+    def quantities(x, s):
+        curve = curve_at(x)
         return columns(curve.reversed() if backwards else curve, s)
 
-    length = made(0.0).length
+    length = curve_at(0.0).length
     s = np.linspace(0.01, 0.97, 41) * length
     if kind != "open":
         s = np.concatenate([s, s + 2.0 * length, s - length])
-    wanted = (at(STEP, s) - at(-STEP, s)) / (2.0 * STEP)
-    scale = np.max(np.abs(wanted), axis=1, initial=1.0)
-    off = np.max(np.abs(varied(s) - wanted), axis=1) / scale
-    assert np.all(off < [3e-5] * 7 + [1e-3])
+    differences = (quantities(STEP, s) - quantities(-STEP, s)) / (2.0 * STEP)
+    scale = np.max(np.abs(differences), axis=1, initial=1.0)
+    errors = np.max(np.abs(derivative(s) - differences), axis=1) / scale
+    assert np.all(errors < [3e-5] * 7 + [1e-3])
 
 
 @pytest.mark.many

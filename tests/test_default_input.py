@@ -41,16 +41,16 @@ MARKS |= {"wiper": (), "stephenson": pytest.mark.long, "watt": pytest.mark.long}
 
 @pytest.fixture(params=[pytest.param(name, marks=MARKS[name]) for name in TEXTS])
 def files(request, tmp_path):
-    """Return the paths of a file without inputs and of the same with its input stated."""
+    """Return the paths of a file without inputs, and of the same with its input stated."""
     text = TEXTS[request.param]
     tables = tomllib.loads(text)
     assert "inputs" not in tables
     first = next(name for name, pair in tables["pairs"].items() if pair["type"] == "R")
     paths = []
-    for folder, more in (("silent", ""), ("stated", f"\n[inputs.{first}]\n")):
+    for folder, added_text in (("silent", ""), ("stated", f"\n[inputs.{first}]\n")):
         (tmp_path / folder).mkdir()
         path = tmp_path / folder / f"{request.param}.toml"
-        path.write_text(text + more, "utf-8")
+        path.write_text(text + added_text, "utf-8")
         paths.append(path)
     return paths
 
@@ -86,18 +86,25 @@ QUICK = ("singularities", "statics", "eksergian")
     "analysis",
     [pytest.param(x, marks=() if x in QUICK else pytest.mark.slow) for x in ALL],
 )
-def test_runs_agree(analysis, more, files, tmp_path, capsys):
-    """Tables, failures and summary of every analysis, or one and the same refusal."""
-    told, tables, summaries = [], [], []
+def test_runs_without_inputs_equal_runs_with_the_first_pair_as_input(
+    analysis, more, files, tmp_path, capsys
+):
+    """Printed text, tables and summary of an analysis are equal for both files.
+
+    If an analysis refuses the mechanism, it does so in the same words. `more` are further
+    options of the command.
+    """
+    printed = []
+    tables = []
+    summaries = []
     for path in files:
         folder = tmp_path / f"{path.parent.name}_out"
-        told.append(
-            said(capsys, "run", path, "-a", analysis, "--samples", 9, *more, "-o", folder)
-        )
+        command = ["run", path, "-a", analysis, "--samples", 9, *more, "-o", folder]
+        printed.append(said(capsys, *command))
         tables.append({x.name: pd.read_parquet(x) for x in folder.glob("*.parquet")})
         summary = folder / "summary.json"
         summaries.append(json.loads(summary.read_text()) if summary.exists() else {})
-    assert told[0] == told[1]
+    assert printed[0] == printed[1]
     assert tables[0].keys() == tables[1].keys()
     for name, table in tables[0].items():
         pd.testing.assert_frame_equal(table, tables[1][name], check_exact=True)
@@ -143,20 +150,27 @@ def test_what_is_written_agrees(language, files, tmp_path, capsys):
     assert written[0] == written[1]
 
 
-def test_sweeps_trades_and_evaluations_agree(files):
-    """A sweep, a measured trade and `evaluate` through Python."""
+def test_sweeps_trades_and_evaluations_without_inputs_equal_those_with_one(files):
+    """From Python: a sweep over an arc, a trade of accuracy for time, and `evaluate`."""
     silent, stated = map(sk.load, files)
-    assert silent == stated and silent.content == stated.content
-    (arc, *_) = [x for x, sizes in silent.geometry.links.items() if len(sizes.arcs) == 1]
-    vary = {f"links.{arc}.arc": [70.0, 71.0]}
+    assert silent == stated
+    assert silent.content == stated.content
+    links = silent.geometry.links
+    arc_link = next(name for name, sizes in links.items() if len(sizes.arcs) == 1)
+    vary = {f"links.{arc_link}.arc": [70.0, 71.0]}
     merit = f"swing=range(theta_{silent.pairs[1].name})"
-    frames = [sk.sweep(made, vary, merit, samples=5).frame() for made in (silent, stated)]
-    pd.testing.assert_frame_equal(*frames)
-    trades = [sk.trade(made, samples=5, rounds=1) for made in (silent, stated)]
-    assert trades[0].made_for == trades[1].made_for
-    assert trades[0].rows == trades[1].rows > 0
-    here, there = (sk.evaluate(made, [0.5, 0.7]) for made in (silent, stated))
-    assert here.frame().equals(there.frame())
+    silent_sweep = sk.sweep(silent, vary, merit, samples=5).frame()
+    stated_sweep = sk.sweep(stated, vary, merit, samples=5).frame()
+    pd.testing.assert_frame_equal(silent_sweep, stated_sweep)
+
+    silent_trade = sk.trade(silent, samples=5, rounds=1)
+    stated_trade = sk.trade(stated, samples=5, rounds=1)
+    assert silent_trade.made_for == stated_trade.made_for
+    assert silent_trade.rows == stated_trade.rows > 0
+
+    q = [0.5, 0.7]
+    silent_rows = sk.evaluate(silent, q).frame()
+    assert silent_rows.equals(sk.evaluate(stated, q).frame())
 
 
 def test_the_wiper_has_four_singularities_of_type_i(capsys):
