@@ -30,24 +30,32 @@ def laws_of(made, name):
 
 
 @pytest.mark.parametrize("name", STARTS)
-def test_inertia_is_symmetric_positive_and_changes_as_its_derivatives_say(name):
-    """M' along a motion comes from M alone, by the series through it at 28 times."""
-    made = with_point_masses(name)
+def test_inertia_matrix_is_positive_definite_and_agrees_with_christoffel_symbols(name):
+    """M is symmetric and positive definite, and M' - 2 C is skew-symmetric.
+
+    C is the matrix of Christoffel symbols times rates. M' along the motion is computed
+    twice: from the partial derivatives of M, and from M alone, as the derivative of a
+    Chebyshev series through 28 times of a motion of 0.4 s.
+    """
+    mechanism = with_point_masses(name)
     nodes = np.cos(np.pi * (np.arange(28)[::-1] + 0.5) / 28)
-    found = inverse_dynamics(made, laws_of(made, name), 0.2 + 0.2 * nodes, assembly_mode=0)
-    M = found.M
+    times = 0.2 + 0.2 * nodes
+    solution = inverse_dynamics(mechanism, laws_of(mechanism, name), times, assembly_mode=0)
+    M = solution.M
     size = np.max(np.abs(M))
     assert np.max(np.abs(M - np.swapaxes(M, 1, 2))) < 1e-14 * size
     assert np.min(np.linalg.eigvalsh(M)) > 1e-3 * size
-    series = np.polynomial.chebyshev.chebfit(nodes, M.reshape(len(M), -1), 27)
-    slope = np.polynomial.chebyshev.chebder(series) / 0.2
-    change = np.polynomial.chebyshev.chebval(nodes, slope).T.reshape(M.shape)
-    C = np.einsum("nijk,nk->nij", christoffel(found.dM), found.input_rates)
-    left = change - 2.0 * C
-    # The slope of the series has some thousand times the rounding of M.
-    assert np.max(np.abs(left + np.swapaxes(left, 1, 2))) < 3e-11 * size
-    own = np.einsum("nijk,nk->nij", found.dM, found.input_rates) - 2.0 * C
-    assert np.max(np.abs(own + np.swapaxes(own, 1, 2))) < 1e-13 * size
+
+    C = np.einsum("nijk,nk->nij", christoffel(solution.dM), solution.input_rates)
+    chebyshev = np.polynomial.chebyshev
+    series = chebyshev.chebfit(nodes, M.reshape(len(M), -1), 27)
+    derivative_series = chebyshev.chebder(series) / 0.2
+    M_rate_by_series = chebyshev.chebval(nodes, derivative_series).T.reshape(M.shape)
+    M_rate = np.einsum("nijk,nk->nij", solution.dM, solution.input_rates)
+    # The derivative of the series has some thousand times the rounding of M.
+    for rate, tolerance in ((M_rate_by_series, 3e-11), (M_rate, 1e-13)):
+        skew = rate - 2.0 * C
+        assert np.max(np.abs(skew + np.swapaxes(skew, 1, 2))) < tolerance * size
 
 
 @pytest.mark.many
@@ -66,26 +74,37 @@ def test_inertia_is_symmetric_positive_and_changes_as_its_derivatives_say(name):
         ),
     ],
 )
-def test_bodies_held_together_move_the_same_way(name, engine, until):
-    """The five-bar passes a configuration at 1.588 s where its inputs do not hold it."""
-    made = with_point_masses(name)
-    driven, *passive = [item.pair for item in made.inputs]
-    dq = tuple(0.1 * (-1) ** (k + 1) for k in range(len(made.inputs)))
-    torque = {driven: f"5*sin(2*t) - 0.5*dtheta_{driven}"}
-    start = sk.Start(STARTS[name], dq)
-    found = sk.simulate(made, start, until, torque=torque, tolerance=1e-12, engine=engine)
-    assert found.end.kind == "time" and found.engine.name == engine and passive
-    kinds = [event.kind for event in found.events]
-    assert kinds == (["type_2"] if name == "five_bar" else [])
-    checks = found.checks
-    assert checks.energy < 1e-12 * checks.energy_scale
-    history = found.at(np.linspace(0.0, until, 7))
-    assert np.max(np.abs(history.kinetic - history.kinetic[0] - history.work[:, 0])) < 1e-12
+def test_simulations_of_several_inputs_satisfy_euler_s_equations(name, engine, until):
+    """Euler's equations of all links with all reactions (`oracles.newton_euler`).
 
-    def drive(t, rates):
-        return [5.0 * np.sin(2.0 * t) - 0.5 * rates[0], *(0.0 for _ in passive)]
+    The first input is driven by 5 sin(2 t) - 0.5 rate N m, the others are free. The
+    five-bar passes a configuration at 1.588 s where its inputs do not hold it (type II).
+    """
+    mechanism = with_point_masses(name)
+    driven, *free_inputs = [item.pair for item in mechanism.inputs]
+    rates = tuple(0.1 * (-1) ** (k + 1) for k in range(len(mechanism.inputs)))
+    simulation = sk.simulate(
+        mechanism,
+        sk.Start(STARTS[name], rates),
+        until,
+        torque={driven: f"5*sin(2*t) - 0.5*dtheta_{driven}"},
+        tolerance=1e-12,
+        engine=engine,
+    )
+    assert simulation.end.kind == "time"
+    assert simulation.engine.name == engine
+    assert free_inputs
+    event_kinds = [event.kind for event in simulation.events]
+    assert event_kinds == (["type_2"] if name == "five_bar" else [])
+    assert simulation.checks.energy < 1e-12 * simulation.checks.energy_scale
+    history = simulation.at(np.linspace(0.0, until, 7))
+    energy_gain = history.kinetic - history.kinetic[0]
+    assert np.max(np.abs(energy_gain - history.work[:, 0])) < 1e-12
 
-    check_simulated_motion(found, drive, within=1e-10)
+    def driving_torques(t, rates):
+        return [5.0 * np.sin(2.0 * t) - 0.5 * rates[0], *[0.0] * len(free_inputs)]
+
+    check_simulated_motion(simulation, driving_torques, within=1e-10)
 
 
 @needs_heyoka
@@ -104,43 +123,56 @@ def test_a_stop_beyond_a_singularity_of_type_2_ends_both_engines_alike():
     assert ends[0].events[-1].inputs == pytest.approx(ends[1].events[-1].inputs, abs=1e-12)
 
 
-def test_the_mid_plane_s_rotation_is_driven_by_its_torques():
-    """Chen et al. 2021, Table 3: from pose to pose, straight on where sets cross.
+def test_inverse_dynamics_of_a_planned_rotation_drives_the_same_motion():
+    """The torques of a planned motion are functions of time that drive a simulation.
 
-    The torques are handed to the direct problem as functions of time alone.
+    The plan is the rotation of the end effector (link 4) between two poses of Chen et al.
+    2021, Table 3, in shortest time under limits of rate and acceleration. On the way two
+    sets of configurations cross, which the simulation may pass. Its inputs at four times
+    and the rotation of the end effector are those of the plan.
     """
-    made = with_point_masses("two_dof_spm")
-    form = sk.mid_plane_form(made)
+    mechanism = with_point_masses("two_dof_spm")
     start, stop = (normal_at(*np.radians(pose)) for pose in [(75, -20), (70, 20)])
-    turn = form.rotation_between(start, stop, modes=(-1, 1, 1))
-    plan = sk.time_optimal(turn, speed=0.5, acceleration=1.3)
-    span, inputs = plan.duration, plan.rotation.inputs
+    form = sk.mid_plane_form(mechanism)
+    rotation_path = form.rotation_between(start, stop, modes=(-1, 1, 1))
+    plan = sk.time_optimal(rotation_path, speed=0.5, acceleration=1.3)
+    duration = plan.duration
+    inputs = plan.rotation.inputs
+
+    # Chebyshev series of the torques in time.
     nodes = np.cos(np.pi * (np.arange(200)[::-1] + 0.5) / 200)
-    needed = inverse_dynamics(made, plan, 0.5 * span * (nodes + 1.0))
+    needed = inverse_dynamics(mechanism, plan, 0.5 * duration * (nodes + 1.0))
     assert np.all(needed.status == 0)
-    series = np.polynomial.chebyshev.chebfit(nodes, needed.torques, 199)
+    chebyshev = np.polynomial.chebyshev
+    series = chebyshev.chebfit(nodes, needed.torques, 199)
 
-    def at(t, column):
-        return np.polynomial.chebyshev.chebval(2.0 * t / span - 1.0, series[:, column])
+    def torque_of(column):
+        def torque(t, q, dq):
+            return chebyshev.chebval(2.0 * t / duration - 1.0, series[:, column])
 
-    ends = plan.at([0.0, span])
-    begun = turn.at(ends.theta[:1])
-    moved = sk.simulate(
-        made,
-        sk.PoseStart(begun.values[0], inputs, ends.rates[0]),
-        span,
-        torque={pair: lambda t, q, dq, k=k: at(t, k) for k, pair in enumerate(inputs)},
+        return torque
+
+    ends = plan.at([0.0, duration])
+    first_pose = rotation_path.at(ends.theta[:1])
+    simulation = sk.simulate(
+        mechanism,
+        sk.PoseStart(first_pose.values[0], inputs, ends.rates[0]),
+        duration,
+        torque={pair: torque_of(column) for column, pair in enumerate(inputs)},
         tolerance=1e-11,
         crossings="pass",
     )
-    assert moved.end.kind == "time" and moved.checks.energy < 1e-12
-    assert [event.kind for event in moved.events] == ["crossing"]
-    t = np.array([0.6, 0.643, 0.7, 1.0]) * span
-    assert moved.at(t).inputs == pytest.approx(plan.at(t).inputs, abs=1e-10)
-    number = made.link_number["4"]
-    first, last = moved.at([0.0, span]).rotations[:, number]
-    want = turn.at(ends.theta[1:]).orientation[0] @ begun.orientation[0].T
-    assert np.max(np.abs(last @ first.T - want)) < 1e-9
+    assert simulation.end.kind == "time"
+    assert simulation.checks.energy < 1e-12
+    assert [event.kind for event in simulation.events] == ["crossing"]
+    times = np.array([0.6, 0.643, 0.7, 1.0]) * duration
+    assert simulation.at(times).inputs == pytest.approx(plan.at(times).inputs, abs=1e-10)
+
+    end_effector = mechanism.link_number["4"]
+    first, last = simulation.at([0.0, duration]).rotations[:, end_effector]
+    last_pose = rotation_path.at(ends.theta[1:])
+    rotation = last_pose.orientation[0] @ first_pose.orientation[0].T
+    assert np.max(np.abs(last @ first.T - rotation)) < 1e-9
 
 
 @pytest.mark.parametrize(
