@@ -1,9 +1,12 @@
-"""Checks certificates of spherekit without it: by NumPy's arrays of python-flint's balls.
+"""Checks certificates of spherekit without it, with the balls of python-flint.
 
-Links are placed by rotation matrices with dual numbers of balls, and every ball of a root
-is tried with Krawczyk's operator over the whole ball, not with bounds of derivatives.
+A ball is a number with a rigorous bound of its error; every operation on balls is rigorous.
+Links are placed by rotation matrices with dual numbers of balls. Roots are proven by
+Krawczyk's operator: if it maps a box into itself, the box has exactly one zero.
 
-A dual array has its value first, and then its derivatives by the unknowns.
+A dual array (1 + n, ...) has its value first, and then its derivatives by n unknowns.
+A certificate is a dictionary as its JSON file has it; its construction says how links are
+placed one after another (`steps`), and which pair angles are unknown.
 """
 
 import itertools
@@ -94,39 +97,62 @@ class Sizes:
     """The axes and zero directions of a file in the form of sizes."""
 
     def __init__(self, text, tolerance, couplers=None, wheels=False):
+        """Read the links and pairs of a mechanism file.
+
+        Parameters
+        ----------
+        text
+            Text of the TOML file; its decimal numbers are not rounded.
+        tolerance
+            Uncertainty (rad) of all sizes.
+        couplers
+            By sliding contact (Cs): the link between the centres of its two circles that
+            replaces it, and the names of its two pairs.
+        wheels
+            Whether rolling contacts (Cr) may occur.
+        """
         self.data = tomllib.loads(text, parse_float=str)
         self.slack = arb(0, tolerance) if tolerance else arb(0)
         pairs = self.data["pairs"]
-        hinges = [name for name, p in pairs.items() if p["type"] in ("R", "P")]
+        hinges = [name for name, pair in pairs.items() if pair["type"] in ("R", "P")]
         self.ends = {name: tuple(pairs[name]["links"]) for name in hinges}
         self.links = list(self.data["links"])
-        self.couplers = {}
-        for contact, made in (couplers or {}).items():
+        self.couplers = {}  # contact and side by the name of a coupler's pair
+        for contact, coupler in (couplers or {}).items():
             need(pairs[contact]["type"] == "Cs", "a coupler for what does not slide")
-            need(made["link"] not in self.links, "a coupler that is another link")
-            self.links.append(made["link"])
-            two = zip(made["pairs"], pairs[contact]["links"], strict=True)
-            for side, (name, link) in enumerate(two):
+            need(coupler["link"] not in self.links, "a coupler that is another link")
+            self.links.append(coupler["link"])
+            sides = zip(coupler["pairs"], pairs[contact]["links"], strict=True)
+            for side, (name, link) in enumerate(sides):
                 need(name not in self.ends, "a pair of a coupler that is another pair")
-                self.ends[name] = link, made["link"]
-                self.couplers[name] = contact, side
-        rolling = [name for name, p in pairs.items() if p["type"] == "Cr"]
-        made = len(hinges) + len(couplers or {}) + (len(rolling) if wheels else 0)
-        need(len(pairs) == made, "only R pairs and couplers")
+                self.ends[name] = (link, coupler["link"])
+                self.couplers[name] = (contact, side)
+        rolling = [name for name, pair in pairs.items() if pair["type"] == "Cr"]
+        count = len(hinges) + len(couplers or {}) + (len(rolling) if wheels else 0)
+        need(len(pairs) == count, "only R pairs and couplers")
 
     def circle(self, contact, link):
-        """Centre and radius of the circle of a contact on a link."""
+        """Return the centre (3,) and the radius (rad) of the circle of a contact on a link.
+
+        The centre is given by an axis of the link, or as a vector or longitude and latitude
+        under a key such as `centre_xyz` or `pole_lonlat`. A great circle has no radius.
+        """
         item = self.data["pairs"][contact]
         follower = item.get("follower", {})
-        own = follower if follower.get("link") == link else item["profiles"][link]
-        if "axis" in own:
-            need("radius" in own, "no radius")
-            return self.frame(own["axis"], link)[:, 2], self.angle(own["radius"])
-        need(own.get("kind", "circle") in ("circle", "great_circle"), "no circle")
-        key = next(k for k in own if k[:7] == "centre_" or k[:5] == "pole_")
-        radius = own.get("radius", own.get("roller"))
-        half = arb.pi() / 2 if radius is None else self.angle(radius) + self.slack
-        return self.direction(own[key], key.endswith("xyz")), half
+        is_follower = follower.get("link") == link
+        profile = follower if is_follower else item["profiles"][link]
+        if "axis" in profile:
+            need("radius" in profile, "no radius")
+            centre = self.frame(profile["axis"], link)[:, 2]
+            return centre, self.angle(profile["radius"])
+        kind = profile.get("kind", "circle")
+        need(kind in ("circle", "great_circle"), "no circle")
+        key = next(k for k in profile if k.startswith(("centre_", "pole_")))
+        centre = self.direction(profile[key], key.endswith("xyz"))
+        radius = profile.get("radius", profile.get("roller"))
+        if radius is None:
+            return centre, arb.pi() / 2
+        return centre, self.angle(radius) + self.slack
 
     def direction(self, row, is_xyz):
         if is_xyz:
@@ -135,19 +161,30 @@ class Sizes:
         return np.array([c * out, s * out, up])
 
     def coupler_frame(self, pair, link):
-        """Columns of a pair of a coupler: the azimuth of the contact is its angle."""
+        """Return the frame (3, 3) of a coupler's pair in a link, in columns.
+
+        The axis is the centre of the circle. The angle of the pair is the azimuth of the
+        contact about it.
+        """
         contact, side = self.couplers[pair]
         item = self.data["pairs"][contact]
-        circles = [self.circle(contact, each) for each in item["links"]]
+        first_circle, second_circle = (self.circle(contact, x) for x in item["links"])
         if link in item["links"]:
-            axis = circles[side][0]
+            axis = (first_circle, second_circle)[side][0]
             x = across(axis)
         else:
-            (_, one), (_, other) = circles
-            inner = item.get("contact", "external") == "internal"
-            s, c = (one - other if inner else one + other).sin_cos()
-            ways = [0, 1, 0], ([0, c, -s] if inner else [0, -c, s])
-            axis, x = ball(([0, 0, 1], [0, s, c])[side]), ball(ways[side])
+            # In the coupler the first centre is z and the second lies in the y, z plane,
+            # at the sum or the difference of both radii.
+            first_radius, second_radius = first_circle[1], second_circle[1]
+            is_internal = item.get("contact", "external") == "internal"
+            if is_internal:
+                s, c = (first_radius - second_radius).sin_cos()
+                towards_contact = ([0, 1, 0], [0, c, -s])
+            else:
+                s, c = (first_radius + second_radius).sin_cos()
+                towards_contact = ([0, 1, 0], [0, -c, s])
+            axis = ball(([0, 0, 1], [0, s, c])[side])
+            x = ball(towards_contact[side])
         return np.stack([x, np.cross(axis, x), axis], axis=1)
 
     def angle(self, text):
@@ -155,36 +192,45 @@ class Sizes:
         return number(text) * (arb.pi() / 180 if degrees else 1)
 
     def axes(self, link):
+        """Return the axes (3,) of a link by their pairs, the first axis on z.
+
+        Each other axis has an arc from the first and, from the third axis on, an angle
+        about it; the second lies towards y.
+        """
         item = self.data["links"][link]
+        first_pair, *pairs = item["axes"]
         turns = ["0", *item.get("angles", [])]
-        found = {item["axes"][0]: ball([0, 0, 1])}
-        for name, length, turn in zip(
-            item["axes"][1:], item.get("arcs", []), turns, strict=False
-        ):
-            s, c = (self.angle(length) + self.slack).sin_cos()
-            st, ct = (self.angle(turn) + (self.slack if turn != "0" else 0)).sin_cos()
-            found[name] = np.array([-s * st, s * ct, c])
-        return found
+        axes = {first_pair: ball([0, 0, 1])}
+        for pair, arc, turn in zip(pairs, item.get("arcs", []), turns, strict=False):
+            s, c = (self.angle(arc) + self.slack).sin_cos()
+            turn_slack = self.slack if turn != "0" else 0
+            st, ct = (self.angle(turn) + turn_slack).sin_cos()
+            axes[pair] = np.array([-s * st, s * ct, c])
+        return axes
 
     def frame(self, pair, link):
-        """Columns x, y, z of a pair in a link, x towards the first other axis.
+        """Return the frame (3, 3) of a pair in a link, in columns x, y, z.
 
-        Of a file that gives the axes in a pose, links are aligned there.
+        z is the axis of the pair, and x lies towards the first other axis of the link. In a
+        file that gives axes in a reference pose, x is chosen from the axis alone, so both
+        frames of a pair are equal there. Zero positions turn x and y about the axis.
         """
         if pair in self.couplers:
             return self.coupler_frame(pair, link)
-        item, second = self.data["pairs"][pair], self.ends[pair][1] == link
-        if "axes" not in self.data["links"][link]:
-            key = "xyz" if "xyz" in item else "lonlat"
-            axis, others = self.direction(item[key], key == "xyz"), []
-            zero = item.get("value") if second else None
-        else:
+        item = self.data["pairs"][pair]
+        is_second = self.ends[pair][1] == link
+        if "axes" in self.data["links"][link]:
             axes = self.axes(link)
             axis = axes.pop(pair)
-            normals = [np.cross(axis, other) for other in axes.values()]
-            others = [np.cross(n, axis) for n in normals if n @ n > 1e-18]
-            zero = None if second else item.get("zero")
-        x = unit([*others, np.cross(axis, helper(axis))][0])
+            normals = [np.cross(axis, other_axis) for other_axis in axes.values()]
+            towards = [np.cross(n, axis) for n in normals if n @ n > 1e-18]
+            zero = None if is_second else item.get("zero")
+        else:
+            key = "xyz" if "xyz" in item else "lonlat"
+            axis = self.direction(item[key], key == "xyz")
+            towards = []
+            zero = item.get("value") if is_second else None
+        x = unit([*towards, np.cross(axis, helper(axis))][0])
         y = np.cross(axis, x)
         if zero is not None:
             s, c = (self.angle(zero) + self.slack).sin_cos()
@@ -196,42 +242,55 @@ class System:
     """The equations of a certificate's construction."""
 
     def __init__(self, certificate):
+        """Read the construction of a certificate and check that it places every link.
+
+        Each step places a link by one pair (`turned`, with an angle) or closes a loop by
+        two pairs (`onto`, with one equation). There are as many equations as unknown
+        angles.
+        """
         self.made = certificate["construction"]
-        text, tolerance = certificate["mechanism"], certificate["tolerance_rad"]
-        follow = self.made["follow"]
-        self.sizes = Sizes(text, tolerance, self.made["couplers"], bool(follow))
+        text = certificate["mechanism"]
+        tolerance = certificate["tolerance_rad"]
+        followers = self.made["follow"]
+        self.sizes = Sizes(text, tolerance, self.made["couplers"], bool(followers))
         self.unknowns = self.made["unknowns"]
         self.inputs = list(certificate["inputs"])
         self.follower = None
         self.turning = {}
-        if follow:
+        if followers:
             from oracles.proof_checker_gears import follower_of
 
             self.follower = follower_of(self.sizes, self.inputs)
-            need(follow == [self.follower.pair], "other wheels follow")
+            need(followers == [self.follower.pair], "other wheels follow")
         self.lap(1)
+
         ends = self.sizes.ends
-        placed, used, turned, self.onto = {self.made["root"]}, [], [], []
+        placed = {self.made["root"]}
+        used_pairs = []
+        turned = []
+        self.onto = []
         for step in self.made["steps"]:
             link, on, by = step["link"], step["on"], step["by"]
             need(link in self.sizes.links and link not in placed, f"{link} placed twice")
             need(len(on) == len(by) in (1, 2) and set(on) <= placed, f"{link} on nothing")
             for parent, pair in zip(on, by, strict=True):
                 need(set(ends[pair]) == {link, parent}, f"{pair} does not join them")
-            (turned if len(by) == 1 else self.onto).append(step)
+            if len(by) == 1:
+                turned.append(step)
+            else:
+                self.onto.append(step)
             placed.add(link)
-            used += by
+            used_pairs += by
         need(placed == set(self.sizes.links), "links are missing")
-        need(sorted(used) == sorted(ends), "pairs are missing or used twice")
+        need(sorted(used_pairs) == sorted(ends), "pairs are missing or used twice")
         angles = [step["by"][0] for step in turned]
-        every = self.unknowns + self.inputs + follow
-        need(sorted(angles) == sorted(every), "other unknowns")
+        variables = self.unknowns + self.inputs + followers
+        need(sorted(angles) == sorted(variables), "other unknowns")
         need(len(self.onto) == len(self.unknowns), "not as many equations as unknowns")
-        self.frames = {
-            (pair, link): self.sizes.frame(pair, link)
-            for pair, two in ends.items()
-            for link in two
-        }
+        self.frames = {}
+        for pair, links in ends.items():
+            for link in links:
+                self.frames[pair, link] = self.sizes.frame(pair, link)
 
     def lap(self, laps):
         """Count by a variable that goes round once while the input turns `laps` times."""
@@ -249,17 +308,22 @@ class System:
         return permanent_of(self.degrees())
 
     def degrees(self):
-        """The degrees of each equation in the half tangents of the unknowns."""
-        ways = {self.made["root"]: []}
+        """Return the degrees of each equation (rows) in the half tangents of the unknowns.
+
+        An equation contains the angles on the two paths from its axes to their last common
+        link, each with the degree 2.
+        """
+        paths = {self.made["root"]: []}
         table = []
         for step in self.made["steps"]:
             if len(step["by"]) == 1:
-                ways[step["link"]] = [*ways[step["on"][0]], (step["link"], step["by"][0])]
+                path = paths[step["on"][0]]
+                paths[step["link"]] = [*path, (step["link"], step["by"][0])]
                 continue
-            above, one, other = parted(*(ways[parent] for parent in step["on"]))
-            angles = [angle for _, names in one + other for angle in names.split("|")]
+            common, first, second = parted(*(paths[parent] for parent in step["on"]))
+            angles = [angle for _, names in first + second for angle in names.split("|")]
             table.append([2 * angles.count(name) for name in self.unknowns])
-            ways[step["link"]] = [*above, (step["link"], "|".join(angles))]
+            paths[step["link"]] = [*common, (step["link"], "|".join(angles))]
         return table
 
     def values(self, unknown, driven):
@@ -295,25 +359,41 @@ class Half:
         return self.done[link]
 
     def _turned(self, link):
+        """Return the matrix of a link placed by one pair, and its scale, as dual arrays.
+
+        For an unknown angle with z = e^(i angle) = a / b, the rotation times a b is
+        polynomial in a and b: w = a b, c = (a^2 + b^2) / 2 and s = (a^2 - b^2) / 2i replace
+        1, cos and sin. The point is (z, 1), or (1, z) if z is the inverse.
+        """
         step = self.steps[link]
-        (pair,), (parent,) = step["by"], step["on"]
+        (pair,) = step["by"]
+        (parent,) = step["on"]
         sense = 1 if self.system.sizes.ends[pair][0] == parent else -1
         before = constant(self.system.frames[pair, parent], self.count)
         after = constant(self.system.frames[pair, link].T, self.count)
         scale = constant(ball([[1]]), self.count)
         if pair in self.points:
             column = self.unknowns.index(pair)
-            z, one = self.points[pair], acb(1)
-            a, b, up, down = (one, z, 0, one) if self.inverse[column] else (z, one, one, 0)
-            c, s, w = (a * a + b * b) / 2, (a * a - b * b) / acb(0, 2), a * b
-            dc, ds = a * up + b * down, (a * up - b * down) / acb(0, 1)
-            dw = a * down + up * b
+            z = self.points[pair]
+            one = acb(1)
+            if self.inverse[column]:
+                a, b, da, db = one, z, 0, one
+            else:
+                a, b, da, db = z, one, one, 0
+            c = (a * a + b * b) / 2
+            s = (a * a - b * b) / acb(0, 2)
+            w = a * b
+            dc = a * da + b * db
+            ds = (a * da - b * db) / acb(0, 1)
+            dw = a * db + da * b
             turn = constant(spin(c, sense * s, w), self.count)
             turn[1 + column] = spin(dc, sense * ds, dw)
-            scale[0], scale[1 + column] = w, dw
+            scale[0] = w
+            scale[1 + column] = dw
         else:
-            turning = self.system.turning.get(pair, (pair, arb(1), arb(0)))
-            variable, rate, offset = turning
+            # A wheel turns by `rate` times the angle of the input, and `offset`.
+            default = (pair, arb(1), arb(0))
+            variable, rate, offset = self.system.turning.get(pair, default)
             s, c = (self.driven[variable] * rate + offset).sin_cos()
             turn = constant(spin(c, sense * s, 1), self.count)
             if variable in self.moving:
@@ -330,20 +410,26 @@ class Half:
         return [*parted(*map(self._way, step["on"]))[0], link]
 
     def _put(self, link):
-        """The equation of a link put on two axes, its matrix times its scale, the scale."""
+        """Return the equation of a link placed on two axes, its matrix, and its scale.
+
+        Both axes are carried from their links to the last common link of their paths.
+        """
         step = self.steps[link]
-        _, *ways = parted(*map(self._way, step["on"]))
-        out, scales = [], []
-        for way, pair, parent in zip(ways, step["by"], step["on"], strict=True):
+        _, *paths = parted(*map(self._way, step["on"]))
+        axes_in_common = []
+        scales = []
+        for path, pair, parent in zip(paths, step["by"], step["on"], strict=True):
             axis = constant(self.system.frames[pair, parent][:, 2:], self.count)
             scale = constant(ball([[1]]), self.count)
-            for each in reversed(way):
-                place, size = self._local(each)
-                axis, scale = times(place, axis), times(scale, size)
-            out.append(axis)
+            for path_link in reversed(path):
+                matrix_of_link, scale_of_link = self._local(path_link)
+                axis = times(matrix_of_link, axis)
+                scale = times(scale, scale_of_link)
+            axes_in_common.append(axis)
             scales.append(scale)
         axes = [self.system.frames[pair, link][:, 2] for pair in step["by"]]
-        return *put(link, axes, out, scales), times(*scales)
+        equation, placed = put(link, axes, axes_in_common, scales)
+        return equation, placed, times(*scales)
 
 
 def spin(c, s, still):
@@ -351,18 +437,33 @@ def spin(c, s, still):
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, still]], dtype=object)
 
 
-def put(link, axes, out, scales):
-    """The equation of a link put on two axes, and its matrix, times both scales.
+def put(link, axes, axes_in_common, scales):
+    """Return the closure equation of a link on two axes, and its matrix, as dual arrays.
 
-    `axes` are its own, `out` dual columns of where they are, times one scale each.
+    The equation says that the two axes keep the arc of the link. Both results are
+    multiplied by both scales.
+
+    Parameters
+    ----------
+    link
+        Name of the link, for messages.
+    axes
+        Two axes (3,) in the link.
+    axes_in_common, scales
+        Dual columns of the same axes in another link, each times its scale.
     """
-    both = times(*scales)
-    miss = times(out[0].swapaxes(1, 2), out[1]) - both * (axes[0] @ axes[1])
+    both_scales = times(*scales)
+    cosine = times(axes_in_common[0].swapaxes(1, 2), axes_in_common[1])
+    equation = cosine - both_scales * (axes[0] @ axes[1])
     normal = np.cross(*axes)
     need((normal @ normal).real > 0, f"the arc of {link} may be 0 or 180 degrees")
-    own = inverse(np.stack([*axes, normal], axis=1))
-    columns = times(out[0], scales[1]), times(out[1], scales[0]), crossed(*out)
-    return miss, np.concatenate(columns, axis=2) @ own
+    inverse_basis = inverse(np.stack([*axes, normal], axis=1))
+    columns = (
+        times(axes_in_common[0], scales[1]),
+        times(axes_in_common[1], scales[0]),
+        crossed(*axes_in_common),
+    )
+    return equation, np.concatenate(columns, axis=2) @ inverse_basis
 
 
 def parts_of(duals):
@@ -407,19 +508,25 @@ def alone(system, centre, radius, driven):
 
 
 def check_modes(certificate):
+    """Check a certificate that counts the assembly modes at given inputs.
+
+    Each stated root must be proven by Krawczyk's operator, real or certainly not real, and
+    different from all others. The count is complete if there are as many roots as the
+    polynomial bound allows, or if no other real root exists outside the undecided boxes.
+    """
     need(certificate["statement"] == "modes at inputs", "another statement")
     ctx.prec = certificate["precision_bits"] + 40
     system = System(certificate)
     driven = {k: system.sizes.angle(v) for k, v in certificate["inputs"].items()}
     need(system.bound() == certificate["bound"], "another bound")
-    found = certificate["roots"]
+    roots = certificate["roots"]
     points = []
-    for root in found:
+    for root in roots:
         need(len(root["centre"]) == len(system.unknowns), "other unknowns")
         centre = [acb(dyadic(re), dyadic(im)) for re, im in root["centre"]]
         radius = root["radius"]
         need(0 < radius < 0.1, "a radius out of range")
-        # the ball is a disk for each angle: a square of 0.7 of its radius lies within
+        # The ball is a disk for each angle; a square of 0.7 of its radius lies within.
         need(alone(system, centre, 0.7 * radius, driven), "a root is not shown")
         imaginary = [arb(c.imag) + arb(0, radius) for c in centre]
         if root["real"]:
@@ -427,28 +534,35 @@ def check_modes(certificate):
         else:
             need(any(not i.contains(0) for i in imaginary), "a root that may be real")
         points.append([(acb(0, 1) * (c + square(radius))).exp() for c in centre])
-    for one, other in combinations(points, 2):
-        apart = any(not a.overlaps(b) for a, b in zip(one, other, strict=True))
-        need(apart, "two roots may be one")
-    need(certificate["modes"] == sum(r["real"] for r in found), "another number of modes")
-    counted = len(found) == certificate["bound"]
-    need(certificate["counted"] == counted, "not counted")
-    left = certificate["undecided_rad"]
-    need(certificate["complete"] == (counted or not left), "not complete")
+    for first, second in combinations(points, 2):
+        is_apart = any(not a.overlaps(b) for a, b in zip(first, second, strict=True))
+        need(is_apart, "two roots may be one")
+
+    real_roots = [root for root in roots if root["real"]]
+    need(certificate["modes"] == len(real_roots), "another number of modes")
+    is_counted = len(roots) == certificate["bound"]
+    need(certificate["counted"] == is_counted, "not counted")
+    undecided_boxes = certificate["undecided_rad"]
+    is_complete = is_counted or not undecided_boxes
+    need(certificate["complete"] == is_complete, "not complete")
     if certificate["systems"]:
         need(system.follower is None, "systems with wheels are not checked")
         from oracles.proof_checker_systems import check_systems
 
         check_systems(system, certificate, driven)
-    elif not counted:
-        exclude(system, driven, [root for root in found if root["real"]], left)
+    elif not is_counted:
+        exclude(system, driven, real_roots, undecided_boxes)
 
 
-def exclude(system, driven, real, left):
-    """Show that real modes are in the balls of roots, or in the boxes left over."""
+def exclude(system, driven, real_roots, undecided_boxes):
+    """Show that every real mode lies in the ball of a root, or in an undecided box.
+
+    Around each root the largest box is sought that has no second root. The rest of the
+    torus of all angles is divided until each part has no zero or lies in such a box.
+    """
     ctx.prec = 80
-    boxes = []
-    for root in real:
+    boxes = []  # centre and half widths (unknowns,) in rad
+    for root in real_roots:
         centre = [acb(dyadic(re)) for re, _ in root["centre"]]
         radius = 0.04
         while not alone(system, centre, radius, driven):
@@ -456,23 +570,21 @@ def exclude(system, driven, real, left):
             need(radius > root["radius"], "a root is not alone")
         middle = np.array([float(c.real.mid()) for c in centre])
         boxes.append((middle, np.full(len(centre), radius)))
-    for box in left:
+    for box in undecided_boxes:
         boxes.append((np.array(box["centre"]), 1.001 * np.array(box["half"]) + 1e-12))
 
-    def known(place, sizes):
-        return any(
-            np.all(
-                (halves >= PERIOD / 2)
-                | (np.abs(wrapped(place - centre)) + sizes <= halves - 1e-12)
-            )
-            for centre, halves in boxes
-        )
+    def is_in_a_box(middle, half_widths):
+        for centre, halves in boxes:
+            reach = np.abs(wrapped(middle - centre)) + half_widths
+            if np.all((halves >= PERIOD / 2) | (reach <= halves - 1e-12)):
+                return True
+        return False
 
     count = len(system.unknowns)
-    # not about zero, where roots of special geometry lie on the sides of boxes
+    # Not about zero, where roots of special geometry lie on the sides of boxes.
     start = ball(0.7 + 0.1 * np.arange(count))
     radii = np.full(count, arb.pi() * 1.0001)
-    cover(lambda place: system.values(place, driven), start, radii, known, 1e-7)
+    cover(lambda place: system.values(place, driven), start, radii, is_in_a_box, 1e-7)
 
 
 PARTS = ((12, 4), (24, 6), (48, 8))
@@ -506,26 +618,40 @@ def inside(piece, place, off):
     return fits and all(abs(e) + off < arb(piece["radius"]) for e in y)
 
 
-def cover(first, middle, radius, known, smallest):
-    """Show that F has no zero in a box but where it is known."""
+def cover(evaluate, middle, radius, is_known, smallest):
+    """Show that a function has no zero in a box, except in parts that are known.
+
+    Parts are halved across their longest side until the mean-value form excludes a zero.
+
+    Parameters
+    ----------
+    evaluate
+        Function of balls (n,) that returns F and its derivatives.
+    middle, radius
+        (n,) balls: centre and half widths of the box.
+    is_known
+        Function of the centre and half widths of a part, in floats.
+    smallest
+        Half width (rad) below which the check gives up.
+    """
     waiting = [(middle, radius)]
-    looked = 0
+    examined = 0
     while waiting:
         middle, radius = waiting.pop()
-        looked += 1
-        need(looked < MOST_CHECKED, "too many boxes")
-        sizes = size(radius)
-        if known(mid(middle).astype(float), sizes.astype(float)):
+        examined += 1
+        need(examined < MOST_CHECKED, "too many boxes")
+        half_widths = size(radius)
+        if is_known(mid(middle).astype(float), half_widths.astype(float)):
             continue
-        if looked > 1:
-            spread = about(sizes)
-            image = first(middle)[0] + first(middle + spread)[1] @ spread
+        if examined > 1:
+            spread = about(half_widths)
+            image = evaluate(middle)[0] + evaluate(middle + spread)[1] @ spread
             if not all(value.contains(0) for value in image):
                 continue
-            need(max(sizes) > smallest, "a box is neither empty nor in a piece")
-        side = np.arange(len(radius)) == np.argmax(radius.astype(float))
-        halves = np.where(side, radius / 2, radius)
-        waiting += [(middle + sense * side * halves, halves) for sense in (-1, 1)]
+            need(max(half_widths) > smallest, "a box is neither empty nor in a piece")
+        is_longest = np.arange(len(radius)) == np.argmax(radius.astype(float))
+        halved = np.where(is_longest, radius / 2, radius)
+        waiting += [(middle + sign * is_longest * halved, halved) for sign in (-1, 1)]
 
 
 def boxed(piece, place, sizes):
@@ -578,21 +704,28 @@ class Arc:
         return (self.one - self.near @ whole) @ self.all - self.near @ change
 
     def at(self, s):
-        """Balls of all variables where s is in a ball."""
+        """Return balls of all variables for arc lengths in a ball s."""
         middle = arb(s.mid())
-        axis, step = self.centre + middle * self.t, s - middle
+        step = s - middle
+        axis = self.centre + middle * self.t
         spread = axis + step * self.t
         y = self._narrowed(self.all, axis, spread, step)
-        if any(each.rad() > 0.9 * self.radius for each in y):
+        if any(item.rad() > 0.9 * self.radius for item in y):
+            # Nothing was gained: use derivatives over parts of the width to begin with.
             images = (self._image(axis, spread, step, cuts) for _, cuts in PARTS)
             small = (image for image in images if np.all(size(image) < self.radius))
             y = self._narrowed(next(small, self.all), axis, spread, step)
         return spread + self.across @ y
 
     def _narrowed(self, y, axis, spread, step):
-        """Balls within those of y, by Krawczyk's operator as long as it narrows them."""
+        """Return balls within those of y, by Krawczyk's operator while it narrows them.
+
+        `axis` is a point of the axis of the piece and `spread` the same over a step; y are
+        the coordinates across the axis.
+        """
         for _ in range(30):
-            before, fixed = y, mid(y)
+            before = y
+            fixed = mid(y)
             value, _ = self.wide(axis + self.across @ fixed)
             _, slope = self.wide(spread + self.across @ y)
             image = fixed - self.near @ (value + slope @ self.t * step)
@@ -609,58 +742,89 @@ class Arc:
 
 
 def check_stops(arcs, following, variable, stops):
-    """Show that a variable stops in the boxes given only, and in each of them."""
+    """Show that a variable stops only in the given boxes of a curve, and once in each.
 
-    def within(place, stop):
-        off = np.abs(wrapped(mid(place).astype(float) - np.array(stop["place"])))
-        radii = np.array([float(p.rad()) for p in place])
-        return np.all(off + radii <= stop["off"] + 1e-9)
+    Its rate along the curve is a determinant. Outside of the boxes the rate is shown to
+    have no zero, by halving parts of the arcs; on both sides of a box it has opposite
+    signs.
 
-    for arc, further in zip(arcs, following, strict=False):
-        end = coordinates(arc.piece, further["centre"])[0] + arb(0, SLACK)
+    Parameters
+    ----------
+    arcs, following
+        `Arc` of each piece of a curve, and the piece that follows it.
+    variable
+        Number of the variable.
+    stops
+        Boxes with the centre `place` and the half width `off`.
+    """
+
+    def is_within(place, stop):
+        gap = np.abs(wrapped(mid(place).astype(float) - np.array(stop["place"])))
+        radii = np.array([float(item.rad()) for item in place])
+        return np.all(gap + radii <= stop["off"] + 1e-9)
+
+    for arc, next_piece in zip(arcs, following, strict=False):
+        end = coordinates(arc.piece, next_piece["centre"])[0] + arb(0, SLACK)
         waiting = [(arb(0) - arb(0, SLACK), end, 0)]
         while waiting:
             low, high, depth = waiting.pop()
             s = low.union(high)
             if not arc.rate(s, variable).contains(0):
                 continue
-            if any(within(arc.at(s), stop) for stop in stops):
-                continue
+            if stops:
+                place = arc.at(s)
+                if any(is_within(place, stop) for stop in stops):
+                    continue
             need(depth < DEEPEST, "a variable may stop where none is said to")
             middle = arb(s.mid())
             waiting += [(low, middle, depth + 1), (middle, high, depth + 1)]
     for stop in stops:
-        away = 4.0 * stop["off"] + 1e-8
-        signs = None
+        distance = 4.0 * stop["off"] + 1e-8
+        rates = None
         for arc in arcs:
             s, *y = coordinates(arc.piece, stop["place"])
-            inner = abs(s) + 2 * away < arb(arc.piece["half"])
-            if inner and all(abs(e) < arc.radius for e in y):
-                signs = [arc.rate(arb(s.mid()) + side, variable) for side in (-away, away)]
+            is_on_arc = abs(s) + 2 * distance < arb(arc.piece["half"])
+            if is_on_arc and all(abs(item) < arc.radius for item in y):
+                middle = arb(s.mid())
+                rates = [arc.rate(middle + x, variable) for x in (-distance, distance)]
                 break
-        need(signs is not None, "a stop that is on no piece")
-        need(not any(sign.contains(0) for sign in signs), "a stop that is not shown")
-        need((signs[0] > 0) != (signs[1] > 0), "no change of sign at a stop")
+        need(rates is not None, "a stop that is on no piece")
+        need(not any(rate.contains(0) for rate in rates), "a stop that is not shown")
+        need((rates[0] > 0) != (rates[1] > 0), "no change of sign at a stop")
 
 
 def check_singularities(wide, system, certificate, chains):
-    """Show all stops of the input, and of the outputs that a pair measures."""
-    links = list(system.sizes.data.get("outputs", {}).items())
+    """Show all stops of the input on each curve, and those of outputs that a pair measures.
+
+    A stop of the input is a dead centre; a stop of an output is a singularity of type I.
+
+    Parameters
+    ----------
+    wide, system, certificate
+        Equations with the input as last variable, their system, and the certificate.
+    chains
+        For each curve its arcs and following pieces, as in `check_stops`.
+    """
+    outputs = list(system.sizes.data.get("outputs", {}).items())
+    singularities = certificate["singularities"]["found"]
     curves = zip(certificate["curves"], chains, strict=True)
-    for number, (curve, chain) in enumerate(curves):
-        check_stops(*chain, len(wide.names) - 1, curve["input_stops"])
-        for name, output in links:
-            two = {output["link"], output.get("relative_to", system.sizes.data["ground"])}
-            pairs = [p for p, ends in system.sizes.ends.items() if set(ends) == two]
+    for number, (curve, (arcs, following)) in enumerate(curves):
+        input_variable = len(wide.names) - 1
+        check_stops(arcs, following, input_variable, curve["input_stops"])
+        for name, output in outputs:
+            reference = output.get("relative_to", system.sizes.data["ground"])
+            links = {output["link"], reference}
+            pairs = [p for p, ends in system.sizes.ends.items() if set(ends) == links]
             if not pairs or pairs[0] not in wide.names[:-1]:
                 continue
-            own = [
-                each
-                for each in certificate["singularities"]["found"]
-                if (each["output"], each["curve"]) == (name, number)
-                and each["type"] in ("I", "I or III")
+            stops = [
+                item
+                for item in singularities
+                if item["output"] == name
+                and item["curve"] == number
+                and item["type"] in ("I", "I or III")
             ]
-            check_stops(*chain, wide.names.index(pairs[0]), own)
+            check_stops(arcs, following, wide.names.index(pairs[0]), stops)
 
 
 def check_curves(certificate):
@@ -717,8 +881,14 @@ def check_curves(certificate):
 
 
 def check(certificate):
-    """Raise `Refused` if what a certificate says is not shown by it."""
-    before = ctx.prec
+    """Check a certificate of any statement.
+
+    Raises
+    ------
+    Refused
+        If the certificate does not prove its statement, or has another format.
+    """
+    precision = ctx.prec
     try:
         need(certificate["certificate"] == 1, "another format")
         if certificate["statement"] == "curves over a range":
@@ -736,7 +906,7 @@ def check(certificate):
     except (KeyError, ValueError, TypeError, ZeroDivisionError, StopIteration) as fault:
         raise Refused(f"{type(fault).__name__}: {fault}") from fault
     finally:
-        ctx.prec = before
+        ctx.prec = precision
 
 
 def recorded(certificate):
