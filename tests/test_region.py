@@ -56,70 +56,85 @@ def test_triangle_by_its_angles():
     assert sorted(arc.margin for arc in region.boundaries[0].arcs) == [0, 1, 2]
 
 
-def drawn(rng):
-    """Random caps and outsides of caps of many kinds."""
+def random_caps(random):
+    """Return centres, radii (rad) and whether the inside is kept, of random caps.
 
-    def direction():
-        return unit(rng.normal(size=3))
+    Seven kinds are drawn: one cap, thin annuli, caps within caps, lunes, caps that nearly
+    touch, two overlapping annuli, and several caps at random.
+    """
 
-    one, other = direction(), direction()
-    near = unit(one + rng.normal(size=3) * 10 ** rng.uniform(-2.5, 0.0))
-    radius = 10 ** rng.uniform(-2.0, 0.3)
-    apart = np.arccos(one @ other)
-    kind = rng.integers(7)
+    def random_direction():
+        return unit(random.normal(size=3))
+
+    first = random_direction()
+    second = random_direction()
+    beside_first = unit(first + random.normal(size=3) * 10 ** random.uniform(-2.5, 0.0))
+    radius = 10 ** random.uniform(-2.0, 0.3)
+    distance = np.arccos(first @ second)
+    kind = random.integers(7)
     if kind == 0:
-        return [one], [radius], [True]
+        return [first], [radius], [True]
     if kind == 1:
-        thin = 1.0 - 10 ** rng.uniform(-1.3, -0.1)
-        return [one, one], [radius, radius * thin], [True, False]
+        inner_part = 1.0 - 10 ** random.uniform(-1.3, -0.1)
+        return [first, first], [radius, radius * inner_part], [True, False]
     if kind == 2:
-        return [one, near], [radius, radius * rng.uniform(0.3, 1.0)], [True, False]
+        inner_radius = radius * random.uniform(0.3, 1.0)
+        return [first, beside_first], [radius, inner_radius], [True, False]
     if kind == 3:
-        return [one, other], [np.pi / 2, np.pi / 2], [True, True]
+        return [first, second], [np.pi / 2, np.pi / 2], [True, True]
     if kind == 4:
-        touch = 0.4 * apart + 10 ** rng.uniform(-3.0, -1.0) * rng.choice([-1, 1])
-        return [one, other], [0.6 * apart, touch], [True, True]
+        overlap = 10 ** random.uniform(-3.0, -1.0) * random.choice([-1, 1])
+        return [first, second], [0.6 * distance, 0.4 * distance + overlap], [True, True]
     if kind == 5:
-        axes = [one, one, other, other]
+        axes = [first, first, second, second]
         return axes, [1.5, 0.7, 1.6, 0.5], [True, False, True, False]
-    n = rng.integers(2, 5)
-    keep = list(rng.random(n) < 0.6)
-    return [direction() for _ in range(n)], list(rng.uniform(0.3, 2.0, n)), keep
+    count = random.integers(2, 5)
+    keep = list(random.random(count) < 0.6)
+    centres = [random_direction() for _ in range(count)]
+    return centres, list(random.uniform(0.3, 2.0, count)), keep
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("batch", range(10))
-def test_error_covers_the_true_error(batch):
-    rng = np.random.default_rng(batch)
+def test_the_stated_error_of_an_area_covers_the_true_error(batch):
+    """The exact area of random caps is an integral over parallels (`common_area`)."""
+    random = np.random.default_rng(batch)
     for _ in range(20):
-        centres, radii, keep = drawn(rng)
-        tolerance = 10 ** rng.uniform(-8.0, -2.0)
-        exact = common_area(centres, radii, keep)
+        centres, radii, keep = random_caps(random)
+        tolerance = 10 ** random.uniform(-8.0, -2.0)
+        exact_area = common_area(centres, radii, keep)
         region = find_region(caps(centres, radii, keep), tolerance, most=40_000)
         case = (centres, radii, keep, tolerance)
-        assert abs(region.area - exact) <= region.error + 1e-13, case
+        assert abs(region.area - exact_area) <= region.error + 1e-13, case
 
 
 @pytest.mark.parametrize("petals", [2, 3, 5, 9])
-def test_star_shaped_regions(petals):
-    """Distances from an axis up to f(azimuth): the area is the integral of 1 - cos f."""
-    rng = np.random.default_rng(petals)
-    frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]
-    shift, height = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.1, 0.5)
+def test_the_area_of_a_star_is_an_integral_over_the_azimuth(petals):
+    """Directions within an angle f(azimuth) of an axis: the area is that of 1 - cos f.
+
+    The axis and the phase of the petals are random. The integral over 4096 azimuths is
+    exact for this smooth periodic function.
+    """
+    random = np.random.default_rng(petals)
+    frame = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    phase = random.uniform(0.0, 2.0 * np.pi)
+    height = random.uniform(0.1, 0.5)
 
     def reach(azimuth):
-        return 0.9 + height * np.cos(petals * azimuth + shift) + 0.1 * np.sin(azimuth)
+        waves = height * np.cos(petals * azimuth + phase)
+        return 0.9 + waves + 0.1 * np.sin(azimuth)
 
-    def margins(places):
-        x, y, z = (places @ frame).T
+    def margins(directions):
+        x, y, z = (directions @ frame).T
         return (z - np.cos(reach(np.arctan2(y, x))))[:, None]
 
     azimuth = np.arange(4096) * 2.0 * np.pi / 4096
-    exact = 2.0 * np.pi * np.mean(1.0 - np.cos(reach(azimuth)))
+    exact_area = 2.0 * np.pi * np.mean(1.0 - np.cos(reach(azimuth)))
     for tolerance in (1e-2, 1e-4, 1e-6, 1e-9):
         region = find_region(margins, tolerance)
-        assert abs(region.area - exact) <= region.error <= tolerance
-        assert len(region.components) == len(region.boundaries) == 1
+        assert abs(region.area - exact_area) <= region.error <= tolerance
+        assert len(region.components) == 1
+        assert len(region.boundaries) == 1
 
 
 def test_border_lies_on_its_margins():
@@ -210,22 +225,28 @@ def test_nearest_point():
     assert np.abs(lune.nearest([-1, -1, 5.0]) - [0, 0, 1]).max() < 1e-12
 
 
-def test_undefined_margins():
-    """A margin that is defined on one side only, with a smooth one beside it or alone."""
+def test_a_margin_that_is_undefined_outside_its_region_gives_the_same_area():
+    """A margin that is NaN outside a cap, beside the cap's own margin and alone.
+
+    Alone, its border is where no margin is zero, so that it has the number -1.
+    """
     cap = caps([[1, 2, 3]], [0.7], [True])
+    exact_area = cap_area(0.7)
 
-    def alone(places):
-        reach = cap(places)
-        return np.where(reach >= 0.0, np.sqrt(np.maximum(reach, 0.0)) + 1.0, np.nan)
+    def undefined_outside(directions):
+        margin = cap(directions)
+        inside = np.sqrt(np.maximum(margin, 0.0)) + 1.0
+        return np.where(margin >= 0.0, inside, np.nan)
 
-    def beside(places):
-        return np.concatenate([cap(places), alone(places)], axis=1)
+    def both_margins(directions):
+        return np.concatenate([cap(directions), undefined_outside(directions)], axis=1)
 
-    region = find_region(beside, 1e-10)
-    assert abs(region.area - cap_area(0.7)) <= region.error < 1e-10
+    region = find_region(both_margins, 1e-10)
+    assert abs(region.area - exact_area) <= region.error < 1e-10
     assert region.boundaries[0].arcs[0].margin == 0
-    region = find_region(alone, 1e-3)
-    assert abs(region.area - cap_area(0.7)) <= region.error < 1e-3
+
+    region = find_region(undefined_outside, 1e-3)
+    assert abs(region.area - exact_area) <= region.error < 1e-3
     assert region.boundaries[0].arcs[0].margin == -1
 
 
@@ -274,39 +295,54 @@ def test_everything_and_nothing():
 
 @pytest.mark.many
 @pytest.mark.parametrize("angle", [0.4, 1.5, 2.8])
-def test_turns_by_at_most_an_angle(angle):
-    """The volume is 8 pi (a - sin a); that of tilts by a 4 pi^2 (1 - cos a)."""
-    exact = 8.0 * np.pi * (angle - np.sin(angle))
-    found = find_orientations(lambda q: 2.0 * q[:, 3:] ** 2 - 1.0 - np.cos(angle), 5e-3)
-    assert abs(found.volume - exact) <= found.error <= 5e-3 * found.volume
+def test_the_volume_of_rotations_by_at_most_an_angle_is_its_closed_form(angle):
+    """Rotations by at most a have the volume 8 pi (a - sin a).
 
-    def undefined_outside(q):
-        """One margin more, which is not known where the other is negative."""
-        margin = 2.0 * q[:, 3:] ** 2 - 1.0 - np.cos(angle)
-        return np.hstack([margin, np.where(margin < 0.0, np.nan, 3.0)])
+    Their quaternions (x, y, z, w) have cos a <= 2 w^2 - 1. A second margin that is
+    undefined where the first is negative changes nothing.
+    """
+    exact_volume = 8.0 * np.pi * (angle - np.sin(angle))
 
-    assert find_orientations(undefined_outside, 5e-3).volume == found.volume
-    low = np.cos(0.25 * angle)
-    found = find_orientations(lambda q: from_quaternion(q)[:, 2, 2:] - low, 3e-2)
-    assert abs(found.volume - 4.0 * np.pi**2 * (1.0 - low)) <= 0.3 * found.error
+    def margin(quaternions):
+        return 2.0 * quaternions[:, 3:] ** 2 - 1.0 - np.cos(angle)
+
+    def margin_and_undefined_one(quaternions):
+        first = margin(quaternions)
+        return np.hstack([first, np.where(first < 0.0, np.nan, 3.0)])
+
+    region = find_orientations(margin, 5e-3)
+    assert abs(region.volume - exact_volume) <= region.error <= 5e-3 * region.volume
+    assert find_orientations(margin_and_undefined_one, 5e-3).volume == region.volume
+
+
+@pytest.mark.many
+@pytest.mark.parametrize("angle", [0.4, 1.5, 2.8])
+def test_the_volume_of_tilts_by_at_most_an_angle_is_its_closed_form(angle):
+    """Orientations whose z axis tilts by at most b have the volume 4 pi^2 (1 - cos b)."""
+    least_cosine = np.cos(0.25 * angle)
+    exact_volume = 4.0 * np.pi**2 * (1.0 - least_cosine)
+    region = find_orientations(lambda q: from_quaternion(q)[:, 2, 2:] - least_cosine, 3e-2)
+    assert abs(region.volume - exact_volume) <= 0.3 * region.error
 
 
 @pytest.mark.slow
-def test_one_axis_in_common_caps():
-    """The volume is 2 pi times the area in which the axis may be."""
-    rng = np.random.default_rng(11)
+def test_the_volume_of_orientations_of_one_axis_is_two_pi_times_its_area():
+    """A body axis has to lie in two random caps and outside a third."""
+    random = np.random.default_rng(11)
     for _ in range(4):
-        centres, radii = unit(rng.normal(size=(3, 3))), rng.uniform(0.7, 1.8, 3)
+        centres = unit(random.normal(size=(3, 3)))
+        radii = random.uniform(0.7, 1.8, 3)
         keep = np.array([True, True, False])
-        axis = unit(rng.normal(size=3))
-        sign = np.where(keep, 1.0, -1.0)
+        axis = unit(random.normal(size=3))
 
-        def margins(q, centres=centres, radii=radii, axis=axis, sign=sign):
-            return sign * (from_quaternion(q) @ axis @ centres.T - np.cos(radii))
+        def margins(quaternions, centres=centres, radii=radii, axis=axis, keep=keep):
+            sign = np.where(keep, 1.0, -1.0)
+            cosines = from_quaternion(quaternions) @ axis @ centres.T
+            return sign * (cosines - np.cos(radii))
 
-        exact = 2.0 * np.pi * common_area(centres, radii, keep)
-        found = find_orientations(margins, 2e-2, most=200_000)
-        assert abs(found.volume - exact) <= found.error
+        exact_volume = 2.0 * np.pi * common_area(centres, radii, keep)
+        region = find_orientations(margins, 2e-2, most=200_000)
+        assert abs(region.volume - exact_volume) <= region.error
 
 
 def test_limits_of_the_work_are_told_by_the_error():
