@@ -1,4 +1,8 @@
-"""Quantities of rows against evaluation by names, and inverse dynamics, of each mode."""
+"""Quantities of rows against evaluation by names and against inverse dynamics.
+
+A row quantity is a number of one configuration and assembly mode that sweeps, syntheses and
+sensitivities can use by its name, for example `pole_4_2_y` or `torque_by_21`.
+"""
 
 import re
 from dataclasses import replace
@@ -31,6 +35,7 @@ CASES = {
     "shaped_cam": ("pairs.contact.profiles.cam.cosines.1", [1.2]),
     "three_rrr": ("links.base.angle", [0.8, 0.9, 0.7]),
 }
+"""A number of each file that a sweep can vary, and inputs (rad) of a configuration."""
 SLOW = ("two_dof_spm", "three_rrr", "double_butterfly", "roller_cam")
 MARKED = [pytest.param(x, marks=[pytest.mark.slow] * (x in SLOW)) for x in CASES]
 STEP, MOMENT = 2e-3, 1e-9
@@ -51,182 +56,307 @@ def with_masses(name):
     return replace(mechanism, loads=tuple(loads), masses=masses)
 
 
-def laws_of(mechanism, q, rates=RATES):
-    """Return a law of each input that begins at q with a rate and an acceleration."""
-    numbers = zip(mechanism.input_pairs, q, rates, ACCELERATIONS, strict=False)
-    return {pair: sk.Polynomial((x, dx, 0.5 * ddx)) for pair, x, dx, ddx in numbers}
+def laws_at(mechanism, q, rates=RATES):
+    """Return a law of each input that begins at q with given rate and acceleration."""
+    laws = {}
+    for pair, start, rate, acceleration in zip(
+        mechanism.input_pairs, q, rates, ACCELERATIONS, strict=False
+    ):
+        laws[pair] = sk.Polynomial((start, rate, 0.5 * acceleration))
+    return laws
 
 
-def first(name, quantities, q):
-    """Return quantities (modes,) by name at the first sample of laws, by a sweep."""
-    mechanism, key = with_masses(name), CASES[name][0]
-    study = Study("", mechanism, samples=2, duration=1e-3, laws=laws_of(mechanism, q))
-    value = design_variable(document_of(mechanism), key).value
+def sweep_first_sample(name, quantities, q):
+    """Return quantities (modes,) by name at the first sample of laws, from a sweep.
+
+    The sweep has two samples. A figure is the sum of a quantity over them, times 1 at t = 0
+    and 0 at the later time.
+    """
+    mechanism = with_masses(name)
+    key = CASES[name][0]
+    laws = laws_at(mechanism, q)
+    study = Study("", mechanism, samples=2, duration=1e-3, laws=laws)
+    nominal = design_variable(document_of(mechanism), key).value
     figures = [f"F{k}=sum({x}*(1 - sign(t)))" for k, x in enumerate(quantities)]
-    found = sk.sweep(study, {key: [value]}, figures).frame()
-    assert set(found["status"]) == {"OK"}
-    return {x: found[f"F{k}"].to_numpy() for k, x in enumerate(quantities)}
+    frame = sk.sweep(study, {key: [nominal]}, figures).frame()
+    assert set(frame["status"]) == {"OK"}
+    return {x: frame[f"F{k}"].to_numpy() for k, x in enumerate(quantities)}
 
 
-class Rows:
-    """Quantities at the first sample, mode by mode as other routes have them."""
+class RowsOfFirstSample:
+    """Row quantities of one configuration, in the mode order of `sk.evaluate`.
 
-    def __init__(self, name, asked=lambda quantity: True):
-        self.mechanism, self.q = with_masses(name), CASES[name][1]
+    Attributes
+    ----------
+    mechanism, q, inputs
+        Mechanism, inputs (rad) of the configuration, and names of the input pairs.
+    evaluation
+        The configuration in all modes by `sk.evaluate`.
+    dynamics
+        Inverse dynamics of all modes at that time.
+    order
+        (modes,) row of the sweep for each mode of the evaluation.
+    """
+
+    def __init__(self, name, is_wanted=lambda quantity: True):
+        """Evaluate the wanted quantities by a sweep, and match its modes.
+
+        Parameters
+        ----------
+        name
+            Key of `CASES`.
+        is_wanted
+            Which names of row quantities are evaluated.
+        """
+        self.mechanism = with_masses(name)
+        self.q = CASES[name][1]
         self.inputs = self.mechanism.input_pairs
-        angles = [p.name for p in self.mechanism.pairs if p.kind.has_axis]
-        known = [f"{f}(theta_{p})" for f, p in product(("sin", "cos"), angles)]
-        self.asked = [x for x in row_quantities(self.mechanism) if asked(x)]
-        self.made = first(name, [*known, *self.asked], self.q)
-        self.here = sk.evaluate(self.mechanism, [self.q])
-        laws = laws_of(self.mechanism, self.q)
-        self.needed = sk.inverse_dynamics(self.mechanism, laws, [0.0])
-        thetas = np.array([self.here.variable(p) for p in angles])
-        own = np.array([self.made[x] for x in known])
-        there = np.concatenate([np.sin(thetas), np.cos(thetas)])
-        off = np.max(np.abs(own[:, :, None] - there[:, None]), axis=0)
-        self.order = np.argmin(off, axis=0)
-        assert np.all(np.min(off, axis=0) < 1e-9) and len(set(self.order)) == len(own.T)
+        self.evaluation = sk.evaluate(self.mechanism, [self.q])
+        laws = laws_at(self.mechanism, self.q)
+        self.dynamics = sk.inverse_dynamics(self.mechanism, laws, [0.0])
 
-    def of(self, name, ends=("",)):
-        return np.array([self.made[f"{name}{end}"][self.order] for end in ends]).T
+        # Sines and cosines of all pair angles identify the modes.
+        pairs = [p.name for p in self.mechanism.pairs if p.kind.has_axis]
+        sines = [f"sin(theta_{pair})" for pair in pairs]
+        cosines = [f"cos(theta_{pair})" for pair in pairs]
+        quantities = [x for x in row_quantities(self.mechanism) if is_wanted(x)]
+        names = [*sines, *cosines, *quantities]
+        self.values_by_name = sweep_first_sample(name, names, self.q)
 
-    def vector(self, name, end=""):
-        return self.of(name, [f"_{axis}{end}" for axis in "xyz"])
+        # (numbers, modes) of the sweep and of the evaluation
+        swept = np.array([self.values_by_name[x] for x in (*sines, *cosines)])
+        thetas = np.array([self.evaluation.variable(pair) for pair in pairs])
+        evaluated = np.concatenate([np.sin(thetas), np.cos(thetas)])
+        # (modes of the sweep, modes of the evaluation)
+        distances = np.max(np.abs(swept[:, :, None] - evaluated[:, None]), axis=0)
+        self.order = np.argmin(distances, axis=0)
+        assert np.all(np.min(distances, axis=0) < 1e-9)
+        assert len(set(self.order)) == swept.shape[1]
 
-    def ends(self):
-        """Return how names end, with the input that moves."""
-        one = len(self.inputs) == 1
-        return [("" if one else f"_by_{pair}", pair) for pair in self.inputs]
+    def quantities(self, name, suffixes=("",)):
+        """Return (modes, suffixes) values of the quantities `name + suffix`."""
+        columns = [self.values_by_name[name + suffix][self.order] for suffix in suffixes]
+        return np.array(columns).T
+
+    def vector(self, name, suffix=""):
+        """Return (modes, 3) components x, y, z of a vector quantity."""
+        return self.quantities(name, [f"_{axis}{suffix}" for axis in "xyz"])
+
+    def input_suffixes(self):
+        """Return suffix and pair of each input that moves; one input has no suffix."""
+        if len(self.inputs) == 1:
+            return [("", self.inputs[0])]
+        return [(f"_by_{pair}", pair) for pair in self.inputs]
+
+    def component_suffixes(self):
+        """Return the suffix of each component of a vector over inputs."""
+        if len(self.inputs) == 1:
+            return [""]
+        return [f"_{pair}" for pair in self.inputs]
+
+
+@pytest.fixture(scope="module")
+def compared_rows():
+    """Return a function that evaluates the vectors of about five links, once per case."""
+    rows_by_name = {}
+
+    def evaluate_rows(name):
+        if name not in rows_by_name:
+            links = links_to_compare(name)
+            other_links = "|".join({*sk.load(name).links} - {*links}) or "-"
+            left_out = re.compile(
+                rf"(orient|angular|pole|veloc|accel).*_({other_links})(_|$)"
+            )
+            rows_by_name[name] = RowsOfFirstSample(
+                name, lambda quantity: not left_out.match(quantity.split("_by_")[0])
+            )
+        return rows_by_name[name]
+
+    return evaluate_rows
+
+
+def links_to_compare(name):
+    """Return about five links, evenly chosen."""
+    links = sk.load(name).links
+    return links[:: 1 + len(links) // 5]
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("name", MARKED)
-def test_vectors_are_those_of_evaluation_by_names(name):
-    mechanism = sk.load(name)
-    links = mechanism.links[:: 1 + len(mechanism.links) // 5]
-    others = "|".join({*mechanism.links} - {*links}) or "-"
-    left_out = re.compile(rf"(orient|angular|pole|veloc|accel).*_({others})(_|$)")
-    rows = Rows(name, lambda quantity: not left_out.match(quantity.split("_by_")[0]))
-    here = rows.here
-    turned = {link: here.rotation(link) for link in mechanism.links}
+def test_orientations_and_rates_by_quantities_are_those_of_evaluation(name, compared_rows):
+    """Rotation matrices, angular velocities per unit rate and their derivatives.
+
+    Errors count relative to 1 plus the largest rate, and to its square for derivatives.
+    """
+    rows = compared_rows(name)
+    links = links_to_compare(name)
+    entries = [f"_{i}{j}" for i, j in product("xyz", repeat=2)]
     for link in links:
-        ends = [f"_{i}{j}" for i, j in product("xyz", repeat=2)]
-        own = rows.of(f"orientation_{link}", ends).reshape(-1, 3, 3)
-        assert np.max(np.abs(own - turned[link])) < 1e-12
-    for end, moving in rows.ends():
-        w = {link: here.angular_velocity(link, moving) for link in links}
+        rotation = rows.quantities(f"orientation_{link}", entries).reshape(-1, 3, 3)
+        assert np.max(np.abs(rotation - rows.evaluation.rotation(link))) < 1e-12
+    for suffix, moving in rows.input_suffixes():
+        w = {link: rows.evaluation.angular_velocity(link, moving) for link in links}
         scale = 1.0 + np.max(np.abs([*w.values()]), axis=(0, 2))[:, None]
         for link in links:
-            own = rows.vector(f"angular_velocity_{link}", end)
-            assert np.nanmax(np.abs(own - w[link]) / scale) < 1e-11
-            change = here.angular_velocity_dq(link, moving)
-            own = rows.vector(f"angular_velocity_dq_{link}", end)
-            assert np.nanmax(np.abs(own - change) / scale**2) < 1e-10
+            rate = rows.vector(f"angular_velocity_{link}", suffix)
+            assert np.nanmax(np.abs(rate - w[link]) / scale) < 1e-11
+            derivative = rows.evaluation.angular_velocity_dq(link, moving)
+            rate_dq = rows.vector(f"angular_velocity_dq_{link}", suffix)
+            assert np.nanmax(np.abs(rate_dq - derivative) / scale**2) < 1e-10
+
+
+@pytest.mark.many
+@pytest.mark.parametrize("name", MARKED)
+def test_pole_axes_by_quantities_are_those_of_relative_rates(name, compared_rows):
+    """Pole times coefficient is the relative rate; poles of pairs are their axes."""
+    rows = compared_rows(name)
+    links = links_to_compare(name)
+    for suffix, moving in rows.input_suffixes():
+        w = {link: rows.evaluation.angular_velocity(link, moving) for link in links}
+        scale = 1.0 + np.max(np.abs([*w.values()]), axis=(0, 2))[:, None]
         for a, b in permutations(links, 2):
-            pole = rows.vector(f"pole_{a}_{b}", end)
-            size = rows.of(f"velocity_coefficient_{a}_{b}", [end])
-            off = np.abs(pole * size - (w[a] - w[b])) / scale
-            assert np.nanmax(off, initial=0.0) < 1e-11
-            known = np.abs(size[:, 0]) > 1e-9
-            assert np.allclose(np.linalg.norm(pole[known], axis=1), 1.0, rtol=1e-13)
+            pole = rows.vector(f"pole_{a}_{b}", suffix)
+            coefficient = rows.quantities(f"velocity_coefficient_{a}_{b}", [suffix])
+            misses = np.abs(pole * coefficient - (w[a] - w[b])) / scale
+            assert np.nanmax(misses, initial=0.0) < 1e-11
+            turns = np.abs(coefficient[:, 0]) > 1e-9
+            assert np.allclose(np.linalg.norm(pole[turns], axis=1), 1.0, rtol=1e-13)
     for pair in rows.mechanism.pairs:
-        if not pair.kind.has_axis or not {*pair.links} <= {*links}:
-            continue
-        own = rows.vector(f"axis_{pair.name}")
-        assert np.array_equal(own, rows.vector("pole_{1}_{0}".format(*pair.links), end))
+        if pair.kind.has_axis and {*pair.links} <= {*links}:
+            first, second = pair.links
+            axis = rows.vector(f"axis_{pair.name}")
+            assert np.array_equal(axis, rows.vector(f"pole_{second}_{first}", suffix))
+
+
+@pytest.mark.many
+@pytest.mark.parametrize("name", MARKED)
+def test_directions_of_outputs_by_quantities_are_those_of_rotations(name, compared_rows):
+    """Directions are stated in the frame of the link that the output is relative to."""
+    rows = compared_rows(name)
     for output in rows.mechanism.outputs:
-        if output.direction is not None:
-            seen = np.swapaxes(turned[output.relative_to], 1, 2) @ turned[output.link]
-            own = rows.vector(f"direction_{output.name}")
-            assert np.max(np.abs(own - seen @ output.direction)) < 1e-12
+        if output.direction is None:
+            continue
+        base_rotation = rows.evaluation.rotation(output.relative_to)
+        relative_rotation = np.swapaxes(base_rotation, 1, 2)
+        relative_rotation = relative_rotation @ rows.evaluation.rotation(output.link)
+        direction = rows.vector(f"direction_{output.name}")
+        assert np.max(np.abs(direction - relative_rotation @ output.direction)) < 1e-12
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("name", MARKED)
 def test_forces_and_free_accelerations_are_those_of_inverse_dynamics(name):
-    rows = Rows(name, lambda x: x.startswith(("torque", "gen", "free", "kin", "B_")))
-    needed, ends = rows.needed, [end for end, _ in rows.ends()]
-    good = needed.status == 0
-    assert np.any(good)
-    several = ["" if len(rows.inputs) == 1 else f"_{pair}" for pair in rows.inputs]
-    free = rows.of("free_acceleration", several) - needed.input_accelerations
-    for own, wanted in (
-        (rows.of("generalized_force", ends), needed.Q_all),
-        (rows.of("torque", ends), needed.torques),
-        (rows.of("kinetic_energy"), needed.kinetic[:, None]),
-        (np.einsum("nij,nj->ni", needed.M, free), -needed.torques),
+    """Generalised forces, torques, kinetic energy, and accelerations without torques.
+
+    M (free acceleration - acceleration of the law) = -torque, with the mass matrix M.
+    """
+    rows = RowsOfFirstSample(
+        name, lambda x: x.startswith(("torque", "gen", "free", "kin", "B_"))
+    )
+    dynamics = rows.dynamics
+    input_suffixes = [suffix for suffix, _ in rows.input_suffixes()]
+    is_good = dynamics.status == 0
+    assert np.any(is_good)
+    free = rows.quantities("free_acceleration", rows.component_suffixes())
+    excess = free - dynamics.input_accelerations
+    for computed, expected in (
+        (rows.quantities("generalized_force", input_suffixes), dynamics.Q_all),
+        (rows.quantities("torque", input_suffixes), dynamics.torques),
+        (rows.quantities("kinetic_energy"), dynamics.kinetic[:, None]),
+        (np.einsum("nij,nj->ni", dynamics.M, excess), -dynamics.torques),
     ):
-        scale = np.max(np.abs(wanted[good]), axis=1, keepdims=True) + 1e-9
-        assert np.max(np.abs(own - wanted)[good] / scale) < 1e-9
+        scale = np.max(np.abs(expected[is_good]), axis=1, keepdims=True) + 1e-9
+        assert np.max(np.abs(computed - expected)[is_good] / scale) < 1e-9
 
 
-def test_the_determinant_is_the_triple_product_of_what_an_input_does_not_hold():
-    rows = Rows("four_bar")
-    axes = np.stack([rows.vector(f"axis_{pair}") for pair in ("32", "43", "41")], axis=1)
-    own = rows.of("determinant")[:, 0]
-    assert np.allclose(np.abs(own), np.abs(np.linalg.det(axes)), rtol=1e-13)
-    assert np.all(np.sign(own[0]) == -np.sign(own[1]))
+def test_the_determinant_of_a_four_bar_is_the_triple_product_of_its_passive_axes():
+    """Its sign differs between both modes."""
+    rows = RowsOfFirstSample("four_bar")
+    passive_axes = [rows.vector(f"axis_{pair}") for pair in ("32", "43", "41")]
+    triple_product = np.linalg.det(np.stack(passive_axes, axis=1))
+    determinant = rows.quantities("determinant")[:, 0]
+    assert np.allclose(np.abs(determinant), np.abs(triple_product), rtol=1e-13)
+    assert np.all(np.sign(determinant[0]) == -np.sign(determinant[1]))
 
 
-class Stencil:
-    """A law that is in states (q, rate, acceleration), one after the other."""
+class StencilLaw:
+    """A law with a given state of the input at each of several times `MOMENT` apart."""
 
     def __init__(self, states):
+        """Store the states, an array (3, times) of angle, rate and acceleration."""
         self.states = states
 
     def at(self, t):
+        """Return angle, rate and acceleration at times that are multiples of `MOMENT`."""
         return tuple(self.states[:, np.rint(np.asarray(t) / MOMENT).astype(int)])
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("name", MARKED)
-def test_linearised_accelerations_are_differences_of_inverse_dynamics(name):
-    rows = Rows(name, lambda x: x.startswith(("A_", "B_torque")))
+def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(name):
+    """A_q, A_dq and B_torque are derivatives of accelerations at given torques.
+
+    From M ddq + h(q, dq) = torque they are -M^-1 times the derivatives of the torque at
+    given accelerations, and M^-1. The derivatives are five-point differences of inverse
+    dynamics in each input (steps of `STEP` rad or rad/s), all states in one run.
+    """
+    rows = RowsOfFirstSample(name, lambda x: x.startswith(("A_", "B_torque")))
     count = len(rows.inputs)
-    several = ["" if count == 1 else f"_{pair}" for pair in rows.inputs]
     state = np.array([rows.q, RATES[:count], ACCELERATIONS[:count]])
-    parts = product((0, 1), range(count), (-2, -1, 1, 2))
-    states = np.tile(state, (8 * count, 1, 1))
-    for row, (kind, j, share) in enumerate(parts):
+    # Order: angle or rate, input, position in the stencil.
+    changes = list(product((0, 1), range(count), (-2, -1, 1, 2)))
+    states = np.tile(state, (len(changes), 1, 1))
+    for row, (kind, j, share) in enumerate(changes):
         states[row, kind, j] += share * STEP
-    laws = {pair: Stencil(states[:, :, k].T) for k, pair in enumerate(rows.inputs)}
+    laws = {}
+    for k, pair in enumerate(rows.inputs):
+        laws[pair] = StencilLaw(states[:, :, k].T)
     times = MOMENT * np.arange(len(states))
     torques = sk.inverse_dynamics(rows.mechanism, laws, times).torques
     torques = torques.reshape(-1, 2, count, 4, count)
-    slopes = np.einsum("s,nkjsi->nkij", [1.0, -8.0, 8.0, -1.0], torques) / (12.0 * STEP)
-    inverse = np.linalg.inv(rows.needed.M)
-    wanted = -np.einsum("nim,nkmj->nkij", inverse, slopes)
-    good = np.all(np.isfinite(wanted), axis=(1, 2, 3))
-    assert np.any(good)
-    for j, (end, _) in enumerate(rows.ends()):
-        ends = [f"{one}{end}" for one in several]
-        for kind, name in enumerate(("A_q", "A_dq")):
-            there = wanted[good, kind, :, j]
-            scale = np.max(np.abs(there), axis=1, keepdims=True) + 1e-3
-            assert np.max(np.abs(rows.of(name, ends)[good] - there) / scale) < 3e-7
-        own = rows.of("B_torque", ends)
-        assert np.nanmax(np.abs(own / inverse[:, :, j] - 1.0)) < 1e-12
+    # n: modes, k: angle or rate, j: changed input, s: stencil, i: torque
+    weights = [1.0, -8.0, 8.0, -1.0]
+    slopes = np.einsum("s,nkjsi->nkij", weights, torques) / (12.0 * STEP)
+    inverse_mass = np.linalg.inv(rows.dynamics.M)
+    expected = -np.einsum("nim,nkmj->nkij", inverse_mass, slopes)
+    is_good = np.all(np.isfinite(expected), axis=(1, 2, 3))
+    assert np.any(is_good)
+
+    for j, (suffix, _) in enumerate(rows.input_suffixes()):
+        suffixes = [f"{component}{suffix}" for component in rows.component_suffixes()]
+        for kind, quantity in enumerate(("A_q", "A_dq")):
+            derivative = expected[is_good, kind, :, j]
+            scale = np.max(np.abs(derivative), axis=1, keepdims=True) + 1e-3
+            computed = rows.quantities(quantity, suffixes)[is_good]
+            assert np.max(np.abs(computed - derivative) / scale) < 3e-7
+        by_torque = rows.quantities("B_torque", suffixes)
+        assert np.nanmax(np.abs(by_torque / inverse_mass[:, :, j] - 1.0)) < 1e-12
 
 
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
-def test_condition_numbers_are_those_of_inverse_kinematics(name):
-    rows = Rows(name, lambda x: x.startswith(("condition", "jacobian")))
+def test_condition_numbers_are_those_of_the_jacobian_of_inverse_kinematics(name):
+    """Ratio of singular values, and the determinant, of the Jacobian at the same pose.
+
+    The Jacobian of an output that points has the direction as a further column.
+    """
+    rows = RowsOfFirstSample(name, lambda x: x.startswith(("condition", "jacobian")))
     (output,) = rows.mechanism.outputs
-    pose = rows.here.rotation(output.link)
-    if output.direction is not None:
+    has_direction = output.direction is not None
+    pose = rows.evaluation.rotation(output.link)
+    if has_direction:
         pose = pose @ output.direction
     inverse = sk.InverseKinematics(rows.mechanism).at(pose, normals=True)
-    off = np.angle(np.exp(1j * (inverse.inputs - rows.q)))
-    mode = np.argmin(np.max(np.abs(off), axis=2), axis=0)
-    jacobian = inverse.jacobian[mode, np.arange(len(pose))]
-    sizes = np.linalg.svd(jacobian, compute_uv=False)
-    own = rows.of(f"condition_number_{output.name}")[:, 0]
-    assert own == pytest.approx(sizes[:, 0] / sizes[:, -1], rel=1e-9)
-    if output.direction is not None:
+    # The working mode of each pose is the one with the inputs of the configuration.
+    differences = np.angle(np.exp(1j * (inverse.inputs - rows.q)))
+    working_mode = np.argmin(np.max(np.abs(differences), axis=2), axis=0)
+    jacobian = inverse.jacobian[working_mode, np.arange(len(pose))]
+    singular = np.linalg.svd(jacobian, compute_uv=False)
+    condition = rows.quantities(f"condition_number_{output.name}")[:, 0]
+    assert condition == pytest.approx(singular[:, 0] / singular[:, -1], rel=1e-9)
+    if has_direction:
         jacobian = np.concatenate([jacobian, pose[:, :, None]], axis=2)
-    own = rows.of(f"jacobian_determinant_{output.name}")[:, 0]
-    assert own == pytest.approx(np.linalg.det(jacobian), rel=1e-9)
+    determinant = rows.quantities(f"jacobian_determinant_{output.name}")[:, 0]
+    assert determinant == pytest.approx(np.linalg.det(jacobian), rel=1e-9)
 
 
 def test_singular_values_are_those_of_lapack():

@@ -1,4 +1,9 @@
-"""Derivatives by sizes against differences in 50 digits, and tolerances against draws."""
+"""Derivatives by sizes against differences in 50 digits, and tolerances against draws.
+
+A sensitivity computes derivatives of quantities (angles, rates, coefficients) by sizes of
+the mechanism. Tolerances follow from them to first order, or from random draws of deviating
+sizes, each of which is assembled anew.
+"""
 
 from dataclasses import replace
 
@@ -57,17 +62,24 @@ CASES = [
 ]
 
 
-def samples_of(motion):
+def sample_rows(motion):
+    """Return rows (n, 4) of input, rate 1, acceleration 0 and time, with time = input."""
     ones = np.ones_like(motion.q)
     return np.stack([motion.q, ones, 0.0 * ones, motion.q], axis=1)
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("name, keys, difference", CASES)
-def test_derivatives_are_those_of_differences_in_fifty_digits(
+def test_derivatives_agree_with_differences_in_fifty_digits(
     name, keys, difference, tmp_path
 ):
-    """Every configuration is that of another mechanism, to 50 digits."""
+    """Angles, rates and an acceleration coefficient, at up to six configurations.
+
+    For each size, mechanisms with that size changed are read from a document and their
+    configurations are solved to 50 digits. The weighted difference has a relative error
+    below 5e-12. The acceleration coefficient's sign depends on the sense of its pole, so it
+    is adjusted.
+    """
     step, weights = difference
     path = tmp_path / "written.toml"
     path.write_text(WRITTEN.get(name, ""))
@@ -75,71 +87,101 @@ def test_derivatives_are_those_of_differences_in_fifty_digits(
     mechanism = read(document)
     pairs = [pair.name for pair in mechanism.pairs if pair.kind.has_axis]
     angles = [f"theta_{pair}" for pair in pairs]
-    link, ground = mechanism.links[-1], mechanism.ground
-    bend = f"acceleration_coefficient_{link}_{ground}"
-    wanted = [*angles, *(f"rate_{p}" for p in pairs), bend]
-    sensitivity = Sensitivity(mechanism, keys, wanted)
+    rates = [f"rate_{pair}" for pair in pairs]
+    link = mechanism.links[-1]
+    coefficient = f"acceleration_coefficient_{link}_{mechanism.ground}"
+    sensitivity = Sensitivity(mechanism, keys, [*angles, *rates, coefficient])
+
     motion = sk.trace(mechanism, samples=4)
-    well = ~motion.failed & (motion.sample != 0)
-    motion = motion.rows(np.flatnonzero(well)[:6])
-    values, gradients = sensitivity.at(samples_of(motion), motion.values)
+    is_usable = ~motion.failed & (motion.sample != 0)
+    motion = motion.rows(np.flatnonzero(is_usable)[:6])
+    values, gradients = sensitivity.at(sample_rows(motion), motion.values)
     columns = [mechanism.variable_names.index(angle) for angle in angles]
     assert np.allclose(values[: len(pairs)].T, motion.values[:, columns], atol=1e-15)
+
     driven = mechanism.pair_number[mechanism.inputs[0].pair]
+    link_number = mechanism.link_number[link]
+
+    def exact_quantities(changed):
+        """Return the quantities (rows, columns) of a changed mechanism in 50 digits."""
+        closure = Closure.of_mechanism(changed, make_joints(changed))
+        input_variables = list(mechanism.variables_of(driven))
+        solution = closure.solve(motion.values, input_variables)
+        changed_motion = replace(motion, mechanism=changed, values=solution.values)
+        exact = exact_rows(changed_motion, motion.sample >= 0, driven, sk.Digits(50))
+        w = exact.w[:, link_number]
+        dw = exact.dw[:, link_number]
+        # d|w|/dq = w . dw / |w|
+        acceleration = np.sum(w * dw, axis=1) / np.sum(w * w, axis=1) ** 0.5
+        return np.concatenate(
+            [exact.values[:, columns], exact.rates[:, columns], acceleration[:, None]],
+            axis=1,
+        )
+
     for key, gradient in zip(keys, gradients, strict=True):
-        path = number_path(document, key)
-        wanted = 0.0
+        size_path = number_path(document, key)
+        nominal = number_at(document, size_path)
+        weighted_sum = 0.0
         for side, weight in weights.items():
-            moved = number_at(document, path) + side * step
-            other = read(with_numbers(document, {path: moved}))
-            closure = Closure.of_mechanism(other, make_joints(other))
-            near = closure.solve(motion.values, list(mechanism.variables_of(driven)))
-            moved = replace(motion, mechanism=other, values=near.values)
-            found = exact_rows(moved, motion.sample >= 0, driven, sk.Digits(50))
-            w, dw = (x[:, mechanism.link_number[link]] for x in (found.w, found.dw))
-            bent = np.sum(w * dw, axis=1) / np.sum(w * w, axis=1) ** 0.5
-            each = [found.values[:, columns], found.rates[:, columns], bent[:, None]]
-            wanted = wanted + np.concatenate(each, axis=1) * weight
-        wanted = (wanted / step).astype(float)
-        wanted[:, -1] *= np.sign(wanted[:, -1] * gradient[-1])  # about an axis or of a size
-        assert np.max(np.abs(gradient.T - wanted)) < 5e-12 * np.max(np.abs(wanted))
+            changed = read(with_numbers(document, {size_path: nominal + side * step}))
+            weighted_sum = weighted_sum + exact_quantities(changed) * weight
+        derivative = (weighted_sum / step).astype(float)
+        derivative[:, -1] *= np.sign(derivative[:, -1] * gradient[-1])
+        largest = np.max(np.abs(derivative))
+        assert np.max(np.abs(gradient.T - derivative)) < 5e-12 * largest
 
 
 @pytest.mark.parametrize("distribution, factor", [("normal", 1.0), ("uniform", 3.0**-0.5)])
-def test_small_deviations_spread_as_the_first_order_says(distribution, factor):
-    mechanism = sk.load("stephenson")
+def test_draws_of_small_deviations_spread_as_the_first_order_predicts(distribution, factor):
+    """4096 draws of deviations of 1e-5 rad; uniform ones have a spread smaller by sqrt(3).
+
+    The spread (standard deviation) of a quantity is the root of the sum of squares of
+    derivative times spread of each size. Single draws are linear up to 1e-7.
+    """
     deviations = SizeDeviations(1e-5, distribution, 4096)
     assert deviations.spread == pytest.approx(factor * 1e-5)
     draws = deviations.draws(3)
     assert np.allclose(np.std(draws, axis=1), deviations.spread, rtol=2e-3)
-    sensitivity = Sensitivity(
-        mechanism, ["links.3.angle", "links.2.arc", "links.6.arc"], ["theta_16", "rate_16"]
-    )
+
+    mechanism = sk.load("stephenson")
+    keys = ["links.3.angle", "links.2.arc", "links.6.arc"]
+    sensitivity = Sensitivity(mechanism, keys, ["theta_16", "rate_16"])
     motion = sk.trace(mechanism, samples=3)
-    values, gradients = sensitivity.at(samples_of(motion), motion.values)
-    found = sensitivity.scattered(samples_of(motion), motion.values, draws)
-    spread = np.sqrt(np.sum((gradients * deviations.spread) ** 2, axis=0))
-    assert np.allclose(np.std(found, axis=2), spread, rtol=1e-2)
-    linear = values[:, :, None] + np.einsum("scn,sd->cnd", gradients, draws)
-    assert np.max(np.abs(found - linear)) < 1e-7
+    samples = sample_rows(motion)
+    values, gradients = sensitivity.at(samples, motion.values)
+    scattered = sensitivity.scattered(samples, motion.values, draws)
+    predicted_spread = np.sqrt(np.sum((gradients * deviations.spread) ** 2, axis=0))
+    assert np.allclose(np.std(scattered, axis=2), predicted_spread, rtol=1e-2)
+    # s: sizes, c: quantities, n: rows, d: draws
+    changes = np.einsum("scn,sd->cnd", gradients, draws)
+    assert np.max(np.abs(scattered - (values[:, :, None] + changes))) < 1e-7
 
 
-def test_the_analysis_conforms_and_says_what_matters():
+def test_tolerances_of_the_analysis_follow_from_its_derivatives():
+    """By default each size deviates by 0.1 degrees (spread), and by three times at worst.
+
+    A row of `tolerances` has the root of squares, the worst sum, and the size that matters
+    most with its share of the variance. 64 draws agree to ten percent.
+    """
     assert conformance("sensitivity:draws=16", mechanisms=["four_bar"], samples=5)
     run = sk.run("four_bar", "sensitivity:by=links.2.arc+links.4.arc,draws=64", samples=9)
-    rows = run.frame("sensitivity", "tolerances")
-    table = run.frame("sensitivity")
-    assert len(table) == 2 * len(rows) == 2 * 18
-    for _, row in rows.iterrows():
-        own = table[table["sample"] == row["sample"]]
-        own = own[own["assembly_mode"] == row["assembly_mode"]]
-        parts = np.radians(0.1) * own["derivative"].abs()
-        spread = np.sqrt(np.sum(parts**2))
+    tolerances = run.frame("sensitivity", "tolerances")
+    derivatives = run.frame("sensitivity")
+    # 9 samples, 2 modes; two sizes each
+    assert len(tolerances) == 18
+    assert len(derivatives) == 36
+    for _, row in tolerances.iterrows():
+        is_row = derivatives["sample"] == row["sample"]
+        is_row &= derivatives["assembly_mode"] == row["assembly_mode"]
+        of_row = derivatives[is_row]
+        contributions = np.radians(0.1) * of_row["derivative"].abs()
+        spread = np.sqrt(np.sum(contributions**2))
         assert row["spread"] == pytest.approx(spread, rel=1e-12)
-        assert row["worst"] == pytest.approx(3.0 * np.sum(parts), rel=1e-12)
-        assert row["share"] == pytest.approx(np.max(parts / spread) ** 2, rel=1e-12)
-        largest = own.loc[own["derivative"].abs().idxmax(), "size"]
-        assert largest in row["matters_most"].split("+")
+        assert row["worst"] == pytest.approx(3.0 * np.sum(contributions), rel=1e-12)
+        largest_share = np.max(contributions / spread) ** 2
+        assert row["share"] == pytest.approx(largest_share, rel=1e-12)
+        size = of_row.loc[of_row["derivative"].abs().idxmax(), "size"]
+        assert size in row["matters_most"].split("+")
         assert row["drawn_spread"] == pytest.approx(spread, rel=0.1)
 
 
@@ -152,47 +194,62 @@ def test_nothing_matters_most_where_a_quantity_hangs_on_no_size():
 
 
 @pytest.mark.slow
-def test_transmission_angles_are_the_same_from_variables_and_in_closed_form():
+def test_derivatives_of_transmission_angles_predict_those_of_a_sweep():
+    """A sweep computes transmission angles of dyads in closed form, mode by mode.
+
+    The least angle of each dyad is compared for the nominal arc of link 2 and for one that
+    is 1e-4 degrees larger, which the derivative predicts.
+    """
     motion = sk.trace("stephenson", samples=5)
     names = [f"transmission_angle_{pair}" for pair in ("34", "56")]
     sensitivity = Sensitivity(sk.load("stephenson"), ["links.2.arc"], names)
-    values, gradients = sensitivity.at(samples_of(motion), motion.values)
-    reduce = [f"low_{k}=min({name})" for k, name in enumerate(names)]
+    values, gradients = sensitivity.at(sample_rows(motion), motion.values)
+    figures = [f"low_{k}=min({name})" for k, name in enumerate(names)]
     for mode in motion.assembly_modes:
-        own = motion.assembly_mode == mode.number
-        for arc, change in ((15.0, 0.0), (15.0 + 1e-4, np.radians(1e-4))):
-            vary = {"links.2.arc": [arc]}
-            found = sk.sweep("stephenson", vary, reduce, samples=5).frame()
-            row = found[found["mode"] == mode.label].iloc[0]
+        is_mode = motion.assembly_mode == mode.number
+        for change_deg in (0.0, 1e-4):
+            vary = {"links.2.arc": [15.0 + change_deg]}
+            frame = sk.sweep("stephenson", vary, figures, samples=5).frame()
+            row = frame[frame["mode"] == mode.label].iloc[0]
             for k in range(2):
-                least = np.argmin(values[k, own])
-                near = values[k, own][least] + change * gradients[0, k, own][least]
-                assert np.radians(row[f"low_{k}"]) == pytest.approx(near, abs=1e-10)
+                least = np.argmin(values[k, is_mode])
+                derivative = gradients[0, k, is_mode][least]
+                predicted = values[k, is_mode][least] + np.radians(change_deg) * derivative
+                assert np.radians(row[f"low_{k}"]) == pytest.approx(predicted, abs=1e-10)
 
 
 @pytest.mark.slow
-def test_deviating_profiles_close_where_the_mechanism_with_them_does(tmp_path):
-    """Near its dead centre, where Newton's method does not go there at once."""
-    before = find("two_contacts").read_text()
-    first, second, third, last = before.split("cosines = [15.0, 0.0, 3.0]")
-    middle = "cosines = [15.0, 0.0, 3.0]".join([first, second, third])
+def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path):
+    """Three Fourier coefficients of a cam deviate; a file with the sums is traced.
+
+    Near its dead centre Newton's method does not reach the deviating configuration at once.
+    Each drawn value is one of the values that the other mechanism has at that input.
+    """
+    coefficients = "cosines = [15.0, 0.0, 3.0]"
+    before, last = find("two_contacts").read_text().rsplit(coefficients, 1)
     path = tmp_path / "other.toml"
-    path.write_text(middle + "cosines = [15.2, 0.1, 3.05]" + last)
-    mechanism, other = sk.load("two_contacts"), sk.load(path)
+    path.write_text(before + "cosines = [15.2, 0.1, 3.05]" + last)
+    deviations = np.radians([[0.2], [0.1], [0.05]])
+
+    mechanism = sk.load("two_contacts")
+    other = sk.load(path)
     keys = [f"pairs.push.profiles.3.cosines.{k}" for k in range(3)]
-    names = ["velocity_coefficient_3_1"]
-    motion, there = sk.trace(mechanism, samples=4), sk.trace(other, samples=4)
-    sensitivity = Sensitivity(mechanism, keys, names)
-    away = np.radians([[0.2], [0.1], [0.05]])
-    (drawn,) = sensitivity.scattered(samples_of(motion), motion.values, away)
-    closes = ~there.failed
-    ((found,), _) = Sensitivity(other, keys, names).at(
-        samples_of(there.rows(closes)), there.values[closes]
+    quantity = ["velocity_coefficient_3_1"]
+    motion = sk.trace(mechanism, samples=4)
+    sensitivity = Sensitivity(mechanism, keys, quantity)
+    (drawn,) = sensitivity.scattered(sample_rows(motion), motion.values, deviations)
+    drawn = drawn[:, 0]
+
+    other_motion = sk.trace(other, samples=4)
+    other_motion = other_motion.rows(~other_motion.failed)
+    other_sensitivity = Sensitivity(other, keys, quantity)
+    (other_values,), _ = other_sensitivity.at(
+        sample_rows(other_motion), other_motion.values
     )
-    for q, value in zip(motion.q, drawn[:, 0], strict=True):
-        possible = found[np.isclose(there.q[closes], q)]
+    for q, value in zip(motion.q, drawn, strict=True):
+        possible = other_values[np.isclose(other_motion.q, q)]
         assert np.min(np.abs(possible - value)) < 1e-9 * np.max(np.abs(possible))
-    assert len(set(np.round(drawn[:, 0], 9))) == len(motion.q)
+    assert len(set(np.round(drawn, 9))) == len(motion.q)
 
 
 def test_sizes_of_coaxial_shafts_are_left_out_and_said_to_be():
@@ -224,45 +281,67 @@ def test_what_no_size_changes_is_said_to_be_so(tmp_path, capsys):
     assert "theta_right: standard" not in said and "theta_43: standard" in said
 
 
-def rocker(arcs, q, side):
-    """Return the angle of the rocker of a four-bar (rad) by spherical triangles."""
-    base, crank, coupler, other = arcs
+def rocker_angle(arcs, q, side):
+    """Return the angle (rad) of the rocker of a four-bar by spherical triangles.
+
+    Parameters
+    ----------
+    arcs
+        Arcs of base, crank, coupler and rocker in rad; each may be an array.
+    q
+        Angle of the crank in rad.
+    side
+        1.0 or -1.0, the side of the diagonal to which coupler and rocker bend.
+    """
+    base, crank, coupler, rocker = arcs
+    # The tip of the crank, with the crank's axis along z and the base arc towards y.
     tip = [-np.sin(crank) * np.sin(q), np.sin(crank) * np.cos(q), np.cos(crank)]
-    away = np.arccos(tip[1] * np.sin(base) + tip[2] * np.cos(base))
-    # From the hinge, the input's axis lies towards -y and the x axis is on the right.
-    seen = np.arctan2(tip[0], tip[2] * np.sin(base) - tip[1] * np.cos(base))
+    diagonal = np.arccos(tip[1] * np.sin(base) + tip[2] * np.cos(base))
+    # Seen from the hinge, the crank's axis lies towards -y and x is on the right.
+    tip_azimuth = np.arctan2(tip[0], tip[2] * np.sin(base) - tip[1] * np.cos(base))
     with np.errstate(invalid="ignore"):
-        corner = (np.cos(coupler) - np.cos(away) * np.cos(other)) / (
-            np.sin(away) * np.sin(other)
-        )
-        return seen + side * np.arccos(corner)
+        cosine = np.cos(coupler) - np.cos(diagonal) * np.cos(rocker)
+        cosine = cosine / (np.sin(diagonal) * np.sin(rocker))
+        return tip_azimuth + side * np.arccos(cosine)
 
 
 BESIDE_A_DEAD_CENTRE = {"base": 179.9, "crank": 30.0, "coupler": 100.0, "rocker": 110.0}
+"""Arcs (deg) of a four-bar that is close to a dead centre at some inputs."""
 
 
 def test_draws_beside_a_dead_centre_stay_in_their_assembly_mode():
+    """256 draws of deviations of 0.1 degrees are compared with spherical triangles.
+
+    The side of the diagonal is that of the nominal configuration. Some draws cannot be
+    assembled; they are NaN in both.
+    """
     mechanism = crank_rocker(**BESIDE_A_DEAD_CENTRE)
     sensitivity = Sensitivity(mechanism, (), ["theta_hinge"])
     motion = sk.trace(mechanism, samples=25)
     motion = motion.rows(~motion.failed)
     deviations = SizeDeviations(np.radians(0.1), count=256).draws(4)
-    drawn = sensitivity.scattered(samples_of(motion), motion.values, deviations)[0]
-    angle = motion.values[:, mechanism.variable_names.index("theta_hinge")]
-    nominal = np.radians(list(BESIDE_A_DEAD_CENTRE.values()))
-    seen = []
-    for q, theta, draws in zip(motion.q, angle, drawn, strict=True):
-        sides = [rocker(nominal, q, side) for side in (1.0, -1.0)]
-        misses = [abs(np.exp(1j * side) - np.exp(1j * theta)) for side in sides]
-        assert min(misses) < 1e-6
-        side = (1.0, -1.0)[int(np.argmin(misses))]
-        wanted = rocker(nominal[:, None] + deviations, q, side)
-        assert np.array_equal(np.isnan(draws), np.isnan(wanted))
-        off = np.abs(np.exp(1j * draws) - np.exp(1j * wanted))
-        assert np.nanmax(off) < 1e-8
-        assert np.nanmax(np.abs(draws - theta)) < 1.0
-        seen.append(np.isnan(draws).any())
-    assert any(seen)
+    samples = sample_rows(motion)
+    drawn_by_row = sensitivity.scattered(samples, motion.values, deviations)[0]
+    hinge = mechanism.variable_names.index("theta_hinge")
+    nominal_arcs = np.radians(list(BESIDE_A_DEAD_CENTRE.values()))
+    drawn_arcs = nominal_arcs[:, None] + deviations
+    some_draw_fails = []
+    for q, theta, drawn in zip(
+        motion.q, motion.values[:, hinge], drawn_by_row, strict=True
+    ):
+        misses = {}
+        for side in (1.0, -1.0):
+            nominal_angle = rocker_angle(nominal_arcs, q, side)
+            misses[side] = abs(np.exp(1j * nominal_angle) - np.exp(1j * theta))
+        side = min(misses, key=misses.get)
+        assert misses[side] < 1e-6
+        expected = rocker_angle(drawn_arcs, q, side)
+        assert np.array_equal(np.isnan(drawn), np.isnan(expected))
+        differences = np.abs(np.exp(1j * drawn) - np.exp(1j * expected))
+        assert np.nanmax(differences) < 1e-8
+        assert np.nanmax(np.abs(drawn - theta)) < 1.0
+        some_draw_fails.append(np.isnan(drawn).any())
+    assert any(some_draw_fails)
 
 
 def test_the_first_order_is_said_to_be_so_where_it_is_not_enough():
@@ -281,24 +360,36 @@ def test_the_first_order_is_said_to_be_so_where_it_is_not_enough():
 
 
 @pytest.mark.parametrize("name", ["four_bar", "stephenson"])
-def test_a_pose_has_the_sizes_of_its_links(name):
-    """In its pose too sizes are off, where axes moved in the pose would stay closed."""
+def test_sensitivities_of_a_reference_pose_are_those_of_its_link_sizes(name):
+    """A mechanism given by the axes of a pose has the same derivatives as by its arcs.
+
+    Sizes of links deviate, not axes of the pose, with which it would always close there.
+    """
     sized = sk.load(name)
     motion = sk.trace(sized, samples=3)
     motion = motion.rows(~motion.failed)
-    axes = dict(zip([pair.name for pair in sized.pairs], motion.axes[1], strict=True))
-    values = {pair: motion.values[1, k] for pair, k in sized.angles.items()}
-    posed = replace(sized, geometry=PoseGeometry(axes, values))
-    pairs = [pair.name for pair in posed.pairs if pair.name != posed.inputs[0].pair]
-    wanted = [f"theta_{pairs[0]}", f"rate_{pairs[1]}", f"theta_{pairs[-1]}"]
-    both = [Sensitivity(mechanism, (), wanted) for mechanism in (posed, sized)]
-    assert both[0].keys == both[1].keys
-    (values, own), (others, theirs) = (
-        sensitivity.at(samples_of(motion), motion.values) for sensitivity in both
-    )
-    assert np.allclose(values, others, rtol=1e-10, atol=1e-10)
-    assert np.max(np.abs(own - theirs)) < 1e-9 * np.max(np.abs(own))
-    assert np.all(np.max(np.abs(own[:, 0]), axis=0) > 1e-2)
+    pair_names = [pair.name for pair in sized.pairs]
+    axes = dict(zip(pair_names, motion.axes[1], strict=True))
+    angles = {pair: motion.values[1, k] for pair, k in sized.angles.items()}
+    posed = replace(sized, geometry=PoseGeometry(axes, angles))
+
+    passive_pairs = [pair for pair in pair_names if pair != posed.inputs[0].pair]
+    quantities = [
+        f"theta_{passive_pairs[0]}",
+        f"rate_{passive_pairs[1]}",
+        f"theta_{passive_pairs[-1]}",
+    ]
+    of_pose = Sensitivity(posed, (), quantities)
+    of_sizes = Sensitivity(sized, (), quantities)
+    assert of_pose.keys == of_sizes.keys
+    samples = sample_rows(motion)
+    values, gradients = of_pose.at(samples, motion.values)
+    values_by_sizes, gradients_by_sizes = of_sizes.at(samples, motion.values)
+    assert np.allclose(values, values_by_sizes, rtol=1e-10, atol=1e-10)
+    largest = np.max(np.abs(gradients))
+    assert np.max(np.abs(gradients - gradients_by_sizes)) < 1e-9 * largest
+    # Each size matters somewhere, so that the comparison is not of zeros.
+    assert np.all(np.max(np.abs(gradients[:, 0]), axis=0) > 1e-2)
 
 
 def acted_on(stiffness=3.0, rest=40.0, tensor=0.4):
@@ -321,20 +412,20 @@ def test_derivatives_by_masses_and_loads_are_those_of_differences():
     mechanism = acted_on()
     motion = sk.trace(mechanism, samples=9)
     sensitivity = Sensitivity(mechanism, (*keys, "links.rocker.arc"), ["torque", "B"])
-    _, gradients = sensitivity.at(samples_of(motion), motion.values)
+    _, gradients = sensitivity.at(sample_rows(motion), motion.values)
     nominal = {"stiffness": 3.0, "rest": 40.0, "tensor": 0.4}
     for key, (name, step), own in zip(keys, steps.items(), gradients, strict=False):
         sides = []
         for side in (step, -step):
             other = acted_on(**{name: nominal[name] + side})
             numbers = Sensitivity(other, ["links.rocker.arc"], ["torque", "B"])
-            sides.append(numbers.at(samples_of(motion), motion.values)[0])
+            sides.append(numbers.at(sample_rows(motion), motion.values)[0])
         unit = np.radians(step) if name == "rest" else step
         wanted = (sides[0] - sides[1]) / (2.0 * unit)
         assert np.max(np.abs(own - wanted)) < 1e-9 * max(1.0, np.max(np.abs(wanted))), key
         assert np.max(np.abs(own)) > 1e-3
     alone = Sensitivity(mechanism, ["links.rocker.arc"], ["torque", "B"])
-    same = alone.at(samples_of(motion), motion.values)[1]
+    same = alone.at(sample_rows(motion), motion.values)[1]
     assert np.allclose(gradients[3], same[0], rtol=1e-12, atol=1e-12)
 
 
@@ -381,7 +472,7 @@ def test_profiles_of_a_reference_pose_touch_where_they_are_nearest(kind, pairs, 
     sensitivity = Sensitivity(mechanism, keys, quantities)
     motion = sk.trace(mechanism, samples=3)
     motion = motion.rows(np.flatnonzero(~motion.failed))
-    samples = samples_of(motion) * [1.0, 1.3, 1.0, 1.0] + [0.0, 0.0, 0.7, 0.0]
+    samples = sample_rows(motion) * [1.0, 1.3, 1.0, 1.0] + [0.0, 0.0, 0.7, 0.0]
     _, gradients = sensitivity.at(samples, motion.values)
     step = 2.0**-10
     away = step * np.concatenate([np.eye(3), -np.eye(3), 2 * np.eye(3), -2 * np.eye(3)])
