@@ -34,7 +34,7 @@ def recorded(path, name, *args, **options):
     return result, [page.name for page in pages]
 
 
-def rows_of(path, entity, component):
+def read_component(path, entity, component):
     """Return the rows of one component of an entity, as recorded."""
     rows = []
     for chunk in RrdReader(path).stream():
@@ -48,29 +48,40 @@ def number(text):
     return float(text.replace("\u2212", "-"))
 
 
-def test_cursors_and_legends_of_plots_say_what_the_table_says(tmp_path):
+def test_cursors_legends_and_curves_of_charts_agree_with_the_table(tmp_path):
+    """The cursor is at the input; legends show coefficients to three digits.
+
+    A curve is the column of the table to some scale, within the frame below y = 0.
+    """
     path = tmp_path / "a.rrd"
     result, pages = recorded(path, "four_bar", "poles:only=31+41", samples=73)
     assert pages == ["Mode 0 (+, p1)", "Mode 1 (-, p0)", "Compare"]
     frame = result.frame()
     for mode in (0, 1):
-        where = f"/four_bar/assembly_mode_{mode}/charts/velocity_coefficients"
-        x = np.array(rows_of(path, f"{where}/cursor", "LineStrips2D:strips"))[:, 0, 0, 0]
-        degrees = np.degrees(result.frame("motion").query("assembly_mode == @mode")["q"])
-        assert x / x[-1] == pytest.approx(degrees / 360.0, abs=1e-6)
-        words = rows_of(path, f"{where}/legend", "Points2D:labels")
+        chart = f"/four_bar/assembly_mode_{mode}/charts/velocity_coefficients"
+        cursors = np.array(read_component(path, f"{chart}/cursor", "LineStrips2D:strips"))
+        x = cursors[:, 0, 0, 0]
+        motion = result.frame("motion").query("assembly_mode == @mode")
+        assert x / x[-1] == pytest.approx(np.degrees(motion["q"]) / 360.0, abs=1e-6)
+
+        legends = read_component(path, f"{chart}/legend", "Points2D:labels")
         for k, link in enumerate("34"):
-            shown = np.array([number(row[k].split("  ")[1]) for row in words])
-            own = frame[(frame["assembly_mode"] == mode) & (frame["link"] == link)]
-            rate = own["velocity_coefficient"].to_numpy()
-            assert shown == pytest.approx(rate, rel=6e-4)
-            (curve,) = rows_of(path, f"{where}/curves/{k}", "LineStrips2D:strips")
+            is_pole = (frame["assembly_mode"] == mode) & (frame["link"] == link)
+            coefficient = frame[is_pole]["velocity_coefficient"].to_numpy()
+            shown = np.array([number(labels[k].split("  ")[1]) for labels in legends])
+            assert shown == pytest.approx(coefficient, rel=6e-4)
+            (curve,) = read_component(path, f"{chart}/curves/{k}", "LineStrips2D:strips")
             y = -np.array(curve[0])[:, 1]
-            assert np.corrcoef(y, rate)[0, 1] == pytest.approx(1.0, abs=1e-9)
+            correlation = np.corrcoef(y, coefficient)[0, 1]
+            assert correlation == pytest.approx(1.0, abs=1e-9)
             assert np.all((y < 0.0) & (y > -FRAME_HEIGHT))
-    with RerunRecorder("four_bar", path=path) as recorder:
+
+
+def test_charts_over_time_step_from_sample_to_sample(tmp_path):
+    """Nine samples over 2 s are 0.25 s apart."""
+    with RerunRecorder("four_bar", path=tmp_path / "a.rrd") as recorder:
         sk.run("four_bar", "poles:only=31", duration=2.0, samples=9, recorder=recorder)
-        assert recorder._charts.layout.step == 0.25  # s, from one sample to the next
+        assert recorder._charts.layout.step == 0.25
 
 
 def test_over_a_grid_series_are_maps_of_the_inputs(tmp_path):
@@ -89,45 +100,61 @@ def test_over_a_grid_series_are_maps_of_the_inputs(tmp_path):
     assert np.array_equal(cells, values.reshape(5, 4))
 
 
-def test_ticks_are_round_and_colours_go_from_first_to_last():
-    assert choose_plot_range(np.array([np.nan, 1.0, 3.0]), 3.0) == pytest.approx((0.9, 3.1))
-    assert choose_plot_range(np.array([np.nan, 1.0, 3.0]), 3.0, shown_by="colours") == (
-        1,
-        3,
-    )
-    for low, high, degrees, expected in (
+def test_plot_ranges_have_a_margin_except_for_colours():
+    values = np.array([np.nan, 1.0, 3.0])
+    assert choose_plot_range(values, 3.0) == pytest.approx((0.9, 3.1))
+    assert choose_plot_range(values, 3.0, shown_by="colours") == (1, 3)
+
+
+def test_ticks_are_round_numbers():
+    for low, high, is_in_degrees, expected in (
         (0.0, 360.0, True, ["0", "60", "120", "180", "240", "300", "360"]),
         (0.0, 1.0, False, ["0", "0.2", "0.4", "0.6", "0.8", "1.0"]),
         (-0.3, 0.2, False, ["\u22120.3", "\u22120.2", "\u22120.1", "0", "0.1", "0.2"]),
     ):
-        step, values = ticks(low, high, degrees)
+        step, values = ticks(low, high, is_in_degrees)
         assert [tick_text(value, step) for value in values] == expected
+
+
+def test_marks_outside_the_range_of_a_chart_are_not_drawn():
+    """Of marks at -30 and 45 degrees, a chart from 0 to 90 degrees shows the second."""
     over = (Axis("input", "deg", np.linspace(0.0, 90.0, 7)),)
-    chart, marks = Chart("c", over), InputMarks("m", "m", np.array([[-30.0], [45.0]]))
+    chart = Chart("c", over)
     chart.add("c", Series("c", "c", "c", np.arange(7.0)), over)
+    marks = InputMarks("m", "m", np.array([[-30.0], [45.0]]))
     (line,) = dict(chart.draw([marks]))["marks/0"].strips.as_arrow_array().to_pylist()
-    assert line[0][0] == pytest.approx(0.5 * chart.width)  # that at 45 deg alone
+    assert line[0][0] == pytest.approx(0.5 * chart.width)
+
+
+def test_colours_go_from_the_first_to_the_last_of_the_scale():
     low, high = heat_colours(np.array([2.0, 5.0]), 2.0, 5.0).tolist()
-    assert (tuple(low), tuple(high)) == (HEAT[0], HEAT[-1])
+    assert tuple(low) == HEAT[0]
+    assert tuple(high) == HEAT[-1]
 
 
 @pytest.mark.slow
-def test_what_is_to_be_seen_is_kept_after_the_first_time(tmp_path):
+def test_figures_and_recordings_of_a_result_share_one_pass_through_the_run(tmp_path):
+    """After `plot`, further plots and `save` do not compute the views again.
+
+    The recording that is saved afterwards is equal to that of a fresh result.
+    """
     pytest.importorskip("matplotlib", reason="figures are drawn by matplotlib")
     options = {"samples": 13, "block": 5}
     sk.run("four_bar", "poles", **options).save(tmp_path / "a.rrd")
     result = sk.run("four_bar", "poles", **options)
-    names = list(result.plot())
+    figure_names = list(result.plot())
 
-    def go(recorder):
+    def refuse_second_pass(recorder):
         raise AssertionError("it went through the run again")
 
-    result.views.go = go
-    assert list(result.plot(columns=1)) == names
+    result.views.go = refuse_second_pass
+    assert list(result.plot(columns=1)) == figure_names
     result.save(tmp_path / "b.rrd")
-    where = "/four_bar/assembly_mode_1/charts/velocity_coefficients/legend"
-    rows = [rows_of(tmp_path / f"{n}.rrd", where, "Points2D:labels") for n in "ab"]
-    assert rows[0] == rows[1] and len(rows[0]) == 13
+    legend = "/four_bar/assembly_mode_1/charts/velocity_coefficients/legend"
+    fresh = read_component(tmp_path / "a.rrd", legend, "Points2D:labels")
+    saved_later = read_component(tmp_path / "b.rrd", legend, "Points2D:labels")
+    assert fresh == saved_later
+    assert len(fresh) == 13
 
 
 @pytest.mark.slow
@@ -157,71 +184,100 @@ def test_solved_poses_are_drawn():
 
 
 def test_the_moving_axode_rolls_on_the_fixed_one():
+    """Axodes are the paths of the pole 31 on the fixed sphere and on the moving link.
+
+    They touch at the pole, have equal arc lengths (no slip), and are tangent there. Arc
+    lengths and tangents are differences of 2881 samples.
+    """
     listener = SceneListener()
     result = sk.run("four_bar", "poles:only=31,axodes=31", recorder=listener, samples=2881)
     frame = result.frame().query("assembly_mode == 0")
-    pages = [scene.primitives for scene in listener.scenes if scene.page == 0]
-    fixed, moving = (item for page in pages for item in page if isinstance(item, Trace))
+    traces = []
+    for scene in listener.scenes:
+        if scene.page == 0:
+            traces += [item for item in scene.primitives if isinstance(item, Trace)]
+    fixed, moving = traces
     u = frame[["ux", "uy", "uz"]].to_numpy()
     assert fixed.quaternions is None
     assert np.max(np.abs(fixed.directions - u)) < 1e-14
-    lengths = [
-        np.cumsum(np.linalg.norm(np.diff(each.directions, axis=0), axis=1))
-        for each in (fixed, moving)
-    ]
-    assert lengths[0][-1] > 1.0
-    assert lengths[1] == pytest.approx(lengths[0], rel=1e-4)  # no slip
-    turned = Rotation.from_quat(moving.quaternions).apply
-    assert np.max(np.abs(turned(moving.directions) - u)) < 1e-12  # in contact
-    step = np.gradient(moving.directions, axis=0)
-    there, here = turned(step), np.gradient(fixed.directions, axis=0)
-    sine = np.linalg.norm(np.cross(there, here), axis=1)
-    size = np.linalg.norm(there, axis=1) * np.linalg.norm(here, axis=1)
-    assert np.max((sine / size)[2:-2]) < 5e-3  # tangent
+    link_rotation = Rotation.from_quat(moving.quaternions)
+    assert np.max(np.abs(link_rotation.apply(moving.directions) - u)) < 1e-12
+
+    def arc_lengths(directions):
+        return np.cumsum(np.linalg.norm(np.diff(directions, axis=0), axis=1))
+
+    fixed_lengths = arc_lengths(fixed.directions)
+    assert fixed_lengths[-1] > 1.0
+    assert arc_lengths(moving.directions) == pytest.approx(fixed_lengths, rel=1e-4)
+
+    fixed_tangent = np.gradient(fixed.directions, axis=0)
+    moving_tangent = link_rotation.apply(np.gradient(moving.directions, axis=0))
+    sine = np.linalg.norm(np.cross(moving_tangent, fixed_tangent), axis=1)
+    sine /= np.linalg.norm(moving_tangent, axis=1) * np.linalg.norm(fixed_tangent, axis=1)
+    assert np.max(sine[2:-2]) < 5e-3
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "four_bar"])
-def test_each_step_of_the_construction_gives_a_pole_where_its_lines_meet(name):
+def test_each_step_of_the_pole_construction_puts_a_pole_where_two_lines_meet(name):
+    """A diagram adds one secondary pole per step, in the plane of its projection.
+
+    A line is a x + b y + c = 0. The distance of the new pole from both lines of its step is
+    below 1e-7. One pole of the double butterfly follows from no two lines; its step says
+    that the group is irreducible.
+    """
     listener = SceneListener()
     poles = "poles:circles=4/1" if name == "four_bar" else "poles"  # the axis of a pair
     result = sk.run(name, poles, recorder=listener, samples=3, assembly_mode=0)
     (page,) = [scene for scene in listener.scenes if scene.page == "Construction"]
-    (diagram,) = [p for p in page.primitives if isinstance(p, Diagram)]
-    shown = np.isfinite(diagram.places).all(axis=2)
-    new = [np.flatnonzero(b & ~a) for a, b in pairwise(shown)]
-    meets = 0
-    for step, found in enumerate(new, start=1):
+    (diagram,) = [item for item in page.primitives if isinstance(item, Diagram)]
+    is_shown = np.isfinite(diagram.places).all(axis=2)
+    constructed_count = 0
+    for step, (before, after) in enumerate(pairwise(is_shown), start=1):
+        new_poles = np.flatnonzero(after & ~before)
         lines = diagram.lines[step]
-        if not np.isfinite(lines).all() or len(found) != 1:
+        if not np.isfinite(lines).all() or len(new_poles) != 1:
             continue
-        x = diagram.places[step, found[0]]
-        gap = (lines[:, :2] @ x + lines[:, 2]) / np.linalg.norm(lines[:, :2], axis=1)
-        assert np.max(np.abs(gap)) < 1e-7 * max(1.0, np.max(np.abs(x)))
-        meets += 1
-    links = len(sk.load(name).links)
-    secondary = links * (links - 1) // 2 - len(sk.load(name).pairs)
-    assert len(diagram.words) == secondary + 1
-    assert meets == secondary - (name == "double_butterfly")
-    assert sum("irreducible" in words for words in diagram.words) == secondary - meets
+        position = diagram.places[step, new_poles[0]]
+        distances = lines[:, :2] @ position + lines[:, 2]
+        distances /= np.linalg.norm(lines[:, :2], axis=1)
+        size = max(1.0, np.max(np.abs(position)))
+        assert np.max(np.abs(distances)) < 1e-7 * size
+        constructed_count += 1
+
+    mechanism = sk.load(name)
+    link_count = len(mechanism.links)
+    secondary_count = link_count * (link_count - 1) // 2 - len(mechanism.pairs)
+    assert len(diagram.words) == secondary_count + 1
+    irreducible_count = 1 if name == "double_butterfly" else 0
+    assert constructed_count == secondary_count - irreducible_count
+    assert sum("irreducible" in text for text in diagram.words) == irreducible_count
     assert len(result.frame()) > 0
 
 
-def test_a_mechanism_is_seen_before_any_run(tmp_path):
+def test_a_preview_shows_sizes_and_angles_at_the_start_of_the_range(tmp_path):
+    """The table has arcs of links in degrees; a fan shows the angle of each passive pair.
+
+    The fan's angle about the pair's axis is added up from chords, so it is accurate to
+    2e-3. It equals the angle of the first sample.
+    """
     path = tmp_path / "a.rrd"
     assert preview(sk.load("stephenson"), path) == ""
-    (text,) = rows_of(path, "/stephenson/assembly_mode_0/sizes", "TextDocument:text")
+    (text,) = read_component(path, "/stephenson/assembly_mode_0/sizes", "TextDocument:text")
     assert "| 2 | 12\u201323 15 |" in text[0]
     motion = sk.run("stephenson", "poles:only=21", samples=1).frame("motion")
+    first_mode = motion.query("assembly_mode == 0")
     for pair in ("34", "16", "56"):
-        where = f"/stephenson/assembly_mode_0/zero/{pair}"
-        (strips,) = rows_of(path, where, "LineStrips3D:strips")
-        axis, fan = np.array(strips[0][0]), np.array(strips[1])
+        entity = f"/stephenson/assembly_mode_0/zero/{pair}"
+        (strips,) = read_component(path, entity, "LineStrips3D:strips")
+        axis = np.array(strips[0][0])
         axis /= np.linalg.norm(axis)
-        flat = fan - np.outer(fan @ axis, axis)
-        along = np.sum(np.cross(flat[:-1], flat[1:]) @ axis / np.sum(flat[1:] ** 2, axis=1))
-        value = float(motion.query("assembly_mode == 0")[f"theta_{pair}"].iloc[0])
-        assert along == pytest.approx(value, rel=2e-3)
+        fan = np.array(strips[1])
+        across = fan - np.outer(fan @ axis, axis)
+        sines = np.cross(across[:-1], across[1:]) @ axis
+        angle = np.sum(sines / np.sum(across[1:] ** 2, axis=1))
+        expected = float(first_mode[f"theta_{pair}"].iloc[0])
+        assert angle == pytest.approx(expected, rel=2e-3)
 
 
 FAR = mechanism_text("far")
@@ -238,20 +294,24 @@ def test_a_mechanism_that_does_not_close_everywhere_says_where_it_is_shown(tmp_p
     assert not (tmp_path / "b.rrd").exists()
 
 
-def test_what_cannot_be_shown_is_refused_at_once(tmp_path, capsys):
-    old = tmp_path / "a.rrd"
-    old.write_bytes(b"RRF2" + bytes([0, 99, 0, 0]) + bytes(40))
+def test_a_recording_of_another_version_is_refused(tmp_path):
+    """A recording begins with its format and the version of the viewer that reads it."""
+    path = tmp_path / "a.rrd"
+    path.write_bytes(b"RRF2" + bytes([0, 99, 0, 0]) + bytes(40))
     with pytest.raises(OutputError, match=re.escape("rerun-sdk==0.99.*")):
-        check_version(old)
-    old.write_bytes(b"RRF0" + bytes(44))
+        check_version(path)
+    path.write_bytes(b"RRF0" + bytes(44))
     with pytest.raises(OutputError, match="make it again"):
-        check_version(old)
-    for name, size, words in (
+        check_version(path)
+
+
+def test_a_screenshot_that_cannot_be_written_is_refused(tmp_path, capsys):
+    for name, size, message in (
         ("x.jpg", (800, 600), "name it"),
         ("none/x.png", (800, 600), "does not exist"),
         ("x.png", (800, 60), "100 to 8192"),
     ):
-        with pytest.raises(OutputError, match=words):
+        with pytest.raises(OutputError, match=message):
             check_picture(tmp_path / name, size)
     recorded(tmp_path / "b.rrd", "four_bar", "poles:only=31", samples=3)
     assert main(["view", str(tmp_path), "--png", str(tmp_path / "x.jpg")]) == 1

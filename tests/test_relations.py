@@ -12,28 +12,33 @@ import spherekit as sk
 DISTANCE = 0.1
 
 
-def same(got, wanted, rel=1e-12, abs=0.0):
+def assert_equal(numbers, expected, rel=1e-12, abs=0.0):
+    """Assert that numbers agree to a relative tolerance, or to an absolute one if given."""
     np.testing.assert_allclose(
-        np.asarray(got), np.asarray(wanted), rtol=rel if not abs else 0.0, atol=abs
+        np.asarray(numbers), np.asarray(expected), rtol=rel if not abs else 0.0, atol=abs
     )
 
 
 @pytest.fixture(scope="module")
 def gears(tmp_path_factory):
-    """Return the run of a bevel pair that accelerates its wheel."""
-    path = tmp_path_factory.mktemp("gears") / "gears.toml"
+    """Return the run of a bevel pair that accelerates its wheel.
+
+    The shipped file gets a pressure angle (deg), the distance of the mesh (m), and mass,
+    bearings and a brake of the wheel.
+    """
     shipped = resources.files("spherekit_mechanisms") / "bevel_pair.toml"
+    text = shipped.read_text()
     mesh = "teeth = [20, 40]"
-    written = shipped.read_text()
-    assert mesh in written
-    written = written.replace(mesh, f"{mesh}\npressure_angle = 20.0\ndistance = {DISTANCE}")
-    written += (
+    assert mesh in text
+    text = text.replace(mesh, f"{mesh}\npressure_angle = 20.0\ndistance = {DISTANCE}")
+    text += (
         "\n[mass.2]\nmass = 0.2\ncentre = [0.0, 0.0, 0.06]\n"
         "tensor = [[2e-3, 0.0, 0.0], [0.0, 2e-3, 0.0], [0.0, 0.0, 1e-3]]\n"
         '\n[loads.of_wheel]\nkind = "bearings"\npair = "02"\npositions = [0.05, 0.12]\n'
         '\n[loads.brake]\npair = "02"\ntorque = "-0.01*theta_02 - 0.02*dtheta_02"\n'
     )
-    path.write_text(written)
+    path = tmp_path_factory.mktemp("gears") / "gears.toml"
+    path.write_text(text)
     run = sk.run(
         path,
         ["reactions", "eksergian", "dynamics"],
@@ -47,110 +52,145 @@ def gears(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def wrist():
-    """Return the run of a wrist whose inputs both accelerate."""
-    made = sk.load("five_bar").with_loads(
-        sk.PairTorque("spring", "32", "-0.3*theta_32 - 0.1*dtheta_32")
-    )
+    """Return the run of a five-bar whose inputs, 21 and 51, both accelerate."""
+    spring = sk.PairTorque("spring", "32", "-0.3*theta_32 - 0.1*dtheta_32")
+    mechanism = sk.load("five_bar").with_loads(spring)
+    first, second = mechanism.inputs
     laws = {
-        item.pair: sk.Polynomial((1.0 + 0.2 * k, 0.3 * (-1) ** k, 0.2))
-        for k, item in enumerate(made.inputs)
+        first.pair: sk.Polynomial((1.0, 0.3, 0.2)),
+        second.pair: sk.Polynomial((1.2, -0.3, 0.2)),
     }
-    names = ["dynamics", "poles", "reactions"]
-    run = sk.run(made, names, samples=41, laws=laws, duration=0.4)
+    analyses = ["dynamics", "poles", "reactions"]
+    run = sk.run(mechanism, analyses, samples=41, laws=laws, duration=0.4)
     assert not run.failures
     return run
 
 
-def wide(frame, value, by):
-    """Return values (samples, keys) of a long table's one assembly mode."""
+def pivot_first_mode(frame, value, by):
+    """Return values (samples, keys) of a long table in its first assembly mode."""
     frame = frame[frame["assembly_mode"] == frame["assembly_mode"].min()]
     return frame.pivot(index="sample", columns=by, values=value)
 
 
 @pytest.mark.parametrize("which", ["gears", "wrist"])
-def test_what_pairs_carry_is_one_wrench_in_all_columns(which, request):
+def test_columns_of_reactions_describe_one_wrench(which, request):
+    """Moments and forces of pairs, in the frames of both links, belong together.
+
+    - The transverse moment is the size of the moment's x and y components.
+    - At a contact the force F acts at the point d z, d the distance from the centre, and
+      has the moment d z x F. So F_x is traction / d and F_y is -(contact torque) / d.
+    - The frame of the first link is turned about z by the angle of the pair.
+    """
     run = request.getfixturevalue(which)
-    table, motion = run.frame("reactions"), run.frame("motion")
-    x, y = table["moment_x"], table["moment_y"]
+    table = run.frame("reactions")
+    motion = run.frame("motion")
+    x = table["moment_x"]
+    y = table["moment_y"]
     size = max(x.abs().max(), y.abs().max())
     assert size > 1e-4
-    same(np.hypot(x, y), table["transverse_moment"], abs=1e-15)
-    contacts = table["contact_torque"].notna()
-    at = table[contacts]
-    same(at["contact_torque"], at["moment_x"], rel=0.0)
-    # F at the point d z has the moment d z x F: (traction, -push) over the distance.
-    same(at["force_x"], at["traction"] / DISTANCE, abs=1e-15)
-    same(at["force_y"], -at["contact_torque"] / DISTANCE, abs=1e-15)
-    assert at["moment_x_first"].isna().all()
-    assert len(at) == (7 if which == "gears" else 0)
-    for pair, rows in table[~contacts].groupby("pair"):
-        turn = Rotation.from_euler("z", motion[[f"theta_{pair}"]].to_numpy())
-        there = turn.apply(rows[["moment_x", "moment_y", "moment_z"]].to_numpy().copy())
-        same(there[:, :2], rows[["moment_x_first", "moment_y_first"]], abs=1e-14 * size)
+    assert_equal(np.hypot(x, y), table["transverse_moment"], abs=1e-15)
+
+    is_contact = table["contact_torque"].notna()
+    contacts = table[is_contact]
+    assert len(contacts) == (7 if which == "gears" else 0)
+    assert_equal(contacts["contact_torque"], contacts["moment_x"], rel=0.0)
+    assert_equal(contacts["force_x"], contacts["traction"] / DISTANCE, abs=1e-15)
+    assert_equal(contacts["force_y"], -contacts["contact_torque"] / DISTANCE, abs=1e-15)
+    assert contacts["moment_x_first"].isna().all()
+
+    for pair, rows in table[~is_contact].groupby("pair"):
+        rotation = Rotation.from_euler("z", motion[[f"theta_{pair}"]].to_numpy())
+        moments = rows[["moment_x", "moment_y", "moment_z"]].to_numpy().copy()
+        in_first_frame = rotation.apply(moments)[:, :2]
+        expected = rows[["moment_x_first", "moment_y_first"]]
+        assert_equal(in_first_frame, expected, abs=1e-14 * size)
 
 
-def test_torque_is_what_inertia_and_loads_ask_for(gears):
-    one, several = gears.frame("eksergian"), gears.frame("dynamics")
-    inertia = one["B"] * one["ddq"] + 0.5 * one["dB_dq"] * one["dq"] ** 2
-    same(one["tau"], inertia - one["Q"], abs=1e-14)
-    assert np.abs(one["Q"]).min() > 1e-4
+def test_torques_of_eksergian_and_dynamics_satisfy_the_equation_of_motion(gears):
+    """tau = B ddq + (dB/dq) dq^2 / 2 - Q, with the equivalent inertia B and the loads Q.
+
+    Both analyses agree. Power is tau dq, kinetic energy B dq^2 / 2. The parts by load and
+    by link add up to the whole.
+    """
+    eksergian = gears.frame("eksergian")
+    dynamics = gears.frame("dynamics")
+    inertia_torque = eksergian["B"] * eksergian["ddq"]
+    inertia_torque += 0.5 * eksergian["dB_dq"] * eksergian["dq"] ** 2
+    assert_equal(eksergian["tau"], inertia_torque - eksergian["Q"], abs=1e-14)
+    assert np.abs(eksergian["Q"]).min() > 1e-4
     for name in ("tau", "Q"):
-        same(several[name], one[name], rel=1e-13)
-    same(several["power"], one["tau"] * one["dq"], rel=1e-13)
-    same(several["kinetic_energy"], 0.5 * one["B"] * one["dq"] ** 2, rel=1e-13)
-    for name, whole in (("eksergian", one), ("dynamics", several)):
-        parts = wide(gears.frame(name, "loads"), "Q", "load").sum(axis=1)
-        same(parts.to_numpy(), whole["Q"].to_numpy(), rel=1e-13)
+        assert_equal(dynamics[name], eksergian[name], rel=1e-13)
+    assert_equal(dynamics["power"], eksergian["tau"] * eksergian["dq"], rel=1e-13)
+    kinetic_energy = 0.5 * eksergian["B"] * eksergian["dq"] ** 2
+    assert_equal(dynamics["kinetic_energy"], kinetic_energy, rel=1e-13)
+
+    for name, frame in (("eksergian", eksergian), ("dynamics", dynamics)):
+        by_load = pivot_first_mode(gears.frame(name, "loads"), "Q", "load")
+        assert_equal(by_load.sum(axis=1).to_numpy(), frame["Q"].to_numpy(), rel=1e-13)
     for value in ("B", "dB_dq"):
-        parts = wide(gears.frame("eksergian", "inertia"), value, "link").sum(axis=1)
-        same(parts.to_numpy(), one[value].to_numpy(), abs=1e-17)
+        by_link = pivot_first_mode(gears.frame("eksergian", "inertia"), value, "link")
+        assert_equal(by_link.sum(axis=1).to_numpy(), eksergian[value].to_numpy(), abs=1e-17)
 
 
-def test_energy_grows_by_the_power(wrist):
-    """The derivatives in time are of a polynomial fitted to the rows."""
+def test_the_rate_of_kinetic_energy_is_the_power_of_torques_and_loads(wrist):
+    """The time derivative is that of a polynomial of degree 14 fitted to the energy.
+
+    Three samples at each end are left out, where the fit is less accurate. The energy is
+    also half the mass matrix times both rates.
+    """
     table = wrist.frame("dynamics")
     table = table[table["assembly_mode"] == table["assembly_mode"].min()]
-    tau, rates = (table[[f"{x}_21", f"{x}_51"]] for x in ("tau", "dq"))
-    same(table["power"], (tau.to_numpy() * rates.to_numpy()).sum(1))
-    loads = wide(wrist.frame("dynamics", "loads"), "power", "load").sum(axis=1)
-    t, kinetic = table["t"].to_numpy(), table["kinetic_energy"].to_numpy()
-    fitted = np.polynomial.Chebyshev.fit(t, kinetic, 14).deriv()(t)
-    same(fitted[3:-3], (table["power"].to_numpy() + loads.to_numpy())[3:-3], abs=1e-9)
+    torques = table[["tau_21", "tau_51"]].to_numpy()
+    rates = table[["dq_21", "dq_51"]]
+    assert_equal(table["power"], (torques * rates.to_numpy()).sum(axis=1))
+
+    power_by_load = pivot_first_mode(wrist.frame("dynamics", "loads"), "power", "load")
+    power = table["power"].to_numpy() + power_by_load.sum(axis=1).to_numpy()
+    t = table["t"].to_numpy()
+    kinetic_energy = table["kinetic_energy"].to_numpy()
+    energy_rate = np.polynomial.Chebyshev.fit(t, kinetic_energy, 14).deriv()(t)
+    assert_equal(energy_rate[3:-3], power[3:-3], abs=1e-9)
+
     mass = wrist.frame("dynamics", "inertia")
     mass = mass[mass["assembly_mode"] == mass["assembly_mode"].min()]
-    twice = np.zeros(len(table))
-    for (row, column), part in mass.groupby(["row", "column"]):
+    twice_energy = np.zeros(len(table))
+    for (row, column), entries in mass.groupby(["row", "column"]):
+        # The table has each entry beside the diagonal once.
         factor = 1.0 if row == column else 2.0
-        speeds = rates[f"dq_{row}"].to_numpy() * rates[f"dq_{column}"].to_numpy()
-        twice += factor * part["M"].to_numpy() * speeds
-    same(0.5 * twice, kinetic, rel=1e-12)
+        product_of_rates = rates[f"dq_{row}"].to_numpy() * rates[f"dq_{column}"].to_numpy()
+        twice_energy += factor * entries["M"].to_numpy() * product_of_rates
+    assert_equal(0.5 * twice_energy, kinetic_energy, rel=1e-12)
 
 
-def test_pole_columns_change_as_their_derivatives_say():
+def test_columns_of_poles_are_integrals_of_their_derivatives():
+    """Directions are unit vectors across their derivatives, in a six-bar at 721 samples.
+
+    Over two steps h each column changes by h/3 (f' + 4 f' + f'), Simpson's rule, of its
+    derivative's column. The median error is compared, since poles turn fast at few samples.
+    """
     poles = sk.run("stephenson", samples=721, assembly_mode=0).frame()
+    derivative_columns = {f"u{axis}": f"du{axis}_dq" for axis in "xyz"}
+    derivative_columns["velocity_coefficient"] = "acceleration_coefficient"
     for _, rows in poles.groupby(["link", "relative_to"]):
-        u, du = (
-            rows[[f"{p}u{x}{s}" for x in "xyz"]].to_numpy()
-            for p, s in (("", ""), ("d", "_dq"))
-        )
+        u = rows[["ux", "uy", "uz"]].to_numpy()
+        du = rows[["dux_dq", "duy_dq", "duz_dq"]].to_numpy()
         assert np.nansum(u**2, axis=1) == pytest.approx(1.0, abs=1e-13)
         with np.errstate(invalid="ignore"):
-            assert np.nanmax(np.abs(np.sum(u * du, axis=1))) <= 1e-9 * np.nanmax(np.abs(du))
-        # Simpson's rule over a pair of steps: the columns change by their derivatives.
+            along_u = np.nanmax(np.abs(np.sum(u * du, axis=1)))
+            assert along_u <= 1e-9 * np.nanmax(np.abs(du))
         h = np.diff(rows["q"].to_numpy())[0]
-        slopes = {f"u{x}": f"du{x}_dq" for x in "xyz"}
-        slopes["velocity_coefficient"] = "acceleration_coefficient"
-        for value, slope in slopes.items():
-            f, df = rows[value].to_numpy(), rows[slope].to_numpy()
-            grown = h / 3.0 * (df[:-2] + 4.0 * df[1:-1] + df[2:])
-            allowed = 1e-5 * max(1.0, np.nanmax(np.abs(df)))
-            off = np.abs(f[2:] - f[:-2] - grown)
-            assert np.nanmedian(off) < 1e-3 * allowed
+        for column, derivative_column in derivative_columns.items():
+            f = rows[column].to_numpy()
+            df = rows[derivative_column].to_numpy()
+            integral = h / 3.0 * (df[:-2] + 4.0 * df[1:-1] + df[2:])
+            errors = np.abs(f[2:] - f[:-2] - integral)
+            tolerance = 1e-8 * max(1.0, np.nanmax(np.abs(df)))
+            assert np.nanmedian(errors) < tolerance
 
 
 @pytest.mark.many
 @pytest.mark.parametrize(
-    ("name", "vary", "samples", "by"),
+    ("name", "vary", "samples", "suffixes"),
     [
         ("stephenson", {"links.2.arc": [15.0, 14.0]}, 9, ("",)),
         ("watt", {"links.2.arc": [20.0]}, 7, ("",)),
@@ -158,36 +198,46 @@ def test_pole_columns_change_as_their_derivatives_say():
         ("five_bar", {"links.2.arc": [40.0]}, (3, 3), ("_by_21", "_by_51")),
     ],
 )
-def test_coefficients_have_one_sign_in_all_commands(name, vary, samples, by):
-    """About the axis of a pair that of the table, else the size, and its derivative."""
-    made = sk.load(name)
+def test_coefficients_have_one_sign_in_figures_and_tables(name, vary, samples, suffixes):
+    """Figures of a sweep count coefficients as its tables do, except for one convention.
+
+    About the axis of a pair the sign is that of the table. About other poles, whose sense
+    is arbitrary, a figure uses the size of the velocity coefficient, and the derivative of
+    that size. Up to five poles with a negative coefficient are compared. With several
+    inputs a suffix names the input that moves.
+    """
+    mechanism = sk.load(name)
     numbers = {key: values[:1] for key, values in vary.items()}
-    table = sk.sweep(made, numbers, tables=True, analyses=["poles"], samples=samples)
-    poles = table.table("poles")
+    tables = sk.sweep(mechanism, numbers, tables=True, analyses=["poles"], samples=samples)
+    poles = tables.table("poles")
     poles = poles[poles["status"] == "OK"]
-    shared = {frozenset(pair.links) for pair in made.pairs}
-    lower = 0
-    for (link, other), rows in poles.groupby(["link", "relative_to"]):
-        if rows["velocity_coefficient"].min() >= 0.0 or lower == 5:
+    joined_links = {frozenset(pair.links) for pair in mechanism.pairs}
+    figure_kinds = [*product(("velocity", "acceleration"), ("min", "max"))]
+    compared_poles = 0
+    for (link, relative_to), rows in poles.groupby(["link", "relative_to"]):
+        if rows["velocity_coefficient"].min() >= 0.0 or compared_poles == 5:
             continue
-        lower += 1
+        compared_poles += 1
         sign = np.sign(rows["velocity_coefficient"])
-        if {link, other} in shared:
+        if {link, relative_to} in joined_links:
             sign = 1.0
-        for ending in by:
-            asked = [*product(("velocity", "acceleration"), ("min", "max"))]
-            reduce = [
-                f"{how}_{kind}={how}({kind}_coefficient_{link}_{other}{ending})"
-                for kind, how in asked
-            ]
-            found = sk.sweep(made, numbers, reduce, samples=samples).frame()
-            moved = rows["moving"].astype(str) == ending.removeprefix("_by_")
-            mine = rows[moved] if ending else rows
-            for kind, how in asked:
-                values = (mine[f"{kind}_coefficient"] * sign).groupby(mine["assembly_mode"])
-                got = found[f"{how}_{kind}"].dropna().sort_values()
-                same(got, values.agg(how).sort_values(), abs=1e-9)
-    assert lower
+        for suffix in suffixes:
+            figures = []
+            for kind, extreme in figure_kinds:
+                quantity = f"{kind}_coefficient_{link}_{relative_to}{suffix}"
+                figures.append(f"{extreme}_{kind}={extreme}({quantity})")
+            frame = sk.sweep(mechanism, numbers, figures, samples=samples).frame()
+            moving_rows = rows
+            if suffix:
+                moving = suffix.removeprefix("_by_")
+                moving_rows = rows[rows["moving"].astype(str) == moving]
+            for kind, extreme in figure_kinds:
+                signed = moving_rows[f"{kind}_coefficient"] * sign
+                by_mode = signed.groupby(moving_rows["assembly_mode"])
+                expected = by_mode.agg(extreme).sort_values()
+                swept = frame[f"{extreme}_{kind}"].dropna().sort_values()
+                assert_equal(swept, expected, abs=1e-9)
+    assert compared_poles
 
 
 def test_an_input_that_does_not_move_an_output_balances_any_moment():
@@ -201,45 +251,62 @@ def test_an_input_that_does_not_move_an_output_balances_any_moment():
     assert np.all(np.isinf(given[rests])) and np.max(given[~rests]) < 1e4
 
 
-def test_advantages_and_stiffness_are_those_of_the_rates():
-    """One input: the advantage is 1/|w|, the stiffness of the output that squared by k."""
-    made = sk.load("four_bar")
-    run = sk.run(made, ["statics:stiffness=200", "poles:only=41"], samples=37)
-    outputs, poles = run.frame("statics", "outputs"), run.frame("poles")
-    rate = np.abs(poles["velocity_coefficient"].to_numpy())
-    same(outputs["advantage"], 1.0 / rate)
-    same(outputs["stiffness_1"], 200.0 / rate**2)
-    axes = outputs[[f"axis_1_{x}" for x in "xyz"]].to_numpy()
-    along = np.sum(axes * poles[["ux", "uy", "uz"]].to_numpy(), axis=1)
-    same(along * np.sign(poles["velocity_coefficient"]), np.ones(len(along)))
-    # Its springs at crank and rocker; the dampers rest.
-    theta, slope = run.frame("motion"), poles["velocity_coefficient"].to_numpy()
-    wanted = np.sin(theta["theta_21"]) + 5.0 * np.sin(theta["theta_41"]) * slope
-    same(run.frame("statics")["tau"], wanted, abs=1e-13)
+def test_mechanical_advantage_and_stiffness_follow_from_the_velocity_coefficient():
+    """With one input the advantage is 1/|w| and the stiffness of the output k/w^2.
+
+    w is the velocity coefficient of the output 41, k = 200 N m/rad the stiffness of the
+    input. At rest the torque balances the springs at crank and rocker; dampers do nothing.
+    """
+    mechanism = sk.load("four_bar")
+    run = sk.run(mechanism, ["statics:stiffness=200", "poles:only=41"], samples=37)
+    outputs = run.frame("statics", "outputs")
+    poles = run.frame("poles")
+    coefficient = poles["velocity_coefficient"].to_numpy()
+    assert_equal(outputs["advantage"], 1.0 / np.abs(coefficient))
+    assert_equal(outputs["stiffness_1"], 200.0 / coefficient**2)
+    axes = outputs[["axis_1_x", "axis_1_y", "axis_1_z"]].to_numpy()
+    cosines = np.sum(axes * poles[["ux", "uy", "uz"]].to_numpy(), axis=1)
+    assert_equal(cosines * np.sign(coefficient), np.ones(len(cosines)))
+
+    motion = run.frame("motion")
+    torque_of_springs = np.sin(motion["theta_21"])
+    torque_of_springs += 5.0 * np.sin(motion["theta_41"]) * coefficient
+    assert_equal(run.frame("statics")["tau"], torque_of_springs, abs=1e-13)
 
 
-def test_forces_on_bearings_are_those_of_moment_and_force():
-    """R_a = (b F - M x z)/(b - a) across the axis, and the stated part of F along it."""
+def test_bearing_loads_follow_from_the_moment_and_the_force_of_a_pair():
+    """Two bearings at positions a and b on the axis z carry moment M and force F.
+
+    Across the axis the bearing at a carries (b F - M x z) / (b - a), the one at b
+    (M x z - a F) / (b - a). Along the axis each carries its stated part of F.
+    """
     weight = sk.Gravity("weight", (1.0, 2.0, -9.0))
-    made = sk.load("universal_joint").with_loads(weight)
+    mechanism = sk.load("universal_joint").with_loads(weight)
     laws = {"21": sk.Polynomial((0.2, 30.0, 4.0))}
-    run = sk.run(made, "reactions", samples=13, laws=laws, duration=0.1)
-    table, bearings = run.frame(), run.frame("reactions", "bearings")
-    sized = 0.0
-    for load in (load for load in made.loads if isinstance(load, sk.Bearings)):
+    run = sk.run(mechanism, "reactions", samples=13, laws=laws, duration=0.1)
+    table = run.frame()
+    bearings = run.frame("reactions", "bearings")
+    largest_axial = 0.0
+    for load in mechanism.loads:
+        if not isinstance(load, sk.Bearings):
+            continue
         rows = table[table["pair"] == load.pair]
-        M, F = (rows[[f"{x}_{k}" for k in "xyz"]].to_numpy() for x in ("moment", "force"))
+        moment = rows[["moment_x", "moment_y", "moment_z"]].to_numpy()
+        force = rows[["force_x", "force_y", "force_z"]].to_numpy()
         a, b = load.positions
-        turned = np.cross(M, [0.0, 0.0, 1.0])
-        for place, across in ((a, b * F - turned), (b, turned - a * F)):
-            radial = np.linalg.norm(across[:, :2], axis=1) / abs(b - a)
-            here = bearings[bearings["load"] == load.name]
-            here = here[here["position"] == place]
-            same(here["radial"], radial, abs=1e-11)
-            part = load.axial[load.positions.index(place)]
-            same(here["axial"], part * F[:, 2], abs=1e-11)
-            sized = max(sized, np.abs(here["axial"]).max())
-    assert sized > 1e-3
+        moment_cross_z = np.cross(moment, [0.0, 0.0, 1.0])
+        force_at_a = (b * force - moment_cross_z) / abs(b - a)
+        force_at_b = (moment_cross_z - a * force) / abs(b - a)
+        for position, bearing_force in ((a, force_at_a), (b, force_at_b)):
+            is_bearing = bearings["load"] == load.name
+            is_bearing &= bearings["position"] == position
+            bearing_rows = bearings[is_bearing]
+            radial = np.linalg.norm(bearing_force[:, :2], axis=1)
+            assert_equal(bearing_rows["radial"], radial, abs=1e-11)
+            axial_part = load.axial[load.positions.index(position)]
+            assert_equal(bearing_rows["axial"], axial_part * force[:, 2], abs=1e-11)
+            largest_axial = max(largest_axial, np.abs(bearing_rows["axial"]).max())
+    assert largest_axial > 1e-3
 
 
 @pytest.mark.slow
@@ -248,25 +315,36 @@ def test_relations_of_singularities_are_coefficients():
     run = sk.run("stephenson", names, samples=37)
     table, poles = run.frame("singularities", "relation"), run.frame("poles")
     ratio = table["velocity_coefficient"]
-    same(ratio, table["d"] / table["c"])
-    same(ratio, table["output_rate"] / table["input_rate"], abs=1e-11)
-    same(np.tan(table["distance_I"]), np.abs(ratio), abs=1e-11)
-    same(ratio[table["form"] == "i"], poles["velocity_coefficient"], abs=1e-11)
+    assert_equal(ratio, table["d"] / table["c"])
+    assert_equal(ratio, table["output_rate"] / table["input_rate"], abs=1e-11)
+    assert_equal(np.tan(table["distance_I"]), np.abs(ratio), abs=1e-11)
+    assert_equal(ratio[table["form"] == "i"], poles["velocity_coefficient"], abs=1e-11)
 
 
-def test_sensitivities_and_evaluations_keep_to_that_sign():
-    wanted = "of=velocity_coefficient_5_1+acceleration_coefficient_5_1"
-    keys = f"sensitivity:{wanted},by=links.2.arc,draws=0"
-    run = sk.run("stephenson", ["poles:only=51", keys], samples=9)
+def test_sensitivities_count_coefficients_as_sizes():
+    """The pole 51 is no axis of a pair: its velocity coefficient is counted positive.
+
+    The acceleration coefficient is the derivative of that size.
+    """
+    quantities = "of=velocity_coefficient_5_1+acceleration_coefficient_5_1"
+    sensitivity = f"sensitivity:{quantities},by=links.2.arc,draws=0"
+    run = sk.run("stephenson", ["poles:only=51", sensitivity], samples=9)
     poles = run.frame("poles")
     sign = np.sign(poles["velocity_coefficient"])
     assert sign.min() == -1.0
+    table = run.frame("sensitivity")
     for kind in ("velocity", "acceleration"):
-        rows = run.frame("sensitivity")
-        rows = rows[rows["quantity"] == f"{kind}_coefficient_5_1"]
-        same(rows["value"], sign * poles[f"{kind}_coefficient"], abs=1e-11)
-    one = poles[poles["assembly_mode"] == 2]
-    here = sk.evaluate("stephenson", one["q"].to_numpy(), assembly_mode=2)
-    got = here.velocity_coefficient("5/1")[:, None] * here.direction("5/1")
-    u = one[["ux", "uy", "uz"]].to_numpy()
-    same(got, one["velocity_coefficient"].to_numpy()[:, None] * u, abs=1e-11)
+        rows = table[table["quantity"] == f"{kind}_coefficient_5_1"]
+        assert_equal(rows["value"], sign * poles[f"{kind}_coefficient"], abs=1e-11)
+
+
+def test_evaluation_by_names_has_the_relative_rates_of_the_table():
+    """Coefficient times direction does not depend on the sense of the pole."""
+    poles = sk.run("stephenson", "poles:only=51", samples=9).frame("poles")
+    rows = poles[poles["assembly_mode"] == 2]
+    evaluation = sk.evaluate("stephenson", rows["q"].to_numpy(), assembly_mode=2)
+    coefficient = evaluation.velocity_coefficient("5/1")
+    rate = coefficient[:, None] * evaluation.direction("5/1")
+    u = rows[["ux", "uy", "uz"]].to_numpy()
+    expected = rows["velocity_coefficient"].to_numpy()[:, None] * u
+    assert_equal(rate, expected, abs=1e-11)
