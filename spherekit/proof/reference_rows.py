@@ -448,7 +448,7 @@ def exact_field(reference: ExactRows, request: Request, field: PoleField) -> Pol
         return np.where(has_reference, codes, reference.status).astype(np.int8)
 
     return replace(
-        field,
+        field.without_pole_values(),
         direction=_round_where_known(field.direction, directions),
         direction_dq=_round_where_known(field.direction_dq, direction_derivatives),
         velocity_coefficient=_round_where_known(
@@ -459,12 +459,7 @@ def exact_field(reference: ExactRows, request: Request, field: PoleField) -> Pol
         ),
         w=_round_where_known(field.w, w),
         dw=_round_where_known(field.dw, dw),
-        conditioning=_all_nan(field.conditioning),
         planes=_all_nan(field.planes),
-        direction_error=_all_nan(field.direction_error),
-        velocity_coefficient_error=_all_nan(field.velocity_coefficient_error),
-        acceleration_coefficient_error=_all_nan(field.acceleration_coefficient_error),
-        direction_dq_error=_all_nan(field.direction_dq_error),
         status=status_of(field.status),
         pole_status={pole: status_of(field.pole_status[pole]) for pole in request.poles},
     )

@@ -20,7 +20,7 @@ from spherekit.runs.kernel_columns import LazyField
 from spherekit.runs.needs import Needs
 from spherekit.scenes.scene import Range
 from spherekit.status import Status
-from spherekit.velocities.pole_field import PoleField, axis_pairs
+from spherekit.velocities.pole_field import POLE_QUANTITIES, PoleField, axis_pairs
 from spherekit.wording import listing
 
 PoleFields = Sequence[PoleField | LazyField]
@@ -33,18 +33,15 @@ ArrayT = TypeVar("ArrayT", bound=Array)
 Result = TypeVar("Result")
 
 _POLE_FIELD_NAMES: Mapping[str, str] = {
-    "direction": "direction",
-    "direction_dq": "direction_dq",
-    "velocity_coefficient": "velocity_coefficient",
-    "acceleration_coefficient": "acceleration_coefficient",
-    "conditioning": "conditioning",
-    "error_bound": "direction_error",
-    "velocity_coefficient_error_bound": "velocity_coefficient_error",
-    "acceleration_coefficient_error_bound": "acceleration_coefficient_error",
-    "direction_dq_error_bound": "direction_dq_error",
+    **{quantity.name: quantity.name for quantity in POLE_QUANTITIES},
+    **{
+        quantity.error_column: quantity.error_name
+        for quantity in POLE_QUANTITIES
+        if quantity.has_error_bound
+    },
     "pole_status": "pole_status",
 }
-"""Attribute of `PoleField` that has a quantity, by the method of `Batch` for it."""
+"""Attribute of `PoleField` that has a quantity, by its name in `Batch.of_poles`."""
 
 
 @dataclass(frozen=True)
@@ -213,9 +210,10 @@ class Batch:
 
         Returns
         -------
-        A function ``(quantity, component)`` that returns a column. The quantity is the name
-        of a method of this class that takes two links and an input, such as
-        ``"direction"``. The component is the index in a vector, or None for a number.
+        A function ``(quantity, component)`` that returns a column. The quantity is one of
+        `spherekit.velocities.pole_field.POLE_QUANTITIES` by name, the bound of its error,
+        such as ``"velocity_coefficient_error_bound"``, or ``"pole_status"``. The component
+        is the index in a vector, or None for a number.
         """
 
         def make_column(quantity: str, component: int | None) -> Interleaved:
@@ -250,8 +248,8 @@ class Batch:
                     )
                     values_by_pole.append(lazy_column)
                 else:
-                    # The numbers are known: call the method of this class by its name.
-                    values = np.asarray(getattr(self, quantity)(i, j, moved))
+                    # The numbers are known.
+                    values = self._pole(i, j, quantity, moved)
                     if component is not None:
                         values = values[:, component]
                     values_by_pole.append(values)

@@ -184,9 +184,14 @@ class KernelColumns:
             (k,) numbers of the rows.
         """
         input_columns = self.kernel.input_columns[input_index]
-        # (8, poles, k): u (3), u' (3), c, c'.
-        columns = input_columns.signed_part(self.kernel.all_columns(self._values[:, rows]))
-        unit, unit_rate, (coefficient, coefficient_rate) = np.split(columns, [3, 6])
+        quantities = input_columns.signed_quantities(
+            self.kernel.all_columns(self._values[:, rows])
+        )
+        # (3, poles, k) u and u', and (poles, k) c and c'.
+        unit = quantities["direction"]
+        unit_rate = quantities["direction_dq"]
+        (coefficient,) = quantities["velocity_coefficient"]
+        (coefficient_rate,) = quantities["acceleration_coefficient"]
         # Rows that are not certified can have NaN or huge numbers here.
         with np.errstate(invalid="ignore", over="ignore"):
             velocity = coefficient * unit
@@ -262,8 +267,7 @@ class KernelColumns:
             for find_signs, input_columns in zip(
                 self._sign_functions, self.kernel.input_columns, strict=False
             ):
-                # A view (8, poles, k): direction (3), its derivative (3), and the
-                # coefficients of velocity and acceleration.
+                # A view (components, poles, k). The first three are the direction.
                 signed_columns = input_columns.signed_part(all_columns)
                 signs = find_signs(signed_columns[:3], rows, mode)
                 # Most directions keep their sense in all rows of a slice.

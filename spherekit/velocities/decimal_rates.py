@@ -26,7 +26,6 @@ from spherekit.positions.quad_positions import QuadAssembly
 from spherekit.positions.quad_rotations import rotate_vectors
 from spherekit.status import Status
 from spherekit.tolerances import EPS
-from spherekit.velocities.pole_field import POLE_ERRORS
 
 PLACEMENT_ERROR_RAD = 1e-30
 """Error bound of the orientation of a link in quad precision: some thousand rounding
@@ -130,7 +129,9 @@ class DecimalRates:
         )
         return np.maximum(self.w_error / rate_size, self.dw_error / derivative_size)
 
-    def pole(self, pole: Pole, pair: int | None) -> tuple[dict[str, Floats], Floats]:
+    def pole(
+        self, pole: Pole, pair: int | None
+    ) -> tuple[dict[str, Floats], dict[str, Floats]]:
         """Return the quantities of a pole, and bounds of their errors.
 
         With v the angular velocity of the second link relative to the first, and u the
@@ -153,7 +154,7 @@ class DecimalRates:
             k = 1. The conditioning is |v| divided by the sum of the speeds of both links,
             and 1 for a pair axis.
         errors
-            (4, n) error bounds, in the order of `POLE_ERRORS`.
+            (n,) error bounds by their names in `PoleField`.
         """
         i, j = pole
         v = self.w[:, j] - self.w[:, i]
@@ -186,7 +187,7 @@ class DecimalRates:
 
     def _errors(
         self, numbers: Mapping[str, Floats], speed: Floats, dv: Array, is_pair_axis: bool
-    ) -> Floats:
+    ) -> dict[str, Floats]:
         """Return the error bounds of the quantities of a pole.
 
         The pole of two links has the direction u: the axis of a pair, or the direction of
@@ -207,8 +208,8 @@ class DecimalRates:
 
         Returns
         -------
-        (4, n) bounds, in the order of `POLE_ERRORS`. The bound of the direction is infinite
-        if v may be zero within its error.
+        (n,) bounds by their names in `PoleField`. The bound of the direction is infinite if
+        v may be zero within its error.
         """
         derivative_size = np.sqrt(dot(dv, dv)).astype(float)
         # v and dv are differences of the vectors of two links.
@@ -235,8 +236,7 @@ class DecimalRates:
         rounding = {
             name: 2.0 * EPS * np.sqrt(np.sum(numbers[name] ** 2, axis=0)) for name in bounds
         }
-        errors = {f"{name}_error": bounds[name] + rounding[name] for name in bounds}
-        return np.array([errors[name] for name in POLE_ERRORS])
+        return {f"{name}_error": bounds[name] + rounding[name] for name in bounds}
 
     @property
     def _largest_speed(self) -> Floats:

@@ -136,7 +136,7 @@ class GeometryRounding:
         spreads: Mapping[str, Floats],
         is_pair_axis: bool,
         second_order: Floats,
-    ) -> Floats:
+    ) -> dict[str, Floats]:
         """Return bounds of the errors of the quantities of a pole.
 
         Parameters
@@ -159,10 +159,8 @@ class GeometryRounding:
 
         Returns
         -------
-        (4, n) bounds of the errors of the direction, the velocity coefficient, the
-        acceleration coefficient, and the derivative of the direction, in the order of
-        `spherekit.velocities.pole_field.POLE_ERRORS`. The bound of the direction is
-        infinite if v and dv may both be zero within their errors.
+        (n,) bounds by their names in `PoleField`. The bound of the direction is infinite if
+        v and dv may both be zero within their errors.
         """
         i, j = pole
         speed, dv_size = norm_columns(v), norm_columns(dv)
@@ -215,4 +213,9 @@ class GeometryRounding:
             ) / speed
             has_no_direction = (speed <= rate_bound) & (dv_size <= acceleration_bound)
             direction = np.where(has_no_direction, np.inf, direction)
-        return np.array([direction, rate_bound, acceleration_bound, derivative_bound])
+        return {
+            "direction_error": direction,
+            "velocity_coefficient_error": rate_bound,
+            "acceleration_coefficient_error": acceleration_bound,
+            "direction_dq_error": derivative_bound,
+        }

@@ -25,6 +25,7 @@ from spherekit.velocities.carried_vectors import CarriedVector, absolute, root
 from spherekit.velocities.pole_field import (
     MAX_DIRECTION_DQ_ERROR,
     POLE_ERRORS,
+    POLE_QUANTITIES,
     SIGNED_COMPONENTS,
     axis_pairs,
 )
@@ -42,7 +43,7 @@ recomputed in quad precision, where bounds are measured instead of estimated by 
 MAX_CERTIFIED_DW_ERROR = 1e-8
 """The same for the derivatives dw, relative to those of all links together, or to 1."""
 
-FIELD_PARTS = (*SIGNED_COMPONENTS, "conditioning", *POLE_ERRORS, "w", "dw")
+FIELD_PARTS = (*(x.name for x in POLE_QUANTITIES), *POLE_ERRORS, "w", "dw")
 """Fields of a `PoleField` that are columns."""
 
 
@@ -350,7 +351,10 @@ class InputColumns:
             if body_pole in pairs:
                 parts = self._pair_axis_parts(pole, pairs[body_pole])
             elif body_pole is not None:
-                signed_parts[pole], parts = self._relative_pole_parts(*pole)
+                parts = self._relative_pole_parts(*pole)
+                signed_parts[pole] = [
+                    item for name in SIGNED_COMPONENTS for item in parts.pop(name)
+                ]
             else:
                 # Both links belong to one body, so they do not move relative to each other.
                 continue
@@ -424,12 +428,30 @@ class InputColumns:
         )
 
     def signed_part(self, columns: Floats) -> Floats:
-        """Return a view (8, poles, n) of the signed columns, from all columns.
+        """Return a view (components, poles, n) of the signed columns, from all columns.
 
-        Index 0 to 7 is a component of the quantities in `SIGNED_COMPONENTS`.
+        The components are those of the quantities in `SIGNED_COMPONENTS`, in their order,
+        so the first three are the direction.
         """
         signed = columns[self._signed_columns]
-        return signed.reshape(8, len(self.signed_poles), columns.shape[1])
+        component_count = sum(SIGNED_COMPONENTS.values())
+        return signed.reshape(component_count, len(self.signed_poles), columns.shape[1])
+
+    def signed_quantities(self, columns: Floats) -> dict[str, Floats]:
+        """Return views (components, poles, n) of the signed columns by their quantity.
+
+        Parameters
+        ----------
+        columns
+            (columns, n) all columns.
+        """
+        part = self.signed_part(columns)
+        quantities = {}
+        start = 0
+        for name, component_count in SIGNED_COMPONENTS.items():
+            quantities[name] = part[start : start + component_count]
+            start += component_count
+        return quantities
 
     @property
     def has_uncertain_poles(self) -> bool:
@@ -507,9 +529,10 @@ class InputColumns:
             "acceleration_coefficient": [derivative],
             # 1: no digits cancel in the axis of a pair.
             "conditioning": [1.0],
-            **_error_parts(
-                axis_error, coefficient_error, derivative_error, axis_derivative_error
-            ),
+            "direction_error": [axis_error],
+            "velocity_coefficient_error": [coefficient_error],
+            "acceleration_coefficient_error": [derivative_error],
+            "direction_dq_error": [axis_derivative_error],
         }
 
     def _relative_motion(self, i: int, j: int) -> RelativeMotion:
@@ -524,9 +547,7 @@ class InputColumns:
             dv_bound=self._dw_bounds[i] + self._dw_bounds[j],
         )
 
-    def _relative_pole_parts(
-        self, i: int, j: int
-    ) -> tuple[list[Expr], dict[str, Iterable[Expr]]]:
+    def _relative_pole_parts(self, i: int, j: int) -> dict[str, Iterable[Expr]]:
         """Return the quantities of the pole of links i and j, which no pair joins.
 
         Its direction u is that of v, the angular velocity of link j relative to link i per
@@ -537,18 +558,23 @@ class InputColumns:
 
         Returns
         -------
-        signed_items
-            The quantities whose sign changes with that of the direction, in the order of
-            `SIGNED_COMPONENTS`.
-        parts
-            The other fields of a `PoleField`, by their names.
+        Expressions by name of the `PoleField` field.
         """
         motion = self._relative_motion(i, j)
         length = root(dot(motion.v, motion.v))
         if length == 0.0:
             # The links rest relative to each other at every configuration.
-            errors = _error_parts(1.0, motion.v_error, motion.dv_error, np.nan)
-            return [*[np.nan] * 6, 0.0, 0.0], {"conditioning": [0.0], **errors}
+            return {
+                "direction": [np.nan] * 3,
+                "direction_dq": [np.nan] * 3,
+                "velocity_coefficient": [0.0],
+                "acceleration_coefficient": [0.0],
+                "conditioning": [0.0],
+                "direction_error": [1.0],
+                "velocity_coefficient_error": [motion.v_error],
+                "acceleration_coefficient_error": [motion.dv_error],
+                "direction_dq_error": [np.nan],
+            }
         inverse_length = 1.0 / length
         unit = motion.v * inverse_length
         derivative = dot(motion.dv, unit)
@@ -574,13 +600,14 @@ class InputColumns:
             * (2.0 * MAX_CERTIFIED_ERROR_RAD / MAX_DIRECTION_DQ_ERROR)
         )
         self._error_sum = self._error_sum + direction_error + turn_uncertainty
-        errors = _error_parts(
-            direction_error, motion.v_error, derivative_error, unit_derivative_error
-        )
-        signed_items = [*unit, *unit_derivative, length, derivative]
-        return signed_items, {"conditioning": [conditioning], **errors}
-
-
-def _error_parts(*bounds: Expr) -> dict[str, Iterable[Expr]]:
-    """Return error bounds by their names; `bounds` are in the order of `POLE_ERRORS`."""
-    return {name: [bound] for name, bound in zip(POLE_ERRORS, bounds, strict=True)}
+        return {
+            "direction": [*unit],
+            "direction_dq": [*unit_derivative],
+            "velocity_coefficient": [length],
+            "acceleration_coefficient": [derivative],
+            "conditioning": [conditioning],
+            "direction_error": [direction_error],
+            "velocity_coefficient_error": [motion.v_error],
+            "acceleration_coefficient_error": [derivative_error],
+            "direction_dq_error": [unit_derivative_error],
+        }

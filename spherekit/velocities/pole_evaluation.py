@@ -18,7 +18,7 @@ import numpy as np
 
 from spherekit.arrays import Bools, Floats
 from spherekit.errors import SolveError
-from spherekit.geometry.vectors import dot_columns, nans, norm_columns
+from spherekit.geometry.vectors import dot_columns, norm_columns
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
 from spherekit.status import Status
@@ -29,6 +29,7 @@ from spherekit.velocities.input_columns import InputColumns
 from spherekit.velocities.pole_field import (
     MAX_DIRECTION_DQ_ERROR,
     POLE_ERRORS,
+    POLE_QUANTITIES,
     SIGNED_COMPONENTS,
     PoleField,
     axis_pairs,
@@ -153,29 +154,16 @@ def evaluate_unsigned(
 class _PoleColumns:
     """The quantities of one pole at n rows, while they are being completed.
 
-    A pole is the axis about which two links rotate relative to each other. v is the angular
-    velocity of its second link relative to its first, per unit rate of the input, and dv
-    the derivative of v with respect to the input.
-
     Attributes
     ----------
-    direction, direction_dq
-        (3, n) direction u of the pole, and its derivative with respect to the input.
-    velocity_coefficient, acceleration_coefficient
-        (n,) v . u and dv . u.
-    direction_error, velocity_error, acceleration_error, direction_dq_error
-        (n,) bounds of the errors of the direction, of the two coefficients, and of the
-        derivative of the direction.
+    quantities
+        (components, n) of each of the `POLE_QUANTITIES` by name.
+    errors
+        (n,) of each of the `POLE_ERRORS` by name.
     """
 
-    direction: Floats
-    direction_dq: Floats
-    velocity_coefficient: Floats
-    acceleration_coefficient: Floats
-    direction_error: Floats
-    velocity_error: Floats
-    acceleration_error: Floats
-    direction_dq_error: Floats
+    quantities: dict[str, Floats]
+    errors: dict[str, Floats]
 
 
 def _add_pole(
@@ -199,26 +187,22 @@ def _add_pole(
         leave open, or all directions on the routes of the plan.
     """
     n = len(row_velocities.status)
-    no_bounds = np.full((len(POLE_ERRORS), n), np.inf)
-    errors = row_velocities.pole_errors.get(pole, no_bounds)
+    errors = row_velocities.pole_errors.get(pole)
+    if errors is None:
+        errors = {name: np.full(n, np.inf) for name in POLE_ERRORS}
     columns = _PoleColumns(
-        direction=row_velocities.quantity("direction", pole),
-        direction_dq=row_velocities.quantity("direction_dq", pole),
-        velocity_coefficient=row_velocities.quantity("velocity_coefficient", pole)[0],
-        acceleration_coefficient=(
-            row_velocities.quantity("acceleration_coefficient", pole)[0]
-        ),
-        direction_error=errors[0],
-        velocity_error=errors[1],
-        acceleration_error=errors[2],
-        direction_dq_error=errors[3],
+        quantities={
+            quantity.name: row_velocities.quantity(quantity.name, pole)
+            for quantity in POLE_QUANTITIES
+        },
+        errors=errors,
     )
     # The relative angular velocity v of the two links, and its derivative by the input.
     v_size = norm_columns(row_velocities.relative_velocity(pole))
     dv_size = norm_columns(row_velocities.relative_velocity_derivative(pole))
     has_failed = row_velocities.motion.failed
     is_on_planned_route = bool(row_velocities.planned_w)
-    is_open = ~(columns.direction_error < USABLE_DIRECTION)
+    is_open = ~(errors["direction_error"] < USABLE_DIRECTION)
     takes_planned = ~has_failed & (is_open | is_on_planned_route)
     # If constraints repeat each other, great circles can coincide except for rounding.
     groups = row_velocities.motion.assembly.groups
@@ -228,13 +212,15 @@ def _add_pole(
             columns, row_velocities, pole, get_planned_poles(), takes_planned, is_open
         )
 
-    has_no_direction = has_failed | ~(columns.direction_error < USABLE_DIRECTION)
-    columns.direction[:, has_no_direction] = np.nan
     # The derivative of a direction is left out if its error may be too large.
-    has_direction_dq = columns.direction_dq_error < (
-        MAX_DIRECTION_DQ_ERROR * np.maximum(1.0, norm_columns(columns.direction_dq))
+    direction_dq = columns.quantities["direction_dq"]
+    has_direction_dq = errors["direction_dq_error"] < (
+        MAX_DIRECTION_DQ_ERROR * np.maximum(1.0, norm_columns(direction_dq))
     )
-    columns.direction_dq[:, has_no_direction | ~has_direction_dq] = np.nan
+    direction_dq[:, ~has_direction_dq] = np.nan
+    has_no_direction = has_failed | ~(errors["direction_error"] < USABLE_DIRECTION)
+    for values in columns.quantities.values():
+        values[:, has_no_direction] = np.nan
 
     is_ok = row_velocities.status == Status.OK
     pole_status = row_velocities.status.copy()
@@ -245,31 +231,20 @@ def _add_pole(
     is_without_motion = v_size < NO_MOTION * np.maximum(1.0, w_size)
     has_no_pole = has_no_direction & is_ok & is_without_motion
     pole_status[has_no_pole] = Status.NO_POLE
-    columns.velocity_coefficient[has_no_direction] = np.nan
-    columns.acceleration_coefficient[has_no_direction] = np.nan
-    columns.velocity_coefficient[has_no_pole] = 0.0
-    columns.acceleration_coefficient[has_no_pole & (dv_size < NO_MOTION)] = 0.0
-
-    conditioning = row_velocities.quantity("conditioning", pole)[0]
     field.pole_status[pole] = pole_status
-    field.direction[pole] = columns.direction.T
-    field.direction_dq[pole] = columns.direction_dq.T
-    field.velocity_coefficient[pole] = columns.velocity_coefficient
-    field.acceleration_coefficient[pole] = columns.acceleration_coefficient
-    field.conditioning[pole] = np.where(has_no_direction, np.nan, conditioning)
-    # A bound is NaN if its quantity is.
-    field.direction_error[pole] = np.where(
-        has_no_direction, np.nan, columns.direction_error
-    )
-    field.velocity_coefficient_error[pole] = np.where(
-        np.isnan(columns.velocity_coefficient), np.nan, columns.velocity_error
-    )
-    field.acceleration_coefficient_error[pole] = np.where(
-        np.isnan(columns.acceleration_coefficient), np.nan, columns.acceleration_error
-    )
-    field.direction_dq_error[pole] = np.where(
-        np.isnan(columns.direction_dq[0]), np.nan, columns.direction_dq_error
-    )
+    is_at_rest = has_no_pole & (dv_size < NO_MOTION)
+    columns.quantities["velocity_coefficient"][:, has_no_pole] = 0.0
+    columns.quantities["acceleration_coefficient"][:, is_at_rest] = 0.0
+
+    for quantity in POLE_QUANTITIES:
+        values = columns.quantities[quantity.name]
+        # Vectors become (n, 3), single numbers (n,).
+        getattr(field, quantity.name)[pole] = values.T if len(values) > 1 else values[0]
+        if quantity.has_error_bound:
+            # A bound is NaN if its quantity is.
+            getattr(field, quantity.error_name)[pole] = np.where(
+                np.isnan(values[0]), np.nan, errors[quantity.error_name]
+            )
 
 
 def _take_planned_direction(
@@ -286,7 +261,8 @@ def _take_planned_direction(
     poles one after another, as intersections of great circles. The coefficients, which are
     components along the direction, and the error bounds change with the direction. The
     derivative of the direction stays if it is the axis of a pair, or in rows in which the
-    velocity equations give a direction too. Otherwise it becomes NaN.
+    velocity equations give a direction too. Otherwise it becomes NaN. Further quantities
+    that change their sign with the direction become NaN.
 
     Parameters
     ----------
@@ -307,8 +283,9 @@ def _take_planned_direction(
     body_pole = plan.pole(*pole)
     assert body_pole is not None
     planned_direction = planned_poles.directions[body_pole]
+    direction = columns.quantities["direction"]
     # The new direction points to the side of the present one, if there is one.
-    is_opposite = ~is_open & (dot_columns(columns.direction, planned_direction) < 0.0)
+    is_opposite = ~is_open & (dot_columns(direction, planned_direction) < 0.0)
     planned_direction = planned_direction * np.where(is_opposite, -1.0, 1.0)
     # The bounds of the plan assume axes that are known up to rounding. Here axes have the
     # error of the configuration.
@@ -319,21 +296,29 @@ def _take_planned_direction(
     )
     planned_error = planned_error + row_velocities.axis_separations.get(pole, 0.0)
 
-    columns.direction[:, rows] = planned_direction[:, rows]
-    columns.direction_error[rows] = planned_error[rows]
+    direction[:, rows] = planned_direction[:, rows]
+    direction_error = columns.errors["direction_error"]
+    direction_error[rows] = planned_error[rows]
     v = row_velocities.relative_velocity(pole)
     dv = row_velocities.relative_velocity_derivative(pole)
-    columns.velocity_coefficient[rows] = dot_columns(v, columns.direction)[rows]
-    columns.acceleration_coefficient[rows] = dot_columns(dv, columns.direction)[rows]
+    projections = {
+        "velocity_coefficient": dot_columns(v, direction),
+        "acceleration_coefficient": dot_columns(dv, direction),
+    }
+    for name in SIGNED_COMPONENTS:
+        if name in projections:
+            columns.quantities[name][:, rows] = projections[name][rows]
+        elif name not in ("direction", "direction_dq"):
+            columns.quantities[name][:, rows] = np.nan
     # The coefficients are the components of v and dv along the direction. An error of the
     # direction changes them by at most this part of |v| and |dv|.
-    relative_change = np.where(
-        columns.direction_error < USABLE_DIRECTION, columns.direction_error, 1.0
-    )
-    columns.velocity_error[rows] += (relative_change * norm_columns(v))[rows]
-    columns.acceleration_error[rows] += (relative_change * norm_columns(dv))[rows]
+    relative_change = np.where(direction_error < USABLE_DIRECTION, direction_error, 1.0)
+    velocity_error = columns.errors["velocity_coefficient_error"]
+    velocity_error[rows] += (relative_change * norm_columns(v))[rows]
+    acceleration_error = columns.errors["acceleration_coefficient_error"]
+    acceleration_error[rows] += (relative_change * norm_columns(dv))[rows]
     if body_pole not in axis_pairs(plan):
-        columns.direction_dq[:, rows & is_open] = np.nan
+        columns.quantities["direction_dq"][:, rows & is_open] = np.nan
 
 
 def make_certified_field(
@@ -391,15 +376,13 @@ def add_locked_pole(field: PoleField, motion: Motion, pole: Pole) -> None:
     pole
         The two links.
     """
-    n = len(motion)
     is_ok = field.status == Status.OK
     pole_status = np.where(is_ok, Status.NO_POLE, field.status).astype(np.int8)
     field.pole_status[pole] = pole_status
-    for name in (*SIGNED_COMPONENTS, "conditioning", *POLE_ERRORS):
-        if "coefficient" in name:
-            values = np.where(is_ok, 0.0, np.nan)
-        elif SIGNED_COMPONENTS.get(name) == 3:
-            values = nans((n, 3))
-        else:
-            values = nans((n,))
-        getattr(field, name)[pole] = values
+    for quantity in POLE_QUANTITIES:
+        values = np.where(is_ok, quantity.locked_value, np.nan)
+        if quantity.has_error_bound:
+            getattr(field, quantity.error_name)[pole] = values.copy()
+        if quantity.components > 1:
+            values = np.repeat(values[:, None], quantity.components, axis=1)
+        getattr(field, quantity.name)[pole] = values

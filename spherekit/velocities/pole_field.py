@@ -6,7 +6,11 @@ the pair that joins its two links. Without such a pair it is the direction of v.
 """
 
 from collections.abc import MutableMapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from math import nan
+from typing import Any, Literal
+
+import numpy as np
 
 from spherekit.arrays import Bools, Floats, SmallIntegers
 from spherekit.numerics.array_rows import ArrayRows
@@ -19,22 +23,82 @@ A derivative with a larger error bound is NaN in a `PoleField`. Larger: more der
 returned, with fewer correct digits.
 """
 
-REPORTED_ERRORS = (
-    "direction_error",
-    "velocity_coefficient_error",
-    "acceleration_coefficient_error",
-)
-"""Error bounds of a `PoleField` whose largest values a run reports: those of the direction
-(rad), of the velocity coefficient and of the acceleration coefficient (1/rad)."""
 
-POLE_ERRORS = (*REPORTED_ERRORS, "direction_dq_error")
-"""All error bounds of a pole. The last one is that of the derivative of the direction."""
+@dataclass(frozen=True)
+class PoleQuantity:
+    """A quantity of a pole.
+
+    Attributes
+    ----------
+    name
+        The attribute of `PoleField` that has it, and its name in `Batch.of_poles`.
+    components
+        Number of its components: 3 for a vector, 1 for a number.
+    changes_sign
+        Whether it changes its sign if the direction of the pole is reversed.
+    error
+        Whether there is a bound of its error, and whether a run also reports the largest
+        one.
+    locked_value
+        Its value for two links that the locked inputs hold together, and that therefore
+        have no pole. A bound of its error is the same number.
+    """
+
+    name: str
+    components: int
+    changes_sign: bool
+    error: Literal["none", "bounded", "reported"] = "none"
+    locked_value: float = nan
+
+    @property
+    def has_error_bound(self) -> bool:
+        """Whether a `PoleField` has a bound of its error."""
+        return self.error != "none"
+
+    @property
+    def error_name(self) -> str:
+        """The attribute of `PoleField` that has the bound of its error."""
+        return f"{self.name}_error"
+
+    @property
+    def error_column(self) -> str:
+        """The name of this bound in tables and in `Batch`."""
+        return "error_bound" if self.name == "direction" else f"{self.name}_error_bound"
+
+
+POLE_QUANTITIES = (
+    PoleQuantity("direction", 3, changes_sign=True, error="reported"),
+    PoleQuantity("direction_dq", 3, changes_sign=True, error="bounded"),
+    PoleQuantity(
+        "velocity_coefficient", 1, changes_sign=True, error="reported", locked_value=0.0
+    ),
+    PoleQuantity(
+        "acceleration_coefficient", 1, changes_sign=True, error="reported", locked_value=0.0
+    ),
+    PoleQuantity("conditioning", 1, changes_sign=False),
+)
+"""All quantities of a pole, the direction first.
+
+A new quantity is a line here, an attribute of `PoleField`, expressions in
+`spherekit.velocities.input_columns` and a column in ``analyses/poles.py``. It is NaN in
+rows that are not computed from these expressions, until the code for these rows computes
+it too.
+"""
+
+REPORTED_ERRORS = tuple(
+    quantity.error_name for quantity in POLE_QUANTITIES if quantity.error == "reported"
+)
+"""Error bounds of a `PoleField` whose largest values a run reports."""
+
+POLE_ERRORS = REPORTED_ERRORS + tuple(
+    quantity.error_name for quantity in POLE_QUANTITIES if quantity.error == "bounded"
+)
+"""All error bounds of a pole."""
 
 SIGNED_COMPONENTS = {
-    "direction": 3,
-    "direction_dq": 3,
-    "velocity_coefficient": 1,
-    "acceleration_coefficient": 1,
+    quantity.name: quantity.components
+    for quantity in POLE_QUANTITIES
+    if quantity.changes_sign
 }
 """Number of components of each quantity of a pole that changes its sign together with the
 direction."""
@@ -126,3 +190,14 @@ class PoleField(ArrayRows):
     def as_arrays(self) -> "PoleField":
         """The field itself. A `LazyField` computes all of its columns here."""
         return self
+
+    def without_pole_values(self) -> "PoleField":
+        """Return the field with NaN for all quantities of poles and for their bounds."""
+        unknown_values: dict[str, Any] = {}
+        for name in (*(quantity.name for quantity in POLE_QUANTITIES), *POLE_ERRORS):
+            values_by_pole = getattr(self, name)
+            unknown_values[name] = {
+                pole: np.full_like(values, np.nan)
+                for pole, values in values_by_pole.items()
+            }
+        return replace(self, **unknown_values)

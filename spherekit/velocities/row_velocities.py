@@ -44,6 +44,7 @@ from spherekit.velocities.input_columns import (
 from spherekit.velocities.pole_field import (
     MAX_DIRECTION_DQ_ERROR,
     POLE_ERRORS,
+    POLE_QUANTITIES,
     SIGNED_COMPONENTS,
     axis_pairs,
 )
@@ -91,7 +92,7 @@ class RowVelocities:
         (n,) bound of the errors of w and dw, relative to the largest of any link or to 1.
         It is 0 for certified rows and infinite if the rates are not determined.
     pole_errors
-        (4, n) error bounds of each pole, in the order of `POLE_ERRORS`.
+        (n,) error bounds of each pole, by their names in `POLE_ERRORS`.
     axis_separations
         (n,) for poles that are the common axis of several pairs: angle (rad) by which the
         rounding of these axes can turn the pole. Other poles have no entry.
@@ -131,7 +132,7 @@ class RowVelocities:
         self.is_certified = np.zeros(n, dtype=bool)
         self.is_quad_precision = np.zeros(n, dtype=bool)
         self.is_decimal = np.zeros(n, dtype=bool)
-        self.pole_errors: dict[Pole, Floats] = {}
+        self.pole_errors: dict[Pole, dict[str, Floats]] = {}
         self.axis_separations: dict[Pole, Floats] = {}
         self.planned_w: dict[int, Floats] = {}
         self.reordered: list[tuple[EliminationOrder, Indices]] = []
@@ -155,9 +156,9 @@ class RowVelocities:
         self._column_indices = kernel.input_columns[0].column_indices
         self._signed_poles = kernel.input_columns[0].signed_poles
         for pole in self._column_indices[POLE_ERRORS[0]]:
-            self.pole_errors[pole] = np.concatenate(
-                [self.quantity(name, pole) for name in POLE_ERRORS]
-            )
+            self.pole_errors[pole] = {
+                name: self.quantity(name, pole)[0] for name in POLE_ERRORS
+            }
         self.is_certified = self._find_certified_rows() & ~motion.failed
         self.is_certified &= engine != "extended"
         self.is_quad_precision = ~self.is_certified & ~motion.failed
@@ -241,9 +242,7 @@ class RowVelocities:
             link: w[body] for link, body in enumerate(self.request.plan.body) if body in w
         }
         for pole, errors in self.pole_errors.items():
-            _, velocity_coefficient_error, _, _ = errors
-            # In place, since this is a view of `errors`.
-            velocity_coefficient_error += norm_columns(
+            errors["velocity_coefficient_error"] += norm_columns(
                 self.relative_velocity(pole) - previous_v[pole]
             )
 
@@ -265,9 +264,11 @@ class RowVelocities:
         is_certified &= self._bound("curvature_uncertainty") <= 1.0
         is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
         for pole in self._signed_poles:
-            # The last bound is that of the derivative of the direction, which is bounded
-            # more simply here.
-            direction_error, v_error, dv_error, _ = self.pole_errors[pole]
+            # The derivative of the direction is bounded more simply here than by its bound.
+            errors = self.pole_errors[pole]
+            direction_error = errors["direction_error"]
+            v_error = errors["velocity_coefficient_error"]
+            dv_error = errors["acceleration_coefficient_error"]
             v_size = norm_columns(self.relative_velocity(pole))
             dv_size = norm_columns(self.relative_velocity_derivative(pole))
             # The derivative of the direction has an error of at most 2 dv_error / |v|. It
@@ -371,7 +372,7 @@ class RowVelocities:
         # The error bounds of each pole. Spreads say by how much its quantities change as
         # the loops open. A pole that is not among the signed poles is the axis of a pair.
         for pole, errors in self.pole_errors.items():
-            errors[:, rows] = rounding.pole_errors(
+            bounds = rounding.pole_errors(
                 pole,
                 v=self.relative_velocity(pole)[:, rows],
                 dv=self.relative_velocity_derivative(pole)[:, rows],
@@ -382,6 +383,8 @@ class RowVelocities:
                 is_pair_axis=pole not in self._signed_poles,
                 second_order=second_order,
             )
+            for name, error in errors.items():
+                error[rows] = bounds.get(name, np.nan)
 
     def _make_geometry_rounding(
         self, quad_rows: QuadPrecisionRows, rows: Indices
@@ -519,9 +522,11 @@ class RowVelocities:
             body_pole = plan.pole(*pole)
             assert body_pole is not None
             quantities, bounds = decimal_rates.pole(pole, pairs.get(body_pole))
-            for name, values in quantities.items():
-                put_columns(name, pole, values)
-            errors[:, rows] = bounds[:, has_rates]
+            for quantity in POLE_QUANTITIES:
+                unknown = nans((quantity.components, len(has_rates)))
+                put_columns(quantity.name, pole, quantities.get(quantity.name, unknown))
+            for name, error in errors.items():
+                error[rows] = bounds[name][has_rates] if name in bounds else np.nan
 
     def _add_errors_of_common_axes(self) -> None:
         """Increase the errors of poles that are the common axis of several pairs.
@@ -557,5 +562,7 @@ class RowVelocities:
             )
             direction_dq_error = (dv_error + direction_error * dv_size) / v_size
             self.axis_separations[links] = direction_error
-            # In the order of `POLE_ERRORS`.
-            errors += direction_error, v_error, dv_error, direction_dq_error
+            errors["direction_error"] += direction_error
+            errors["velocity_coefficient_error"] += v_error
+            errors["acceleration_coefficient_error"] += dv_error
+            errors["direction_dq_error"] += direction_dq_error
