@@ -42,25 +42,35 @@ def moving(made, starts, t, rate=0.3, bend=0.2):
 
 @pytest.mark.parametrize("name", [*STARTS, *OTHERS])
 def test_newton_and_euler_give_the_same_torques_and_reactions(name):
-    made, joint = with_masses_and_loads(name, np.random.default_rng(sum(map(ord, name))))
-    made = made.with_inputs(*[item.pair for item in made.inputs])
-    found = reactions(moving(made, (STARTS | OTHERS)[name], [0.0, 0.2, 0.4]))
-    torques = found.torques
-    size = np.nanmax(np.abs(found.moments))
-    assert np.max(found.unbalanced) < 1e-12 * size
-    assert np.any(found.is_open) == (name == "bevel_differential")
+    """Torques and moments in pairs solve the Newton-Euler equations of all links.
+
+    The mechanism has random masses and loads and moves by polynomial laws. Reactions are
+    not compared where redundant constraints leave them open, as in the differential, or
+    where teeth press wheels apart, which the equations of the oracle leave out.
+    """
+    seed = sum(map(ord, name))
+    mechanism, joint = with_masses_and_loads(name, np.random.default_rng(seed))
+    mechanism = mechanism.with_inputs(*[item.pair for item in mechanism.inputs])
+    starts = (STARTS | OTHERS)[name]
+    result = reactions(moving(mechanism, starts, [0.0, 0.2, 0.4]))
+    torques = result.torques
+    largest_moment = np.nanmax(np.abs(result.moments))
+    assert np.max(result.unbalanced) < 1e-12 * largest_moment
+    assert np.any(result.is_open) == (name == "bevel_differential")
+    has_pressure_angle = any(pair.pressure_angle for pair in mechanism.pairs)
     for row in range(len(torques.t)):
-        want = newton_euler(*row_of_torques(torques, row, joint))
-        assert torques.torques[row] == pytest.approx(want, rel=1e-10, abs=1e-10)
-        if np.any(found.is_open) or any(pair.pressure_angle for pair in made.pairs):
-            continue  # the equations leave how teeth press open
-        want = newton_euler(*row_of_torques(torques, row, joint), full=True)
-        for k, pair in enumerate(made.pairs):
-            held = len(want[pair.name])
-            got = found.moments[row, k]
-            assert got[:held] == pytest.approx(want[pair.name], abs=1e-11 * size)
+        expected = newton_euler(*row_of_torques(torques, row, joint))
+        assert torques.torques[row] == pytest.approx(expected, rel=1e-10, abs=1e-10)
+        if np.any(result.is_open) or has_pressure_angle:
+            continue
+        expected = newton_euler(*row_of_torques(torques, row, joint), full=True)
+        for k, pair in enumerate(mechanism.pairs):
+            components = expected[pair.name]
+            count = len(components)
+            moment = result.moments[row, k]
+            assert moment[:count] == pytest.approx(components, abs=1e-11 * largest_moment)
             if not pair.kind.has_axis:
-                assert np.all(got[held:] == 0.0)
+                assert np.all(moment[count:] == 0.0)
 
 
 def pressed(torque):
@@ -72,47 +82,66 @@ def pressed(torque):
 
 
 @pytest.mark.parametrize("torque", ["5", "-5"])
-def test_a_contact_presses_away_from_the_side_of_the_first_body(torque):
-    made = pressed(torque)
-    found = reactions(moving(made, (0.5,), [0.0, 0.1]))
-    contact = made.pair_number["contact"]
-    frame, moment = found.frames[0, contact], found.moments[0, contact]
-    point = frame[:, 2]
-    # The force at the point on the follower, of which p x F is the moment.
-    force = np.cross(frame @ moment, point)
-    cam = made.pair("contact").profiles[0]
-    rotation = found.torques.motion.rotations[0, made.link_number["cam"]]
-    centre = rotation @ np.array(cam.centre)
-    presses = force @ (centre - point) < 0.0
-    assert presses == (found.push[0, contact] > 0.0)
-    assert np.linalg.norm(force) == pytest.approx(abs(found.push[0, contact]))
-    # The follower turns about its pivot: what presses it balances its torque there.
-    assert presses == (found.status[0, contact] == Status.OK)
-    # In the other mode it is the other way round, in a run of several blocks too.
-    run = sk.run(made, "reactions", samples=7, block=3)
-    modes = run.frame("reactions").query("status == 'LIFT_OFF'")["assembly_mode"]
-    facts = run.summary["analyses"][0]["findings"]["pairs"]["contact"]
-    assert {*modes} == {int(presses)} and facts["rows_that_lift_off"] == 7
+def test_the_sign_of_a_contact_force_says_whether_it_presses(torque):
+    """A positive `push` presses the follower away from the cam, a negative one would pull.
+
+    The force F on the follower at the contact point p follows from its moment p x F. It
+    presses if it points away from the centre of the cam's circle. A contact that would have
+    to pull has the status LIFT_OFF. In the other assembly mode it is the other way round,
+    also in a run of several blocks.
+    """
+    mechanism = pressed(torque)
+    result = reactions(moving(mechanism, (0.5,), [0.0, 0.1]))
+    contact = mechanism.pair_number["contact"]
+    frame = result.frames[0, contact]
+    contact_point = frame[:, 2]
+    force = np.cross(frame @ result.moments[0, contact], contact_point)
+    cam = mechanism.pair("contact").profiles[0]
+    cam_rotation = result.torques.motion.rotations[0, mechanism.link_number["cam"]]
+    cam_centre = cam_rotation @ np.array(cam.centre)
+    presses = force @ (cam_centre - contact_point) < 0.0
+    assert presses == (result.push[0, contact] > 0.0)
+    assert np.linalg.norm(force) == pytest.approx(abs(result.push[0, contact]))
+    assert presses == (result.status[0, contact] == Status.OK)
+
+    run = sk.run(mechanism, "reactions", samples=7, block=3)
+    lifted = run.frame("reactions").query("status == 'LIFT_OFF'")
+    assert set(lifted["assembly_mode"]) == {int(presses)}
+    findings = run.summary["analyses"][0]["findings"]
+    assert findings["pairs"]["contact"]["rows_that_lift_off"] == 7
 
 
-def test_outputs_yield_by_what_a_moment_does_to_the_inputs():
-    """Each input turned by w . m / k, the output moves by the closure itself."""
-    made = sk.load("five_bar")
-    q, k = np.array([[1.0, 1.2]]), np.array([40.0, 90.0])
-    tracer = PositionAnalysis(made, None, 0, path=q)
-    held = output_stiffness(holding_torques(tracer.motion()), "3", "1", k)
-    axis, stiffness = held.axes[0, 0], held.stiffness[0, 0]
+def test_the_stiffness_of_an_output_is_a_moment_over_the_turn_that_it_causes():
+    """A small moment m turns each input by w . m / k; loop closure then moves the output.
+
+    w is the output's rate per unit rate of an input, k the stiffness (N m/rad) of its
+    drive. The turn of link 3 is the skew part of its relative rotation.
+    """
+    mechanism = sk.load("five_bar")
+    inputs = np.array([[1.0, 1.2]])
+    drive_stiffness = np.array([40.0, 90.0])
+
+    def analysis_at(path):
+        return PositionAnalysis(mechanism, None, 0, path=path)
+
+    torques = holding_torques(analysis_at(inputs).motion())
+    result = output_stiffness(torques, "3", "1", drive_stiffness)
+    axis = result.axes[0, 0]
+    stiffness = result.stiffness[0, 0]
     moment = 1e-6 * axis
-    turned = q + (held.w[0] @ moment / k)[None]
-    ends = [
-        PositionAnalysis(made, None, 0, path=x).motion().rotations[0, 2]
-        for x in (q, turned)
-    ]
-    gap = ends[1] @ ends[0].T
-    moved = 0.5 * np.array(
-        [gap[2, 1] - gap[1, 2], gap[0, 2] - gap[2, 0], gap[1, 0] - gap[0, 1]]
+    turned_inputs = inputs + (result.w[0] @ moment / drive_stiffness)[None]
+    link_3 = 2
+    rotation = analysis_at(inputs).motion().rotations[0, link_3]
+    turned_rotation = analysis_at(turned_inputs).motion().rotations[0, link_3]
+    relative = turned_rotation @ rotation.T
+    turn = 0.5 * np.array(
+        [
+            relative[2, 1] - relative[1, 2],
+            relative[0, 2] - relative[2, 0],
+            relative[1, 0] - relative[0, 1],
+        ]
     )
-    assert moved == pytest.approx(moment / stiffness, rel=1e-4, abs=1e-13)
+    assert turn == pytest.approx(moment / stiffness, rel=1e-4, abs=1e-13)
 
 
 def test_an_output_on_a_crank_is_held_by_its_input_alone():
@@ -125,28 +154,40 @@ def test_an_output_on_a_crank_is_held_by_its_input_alone():
 
 
 def test_redundant_constraints_are_named_and_left_open(capsys):
-    assert main(["run", "bevel_differential", "-a", "reactions", "--samples", "3"]) == 0
-    said = capsys.readouterr()
-    assert "redundant constraints leave open" in said.out
-    assert "warning" not in said.out + said.err
-    found = sk.run("roller_cam", "reactions", samples=9)
-    where = r"([\d.]+) N m in pair (\w+) at sample (\d+) of assembly mode (\d+)"
-    ((size, *place),) = re.findall(where, " ".join(found.summary["remarks"]))
-    table = found.frame("reactions").astype({"pair": str})
-    at = table.set_index(["pair", "sample", "assembly_mode"])["transverse_moment"]
-    there = at.loc[(place[0], int(place[1]), int(place[2]))]
-    assert there == pytest.approx(at.max())
-    assert float(size) == pytest.approx(there, rel=1e-4)
-    found = sk.run("four_bar", "statics", samples=9)
-    said = " ".join(found.summary["remarks"])
-    where = r"torque at 21: (\S+) N m at sample (\d+) of assembly mode (\d+)"
-    ((size, *place),) = re.findall(where, said)
-    at = found.frame("statics").set_index(["sample", "assembly_mode"])["tau"]
-    assert at.loc[tuple(map(int, place))] == pytest.approx(float(size), rel=1e-4)
-    assert abs(float(size)) == pytest.approx(at.abs().max(), rel=1e-4)
-    found = sk.run("bevel_differential", "reactions", samples=3)
-    table = found.frame("reactions")
-    assert table["moment_x"].isna().any() and not table["moment_z"].isna().any()
+    """Some moments of a differential cannot be known: they are NaN, with a remark."""
+    command = ["run", "bevel_differential", "-a", "reactions", "--samples", "3"]
+    assert main(command) == 0
+    output, error_text = capsys.readouterr()
+    assert "redundant constraints leave open" in output
+    assert "warning" not in output + error_text
+    result = sk.run("bevel_differential", "reactions", samples=3)
+    table = result.frame("reactions")
+    assert table["moment_x"].isna().any()
+    assert not table["moment_z"].isna().any()
+
+
+def test_the_remark_names_the_row_with_the_largest_reaction():
+    result = sk.run("roller_cam", "reactions", samples=9)
+    pattern = r"([\d.]+) N m in pair (\w+) at sample (\d+) of assembly mode (\d+)"
+    remarks = " ".join(result.summary["remarks"])
+    ((size, pair, sample, mode),) = re.findall(pattern, remarks)
+    table = result.frame("reactions").astype({"pair": str})
+    table = table.set_index(["pair", "sample", "assembly_mode"])
+    moments = table["transverse_moment"]
+    named_moment = moments.loc[(pair, int(sample), int(mode))]
+    assert named_moment == pytest.approx(moments.max())
+    assert float(size) == pytest.approx(named_moment, rel=1e-4)
+
+
+def test_the_remark_names_the_row_with_the_largest_holding_torque():
+    result = sk.run("four_bar", "statics", samples=9)
+    pattern = r"torque at 21: (\S+) N m at sample (\d+) of assembly mode (\d+)"
+    remarks = " ".join(result.summary["remarks"])
+    ((size, sample, mode),) = re.findall(pattern, remarks)
+    torques = result.frame("statics").set_index(["sample", "assembly_mode"])["tau"]
+    named_torque = torques.loc[(int(sample), int(mode))]
+    assert named_torque == pytest.approx(float(size), rel=1e-4)
+    assert abs(float(size)) == pytest.approx(torques.abs().max(), rel=1e-4)
 
 
 def test_bearings_that_lock_are_refused(tmp_path):

@@ -46,27 +46,43 @@ def models(four_bar, tmp_path_factory):
     return found
 
 
-def worst_pole_errors(mechanism, model, assembly_mode, count, names):
-    """Largest errors of directions and, relative to the largest, of coefficients."""
-    tracer = PositionAnalysis(mechanism, assembly_mode=assembly_mode)
-    x = np.sort(np.random.default_rng(5).uniform(0.0, TURN, count))
-    motion = tracer.at(x)
+def largest_error(mechanism, model, assembly_mode, count, names):
+    """Return the largest error of a stored model at random inputs within one turn.
+
+    Directions count absolutely, coefficients relative to their largest size, angles modulo
+    whole turns. The reference is the evaluation of poles by the pole plan.
+
+    Parameters
+    ----------
+    count
+        Number of inputs.
+    names
+        Poles that are compared, such as "3/1".
+    """
+    position_analysis = PositionAnalysis(mechanism, assembly_mode=assembly_mode)
+    inputs = np.sort(np.random.default_rng(5).uniform(0.0, TURN, count))
+    motion = position_analysis.at(inputs)
     poles = [parse_pole(mechanism, name) for name in names]
-    field = evaluate(motion, request(mechanism, tracer.inputs[0], poles, poles))
-    worst = 0.0
+    pole_request = request(mechanism, position_analysis.inputs[0], poles, poles)
+    field = evaluate(motion, pole_request)
+    errors = []
     for name, pole in zip(names, poles, strict=True):
-        side = np.sign(np.sum(field.direction[pole] * model.pole(name, x), axis=1))
-        gap = field.direction[pole] * side[:, None] - model.pole(name, x)
-        worst = max(worst, np.max(np.abs(gap)))
-        rates = field.velocity_coefficient[pole], field.acceleration_coefficient[pole]
-        made = model.rate(name, x), model.rate_derivative(name, x)
-        for want, found in zip(rates, made, strict=True):
-            size = np.max(np.abs(want)) if np.max(np.abs(want)) > 1e-9 else 1.0
-            worst = max(worst, np.max(np.abs(want * side - found)) / size)
+        stored_direction = model.pole(name, inputs)
+        # The sense of a pole axis is arbitrary.
+        sense = np.sign(np.sum(field.direction[pole] * stored_direction, axis=1))
+        difference = field.direction[pole] * sense[:, None] - stored_direction
+        errors.append(np.max(np.abs(difference)))
+        for expected, stored in (
+            (field.velocity_coefficient[pole], model.rate(name, inputs)),
+            (field.acceleration_coefficient[pole], model.rate_derivative(name, inputs)),
+        ):
+            largest = np.max(np.abs(expected))
+            scale = largest if largest > 1e-9 else 1.0
+            errors.append(np.max(np.abs(expected * sense - stored)) / scale)
     for number, variable in enumerate(mechanism.variable_names):
-        turned = motion.values[:, number] - model.value(variable, x)
-        worst = max(worst, np.max(np.abs(np.sin(0.5 * turned))))
-    return worst
+        difference = motion.values[:, number] - model.value(variable, inputs)
+        errors.append(np.max(np.abs(np.sin(0.5 * difference))))
+    return max(errors)
 
 
 @pytest.mark.parametrize("assembly_mode", [0, 1])
@@ -76,7 +92,7 @@ def test_every_pole_and_coefficient_is_that_of_the_plan(four_bar, models, assemb
     assert model.error < 1e-12
     names = model.heading.poles
     assert len(names) == 6
-    assert worst_pole_errors(four_bar, model, assembly_mode, 2000, names) < 1e-12
+    assert largest_error(four_bar, model, assembly_mode, 2000, names) < 1e-12
 
 
 def test_a_pole_that_turns_fast_has_narrow_cells_and_the_same_error():
@@ -84,29 +100,33 @@ def test_a_pole_that_turns_fast_has_narrow_cells_and_the_same_error():
     names = ("6/3", "5/2", "3/1")
     model = reduced_model(mechanism, poles=names)
     assert len(model.groups[1].edges) > len(model.groups[2].edges)
-    assert worst_pole_errors(mechanism, model, 0, 2000, names) < 1e-12
+    assert largest_error(mechanism, model, 0, 2000, names) < 1e-12
 
 
 @pytest.mark.parametrize("assembly_mode", [0, 1])
-def test_inertia_and_torque_are_those_of_the_inverse_problem(
+def test_stored_inertia_and_torque_are_those_of_inverse_dynamics(
     four_bar, models, assembly_mode
 ):
+    """Along a polynomial law with 400 times, and for single floats of a pickled model."""
     model = models[assembly_mode]
     t = np.linspace(0.0, 2.0, 400)
     law = Polynomial((0.3, 1.0, 2.0, -0.5))
-    found = inverse_dynamics(four_bar, law, t, assembly_mode=assembly_mode)
-    args = (found.q, found.dq, found.ddq, t)
-    inertias = model.inertia(found.q), model.inertia_rate(found.q)
-    force = sum(model.forces(found.q, found.dq, t).values())
-    stored = *inertias, force, model.torque(*args)
-    wanted = found.B, found.dB_dq, found.Q, found.tau
-    for want, values in zip(wanted, stored, strict=True):
-        assert np.max(np.abs(want - values)) < 1e-12 * np.max(np.abs(want))
+    dynamics = inverse_dynamics(four_bar, law, t, assembly_mode=assembly_mode)
+    state = (dynamics.q, dynamics.dq, dynamics.ddq, t)
+    force = sum(model.forces(dynamics.q, dynamics.dq, t).values())
+    for expected, stored in (
+        (dynamics.B, model.inertia(dynamics.q)),
+        (dynamics.dB_dq, model.inertia_rate(dynamics.q)),
+        (dynamics.Q, force),
+        (dynamics.tau, model.torque(*state)),
+    ):
+        assert np.max(np.abs(expected - stored)) < 1e-12 * np.max(np.abs(expected))
     for row in range(0, 400, 57):
-        model = pickle.loads(pickle.dumps(model))  # which has printed functions by then
-        one = model.torque(*(float(x[row]) for x in args))
-        assert isinstance(one, float)
-        assert abs(one - found.tau[row]) < 1e-12 * np.max(np.abs(found.tau))
+        # By then the model has compiled functions, which are not pickled.
+        model = pickle.loads(pickle.dumps(model))
+        torque = model.torque(*(float(values[row]) for values in state))
+        assert isinstance(torque, float)
+        assert abs(torque - dynamics.tau[row]) < 1e-12 * np.max(np.abs(dynamics.tau))
 
 
 def test_laps_only_add_whole_turns(models):
@@ -152,42 +172,52 @@ def test_bad_requests_name_the_nearest_match(models, call):
     check_call(call, names, TABLES["stored models"][call])
 
 
-def test_bad_files_are_refused_with_what_is_wrong(models, tmp_path):
-    good = tmp_path / "good.npz"
-    models[0].save(good)
-    with np.load(good) as archive:
+def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
+    """Wrong versions, coefficients and columns, foreign archives, and cut files.
+
+    Files with a changed content are written with a valid checksum, so that the content
+    itself is what is refused; one is written without.
+    """
+    valid_file = tmp_path / "good.npz"
+    models[0].save(valid_file)
+    with np.load(valid_file) as archive:
         arrays = dict(archive)
     header = json.loads(str(arrays.pop("header")))
 
-    def written(name, version=MODEL_FORMAT.version, **changed):
-        kind = replace(MODEL_FORMAT, version=version)
-        words = {key: x for key, x in header.items() if key not in ("format", "version")}
-        write_archive(tmp_path / name, kind, words, {**arrays, **changed})
+    def write_changed(name, version=MODEL_FORMAT.version, **changed_arrays):
+        file_format = replace(MODEL_FORMAT, version=version)
+        fields = {k: x for k, x in header.items() if k not in ("format", "version")}
+        write_archive(tmp_path / name, file_format, fields, {**arrays, **changed_arrays})
         return tmp_path / name
 
-    series, few = arrays["coefficients_0"].copy(), arrays["coefficients_1"][..., :3]
-    series[3, 2, 8] = np.nan
+    with_nan = arrays["coefficients_0"].copy()
+    with_nan[3, 2, 8] = np.nan
+    too_few_columns = arrays["coefficients_1"][..., :3]
     np.savez(tmp_path / "foreign.npz", a=np.zeros(3))
     np.savez(tmp_path / "again.npz", header=np.array(json.dumps(header)), **arrays)
-    for path, fault in (
+    for path, message in (
         (
-            written("version.npz", version=1),
+            write_changed("version.npz", version=1),
             "has version 1 of the format, and spherekit",
         ),
         (
-            written("nan.npz", coefficients_0=series),
+            write_changed("nan.npz", coefficients_0=with_nan),
             '"B" has coefficients that are not fin',
         ),
-        (written("columns.npz", coefficients_1=few), "columns for 5 functions"),
+        (
+            write_changed("columns.npz", coefficients_1=too_few_columns),
+            "columns for 5 functions",
+        ),
         (tmp_path / "foreign.npz", "is not a spherekit reduced model"),
         (tmp_path / "again.npz", "checksum is missing.*changed.*make it anew"),
         (tmp_path / "absent.npz", "cannot be read: No such file"),
     ):
-        with pytest.raises(FileError, match=fault):
+        with pytest.raises(FileError, match=message):
             load_reduced(path)
-    whole = good.read_bytes()
-    for part in (0, 100, len(whole) // 2, len(whole) - 30):
-        (tmp_path / "cut.npz").write_bytes(whole[:part])
+
+    content = valid_file.read_bytes()
+    for length in (0, 100, len(content) // 2, len(content) - 30):
+        (tmp_path / "cut.npz").write_bytes(content[:length])
         with pytest.raises(FileError, match="make it anew"):
             load_reduced(tmp_path / "cut.npz")
 
