@@ -1,6 +1,6 @@
 """Singularities of one input: closed forms, 50 digits, and the velocity equations."""
 
-from itertools import permutations
+from itertools import permutations, product
 
 import numpy as np
 import pytest
@@ -30,41 +30,55 @@ from spherekit.velocities.pole_sequence import PlannedPoles
 TURN = 2.0 * np.pi
 
 
-def all_curves(tracer):
-    return [each.curve for each in tracer.configurations.curves]
+def all_curves(position_analysis):
+    """Return the configuration curves of a mechanism with one freedom."""
+    return [item.curve for item in position_analysis.configurations.curves]
 
 
-def test_a_tangential_zero_of_an_output_is_one_double_point():
-    """Two four-bars in a row, both with a dead point of the output in the pose given.
+def test_a_double_zero_of_an_output_rate_is_one_singularity():
+    """Two four-bars in a row, both with a dead point of the output in the reference pose.
 
-    w61 is a product of two functions that vanish there; w41 is one of them.
+    The rate w61 is a product of two functions that vanish there, w41 is one of them. So
+    4/1 has a simple zero and reverses; 6/1 has a double zero and does not. With 4/1 as the
+    input of 6/1, both rest there. A double zero is located to 1e-7 only, the root of
+    rounding.
     """
     axes = random_axes(np.random.default_rng(4), 7)
-    axes[0], axes[3] = axes[1] + 0.7 * axes[2], axes[4] - 0.4 * axes[5]
+    # Three axes of each four-bar are coplanar, so that its output rests.
+    axes[0] = axes[1] + 0.7 * axes[2]
+    axes[3] = axes[4] - 0.4 * axes[5]
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    tracer = PositionAnalysis(
-        mechanism_from_chain(WATT, axes, span=(-0.3, 0.3)), samples=31
-    )
-    curve = follow_arc(tracer.solver.closure, np.zeros(7))
-    (simple,), (double,) = (
-        report_at(tracer, curve, output, "2/1") for output in ("4/1", "6/1")
-    )
-    for point, touches, near in ((simple, False, 1e-13), (double, True, 1e-7)):
-        assert (point.type, point.double, point.output_turns) == (
-            Type.I,
-            touches,
-            not touches,
-        )
-        assert point.certain and np.max(np.abs(point.values)) < near
-    (both,) = report_at(tracer, curve, "6/1", "4/1")
-    assert both.type == Type.SELF_MOTION
-    assert (both.input_turns, both.output_turns) == (True, False)
+    mechanism = mechanism_from_chain(WATT, axes, span=(-0.3, 0.3))
+    position_analysis = PositionAnalysis(mechanism, samples=31)
+    curve = follow_arc(position_analysis.solver.closure, np.zeros(7))
+
+    (simple_zero,) = report_at(position_analysis, curve, "4/1", "2/1")
+    (double_zero,) = report_at(position_analysis, curve, "6/1", "2/1")
+    for point, is_double, accuracy in (
+        (simple_zero, False, 1e-13),
+        (double_zero, True, 1e-7),
+    ):
+        assert point.type == Type.I
+        assert point.double == is_double
+        assert point.output_turns == (not is_double)
+        assert point.certain
+        assert np.max(np.abs(point.values)) < accuracy
+
+    (both_rest,) = report_at(position_analysis, curve, "6/1", "4/1")
+    assert both_rest.type == Type.SELF_MOTION
+    assert both_rest.input_turns
+    assert not both_rest.output_turns
 
 
-def report_at(tracer, curve, output, given):
-    """Return the real singular points in the reference pose."""
-    points = SingleFreedomSingularities(tracer, [curve], [output], given).points
-    return [p for p in points if np.max(np.abs(curve.wrapped(p.values))) < 1e-6]
+def report_at(position_analysis, curve, output, given):
+    """Return the singular points of an output by an input pole in the reference pose."""
+    report = SingleFreedomSingularities(position_analysis, [curve], [output], given)
+    distances = [np.max(np.abs(curve.wrapped(point.values))) for point in report.points]
+    return [
+        point
+        for point, distance in zip(report.points, distances, strict=True)
+        if distance < 1e-6
+    ]
 
 
 FOLDING = [(60, 40, 60, 40), (60, 50, 70, 40), (60, 60, 40, 40), (50, 50, 50, 50)]
@@ -72,67 +86,92 @@ FOLDING = [(60, 40, 60, 40), (60, 50, 70, 40), (60, 60, 40, 40), (50, 50, 50, 50
 
 @pytest.mark.many
 @pytest.mark.parametrize("degrees", FOLDING)
-def test_folding_four_bars_cross_in_type_3_with_two_branches(degrees):
-    tracer = PositionAnalysis(four_bar(np.radians(degrees)))
-    report = SingleFreedomSingularities(tracer, all_curves(tracer), ["4/1"])
+def test_curves_of_folding_four_bars_cross_in_type_three_with_two_tangents(degrees):
+    """Where a four-bar lies flat, all angles are 0 or pi and two curves cross.
+
+    Four points lead out of the crossing, two along each tangent. The relation of the form
+    "ii" is of type III there; the other relation holds along the tangent, if it is defined.
+    """
+    position_analysis = PositionAnalysis(four_bar(np.radians(degrees)))
+    curves = all_curves(position_analysis)
+    report = SingleFreedomSingularities(position_analysis, curves, ["4/1"])
     assert report.crossings
-    q, y = 0, 3
+    closure = position_analysis.solver.closure
+    input_variable = 0
+    output_variable = 3
     for point in report.crossings:
         crossing = point.crossing
         assert point.certain, point.note
-        assert (crossing.freedoms, len(crossing.tangents)) == (2, 2)
+        assert crossing.freedoms == 2
+        assert len(crossing.tangents) == 2
         assert crossing.miss < 1e-15
         assert np.max(np.abs(np.sin(crossing.values))) < 1e-14
-        closure = tracer.solver.closure
-        starts = find_outgoing_points(closure, crossing.values)
-        assert len(starts) == 4
-        ahead, _ = curve_points(closure, starts, starts - crossing.values)
-        assert np.max(ahead.residual) < 1e-13
-        assert np.all(np.abs(ahead.bends) < 10.0)
-        assembly_modes = point.relations[::2], point.relations[1::2]
-        for tangent, three, four in zip(crossing.tangents, *assembly_modes, strict=True):
-            assert four.type == Type.III
-            assert four.agrees
-            assert any(h.label == "III.a" and h.certain for h in four.conditions)
-            if three.type is None:
-                gap = three.c * tangent[y] - three.d * tangent[q]
-                assert abs(gap) < 1e-12
-                assert three.residual < 1e-12
+
+        outgoing = find_outgoing_points(closure, crossing.values)
+        assert len(outgoing) == 4
+        directions = outgoing - crossing.values
+        points, _ = curve_points(closure, outgoing, directions)
+        assert np.max(points.residual) < 1e-13
+        assert np.all(np.abs(points.bends) < 10.0)
+
+        first_forms = point.relations[::2]
+        second_forms = point.relations[1::2]
+        for tangent, first, second in zip(
+            crossing.tangents, first_forms, second_forms, strict=True
+        ):
+            assert second.type == Type.III
+            assert second.agrees
+            assert any(c.label == "III.a" and c.certain for c in second.conditions)
+            if first.type is None:
+                output_term = first.c * tangent[output_variable]
+                input_term = first.d * tangent[input_variable]
+                assert abs(output_term - input_term) < 1e-12
+                assert first.residual < 1e-12
         if degrees == (60, 40, 60, 40):
             assert report.resting_curves == []
 
 
-def test_two_four_bars_that_fold_at_once_cross_in_four_branches():
-    """Both loops of a Watt chain lie flat, and each goes on in two ways."""
-    common = np.array([1.0, 0.0, 0.0])
+def test_curves_of_two_four_bars_that_fold_at_once_cross_with_four_tangents():
+    """Both loops of a Watt chain lie flat, and each continues in two ways.
 
-    def flat(degrees, side):
+    The slopes of each four-bar alone, output angle per input angle, give the four
+    combinations that the crossing of the whole chain must have.
+    """
+    common_axis = np.array([1.0, 0.0, 0.0])
+
+    def axes_in_plane(degrees, across):
+        """Return unit vectors at angles (deg) from the common axis in one plane."""
         angles = np.radians(degrees)[:, None]
-        return np.cos(angles) * common + np.sin(angles) * np.array(side)
+        return np.cos(angles) * common_axis + np.sin(angles) * np.array(across)
 
-    p12, p23, p34 = flat([60.0, 100.0, 40.0], [0.0, 1.0, 0.0])
-    p16, p56, p45 = flat([50.0, 85.0, 35.0], [0.0, 0.6, 0.8])
-    both = np.array([p12, p23, p34, common, p45, p56, p16])
-    closure = PositionAnalysis(
-        mechanism_from_chain(WATT, both, span=(-1.0, 1.0)), samples=3
-    ).solver.closure
+    p12, p23, p34 = axes_in_plane([60.0, 100.0, 40.0], [0.0, 1.0, 0.0])
+    p16, p56, p45 = axes_in_plane([50.0, 85.0, 35.0], [0.0, 0.6, 0.8])
+    axes = np.array([p12, p23, p34, common_axis, p45, p56, p16])
+
+    def closure_of(chain, chain_axes):
+        mechanism = mechanism_from_chain(chain, chain_axes, span=(-1.0, 1.0))
+        return PositionAnalysis(mechanism, samples=3).solver.closure
+
+    closure = closure_of(WATT, axes)
     crossing = find_crossing(closure, np.full(7, 1e-6))
     assert crossing.freedoms == 3
     assert np.max(np.abs(crossing.values)) < 1e-15
-    found = crossing.tangents[:, [3, 6]] / crossing.tangents[:, [0, 3]]
-    slopes = []
-    for axes in (both[:4], both[3:]):
-        one = mechanism_from_chain("1-2 2-3 3-4 1-4", axes, span=(-1.0, 1.0))
-        closed = PositionAnalysis(one, samples=3).solver.closure
-        alone = find_crossing(closed, np.full(4, 1e-6))
-        slopes.append(alone.tangents[:, 3] / alone.tangents[:, 0])
-    wanted = np.array([[a, b] for a in slopes[0] for b in slopes[1]])
-    order = [np.lexsort(np.round(each, 9).T) for each in (found, wanted)]
-    assert np.max(np.abs(found[order[0]] - wanted[order[1]])) < 1e-12
-    starts = find_outgoing_points(closure, crossing.values)
-    assert len(starts) == 8
-    ahead, _ = curve_points(closure, starts, starts - crossing.values)
-    assert np.max(ahead.residual) < 1e-13
+    slopes_of_chain = crossing.tangents[:, [3, 6]] / crossing.tangents[:, [0, 3]]
+
+    slopes_of_four_bars = []
+    for four_bar_axes in (axes[:4], axes[3:]):
+        four_bar_closure = closure_of("1-2 2-3 3-4 1-4", four_bar_axes)
+        tangents = find_crossing(four_bar_closure, np.full(4, 1e-6)).tangents
+        slopes_of_four_bars.append(tangents[:, 3] / tangents[:, 0])
+    expected = np.array(list(product(*slopes_of_four_bars)))
+    sorted_slopes = slopes_of_chain[np.lexsort(np.round(slopes_of_chain, 9).T)]
+    sorted_expected = expected[np.lexsort(np.round(expected, 9).T)]
+    assert np.max(np.abs(sorted_slopes - sorted_expected)) < 1e-12
+
+    outgoing = find_outgoing_points(closure, crossing.values)
+    assert len(outgoing) == 8
+    points, _ = curve_points(closure, outgoing, outgoing - crossing.values)
+    assert np.max(points.residual) < 1e-13
 
 
 @pytest.mark.slow
