@@ -1,7 +1,11 @@
 """Checks modes counted system by system, and maps of two inputs, without spherekit.
 
-In e^(i angle) = a / b a rotation times a b is a polynomial in a and b, which are the
-points (z, 1) and (1, w): so an angle at infinity is a solution like others.
+With e^(i angle) = a / b, a rotation times a b is a polynomial in a and b. A point is (z,
+1), or (1, w) with the inverse w, so an angle at infinity is a solution like any other.
+
+A system is a part of the equations with its own unknowns, given the angles of earlier
+systems. In certificates it is a dictionary ("part") with the links of its equations, its
+unknowns, and solutions at some angles ("solved") to start from.
 """
 
 from itertools import combinations, product
@@ -31,18 +35,32 @@ def plain(inverse, z):
 
 
 def check_parts(system, parts):
-    """The degrees of each system's equations: all are in one, with what is known before."""
-    table = dict(zip((step["link"] for step in system.onto), system.degrees(), strict=True))
-    known, left, bounds = set(), dict(table), []
+    """Check that the systems contain every equation once, and only angles known by then.
+
+    Returns
+    -------
+    bounds
+        Largest number of solutions of each system, the permanent of its degrees.
+    table
+        Degrees of each equation in all unknowns, by link.
+    """
+    links = [step["link"] for step in system.onto]
+    table = dict(zip(links, system.degrees(), strict=True))
+    remaining = dict(table)
+    solved_unknowns = set()
+    bounds = []
     for part in parts:
-        own = [left.pop(link) for link in part["equations"]]
-        known |= set(part["unknowns"])
-        used = {n for row in own for n, d in zip(system.unknowns, row, strict=True) if d}
-        need(used <= known, "a system with unknowns of a later one")
+        rows = [remaining.pop(link) for link in part["equations"]]
+        solved_unknowns |= set(part["unknowns"])
+        used = set()
+        for row in rows:
+            used |= {x for x, degree in zip(system.unknowns, row, strict=True) if degree}
+        need(used <= solved_unknowns, "a system with unknowns of a later one")
         columns = [system.unknowns.index(name) for name in part["unknowns"]]
-        need(len(columns) == len(own), "a system that is not square")
-        bounds.append(permanent_of([[row[c] for c in columns] for row in own]))
-    need(not left and known == set(system.unknowns), "equations are missing")
+        need(len(columns) == len(rows), "a system that is not square")
+        bounds.append(permanent_of([[row[c] for c in columns] for row in rows]))
+    is_everything = not remaining and solved_unknowns == set(system.unknowns)
+    need(is_everything, "equations are missing")
     return bounds, table
 
 
@@ -55,23 +73,33 @@ def check_systems(system, certificate, driven):
 
 
 def roots_of(system, part, driven):
-    """Approximations of all solutions of one equation in one unknown."""
-    ((link,), (name,)) = part["equations"], part["unknowns"]
+    """Return approximations of all solutions of one equation in one unknown.
+
+    The equation is a polynomial in e^(i angle). Its coefficients follow from its values at
+    roots of unity (a discrete Fourier transform).
+
+    Returns
+    -------
+    list of (inverse, [z])
+        `inverse` is [True] if z is the inverse of e^(i angle), so that |z| is at most 1.
+    """
+    (link,) = part["equations"]
+    (name,) = part["unknowns"]
     half = Half(system, [link], [name], [False])
-    size = part["degree"] + 1
-    turns = [acb(0, 2 * arb.pi() * k / size).exp() for k in range(size)]
+    count = part["degree"] + 1
+    nodes = [acb(0, 2 * arb.pi() * k / count).exp() for k in range(count)]
     middle = {pair: arb(angle.mid()) for pair, angle in driven.items()}
-    values = [half.values([z], middle)[0][0] for z in turns]
-    made = [
-        sum(v * z ** (size - k) for v, z in zip(values, turns, strict=True)) / size
-        for k in range(size)
-    ]
-    found = acb_poly([acb(each.mid()) for each in made]).roots(tol=1e-15)
+    values = [half.values([z], middle)[0][0] for z in nodes]
+    coefficients = []
+    for k in range(count):
+        terms = [v * z ** (count - k) for v, z in zip(values, nodes, strict=True)]
+        coefficients.append(sum(terms) / count)
+    polynomial = acb_poly([acb(x.mid()) for x in coefficients])
     points = []
-    for root in found:
+    for root in polynomial.roots(tol=1e-15):
         z = acb(root.mid())
-        big = abs(complex(float(z.real), float(z.imag))) > 1
-        points.append(([big], [acb((1 / z).mid()) if big else z]))
+        is_large = abs(complex(float(z.real), float(z.imag))) > 1
+        points.append(([is_large], [acb((1 / z).mid()) if is_large else z]))
     return points
 
 
@@ -80,28 +108,36 @@ STEP = 0.05
 
 
 def followed(system, part, driven):
-    """Approximations of all solutions of a system, followed from the nearest given."""
+    """Return approximations of all solutions of a system, as `roots_of`.
+
+    They are followed by Newton's method in small steps from the stated solutions whose
+    given angles are nearest.
+    """
     need(part["solved"], "a system without solutions to start from")
     middle = {pair: float(angle.mid()) for pair, angle in driven.items()}
 
-    def gaps(each):
-        near = {pair: each["given"][pair] for pair in part["used"] if pair in each["given"]}
-        return {pair: wrapped(middle[pair] - angle) for pair, angle in near.items()}
+    def gaps_to(stated):
+        given = stated["given"]
+        pairs = [pair for pair in part["used"] if pair in given]
+        return {pair: wrapped(middle[pair] - given[pair]) for pair in pairs}
 
-    start = min(part["solved"], key=lambda each: max(map(abs, gaps(each).values())))
-    apart = gaps(start)
-    steps = 1 + int(max(map(abs, apart.values())) / STEP)
+    start = min(part["solved"], key=lambda x: max(map(abs, gaps_to(x).values())))
+    gaps = gaps_to(start)
+    step_count = 1 + int(max(map(abs, gaps.values())) / STEP)
     points = []
     for solution in start["solutions"]:
-        inverse, z = list(solution["inverse"]), [acb(*each) for each in solution["z"]]
-        for step in range(1, steps + 1):
+        inverse = list(solution["inverse"])
+        z = [acb(*parts) for parts in solution["z"]]
+        for step in range(1, step_count + 1):
+            remaining = 1 - step / step_count
             place = {
-                pair: arb(angle - apart.get(pair, 0.0) * (1 - step / steps))
+                pair: arb(angle - gaps.get(pair, 0.0) * remaining)
                 for pair, angle in middle.items()
             }
-            for column, each in enumerate(z):
-                if abs(each) > 2:
-                    inverse[column], z[column] = not inverse[column], (1 / each).mid()
+            for column, value in enumerate(z):
+                if abs(value) > 2:
+                    inverse[column] = not inverse[column]
+                    z[column] = (1 / value).mid()
             half = Half(system, part["equations"], part["unknowns"], inverse)
             for _ in range(4):
                 value, slope = half.values(z, place)
@@ -123,45 +159,60 @@ class Counting:
             part["used"] = {name for name, *row in columns if any(row)} | set(system.inputs)
 
     def at(self, place, half):
-        """The number of modes if it is proven to be the same in a box, else None.
+        """Return the number of modes in a box if it is proven to be constant, else None.
 
-        Every angle is a number, its rates by the inputs, and how much more it varies.
+        Systems are solved one after another. Each solution of a system starts one path for
+        the systems after it. An angle is a triple: its value at the centre of the box, its
+        rates by the inputs, and a bound of how much more it varies in the box.
+
+        Parameters
+        ----------
+        place, half
+            Centre and half widths (inputs,) of the box, rad.
         """
         count = len(place)
-        names = self.system.inputs
-        path = {
-            name: (arb(middle), [int(k == d) for k in range(count)], arb(0))
-            for d, (name, middle) in enumerate(zip(names, place, strict=True))
-        }
-        paths = [path]
+        input_angles = {}
+        for k, (name, middle) in enumerate(zip(self.system.inputs, place, strict=True)):
+            rates = [int(k == j) for j in range(count)]
+            input_angles[name] = (arb(middle), rates, arb(0))
+        paths = [input_angles]
         try:
             for part in self.parts:
-                paths = [
-                    {**path, **dict(zip(part["unknowns"], angles, strict=True))}
-                    for path in paths
-                    for angles in self._solved(part, path, half)
-                ]
+                next_paths = []
+                for path in paths:
+                    for angles in self._solved(part, path, half):
+                        unknowns = dict(zip(part["unknowns"], angles, strict=True))
+                        next_paths.append({**path, **unknowns})
+                paths = next_paths
         except (NotShown, ZeroDivisionError, ValueError):
             return None
         return len(paths)
 
     def _solved(self, part, path, half):
-        """The angles of all real solutions, where there are as many as there can be."""
-        alone = len(part["unknowns"]) == 1
+        """Return the angles of all real solutions of a system over a box.
+
+        All complex solutions are enclosed and shown to be different. `NotShown` is raised
+        unless there are as many as the bound of the system, so none can be missing.
+        """
+        has_one_unknown = len(part["unknowns"]) == 1
         middle = {name: angle for name, (angle, _, _) in path.items()}
-        points = (roots_of if alone else followed)(self.system, part, middle)
+        find_points = roots_of if has_one_unknown else followed
+        points = find_points(self.system, part, middle)
         if len(points) != part["degree"]:
             raise NotShown
-        real, balls = [], []
+        real = []
+        balls = []
         for inverse, centre in points:
             axis = Axis(self.system, part, path, half, inverse, centre)
-            within = axis.ball()
-            balls.append([plain(i, z) for i, z in zip(inverse, within, strict=True)])
-            if all(abs(z).contains(1) for z in within):
+            enclosure = axis.ball()
+            balls.append([plain(i, z) for i, z in zip(inverse, enclosure, strict=True)])
+            may_be_real = all(abs(z).contains(1) for z in enclosure)
+            if may_be_real:
                 axis.need_real()
                 real.append(axis.angles())
-        for one, other in combinations(balls, 2):
-            pairs = zip(one, other, strict=True)
+        for first, second in combinations(balls, 2):
+            # Two points (a, b) and (c, d) are equal if a d = b c.
+            pairs = zip(first, second, strict=True)
             if all((a * d - b * c).contains(0) for (a, b), (c, d) in pairs):
                 raise NotShown
         return real
@@ -174,23 +225,42 @@ class Axis:
     """
 
     def __init__(self, system, part, path, half, inverse, centre):
-        self.inverse, self.centre, moving = inverse, np.array(centre), list(path)
+        """Enclose one solution of a system over a box of inputs, or raise `NotShown`.
+
+        Parameters
+        ----------
+        system, part
+            All equations, and the system that is solved.
+        path
+            Inputs and angles of earlier systems, as in `Counting.at`.
+        half
+            Half widths (inputs,) of the box, rad.
+        inverse, centre
+            Approximation of the solution at the centre of the box, as in `roots_of`.
+        """
+        self.inverse = inverse
+        self.centre = np.array(centre)
+        moving = list(path)
+        count = len(centre)
         self.half = Half(system, part["equations"], part["unknowns"], inverse, moving)
-        self.steps, count = about(half), len(centre)
+        self.steps = about(half)
         self.one = ball(np.eye(count))
-        rates = ball([path[name][1] for name in moving])
-        more = about([path[name][2] for name in moving])
         middle = {name: path[name][0] for name in moving}
-        turned = rates @ self.steps + more
-        self.given = {n: middle[n] + t for n, t in zip(moving, turned, strict=True)}
+        rates = ball([path[name][1] for name in moving])
+        variation = about([path[name][2] for name in moving])
+        change_of_given = rates @ self.steps + variation
+        self.given = {
+            n: middle[n] + t for n, t in zip(moving, change_of_given, strict=True)
+        }
+
         value, slope = self.half.values(centre, middle)
         self.pull = inverse_near(slope[:, :count])
         self.rates = mid(-self.pull @ (slope[:, count:] @ rates))
         self.along = self.centre + self.rates @ self.steps
         _, slope = self.half.values(self.along, self.given)
-        inner, outer = slope[:, :count], slope[:, count:]
-        change = (inner @ self.rates + outer @ rates) @ self.steps
-        self.start = -self.pull @ (value + change + outer @ more)
+        slope_by_unknowns, slope_by_given = slope[:, :count], slope[:, count:]
+        change = (slope_by_unknowns @ self.rates + slope_by_given @ rates) @ self.steps
+        self.start = -self.pull @ (value + change + slope_by_given @ variation)
         self.radius = 1.5 * largest(self.start) + arb(1e-14)
         self.rest = self.image(self.radius)
 
@@ -214,16 +284,20 @@ class Axis:
             yield z, bent, w / z, bent @ self.steps + w / z
 
     def need_real(self):
-        """Show that the mirror image 1 / conj z of the solution is that solution."""
+        """Show that the solution is real: its mirror image 1 / conj z is the same solution.
+
+        The mirror image is a solution too. It lies in a box of twice the radius in which
+        there is only one.
+        """
         wide = 2 * self.radius
         self.image(wide)
-        for z, bent, rest, moved in self.parts():
-            size = 1 / (z * z.conjugate())
-            back = moved.conjugate()
-            mirrored = np.array([k.conjugate() for k in bent])
-            first = (size * mirrored + bent) @ self.steps
-            far = size * (back * back / (1 + back) - rest.conjugate())
-            if not largest([z * (size - 1 - first + far)]) < wide:
+        for z, relative_rates, relative_rest, relative_change in self.parts():
+            scale = 1 / (z * z.conjugate())
+            back = relative_change.conjugate()
+            mirrored = np.array([k.conjugate() for k in relative_rates])
+            first_order = (scale * mirrored + relative_rates) @ self.steps
+            higher_order = scale * (back * back / (1 + back) - relative_rest.conjugate())
+            if not largest([z * (scale - 1 - first_order + higher_order)]) < wide:
                 raise NotShown
 
     def angles(self):
@@ -245,35 +319,42 @@ class NotShown(Exception):
 
 
 def check_map(certificate):
-    """Show what is said of each box of two inputs, and that they fill their ranges."""
+    """Check a certificate that maps the number of modes over two inputs by boxes.
+
+    The boxes must not overlap and must fill the ranges. Each says that it is regular, with
+    a number of modes, or contains a type II singularity, or is undecided.
+    """
     ctx.prec = 80
     system = System(certificate)
     need(system.follower is None, "maps with wheels are not checked")
-    names = list(certificate["inputs"])
-    ends = [[system.sizes.angle(e) for e in certificate["inputs"][n]] for n in names]
-    boxes = certificate["boxes"]
-    centres, halves = (
-        np.array([box[k] for box in boxes]) for k in ("centre_rad", "half_rad")
-    )
-    apart = np.abs(centres[:, None] - centres) > halves[:, None] + halves - 1e-9
-    same = np.eye(len(boxes), dtype=bool)
-    need(np.all(np.any(apart, axis=2) | same), "two boxes overlap")
+    ranges = certificate["inputs"]
+    ends = [[system.sizes.angle(end) for end in ranges[name]] for name in ranges]
     low, high = np.array(ends).T
+    boxes = certificate["boxes"]
+    centres = np.array([box["centre_rad"] for box in boxes])
+    halves = np.array([box["half_rad"] for box in boxes])
+
+    distances = np.abs(centres[:, None] - centres)
+    is_apart = distances > halves[:, None] + halves - 1e-9
+    is_same = np.eye(len(boxes), dtype=bool)
+    need(np.all(np.any(is_apart, axis=2) | is_same), "two boxes overlap")
     need(np.all(halves > 0), "an empty box")
     need(np.all(ball(centres) - ball(halves) > low - 1e-9), "a box outside")
     need(np.all(ball(centres) + ball(halves) < high + 1e-9), "a box outside")
-    parts = 2 * halves / mid(high - low).astype(float)
+
+    relative_sizes = 2 * halves / mid(high - low).astype(float)
     areas = {}
-    for box, area in zip(boxes, np.prod(parts, axis=1), strict=True):
+    for box, area in zip(boxes, np.prod(relative_sizes, axis=1), strict=True):
         areas[box["is"]] = areas.get(box["is"], 0.0) + area
     need(abs(sum(areas.values()) - 1) < 1e-6, "boxes do not fill the ranges")
-    for words, share in certificate["shares"].items():
-        need(abs(areas.get(words, 0.0) - share) < 1e-6, "another share")
+    for kind, share in certificate["shares"].items():
+        need(abs(areas.get(kind, 0.0) - share) < 1e-6, "another share")
+
     counting = Counting(system, certificate["systems"])
     for box in boxes:
-        place = ball(box["centre_rad"])
         if box["is"] == "regular":
-            check_regular(counting, place, box["half_rad"], box["modes"], 0)
+            centre = ball(box["centre_rad"])
+            check_regular(counting, centre, box["half_rad"], box["modes"], 0)
         elif box["is"] == "contains type II":
             check_contains(counting, box)
         else:

@@ -25,21 +25,26 @@ class Wheels:
     """The links of a file that hang on its R pairs without a loop."""
 
     def __init__(self, certificate):
+        """Read the links, the contacts, and the stated rates of all pairs by the inputs.
+
+        `rates` has for each pair one ball per input: the rate of the pair while this input
+        turns at unit rate. R pairs must join all links without a loop.
+        """
         self.sizes = Sizes(
             certificate["mechanism"], certificate["tolerance_rad"], None, True
         )
         data = self.sizes.data
-        self.inputs, self.columns = list(data["inputs"]), certificate["inputs"]
+        self.inputs = list(data["inputs"])
+        self.columns = certificate["inputs"]
         need(sorted(self.inputs) == sorted(self.columns), "other inputs")
-        self.rates = {
-            name: [arb(int(name == other)) for other in self.columns]
-            for name in self.columns
-        }
+        self.rates = {}
+        for name in self.columns:
+            self.rates[name] = [arb(int(name == column)) for column in self.columns]
         for row in certificate["ratios"]:
             need(row["pair"] not in self.rates, "a pair twice")
             need(len(row["ratios"]) == len(self.columns), "other inputs")
             need(0 <= row["off"] < 1e-12, "ratios that are no numbers")
-            self.rates[row["pair"]] = [arb(r, row["off"]) for r in row["ratios"]]
+            self.rates[row["pair"]] = [arb(ratio, row["off"]) for ratio in row["ratios"]]
         need(sorted(self.rates) == sorted(self.sizes.ends), "pairs are missing")
         self.followers = [row["pair"] for row in certificate["ratios"]]
         self.contacts = [n for n, p in data["pairs"].items() if p["type"] == "Cr"]
@@ -58,67 +63,109 @@ class Wheels:
         return reached[goal]
 
     def sides(self, contact):
-        """Centre and numbers in the ratio of the sines of both circles, and their arc."""
+        """Return the two circles of a contact.
+
+        Returns
+        -------
+        first_axis, second_axis
+            (3,) centres in their links.
+        first, second
+            Numbers in the ratio of the sines of both radii: numbers of teeth, or the sines.
+        arc
+            Arc between the centres.
+        is_internal
+            Whether one circle lies within the other.
+        """
         item = self.sizes.data["pairs"][contact]
-        inner = item.get("contact", "external") == "internal"
+        is_internal = item.get("contact", "external") == "internal"
         if "axes" not in item:
-            (a, r), (b, s) = (self.sizes.circle(contact, link) for link in item["links"])
-            return a, b, r.sin(), s.sin(), (r - s if inner else r + s), inner
+            (first_axis, r), (second_axis, s) = (
+                self.sizes.circle(contact, link) for link in item["links"]
+            )
+            arc = r - s if is_internal else r + s
+            return first_axis, second_axis, r.sin(), s.sin(), arc, is_internal
         need(item.keys() & {"teeth", "half_angles"}, "cones of no size")
-        on = [
-            self.sizes.frame(n, k) for n, k in zip(item["axes"], item["links"], strict=True)
+        frames = [
+            self.sizes.frame(pair, link)
+            for pair, link in zip(item["axes"], item["links"], strict=True)
         ]
-        a, b = (frame[:, 2] for frame in on)
-        one, other = (self.sizes.ends[name] for name in item["axes"])
-        carrier = next(link for link in one if link in other)
-        one, other = (self.sizes.frame(name, carrier)[:, 2] for name in item["axes"])
-        normal = np.cross(one, other)
-        arc = arb.atan2((normal @ normal).sqrt(), one @ other)
+        first_axis, second_axis = (frame[:, 2] for frame in frames)
+
+        # The link that carries both wheels has both axes, whose arc is measured there.
+        first_ends, second_ends = (self.sizes.ends[pair] for pair in item["axes"])
+        carrier = next(link for link in first_ends if link in second_ends)
+        u, v = (self.sizes.frame(pair, carrier)[:, 2] for pair in item["axes"])
+        normal = np.cross(u, v)
+        arc = arb.atan2((normal @ normal).sqrt(), u @ v)
         if "teeth" in item:
             first, second = (arb(int(count)) for count in item["teeth"])
-            return a, b, first, second, arc, inner
-        half = self.sizes.angle(item["half_angles"][0])
-        return a, b, half.sin(), (half - arc if inner else arc - half).sin(), arc, inner
+            return first_axis, second_axis, first, second, arc, is_internal
+        half_angle = self.sizes.angle(item["half_angles"][0])
+        second_half_angle = half_angle - arc if is_internal else arc - half_angle
+        first, second = half_angle.sin(), second_half_angle.sin()
+        return first_axis, second_axis, first, second, arc, is_internal
 
     def slips(self, contact, angles):
-        """By how much centres are apart from touching, and by input the slip of wheels.
+        """Return the gap of two circles, and the slip that each pair between them causes.
 
-        For each follower too: what a rate of it alone adds.
+        Parameters
+        ----------
+        contact
+            Name of the rolling contact.
+        angles
+            Angles of the pairs on the path from the first wheel to the second.
+
+        Returns
+        -------
+        gap
+            Cosine of the arc between the centres, less that of touching circles.
+        slip
+            (3,) slip per unit rate, by pair. It is the cross product of the axis of the
+            pair with a vector along the contact.
         """
-        first, second = self.sizes.data["pairs"][contact]["links"]
-        a, b, u, v, arc, inner = self.sides(contact)
-        place, turning = ball(np.eye(3)), {}
-        for (pair, side), angle in zip(self.way(first, second), angles, strict=True):
+        first_link, second_link = self.sizes.data["pairs"][contact]["links"]
+        first_axis, second_axis, u, v, arc, is_internal = self.sides(contact)
+        rotation = ball(np.eye(3))
+        axes = {}
+        path = self.way(first_link, second_link)
+        for (pair, side), angle in zip(path, angles, strict=True):
             ends = self.sizes.ends[pair]
             before = self.sizes.frame(pair, ends[side])
             after = self.sizes.frame(pair, ends[1 - side])
             sense = -1 if side else 1
             s, c = angle.sin_cos()
-            turning[pair] = sense * (place @ before[:, 2])
-            place = place @ before @ spin(c, sense * s, 1) @ after.T
-        far = place @ b
-        line = (-v if inner else v) * a + u * far
-        slip = {pair: np.cross(axis, line) for pair, axis in turning.items()}
-        return a @ far - arc.cos(), slip
+            axes[pair] = sense * (rotation @ before[:, 2])
+            rotation = rotation @ before @ spin(c, sense * s, 1) @ after.T
+        second_centre = rotation @ second_axis
+        contact_line = (-v if is_internal else v) * first_axis + u * second_centre
+        slip = {pair: np.cross(axis, contact_line) for pair, axis in axes.items()}
+        return first_axis @ second_centre - arc.cos(), slip
 
 
 def check_wheels(certificate):
-    """Show that wheels roll without slip at the ratios given, and at no others."""
+    """Check a certificate that wheels roll at the stated ratios, and at no others.
+
+    On a grid of angles between two wheels, their circles touch, and the slips of all pairs
+    at the stated rates add up to zero. Five angles of each pair bound the slip at all
+    angles. The ratios are the only ones if the matrix of slips has full rank.
+    """
     ctx.prec = 80
     wheels = Wheels(certificate)
-    table = []
+    slip_matrices = []
     for contact in wheels.contacts:
-        first, second = wheels.sizes.data["pairs"][contact]["links"]
-        way = wheels.way(first, second)
-        need(len(way) <= MOST, "too many pairs between two wheels")
-        allowed = TOUCHING / NORM ** len(way)
+        first_link, second_link = wheels.sizes.data["pairs"][contact]["links"]
+        path = wheels.way(first_link, second_link)
+        need(len(path) <= MOST, "too many pairs between two wheels")
+        allowed = TOUCHING / NORM ** len(path)
         nodes = [2 * arb.pi() * k / NODES for k in range(NODES)]
-        for angles in itertools.product(nodes, repeat=len(way)):
+        for angles in itertools.product(nodes, repeat=len(path)):
             gap, slip = wheels.slips(contact, angles)
             need(abs(gap) < allowed, "circles that do not touch")
             total = sum(np.outer(slip[pair], wheels.rates[pair]) for pair in slip)
             need(np.all(size(total) < allowed), "wheels that slip")
-        nothing = ball(np.zeros(3))
-        table.append(np.stack([slip.get(p, nothing) for p in wheels.followers], axis=1))
-    every = np.concatenate(table)
-    need(not matrix(every.T @ every).det().contains(0), "ratios that may be others")
+        zero = ball(np.zeros(3))
+        columns = [slip.get(pair, zero) for pair in wheels.followers]
+        slip_matrices.append(np.stack(columns, axis=1))
+    matrix_of_all = np.concatenate(slip_matrices)
+    determinant = matrix(matrix_of_all.T @ matrix_of_all).det()
+    need(not determinant.contains(0), "ratios that may be others")
