@@ -64,14 +64,18 @@ def tutorial():
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A working folder with the files that the pages show."""
+    """Return a working folder with all files that pages show under a file name.
+
+    Python finds the module of the plugin tutorial and the helpers of the site in it. One
+    more file has a misspelt key, which a page shows the message of.
+    """
     for page in PAGES:
         for text in blocks(page, "toml"):
             name = FILE_NAME.match(text)
             if name:
                 (tmp_path / name[1]).write_text(text, encoding="utf-8")
-    first = (tmp_path / "crank_rocker.toml").read_text(encoding="utf-8")
-    misspelt = first.replace("arcs = [60.0]", "arc = [60.0]")
+    crank_rocker = (tmp_path / "crank_rocker.toml").read_text(encoding="utf-8")
+    misspelt = crank_rocker.replace("arcs = [60.0]", "arc = [60.0]")
     (tmp_path / "misspelt.toml").write_text(misspelt, encoding="utf-8")
     (tmp_path / f"{PLUGIN}.py").write_text(tutorial()[0], encoding="utf-8")
     monkeypatch.chdir(tmp_path)
@@ -114,10 +118,13 @@ def test_pages_import_from_public_packages_only():
 
 
 @pytest.mark.parametrize("page", pages_with("console"))
-def test_console_shows_what_commands_print(page, folder, capsys, monkeypatch):
-    # Progress is reported by the clock.
-    without = "spherekit.progress.progress_listener"
-    monkeypatch.setattr(without, lambda listener: nullcontext())
+def test_console_blocks_show_what_commands_print(page, folder, capsys, monkeypatch):
+    """Each command after a `$` is run, and prints the lines below it.
+
+    A line `...` stands for any lines. Progress depends on the clock and is switched off.
+    """
+    listener = "spherekit.progress.progress_listener"
+    monkeypatch.setattr(listener, lambda listener: nullcontext())
     for block in blocks(page, "console"):
         for example in filter(None, re.split(r"^\$ ", block, flags=re.M)):
             command, _, shown = example.partition("\n")
@@ -125,8 +132,9 @@ def test_console_shows_what_commands_print(page, folder, capsys, monkeypatch):
             assert program == "spherekit"
             main(arguments)
             printed = capsys.readouterr()
-            got = "".join(f"{line.rstrip()}\n" for line in printed.out.splitlines())
-            assert pattern(shown).fullmatch(got + printed.err), f"{command}\n{got}"
+            lines = [line.rstrip() for line in printed.out.splitlines()]
+            text = "".join(f"{line}\n" for line in lines) + printed.err
+            assert pattern(shown).fullmatch(text), f"{command}\n{text}"
 
 
 def pattern(shown):
@@ -191,23 +199,32 @@ def test_figures_of_benchmarks_name_their_commit():
         assert named or "\n|" not in section, section[:60]
 
 
-def test_plugin_tutorial_is_a_distribution_that_works(folder):
+def test_the_plugin_of_the_tutorial_is_installed_and_computes_its_ratio(folder):
+    """The entry point in the shown pyproject.toml leads to the shown class.
+
+    Its torque ratio of link 4 is the reciprocal of the velocity coefficient of the pole
+    4/1. A wrong link is refused, and by default the link is that of the output, the rocker.
+    """
     (project, _) = (tomllib.loads(text) for text in blocks("plugins.md", "toml"))
-    ((name, target),) = project["project"]["entry-points"]["spherekit.analyses"].items()
+    entry_points = project["project"]["entry-points"]["spherekit.analyses"]
+    ((name, target),) = entry_points.items()
     module, _, attribute = target.partition(":")
     assert project["tool"]["setuptools"]["py-modules"] == [module]
-    cls = getattr(importlib.import_module(module), attribute)
-    assert cls.name == name
-    with registered(cls):
-        result = sk.run(sk.load("four_bar"), [f"{name}:link=4", "poles"], samples=37)
+    analysis_class = getattr(importlib.import_module(module), attribute)
+    assert analysis_class.name == name
+
+    four_bar = sk.load("four_bar")
+    with registered(analysis_class):
+        result = sk.run(four_bar, [f"{name}:link=4", "poles"], samples=37)
         assert not result.failures
         poles = result.frame("poles").query("link == '4' and relative_to == '1'")
+        coefficients = poles["velocity_coefficient"].to_numpy()
         ratio = result.frame(name)["ratio"].to_numpy()
-        assert abs(ratio * poles["velocity_coefficient"].to_numpy() - 1.0).max() < 1e-12
+        assert abs(ratio * coefficients - 1.0).max() < 1e-12
         with pytest.raises(sk.SpherekitError, match="is none of 2, 3, 4"):
-            sk.run(sk.load("four_bar"), f"{name}:link=1")
-        by_default = sk.run(sk.load("four_bar"), name, samples=37).frame()
-        assert by_default.equals(result.frame(name))  # the rocker is the output
+            sk.run(four_bar, f"{name}:link=1")
+        by_default = sk.run(four_bar, name, samples=37).frame()
+        assert by_default.equals(result.frame(name))
 
 
 def test_the_example_of_a_plugin_is_the_one_in_its_folder():
@@ -312,12 +329,17 @@ def columns_of_analyses():
 
 @pytest.fixture(scope="module")
 def declared():
-    """Names that tables, analyses, files and figures of merit declare."""
+    """Return all names that pages may mention.
+
+    They are the names of analyses with their parameters, tables and columns, the keys in
+    the schemas of files, and the quantities of figures of merit.
+    """
     names = columns_of_analyses() | set(analysis_names()) | {f"motion_{EVENTS.name}"}
     for name in analysis_names():
-        names |= {field.name for field in fields(load_analysis(name))}
-        names |= {table.name for table in load_analysis(name).tables}
-        names |= {f"{name}_{table.name}" for table in load_analysis(name).tables}
+        analysis = load_analysis(name)
+        names |= {field.name for field in fields(analysis)}
+        names |= {table.name for table in analysis.tables}
+        names |= {f"{name}_{table.name}" for table in analysis.tables}
     for kind in ("mechanism", "study", "synthesis"):
         text = json.dumps(schema(kind))
         names |= set(re.findall(r'"(\w+)"', text))
@@ -344,52 +366,68 @@ def is_declared(name, names):
 
 
 def test_columns_and_keys_that_pages_name_are_declared(declared):
+    """Quoted names after "column", "key" or "parameter", and those that tables list.
+
+    `NAMING` are the heads of such tables; the names stand in their first column.
+    """
+    quoted_names = r"((?:`\w+`(?:,\s|\sand\s|\sor\s)?)+)"
     unknown = []
-    listed = r"((?:`\w+`(?:,\s|\sand\s|\sor\s)?)+)"
     for page, text in PAGES.items():
         prose = BLOCK.sub("", text)
-        said = re.findall(rf"\b(?:column|key|parameter)s?\s{listed}", prose)
+        passages = re.findall(rf"\b(?:column|key|parameter)s?\s{quoted_names}", prose)
         for head, rows in page_tables(prose):
-            if head[0] in NAMING:
-                said += [row[0] if head[0] != "table" else "|".join(row) for row in rows]
-        names = [name for part in said for name in quoted(part)]
-        unknown += [
-            f"{page}: {name}"
-            for name in names
-            if re.fullmatch(r"[a-z]\w*", name) and not is_declared(name, declared)
-        ]
+            if head[0] == "table":
+                passages += ["|".join(row) for row in rows]
+            elif head[0] in NAMING:
+                passages += [row[0] for row in rows]
+        for passage in passages:
+            for name in quoted(passage):
+                is_name = re.fullmatch(r"[a-z]\w*", name)
+                if is_name and not is_declared(name, declared):
+                    unknown.append(f"{page}: {name}")
     assert not unknown, "; ".join(unknown)
 
 
 def test_options_that_pages_name_are_those_of_commands(capsys):
-    known = set(OF_OTHER_PROGRAMS)
-    commands = [(main, command.split()) for command in ("", *COMMANDS)]
-    for run, words in (*commands, (benchmarks, [])):
+    """Every `--option` in a page is in the help of a command or of the benchmarks.
+
+    `OF_OTHER_PROGRAMS` are options of programs such as pip.
+    """
+    options = set(OF_OTHER_PROGRAMS)
+    help_calls = [(main, command.split()) for command in ("", *COMMANDS)]
+    help_calls.append((benchmarks, []))
+    for function, words in help_calls:
         with pytest.raises(SystemExit):
-            run([*words, "--help"])
-        known |= set(re.findall(r"--[a-z][\w-]*", capsys.readouterr().out))
-    unknown = [
-        f"{page}: {option}"
-        for page, text in PAGES.items()
-        for code in (*quoted(text), *(code for _, code in BLOCK.findall(text)))
-        for option in re.findall(r"(?<![\w-])--[a-z]+(?:-[a-z]+)*", code)
-        if option not in known
-    ]
+            function([*words, "--help"])
+        options |= set(re.findall(r"--[a-z][\w-]*", capsys.readouterr().out))
+    unknown = []
+    for page, text in PAGES.items():
+        code_blocks = [code for _, code in BLOCK.findall(text)]
+        for code in (*quoted(text), *code_blocks):
+            for option in re.findall(r"(?<![\w-])--[a-z]+(?:-[a-z]+)*", code):
+                if option not in options:
+                    unknown.append(f"{page}: {option}")
     assert not unknown, "; ".join(unknown)
 
 
-def test_names_in_pages_are_known_to_the_code(declared):
-    """What is quoted as a name is defined, or a text, somewhere in the sources."""
-    known = declared | OTHERS | {path.name.split(".")[0] for path in MECHANISMS.iterdir()}
+def test_names_in_pages_exist_in_the_sources(declared):
+    """Whatever a page quotes as a name is declared, or is a word in a source file.
+
+    Words in code blocks of the pages and names of shipped files are also known.
+    """
+    known_names = declared | OTHERS
+    known_names |= {path.name.split(".")[0] for path in MECHANISMS.iterdir()}
     for folder in ("spherekit", "analyses", "benchmarks", "tests", "docs/site_pages"):
         for path in (ROOT / folder).rglob("*.py"):
-            known |= {path.stem, *re.findall(r"\w+", path.read_text("utf-8"))}
+            known_names.add(path.stem)
+            known_names |= set(re.findall(r"\w+", path.read_text("utf-8")))
     for text in PAGES.values():
-        known |= set(re.findall(r"\w+", " ".join(code for _, code in BLOCK.findall(text))))
-    unknown = [
-        f"{page}: {name}"
-        for page, text in PAGES.items()
-        for name in quoted(BLOCK.sub("", text))
-        if re.fullmatch(r"[a-z]\w*(?<!\d)", name) and not is_declared(name, known)
-    ]
+        for _, code in BLOCK.findall(text):
+            known_names |= set(re.findall(r"\w+", code))
+    unknown = []
+    for page, text in PAGES.items():
+        for name in quoted(BLOCK.sub("", text)):
+            is_name = re.fullmatch(r"[a-z]\w*(?<!\d)", name)
+            if is_name and not is_declared(name, known_names):
+                unknown.append(f"{page}: {name}")
     assert not unknown, "; ".join(unknown)

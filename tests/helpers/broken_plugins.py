@@ -1,4 +1,4 @@
-"""A sound analysis, and what others make of it that are each broken in one way."""
+"""A sound plugin analysis, and plugins made from it that each have one mistake."""
 
 import sys
 from dataclasses import dataclass, replace
@@ -40,7 +40,10 @@ TIMES = []
 
 @dataclass(frozen=True, kw_only=True)
 class Sound(AbstractAnalysis):
-    """The angular velocity of the link that the last pair moves."""
+    """A plugin without a mistake: angular velocity and speed of the last pair's link.
+
+    Its table has one row per sample and assembly mode, and its scene a plot of the speed.
+    """
 
     name: ClassVar = "sound"
     version: ClassVar = "1"
@@ -49,15 +52,18 @@ class Sound(AbstractAnalysis):
     tables: ClassVar = (TABLE,)
 
     def link(self, mechanism):
+        """Return the second link of the last pair."""
         return mechanism.pairs[-1].links[1]
 
     def needs(self, mechanism):
         return Needs(link_rates=frozenset([self.link(mechanism)]))
 
     def rate(self, batch):
+        """Return the angular velocity (rows, 3) of the link, per unit rate of the input."""
         return batch.angular_velocity(self.link(batch.mechanism))
 
     def columns(self, batch):
+        """Return the columns of the table by name."""
         w = self.rate(batch)
         return {
             "sample": batch.sample,
@@ -194,7 +200,10 @@ class Unfinished(AbstractAnalysis):
 @final
 @dataclass(frozen=True, kw_only=True)
 class Tuned(MinimalAnalysis):
-    """An analysis with a parameter of each type."""
+    """An analysis with one parameter of each type that parameters may have.
+
+    It refuses a `count` above 9, and computes nothing.
+    """
 
     name: ClassVar[str] = "tuned"
     tables: ClassVar = ()

@@ -102,21 +102,34 @@ def hostile_mechanism_texts():
 
 
 def make_files(folder):
-    """Make the hostile files that are not texts, and return their paths by name."""
-    paths = {name: folder / name for name in ("loop", "pipe", "sparse", "folder")}
-    paths["loop"].symlink_to(folder / "loop")
-    os.mkfifo(paths["pipe"])
-    with paths["sparse"].open("wb") as stream:
+    """Make hostile files that are not texts, and return their paths as texts by name.
+
+    Among them are a link to itself, a pipe that nobody writes to, a sparse file of 100 MB,
+    bytes that are no text, names that no file can have, and devices.
+    """
+    link_to_itself = folder / "loop"
+    link_to_itself.symlink_to(link_to_itself)
+    pipe = folder / "pipe"
+    os.mkfifo(pipe)
+    sparse = folder / "sparse"
+    with sparse.open("wb") as stream:
         stream.truncate(100 * MILLION)
-    paths["folder"].mkdir()
-    paths["bytes"] = folder / "bytes"
-    paths["bytes"].write_bytes(bytes(range(256)) * 1000)
-    paths["zeros"] = folder / "zeros"
-    paths["zeros"].write_bytes(bytes(1000))
-    paths["missing"] = folder / ("a" * 5000)
-    paths["NUL"] = folder / "a\0b"
-    paths["below a file"] = paths["zeros"] / "x"
-    return {name: str(path) for name, path in paths.items()} | {
+    empty_folder = folder / "folder"
+    empty_folder.mkdir()
+    all_bytes = folder / "bytes"
+    all_bytes.write_bytes(bytes(range(256)) * 1000)
+    zeros = folder / "zeros"
+    zeros.write_bytes(bytes(1000))
+    return {
+        "loop": str(link_to_itself),
+        "pipe": str(pipe),
+        "sparse": str(sparse),
+        "folder": str(empty_folder),
+        "bytes": str(all_bytes),
+        "zeros": str(zeros),
+        "missing": str(folder / ("a" * 5000)),
+        "NUL": str(folder / "a\0b"),
+        "below a file": str(zeros / "x"),
         "/dev/zero": "/dev/zero",
         "/dev/stdin": "/dev/stdin",
         "/proc/self/mem": "/proc/self/mem",
@@ -131,17 +144,26 @@ angle_unit = "rad"
 
 
 def hostile_study_texts():
-    """Return the hostile texts of study files, by name."""
-    named = STUDY.replace("four_bar", "{}").format
+    """Return hostile texts of study files by name.
+
+    They name mechanisms outside of the folder or of no file, ask for millions of samples,
+    or have tables of tens of thousands of entries.
+    """
+
+    def with_mechanism(name):
+        return STUDY.replace("four_bar", name)
+
     parameters = "".join(f"q{k} = {k}\n" for k in range(40000))
+    law = STUDY + "[inputs.21.law]\n"
+    times = ",".join(map(str, range(90000)))
     return {
-        "mechanism outside": named("../../../../../../etc/passwd"),
-        "mechanism a device": named("/dev/zero"),
-        "mechanism a folder": named("."),
-        "mechanism itself": named("hostile.study.toml"),
-        "mechanism with NUL": named("a\\u0000b"),
-        "mechanism of a long name": named("a" * 4000),
-        "mechanism of nothing": named(""),
+        "mechanism outside": with_mechanism("../../../../../../etc/passwd"),
+        "mechanism a device": with_mechanism("/dev/zero"),
+        "mechanism a folder": with_mechanism("."),
+        "mechanism itself": with_mechanism("hostile.study.toml"),
+        "mechanism with NUL": with_mechanism("a\\u0000b"),
+        "mechanism of a long name": with_mechanism("a" * 4000),
+        "mechanism of nothing": with_mechanism(""),
         "folder with NUL": STUDY + '[output]\nfolder = "a\\u0000b"',
         "folder with an escape": STUDY + '[output]\nfolder = "a\\u001b[2Jb"',
         "many values": STUDY + "[inputs.21]\nvalues = [" + "1," * MILLION + "]",
@@ -150,8 +172,8 @@ def hostile_study_texts():
         "negative samples": STUDY + "samples = -1",
         "many analyses": STUDY + "".join(f"[analyses.q{k}]\n" for k in range(40000)),
         "many parameters": STUDY + f"[analyses.poles]\n{parameters}",
-        "long table of a law": f"{STUDY}[inputs.21.law]\nkind='table'\ntimes=["
-        + f"{','.join(map(str, range(90000)))}]\nangles=[{'1,' * 90000}]",
+        "long table of a law": law
+        + f"kind='table'\ntimes=[{times}]\nangles=[{'1,' * 90000}]",
         "coefficients": f"{STUDY}duration=1.0\n[inputs.21.law]\nkind='polynomial'\n"
         + f"coefficients=[{'1,' * 200000}]",
     }

@@ -28,13 +28,27 @@ class Follower:
 
 
 def follower_of(sizes, inputs):
-    """The pair that the only wheels of a file turn with an input."""
+    """Return the pair that the only two wheels of a file turn with an input.
+
+    Parameters
+    ----------
+    sizes
+        `Sizes` of the file.
+    inputs
+        Names of the input pairs.
+
+    Returns
+    -------
+    Follower
+        Ratio and offset of its angle, from the teeth and from the zero positions.
+    """
     rolling = [p for p in sizes.data["pairs"].values() if p["type"] == "Cr"]
     need(len(rolling) == 1, "more than one pair of wheels is not checked")
     (item,) = rolling
     need("teeth" in item and "axes" in item, "wheels without teeth are not checked")
     need(not any(float(e) for e in item.get("start", [])), "a start is not checked")
-    pairs, wheels = item["axes"], item["links"]
+    pairs = item["axes"]
+    wheels = item["links"]
     need(len(set(pairs)) == len(set(wheels)) == 2, "not two wheels")
     carriers = set()
     for pair, wheel in zip(pairs, wheels, strict=True):
@@ -42,34 +56,38 @@ def follower_of(sizes, inputs):
         carriers.add(next(link for link in sizes.ends[pair] if link != wheel))
     need(len(carriers) == 1, "wheels that no link carries")
     (carrier,) = carriers
-    inner = {"external": False, "internal": True}[item.get("contact", "external")]
+    is_internal = {"external": False, "internal": True}[item.get("contact", "external")]
     teeth = [Fraction(int(count)) for count in item["teeth"]]
     need(min(teeth) > 0, "no teeth")
-    # a pair's angle turns its second link
+
+    # N1 f +- N2 g is constant. The angle of a pair turns its second link.
     factors = [
         count if sizes.ends[pair][1] == wheel else -count
         for pair, wheel, count in zip(pairs, wheels, teeth, strict=True)
     ]
-    if inner:
+    if is_internal:
         factors[1] = -factors[1]
     driving = [k for k in (0, 1) if pairs[k] in inputs]
     need(len(driving) == 1, "wheels that no input turns, or two do")
-    driven, following = driving[0], 1 - driving[0]
+    driven = driving[0]
+    following = 1 - driven
+
     if "axes" in sizes.data["links"][wheels[0]]:
-        azimuths = contact_azimuths(sizes, pairs, wheels, carrier, inner)
-        room = arb.pi() - HALF_TURN_APART
-        need(abs(azimuths[driven]) < room, "rolled as far in both senses")
-        whole = azimuths[0] * as_ball(teeth[0])
-        whole += azimuths[1] * as_ball(teeth[1]) * (-1 if inner else 1)
+        # Contacts begin at azimuth 0 about both centres.
+        azimuths = contact_azimuths(sizes, pairs, wheels, carrier, is_internal)
+        largest_azimuth = arb.pi() - HALF_TURN_APART
+        need(abs(azimuths[driven]) < largest_azimuth, "rolled as far in both senses")
+        constant_sum = azimuths[0] * as_ball(teeth[0])
+        constant_sum += azimuths[1] * as_ball(teeth[1]) * (-1 if is_internal else 1)
     else:
-        values = [sizes.data["pairs"][pair].get("value", "0") for pair in pairs]
-        rolled = zip(factors, values, strict=True)
-        whole = sum(
-            as_ball(f) * (sizes.angle(v) + (sizes.slack if v != "0" else 0))
-            for f, v in rolled
-        )
+        # The reference pose gives both angles.
+        constant_sum = 0
+        for pair, factor in zip(pairs, factors, strict=True):
+            value = sizes.data["pairs"][pair].get("value", "0")
+            slack = sizes.slack if value != "0" else 0
+            constant_sum = constant_sum + as_ball(factor) * (sizes.angle(value) + slack)
     ratio = -factors[driven] / factors[following]
-    offset = whole / as_ball(factors[following])
+    offset = constant_sum / as_ball(factors[following])
     return Follower(pairs[following], pairs[driven], ratio, offset)
 
 
