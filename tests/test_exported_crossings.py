@@ -21,8 +21,14 @@ from helpers.exported_languages import (
     compile_shared_library,
     python_function,
 )
-from mechanism_examples.flat_mechanisms import KINDS, four_bar_text, random_crossing_arcs
-from test_mode_meetings import flat_loop, loaded, two_vertices
+from mechanism_examples.flat_mechanisms import (
+    KINDS,
+    four_bar_text,
+    loaded,
+    random_crossing_arcs,
+    six_bar_with_a_flat_loop,
+    two_vertices,
+)
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -317,7 +323,7 @@ def test_wrong_signs_beyond_a_crossing_are_noticed(monkeypatch, capsys, tmp_path
 @pytest.mark.slow
 def test_starts_of_a_triad_stand_on_both_sides_of_a_crossing(tmp_path):
     """Steps from the start of each piece lead to the mode of `sk.evaluate`."""
-    mechanism = replace(flat_loop(), name="flat_loop")
+    mechanism = replace(six_bar_with_a_flat_loop(), name="flat_loop")
     made = formulas(mechanism, ["theta_*"], crossings="pass")
     smooth = made.mode_table.smooth
     assert len(smooth.crossings) == 1

@@ -11,16 +11,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.refusals import decimal_mechanism
-from mechanism_examples.flat_mechanisms import KINDS, four_bar_text, random_crossing_arcs
-from mechanism_examples.linkages import mechanism_from_chain as chain_of
-from mechanism_examples.linkages import random_axes
+from mechanism_examples.flat_mechanisms import (
+    KINDS,
+    four_bar_text,
+    loaded,
+    random_crossing_arcs,
+    six_bar_with_a_flat_loop,
+    two_vertices,
+)
 
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.completeness import Guarantee
 from spherekit.errors import SpherekitError
-from spherekit.files.mechanism_reader import read
-from spherekit.files.toml_document import parse
 from spherekit.numerics.angles import wrap
 from spherekit.numerics.sign_changes import find_sign_changes
 from spherekit.positions.angle_unwrapping import continue_angles
@@ -34,71 +37,100 @@ SAME_INPUT_RAD = 1e-6
 """Inputs that differ by less are the same: a double zero is known to half the digits."""
 
 
-def loaded(text):
-    return read(parse(text, "made"))
+def find_contradictions(text, low, high):
+    """Compare the named meetings of modes of a run with a proof by `certify_curves`.
 
+    The proof by interval arithmetic encloses all saddles (places where curves may cross)
+    and turning points (dead centres) of the configuration curves. A saddle with level sign
+    0 is a crossing; otherwise the curves pass it at a small distance.
 
-def contradictions(text, low, high):
-    """Return in what the claim of a run and its inputs contradict what is proven."""
+    Parameters
+    ----------
+    text
+        Text of a mechanism file.
+    low, high
+        Ends of the range of the input in degrees.
+
+    Returns
+    -------
+    contradictions
+        Messages; an empty list if the run claims nothing false.
+    named_count
+        Number of inputs at which the run says that modes meet.
+    """
     position_analysis = PositionAnalysis(loaded(text), samples=10)
-    found = find_input_turning_points(position_analysis.solver, *position_analysis.range)
+    turning_points = find_input_turning_points(
+        position_analysis.solver, *position_analysis.range
+    )
     proven = certify_curves(decimal_mechanism(text), (str(low), str(high)))
-    named = [meeting.input for meeting in position_analysis.mode_meetings]
-    crossed = [
-        (proven.wrap_into_range(proven.input_angle(saddle.centre)), saddle.level_sign)
-        for saddle in proven.saddles
-    ]
-    crossed = [(q, level) for q, level in crossed if q is not None]
-    wrong = []
-    for q, level in crossed:
-        is_open = any(start <= q <= stop for start, stop in found.doubtful)
-        is_named = any(abs(q - other) < SAME_INPUT_RAD for other in named)
-        if level == 0 and not (is_named or is_open):
-            wrong.append(f"crossing at {q} is not named")
-    for q in named:
-        if not any(abs(q - other) < SAME_INPUT_RAD for other, _ in crossed):
-            wrong.append(f"no curves cross at {q}")
+    named_inputs = [meeting.input for meeting in position_analysis.mode_meetings]
+    # (input, level sign) of the proven saddles within the range
+    saddles = []
+    for saddle in proven.saddles:
+        q = proven.wrap_into_range(proven.input_angle(saddle.centre))
+        if q is not None:
+            saddles.append((q, saddle.level_sign))
+
+    def is_doubtful(q):
+        return any(start <= q <= stop for start, stop in turning_points.doubtful)
+
+    messages = []
+    for q, level_sign in saddles:
+        is_named = any(abs(q - named) < SAME_INPUT_RAD for named in named_inputs)
+        if level_sign == 0 and not (is_named or is_doubtful(q)):
+            messages.append(f"crossing at {q} is not named")
+    for named in named_inputs:
+        if not any(abs(named - q) < SAME_INPUT_RAD for q, _ in saddles):
+            messages.append(f"no curves cross at {named}")
+    all_inputs = np.concatenate([turning_points.places, named_inputs])
     for q in proven.turning_points:
-        known = np.abs(np.concatenate([found.places, named]) - q)
-        is_open = any(start <= q <= stop for start, stop in found.doubtful)
-        if not (np.any(known < SAME_INPUT_RAD) or is_open):
-            wrong.append(f"dead centre at {q} is not known")
+        is_listed = np.any(np.abs(all_inputs - q) < SAME_INPUT_RAD)
+        if not (is_listed or is_doubtful(q)):
+            messages.append(f"dead centre at {q} is not known")
     claim = position_analysis.claim
     if claim.guarantee is Guarantee.COMPLETE and "nowhere" in str(claim):
-        wrong += [f"curves cross at {q}" for q, level in crossed if level == 0]
+        messages += [f"curves cross at {q}" for q, sign in saddles if sign == 0]
     if not all(meeting.resolved for meeting in position_analysis.mode_meetings):
-        wrong.append("it is not known which modes continue each other")
-    return wrong, len(named)
+        messages.append("it is not known which modes continue each other")
+    return messages, len(named_inputs)
 
 
 def symmetric_range(random):
-    """Return the ends in degrees of a range about a flat state."""
+    """Return the ends (deg) of a random range whose middle, 0 or 180, is a flat state."""
     centre = int(random.choice([0, 180]))
     half = int(random.integers(10, 180))
     return centre - half, centre + half
 
 
 def compare_with_proof(count, seed):
-    """Compare random mechanisms; return how many have named crossings."""
+    """Compare the meetings of modes of random four-bars with proofs.
+
+    Returns
+    -------
+    int
+        Number of the `count` mechanisms whose run names a meeting of modes.
+    """
     random = np.random.default_rng(seed)
-    compared = with_crossing = 0
+    compared = 0
+    with_meeting = 0
     while compared < count:
         arcs = random_crossing_arcs(random, KINDS[compared % len(KINDS)])
         low, high = symmetric_range(random)
         text = four_bar_text(arcs, low, high, zero=str(random.choice(["0", "180"])))
         try:
-            wrong, named = contradictions(text, low, high)
+            contradictions, named_count = find_contradictions(text, low, high)
         except SpherekitError as problem:
             assert "arcs cannot close" in str(problem)
             continue
-        assert not wrong, (arcs, low, high, wrong)
+        assert not contradictions, (arcs, low, high, contradictions)
         compared += 1
-        with_crossing += named > 0
-    return with_crossing
+        if named_count > 0:
+            with_meeting += 1
+    return with_meeting
 
 
 def test_command_names_the_crossing_and_claims_nothing_false(capsys):
-    """It said that modes meet nowhere; curves cross at the middle of the range."""
+    """The command names the crossing in the middle of the range and claims no other."""
     assert main(["run", str(FILES / "falseclaim.toml"), "--samples", "10"]) == 0
     out = capsys.readouterr().out
     assert "complete: all modes, which meet at one input in the range" in out
@@ -108,69 +140,89 @@ def test_command_names_the_crossing_and_claims_nothing_false(capsys):
 
 @pytest.mark.slow
 def test_claims_do_not_contradict_proofs():
+    """Claims about meetings of modes agree with interval proofs of eight random four-bars."""
     assert compare_with_proof(8, seed=44) > 3
 
 
 @pytest.mark.long
 def test_claims_do_not_contradict_proofs_in_many_ranges():
-    """Of 400 symmetric ranges; 4 of 240 vertices and 2 of 150 kites did."""
+    """The comparison with proofs in 400 ranges that are symmetric about a flat state."""
     assert compare_with_proof(400, seed=45) > 200
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("shift", [0.0, 0.1, 1.0])
 @pytest.mark.parametrize("power", [2, 4])
-def test_zero_of_even_order_is_never_taken_for_none(shift, power):
-    """The error measured at few places of a narrow cell was too small by chance."""
+def test_a_double_zero_is_never_excluded(shift, power):
+    """A zero of even order without a change of sign stays in an undecided interval.
+
+    The function is zero at `shift` only, to the second or fourth order, and has a rounding
+    error of some 2e-16 that oscillates quickly.
+    """
     random = np.random.default_rng(3)
     for _ in range(40):
         scale = random.uniform(0.1, 2.0)
         noise = random.uniform(0.5, 2.0)
 
         def function(x, scale=scale, noise=noise):
-            rough = np.sin(1e7 * x + 17.0) * 2.2e-16 * noise
-            return scale * np.sin(x - shift) ** power * (2.0 + np.cos(x)) + rough
+            rounding = np.sin(1e7 * x + 17.0) * 2.2e-16 * noise
+            return scale * np.sin(x - shift) ** power * (2.0 + np.cos(x)) + rounding
 
-        zeros, parts = find_sign_changes(function, shift - 1.3, shift + 1.3)
+        zeros, undecided = find_sign_changes(function, shift - 1.3, shift + 1.3)
         assert not len(zeros)
-        assert np.any((parts[:, 0] <= shift) & (shift <= parts[:, 1]))
-        assert np.all(parts[:, 1] - parts[:, 0] < (1e-5 if power == 2 else 5e-3))
+        starts, stops = undecided.T
+        assert np.any((starts <= shift) & (shift <= stops))
+        # Rounding hides a zero of order n within about its n-th root.
+        largest_width = 1e-5 if power == 2 else 5e-3
+        assert np.all(stops - starts < largest_width)
 
 
+@pytest.mark.parametrize("difference", ["0", "1e-4", "1e-7", "1e-10", "1e-13"])
 @pytest.mark.many
-@pytest.mark.parametrize("off", ["0", "1e-4", "1e-7", "1e-10", "1e-13"])
-def test_a_near_miss_is_no_crossing(off):
-    """A kite off by 1e-10 deg has two modes all the way, or a gap without any."""
+def test_a_near_miss_is_no_crossing(difference):
+    """A kite whose sides differ by 1e-10 deg has no crossing, and none is named.
+
+    One of two equal sides of 80 deg is changed by `difference` (deg). A difference of
+    1e-13 deg is smaller than what 64-bit numbers tell apart.
+    """
     from decimal import Decimal
 
     for sense in (-1, 1):
-        arcs = ["60", "60", "80", format(80 + sense * Decimal(off), "f")]
-        text = four_bar_text(arcs, -50, 50)
+        changed_arc = format(80 + sense * Decimal(difference), "f")
+        text = four_bar_text(["60", "60", "80", changed_arc], -50, 50)
         position_analysis = PositionAnalysis(loaded(text), samples=10)
-        named = len(position_analysis.mode_meetings)
-        assert named == (off == "0") or off == "1e-13"
-        if off in ("1e-4", "1e-7"):
-            assert contradictions(text, -50, 50)[0] == []
+        named_count = len(position_analysis.mode_meetings)
+        if difference != "1e-13":
+            assert named_count == (1 if difference == "0" else 0)
+        if difference in ("1e-4", "1e-7"):
+            contradictions, _ = find_contradictions(text, -50, 50)
+            assert contradictions == []
 
 
 @pytest.mark.parametrize(
     "arcs", [(100, 60, 80, 120), (70, 50, 110, 130), (45, 80, 135, 100)]
 )
-def test_fold_angles_of_a_flat_vertex_go_through_the_flat_state(arcs):
-    """Opposite fold angles have equal sizes all along; their tangents keep one ratio.
+def test_fold_angles_of_a_flat_vertex_keep_their_ratio_through_it(arcs):
+    """With `crossings="pass"` modes follow the smooth fold motions of a flat vertex.
 
-    For fold angles f and g of a flat-foldable vertex of degree four tan(g/2) = p tan(f/2)
-    with a constant p (Huffman 1976; Evans et al. 2015), through the flat state as well.
+    For fold angles f and g of a flat-foldable vertex of degree four, with sector angles
+    `arcs` (deg), tan(g/2) = p tan(f/2) with a constant p (Huffman 1976; Evans et al.
+    2015), through the flat state as well. Modes by signs change between the two motions.
     """
+
+    def ratio_spread(**options):
+        """Return the largest change of a ratio of tangents, and the largest ratio."""
+        motion = sk.trace(loaded(text), samples=10, **options)
+        tangents = np.tan(0.5 * motion.values.reshape(2, 10, 4))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratios = tangents / tangents[:, :, :1]
+        return np.ptp(ratios, axis=1).max(), np.abs(ratios).max()
+
     text = four_bar_text(arcs, -40, 40)
-    motion = sk.trace(loaded(text), samples=10, crossings="pass")
-    folds = np.tan(0.5 * motion.values.reshape(2, 10, 4))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratios = folds / folds[:, :, :1]
-    assert np.ptp(ratios, axis=1).max() < 1e-9 * np.abs(ratios).max()
-    signs = sk.trace(loaded(text), samples=10)
-    halves = np.tan(0.5 * signs.values.reshape(2, 10, 4))
-    assert np.ptp(halves / halves[:, :, :1], axis=1).max() > 0.1  # two smooth motions
+    spread, largest_ratio = ratio_spread(crossings="pass")
+    assert spread < 1e-9 * largest_ratio
+    spread_by_signs, _ = ratio_spread()
+    assert spread_by_signs > 0.1
 
 
 @pytest.mark.parametrize(
@@ -184,95 +236,115 @@ def test_fold_angles_of_a_flat_vertex_go_through_the_flat_state(arcs):
         ((40, 70, 70, 40), -100, 91),  # kite whose pairs coincide
     ],
 )
-def test_smooth_curves_of_change_points(arcs, low, high):
-    """They are those that are followed in arc length, whose tangent is continuous."""
+def test_modes_pass_change_points_without_a_bend(arcs, low, high):
+    """With `crossings="pass"` the steps of joint angles hardly change at a crossing.
+
+    `arcs` are those of ground, crank, coupler and rocker, the range goes from `low` to
+    `high` (both in degrees). On the other curve through the crossing, the angles would
+    move in another direction.
+    """
+    samples = 96
     mechanism = loaded(four_bar_text(arcs, low, high, zero="0"))
-    position_analysis = PositionAnalysis(mechanism, samples=96, crossings="pass")
+    position_analysis = PositionAnalysis(mechanism, samples=samples, crossings="pass")
     motion = position_analysis.motion()
     meetings = position_analysis.mode_meetings
-    assert meetings and all(meeting.resolved for meeting in meetings)
-    values = motion.values.reshape(len(position_analysis.assembly_modes), 96, 4)
-    good = (motion.status == sk.Status.OK).reshape(values.shape[:2])
+    assert meetings
+    assert all(meeting.resolved for meeting in meetings)
+    modes = len(position_analysis.assembly_modes)
+    values = motion.values.reshape(modes, samples, 4)  # four pair angles (rad)
+    is_valid = (motion.status == sk.Status.OK).reshape(modes, samples)
     checked = 0
-    for meeting, rows, is_good in itertools.product(meetings, values, good):
-        k = int(np.searchsorted(motion.q[:96], meeting.input))
-        if not 2 <= k < 94 or not np.all(is_good[k - 2 : k + 2]):
+    for meeting, mode in itertools.product(meetings, range(modes)):
+        after = int(np.searchsorted(motion.q[:samples], meeting.input))
+        if not 2 <= after < samples - 2:
+            continue
+        if not np.all(is_valid[mode, after - 2 : after + 2]):
             continue
         checked += 1
-        # Steps change little across a crossing, on another curve by much.
-        near = [
-            wrap(rows[i] - rows[j]) for i, j in ((k - 1, k - 2), (k, k - 1), (k + 1, k))
-        ]
-        bend = np.abs(np.diff(near, axis=0)).max()
-        assert bend < 0.35 * max(np.abs(near).max(), 0.02), (arcs, meeting, near)
+        # The steps before, across and after the crossing
+        steps = wrap(np.diff(values[mode, after - 2 : after + 2], axis=0))
+        bend = np.abs(np.diff(steps, axis=0)).max()
+        # A third of a step is far below the bend onto another curve; 0.02 rad allows for
+        # the curvature where all angles move little.
+        largest_step = max(np.abs(steps).max(), 0.02)
+        assert bend < 0.35 * largest_step, (arcs, meeting, steps)
     assert checked
 
 
 def test_followed_curve_agrees_with_the_smooth_mode():
-    """The curve through a crossing, by steps in arc length from both of its sides."""
+    """A curve followed in arc length has the slope of the mode across the crossing.
+
+    The steps in arc length begin at sample 4, just before the flat state at 0 rad, and end
+    beside it. They use no signs of dyads.
+    """
     mechanism = sk.load(FILES / "flatfold_through.toml")
     position_analysis = PositionAnalysis(mechanism, samples=10, crossings="pass")
     motion = position_analysis.motion()
     curve = follow_arc(position_analysis.solver.closure, motion.values[4])
-    end = curve.nodes.values[[0, -1]]
-    assert np.min(np.abs(end).max(axis=1)) < 0.05  # it ends beside the flat state
-    slope = (motion.values[5] - motion.values[4]) / (motion.q[5] - motion.q[4])
-    tangent = curve.nodes.values[np.argmin(np.abs(end).max(axis=1)) * -1]
-    assert np.allclose(slope, tangent / tangent[0], atol=5e-3)
+    curve_ends = curve.nodes.values[[0, -1]]
+    sizes = np.abs(curve_ends).max(axis=1)
+    assert np.min(sizes) < 0.05  # rad
+    end_at_flat_state = curve.nodes.values[0 if np.argmin(sizes) == 0 else -1]
+    curve_slope = end_at_flat_state / end_at_flat_state[0]
+    mode_slope = (motion.values[5] - motion.values[4]) / (motion.q[5] - motion.q[4])
+    assert np.allclose(mode_slope, curve_slope, atol=5e-3)
 
 
-def two_vertices(low=-40.0, high=40.0):
-    """Return two flat-foldable vertices on one crease: two dyads change at once."""
-    sectors = np.radians([100.0, 60.0, 80.0])
-    first = np.cumsum([0.0, *sectors])
-    second = -np.cumsum(np.radians([70.0, 50.0, 110.0]))
-    angles = [*first, *second]
-    axes = np.array([[np.cos(a), np.sin(a), 0.0] for a in angles])
-    # c1 joins links 1 and 2; the first vertex has links 3 and 4, the second 5 and 6.
-    chain = ((1, 2), (1, 3), (3, 4), (2, 4), (1, 5), (5, 6), (2, 6))
-    return chain_of(chain, axes, span=tuple(np.radians([low, high])))
+def test_two_dyads_change_their_signs_together():
+    """Each of four smooth modes changes both of its dyad signs at the flat state.
 
-
-def test_several_dyads_that_change_at_once():
-    """Each of four modes changes both of its signs at the flat state."""
+    The fold angles keep the ratios of their half tangents (Huffman 1976).
+    """
     position_analysis = PositionAnalysis(two_vertices(), samples=10, crossings="pass")
     (meeting,) = position_analysis.mode_meetings
-    assert len(meeting.successors) == 4 and meeting.resolved
+    assert meeting.resolved
+    assert len(meeting.successors) == 4
     motion = position_analysis.motion()
-    folds = np.tan(0.5 * motion.values.reshape(4, 10, 7))
-    ratios = folds / folds[:, :, :1]
+    tangents = np.tan(0.5 * motion.values.reshape(4, 10, 7))
+    ratios = tangents / tangents[:, :, :1]
     assert np.ptp(ratios, axis=1).max() < 1e-8 * np.abs(ratios).max()
     labels = {mode.number: mode.label for mode in position_analysis.assembly_modes}
     for before, after in meeting.successors.items():
-        pairs = zip(labels[before], labels[after], strict=True)
-        assert all(one != other for one, other in pairs)
+        for sign_before, sign_after in zip(labels[before], labels[after], strict=True):
+            assert sign_before != sign_after
 
 
 def test_long_runs_follow_smooth_curves_too():
-    """They are computed by a kernel that is given signs sample by sample."""
+    """A run of 9000 samples, computed by a compiled kernel, follows smooth curves as well.
+
+    The ratio of half tangents of two fold angles is constant in each mode (Huffman 1976).
+    """
     path = FILES / "flatfold_through.toml"
-    long = sk.run(path, "poles:only=s3/s1", samples=9000, crossings="pass")
-    folds = long.frame("motion")
-    ratio = np.tan(0.5 * folds.theta_c3) / np.tan(0.5 * folds.theta_c1)
-    of_mode = ratio.groupby(folds.assembly_mode)
-    assert (of_mode.max() - of_mode.min()).max() < 1e-6
-    assert len(long.summary["mode_meetings"]) == 1
+    result = sk.run(path, "poles:only=s3/s1", samples=9000, crossings="pass")
+    motion = result.frame("motion")
+    ratio = np.tan(0.5 * motion.theta_c3) / np.tan(0.5 * motion.theta_c1)
+    ratios_by_mode = ratio.groupby(motion.assembly_mode)
+    assert (ratios_by_mode.max() - ratios_by_mode.min()).max() < 1e-6
+    assert len(result.summary["mode_meetings"]) == 1
 
 
-def test_reference_pose_is_exact_where_it_is_flat(capsys, tmp_path):
-    """Angles were 3e-6 deg at the input of the pose itself."""
-    motion = sk.trace(sk.load(FILES / "flat_pose.toml"), samples=18)
-    flat = motion.values[motion.q == 0.0]
-    assert len(flat) == 2 and np.abs(flat).max() < 1e-15
-    alone = sk.trace(sk.load(FILES / "flat_pose.toml"), samples=18, search=False)
-    assert np.abs(alone.values[0]).max() < 1e-15
-    # At exact change points of sizes too, at the middle and at both ends of a range.
-    for arcs, zero in (((60, 30, 60, 30), "0"), ((70, 30, 60, 40), "0")):
-        turned = sk.trace(loaded(four_bar_text(arcs, 0, 360, zero)), samples=5)
-        singular = turned.status == sk.Status.AT_SINGULARITY
-        assert np.any(singular)
-        away = np.degrees(turned.values[singular]) / 90.0
-        assert np.abs(away - np.round(away)).max() < 1e-12
+def test_reference_pose_is_exact_where_it_is_flat():
+    """A flat reference pose is computed to the last digit, with and without a search.
+
+    Newton's method alone loses half the digits there, because the Jacobian is singular.
+    """
+    mechanism = sk.load(FILES / "flat_pose.toml")
+    motion = sk.trace(mechanism, samples=18)
+    flat_rows = motion.values[motion.q == 0.0]
+    assert len(flat_rows) == 2
+    assert np.abs(flat_rows).max() < 1e-15
+    unsearched = sk.trace(mechanism, samples=18, search=False)
+    assert np.abs(unsearched.values[0]).max() < 1e-15
+
+
+@pytest.mark.parametrize("arcs", [(60, 30, 60, 30), (70, 30, 60, 40)])
+def test_change_points_at_the_middle_and_the_ends_of_a_range_are_exact(arcs):
+    """Flat four-bars have angles that are multiples of 90 deg, to 1e-12 of that."""
+    motion = sk.trace(loaded(four_bar_text(arcs, 0, 360, "0")), samples=5)
+    is_singular = motion.status == sk.Status.AT_SINGULARITY
+    assert np.any(is_singular)
+    right_angles = np.degrees(motion.values[is_singular]) / 90.0
+    assert np.abs(right_angles - np.round(right_angles)).max() < 1e-12
 
 
 @pytest.mark.many
@@ -286,44 +358,63 @@ def test_reference_pose_is_exact_where_it_is_flat(capsys, tmp_path):
         pytest.param((60, 80, 60, 80), "180", marks=pytest.mark.slow),
     ],
 )
-def test_angles_go_on_through_crossings(arcs, zero):
-    """Loads that count turns see no jump by a turn where the mode is smooth."""
+def test_angles_that_count_turns_are_continuous_through_crossings(arcs, zero):
+    """Loads that count turns of a pair see no jump by a turn where the mode is smooth.
+
+    `arcs` are those of ground, crank, coupler and rocker (deg); `zero` is the input (deg)
+    at which the four-bar is flat.
+    """
+    samples = 145
     mechanism = loaded(four_bar_text(arcs, 0, 360, zero))
-    position_analysis = PositionAnalysis(mechanism, samples=145, crossings="pass")
+    position_analysis = PositionAnalysis(mechanism, samples=samples, crossings="pass")
     motion = position_analysis.motion()
-    names = [pair.name for pair in mechanism.pairs]
-    angles = continue_angles(motion, names, position_analysis.angle_unwrapping, {})
-    for name, values in angles.items():
-        steps = np.abs(np.diff(values.reshape(2, 145), axis=1))
-        assert np.nanmax(steps) < 0.7, name
-        turned = np.abs(wrap(values - motion.values[:, mechanism.angles[name]]))
-        assert np.nanmax(turned) < 1e-12
+    pairs = [pair.name for pair in mechanism.pairs]
+    angles = continue_angles(motion, pairs, position_analysis.angle_unwrapping, {})
+    for pair, values in angles.items():
+        steps = np.abs(np.diff(values.reshape(2, samples), axis=1))
+        assert np.nanmax(steps) < 0.7, pair  # rad, far below a turn
+        difference = wrap(values - motion.values[:, mechanism.angles[pair]])
+        assert np.nanmax(np.abs(difference)) < 1e-12
 
 
-def test_evaluate_and_sweep_follow_smooth_curves():
+def test_evaluate_follows_smooth_curves():
+    """Velocity coefficients at -0.3 and 0.3 rad are equal in size on a smooth curve.
+
+    The flat state is at 0 rad. A mode by signs is on another curve after it.
+    """
     path = str(FILES / "flatfold_through.toml")
-    sides = [-0.3, 0.3]
-    passed = [
-        sk.evaluate(path, q, assembly_mode=0, crossings="pass").velocity_coefficient(
-            "s3/s1"
+
+    def coefficient_sizes(**options):
+        sizes = []
+        for q in (-0.3, 0.3):
+            row = sk.evaluate(path, q, assembly_mode=0, **options)
+            sizes.append(abs(row.velocity_coefficient("s3/s1")[0]))
+        return sizes
+
+    before, after = coefficient_sizes(crossings="pass")
+    assert abs(before - after) < 1e-12
+    before, after = coefficient_sizes()
+    assert abs(before - after) > 0.1
+
+
+def test_a_sweep_follows_smooth_curves():
+    """A fold angle goes through 80 deg on the smooth curve, which no mode by signs does."""
+    ranges_deg = {}
+    for crossings in ("end", "pass"):
+        result = sk.sweep(
+            str(FILES / "flatfold_through.toml"),
+            {"links.s1.arc": [100]},
+            "s=range(theta_c3)",
+            samples=10,
+            crossings=crossings,
         )
-        for q in sides
-    ]
-    assert abs(abs(passed[0][0]) - abs(passed[1][0])) < 1e-12
-    kept = [
-        sk.evaluate(path, q, assembly_mode=0).velocity_coefficient("s3/s1") for q in sides
-    ]
-    assert abs(abs(kept[0][0]) - abs(kept[1][0])) > 0.1
-    swings = {
-        how: sk.sweep(
-            path, {"links.s1.arc": [100]}, "s=range(theta_c3)", samples=10, crossings=how
-        ).frame()["s"]
-        for how in ("end", "pass")
-    }
-    assert np.allclose(swings["pass"], 80.0) and np.all(swings["end"] < 40.0)
+        ranges_deg[crossings] = result.frame()["s"]
+    assert np.allclose(ranges_deg["pass"], 80.0)
+    assert np.all(ranges_deg["end"] < 40.0)
 
 
-def test_command_of_sweeps_and_study_files(tmp_path, capsys):
+def test_commands_read_how_to_pass_crossings_from_a_study_file(tmp_path, capsys):
+    """`crossings = "pass"` of a study file holds for `spherekit run` and `spherekit sweep`."""
     path = FILES / "flatfold_through.toml"
     study = tmp_path / "fold.study.toml"
     study.write_text(
@@ -331,46 +422,44 @@ def test_command_of_sweeps_and_study_files(tmp_path, capsys):
     )
     assert main(["run", str(study)]) == 0
     assert "each follows its smooth curve through it" in capsys.readouterr().out
-    words = ["sweep", str(study), "--vary", "links.s1.arc=100", "--reduce"]
-    assert main([*words, "s=range(theta_c3)", "--json"]) == 0
+    arguments = ["sweep", str(study), "--vary", "links.s1.arc=100", "--reduce"]
+    assert main([*arguments, "s=range(theta_c3)", "--json"]) == 0
     assert '"s": 80.0' in capsys.readouterr().out.replace("79.99999999999999", "80.0")
 
 
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "watt", "single_flier"])
-def test_mechanisms_whose_modes_do_not_cross_are_the_same(name):
-    """Nothing is said of crossings, and every row stays as it was."""
-    kept = sk.trace(sk.load(name), samples=7)
+def test_crossings_pass_changes_nothing_where_modes_do_not_cross(name):
+    """Where no curves cross, every row is bit for bit equal with `crossings="pass"`."""
+    ended = sk.trace(sk.load(name), samples=7)
     passed = sk.trace(sk.load(name), samples=7, crossings="pass")
-    assert np.array_equal(kept.values, passed.values, equal_nan=True)
-    assert np.array_equal(kept.status, passed.status)
-
-
-def flat_loop(seed=0):
-    """Return a six-bar driven as a triad, one loop of which is flat in its pose."""
-    axes = random_axes(np.random.default_rng(seed), 7)
-    flat = [1, 2, 5, 6]  # the pairs of the loop of links 2, 3, 4 and 6
-    axes[flat, 2] = 0.0
-    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    chain = ((1, 2), (2, 3), (3, 4), (4, 5), (1, 5), (2, 6), (4, 6))
-    return chain_of(chain, axes, driven="p1_2", span=(-0.3, 0.35))
+    assert np.array_equal(ended.values, passed.values, equal_nan=True)
+    assert np.array_equal(ended.status, passed.status)
 
 
 @pytest.mark.slow
 def test_modes_of_a_triad_follow_smooth_curves():
-    """Steps keep a determinant's sign: modes end or change curves at the crossing."""
-    kept = PositionAnalysis(flat_loop(), samples=28)
-    (meeting,) = kept.mode_meetings
-    assert meeting.resolved and abs(meeting.input) < 1e-9
-    passed = PositionAnalysis(flat_loop(), samples=28, crossings="pass")
-    motion = passed.motion()
-    good = (motion.status == sk.Status.OK).reshape(-1, 28)
-    values = motion.values.reshape(*good.shape, 7)
-    through = 0
-    for rows, is_good in zip(values, good, strict=True):
-        k = int(np.searchsorted(motion.q[:28], 0.0))
-        if not np.all(is_good[k - 3 : k + 3]):
+    """Modes of a triad, which have no signs, also pass a crossing without a bend.
+
+    Without `crossings="pass"` each step keeps the sign of a determinant, so that modes end
+    at the crossing or change to another curve.
+    """
+    samples = 28
+    mechanism = six_bar_with_a_flat_loop()
+    (meeting,) = PositionAnalysis(mechanism, samples=samples).mode_meetings
+    assert meeting.resolved
+    assert abs(meeting.input) < 1e-9
+    position_analysis = PositionAnalysis(mechanism, samples=samples, crossings="pass")
+    motion = position_analysis.motion()
+    is_valid = (motion.status == sk.Status.OK).reshape(-1, samples)
+    values = motion.values.reshape(*is_valid.shape, 7)
+    passing_modes = 0
+    for mode_values, mode_is_valid in zip(values, is_valid, strict=True):
+        after = int(np.searchsorted(motion.q[:samples], 0.0))
+        around = slice(after - 3, after + 3)
+        if not np.all(mode_is_valid[around]):
             continue
-        through += 1
-        steps = wrap(np.diff(rows[k - 3 : k + 3], axis=0))
-        assert np.abs(np.diff(steps, axis=0)).max() < 0.5 * np.abs(steps).max()
-    assert through >= 2
+        passing_modes += 1
+        steps = wrap(np.diff(mode_values[around], axis=0))
+        bend = np.abs(np.diff(steps, axis=0)).max()
+        assert bend < 0.5 * np.abs(steps).max()
+    assert passing_modes >= 2

@@ -2,7 +2,6 @@
 
 import csv
 import json
-from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -34,19 +33,35 @@ from spherekit.positions.sample_configurations import enumerate_configurations
 from spherekit.status import Status
 
 FILES = Path(__file__).parent / "files"
-SAME = 1e-6
+SAME_CONFIGURATION = 1e-6
+"""Configurations whose rotation matrices (or `exp(i angle)`) differ by less are equal."""
+
+SELF_DISTANCE = 9.0
+"""Added to the distance of a configuration from itself, to leave it out of a minimum."""
 
 
 def count_repeats(motion):
-    """Return how many OK rows have the configuration of another row of their sample."""
-    rows = np.flatnonzero(motion.status == Status.OK)
-    turns = motion.rotations[rows].reshape(len(rows), -1)
+    """Return how many valid rows repeat the configuration of another row of their sample.
+
+    Two rows are equal if all link rotations agree to `SAME_CONFIGURATION`.
+    """
+    valid_rows = np.flatnonzero(motion.status == Status.OK)
+    rotations = motion.rotations[valid_rows].reshape(len(valid_rows), -1)
     repeats = 0
-    for sample in np.unique(motion.sample[rows]):
-        here = turns[motion.sample[rows] == sample]
-        away = np.max(np.abs(here[:, None] - here), axis=2) + 9.0 * np.eye(len(here))
-        repeats += int(np.sum(np.min(away, axis=1) < SAME))
+    for sample in np.unique(motion.sample[valid_rows]):
+        sample_rotations = rotations[motion.sample[valid_rows] == sample]
+        repeats += int(np.sum(distances_to_nearest(sample_rotations) < SAME_CONFIGURATION))
     return repeats
+
+
+def distances_to_nearest(configurations):
+    """Return how far each of (n, m) configurations is from the nearest other one.
+
+    Distance is the largest difference in any of the m entries.
+    """
+    differences = np.abs(configurations[:, None] - configurations)
+    distances = np.max(differences, axis=2) + SELF_DISTANCE * np.eye(len(configurations))
+    return np.min(distances, axis=1, initial=SELF_DISTANCE)
 
 
 def count_rows(motion, samples):
@@ -54,80 +69,111 @@ def count_rows(motion, samples):
     return np.bincount(motion.sample[~motion.failed], minlength=samples)
 
 
-def wide(names, reach=150.0):
-    """Return a shipped mechanism whose inputs range so far (deg) each way."""
-    made = sk.load(names)
-    reach = np.radians(reach)
-    inputs = [replace(item, start=-reach, stop=reach) for item in made.inputs]
-    return replace(made, inputs=tuple(inputs))
+def with_symmetric_ranges(name, half_width_deg=150.0):
+    """Return a shipped mechanism whose inputs range over plus and minus the same angle."""
+    mechanism = sk.load(name)
+    half_width = np.radians(half_width_deg)
+    inputs = [
+        replace(item, start=-half_width, stop=half_width) for item in mechanism.inputs
+    ]
+    return replace(mechanism, inputs=tuple(inputs))
 
 
-def random_rrr(random):
-    """Return a 3-RRR platform of random arcs and ranges."""
+def random_platform(random):
+    """Return a 3-RRR platform (three legs of three revolute pairs) of random size.
+
+    The arcs of base, platform, cranks and couplers (deg) and the ranges of the three
+    inputs (rad) are drawn; everything else is that of `rrr_wide.toml`.
+    """
     text = (FILES / "rrr_wide.toml").read_text()
-    for old in ("70.0, 80.0", "60.0, 75.0"):
-        new = ", ".join(f"{arc:.1f}" for arc in random.uniform(40.0, 100.0, 2))
-        text = text.replace(f"[{old}]", f"[{new}]")
+    for base_or_platform_arcs in ("70.0, 80.0", "60.0, 75.0"):
+        arcs = ", ".join(f"{arc:.1f}" for arc in random.uniform(40.0, 100.0, 2))
+        text = text.replace(f"[{base_or_platform_arcs}]", f"[{arcs}]")
     for link in ("crank1", "crank2", "crank3", "coupler1", "coupler2", "coupler3"):
-        head, tail = text.split(f"[links.{link}]")
-        axes, arcs = tail.split("arcs = [", 1)
-        rest = arcs.split("]", 1)[1]
-        text = f"{head}[links.{link}]{axes}arcs = [{random.uniform(35.0, 95.0):.1f}]{rest}"
-    made = loads(text)
-    low = random.uniform(-np.pi, 0.5, 3)
-    high = low + random.uniform(0.3, 4.0, 3)
+        before_link, after_name = text.split(f"[links.{link}]")
+        axes, arcs_and_rest = after_name.split("arcs = [", 1)
+        rest = arcs_and_rest.split("]", 1)[1]
+        arc = f"{random.uniform(35.0, 95.0):.1f}"
+        text = f"{before_link}[links.{link}]{axes}arcs = [{arc}]{rest}"
+    mechanism = loads(text)
+    starts = random.uniform(-np.pi, 0.5, 3)
+    stops = starts + random.uniform(0.3, 4.0, 3)
     inputs = [
         replace(item, start=start, stop=stop)
-        for item, start, stop in zip(made.inputs, low, high, strict=True)
+        for item, start, stop in zip(mechanism.inputs, starts, stops, strict=True)
     ]
-    return replace(made, inputs=tuple(inputs))
+    return replace(mechanism, inputs=tuple(inputs))
 
 
-def independent_counts(tracer):
-    """Return how many configurations a 3-RRR has at each sample, -1 where in doubt."""
-    solver, made = tracer.solver, tracer.mechanism
-    state = solver.start(tracer.input_grid.q)
+def count_platform_configurations(position_analysis):
+    """Return how many configurations a 3-RRR has at each sample, -1 where in doubt.
+
+    `count_configurations` solves the polynomial equations of the platform for the
+    positions of the crank ends in the frame of the base. It calls no solver of spherekit;
+    only the axes of the pairs are read from the mechanism.
+    """
+    solver = position_analysis.solver
+    mechanism = position_analysis.mechanism
+    state = solver.start(position_analysis.input_grid.q)
 
     def axis(pair, side):
-        joint = revolute(solver.joints[made.pair_number[pair]])
+        """Return a pair's axis in the frame of its first (side 0) or second (1) link."""
+        joint = revolute(solver.joints[mechanism.pair_number[pair]])
         return (joint.first, joint.second)[side][:, 2]
 
-    cranks = [made.link_number[f"crank{k}"] for k in (1, 2, 3)]
-    elbows = np.stack(
-        [state.within[link] @ axis(f"b{k}", 0) for k, link in enumerate(cranks, 1)], axis=1
-    )
-    ground = state.within[made.link_number["base"]]
-    elbows = np.einsum("nji,nkj->nki", ground, elbows)
-    couplers = [np.arccos(axis(f"b{k}", 1) @ axis(f"c{k}", 0)) for k in (1, 2, 3)]
-    platform = np.stack([axis(f"c{k}", 1) for k in (1, 2, 3)])
-    counts = [count_configurations(here, couplers, platform) for here in elbows]
+    crank_ends = []
+    for leg in (1, 2, 3):
+        crank = mechanism.link_number[f"crank{leg}"]
+        crank_ends.append(state.within[crank] @ axis(f"b{leg}", 0))
+    base_rotation = state.within[mechanism.link_number["base"]]
+    # (samples, 3 legs, 3 components) in the frame of the base
+    crank_ends = np.einsum("nji,nkj->nki", base_rotation, np.stack(crank_ends, axis=1))
+    coupler_arcs = [np.arccos(axis(f"b{leg}", 1) @ axis(f"c{leg}", 0)) for leg in (1, 2, 3)]
+    platform_axes = np.stack([axis(f"c{leg}", 1) for leg in (1, 2, 3)])
+    counts = [
+        count_configurations(sample_ends, coupler_arcs, platform_axes)
+        for sample_ends in crank_ends
+    ]
     return np.array([-1 if count is None else count for count in counts])
 
 
-def count_one_by_one(tracer):
-    """Return how many configurations elimination finds at each sample on its own."""
+def count_one_by_one(position_analysis):
+    """Return how many configurations elimination finds at each sample, solved alone."""
+    solver = position_analysis.solver
     return np.array(
-        [len(enumerate_assemblies(tracer.solver, q).values) for q in tracer.input_grid.q]
+        [
+            len(enumerate_assemblies(solver, q).values)
+            for q in position_analysis.input_grid.q
+        ]
     )
 
 
-def run_in(folder, *arguments):
-    """Run a study; return its summary, and for each sample the OK rows of `motion`."""
+def run_command(folder, *arguments):
+    """Run the command `spherekit run` with results in a folder.
+
+    Returns
+    -------
+    summary
+        Content of `summary.json`.
+    configurations
+        For each sample number the valid rows of `motion.csv`, each as the complex numbers
+        `exp(i theta)` of all pair angles.
+    """
     assert main(["run", *map(str, arguments), "--out", str(folder)]) == 0
-    rows = {}
+    configurations = {}
     with (folder / "motion.csv").open() as file:
         for row in csv.DictReader(file):
-            if row["status"] == "OK":
-                angles = [float(row[name]) for name in row if name.startswith("theta_")]
-                rows.setdefault(int(row["sample"]), []).append(
-                    np.exp(1j * np.array(angles))
-                )
-    return json.loads((folder / "summary.json").read_text()), rows
+            if row["status"] != "OK":
+                continue
+            angles = [float(row[name]) for name in row if name.startswith("theta_")]
+            sample = int(row["sample"])
+            configurations.setdefault(sample, []).append(np.exp(1j * np.array(angles)))
+    return json.loads((folder / "summary.json").read_text()), configurations
 
 
 @pytest.mark.many
 @pytest.mark.parametrize(
-    ("arguments", "traced"),
+    ("arguments", "sample_options"),
     [
         pytest.param(
             ["rrr_wide.toml", "--samples", "4x4x4"],
@@ -140,22 +186,33 @@ def run_in(folder, *arguments):
     ],
     ids=["grid", "uneven grid", "path", "values"],
 )
-def test_a_run_has_each_configuration_once(arguments, traced, tmp_path):
-    name, *more = arguments
-    _, rows = run_in(
-        tmp_path / "out", FILES / name, *more, "-a", "poles:only=platform/base"
+def test_a_run_writes_every_configuration_of_a_sample_once(
+    arguments, sample_options, tmp_path
+):
+    """`motion.csv` has as many rows of a sample as an independent count, none twice.
+
+    `sample_options` gives the samples of the command to `PositionAnalysis`; None stands
+    for the input values of the study file, which are repeated here in degrees.
+    """
+    file_name, *options = arguments
+    _, configurations = run_command(
+        tmp_path / "out", FILES / file_name, *options, "-a", "poles:only=platform/base"
     )
-    for here in rows.values():
-        away = np.max(np.abs(np.array(here)[:, None] - np.array(here)), axis=2)
-        assert np.min(away + 9.0 * np.eye(len(here))) > SAME
-    made = sk.load(FILES / name) if traced else sk.load("three_rrr")
-    if traced is None:
-        columns = [(-101, 126, -127, 134), (119, -38, 71, -81), (57, -7, -75, 22)]
-        traced = {"path": np.radians(np.array(columns, dtype=float)).T}
-    counted = independent_counts(PositionAnalysis(made, **traced))
-    sure = np.flatnonzero(counted >= 0)
-    assert len(sure) > 0.8 * len(counted)
-    assert [len(rows.get(k, [])) for k in sure.tolist()] == counted[sure].tolist()
+    for sample_configurations in configurations.values():
+        distances = distances_to_nearest(np.array(sample_configurations))
+        assert np.min(distances) > SAME_CONFIGURATION
+
+    if sample_options is None:
+        mechanism = sk.load("three_rrr")
+        columns_deg = [(-101, 126, -127, 134), (119, -38, 71, -81), (57, -7, -75, 22)]
+        sample_options = {"path": np.radians(np.array(columns_deg, dtype=float)).T}
+    else:
+        mechanism = sk.load(FILES / file_name)
+    expected = count_platform_configurations(PositionAnalysis(mechanism, **sample_options))
+    certain = np.flatnonzero(expected >= 0)
+    assert len(certain) > 0.8 * len(expected)
+    counts = [len(configurations.get(sample, [])) for sample in certain.tolist()]
+    assert counts == expected[certain].tolist()
 
 
 @pytest.mark.many
@@ -168,53 +225,67 @@ def test_a_run_has_each_configuration_once(arguments, traced, tmp_path):
         ("agile_eye", 6, 4),
     ],
 )
-def test_inputs_asked_together_have_what_each_has_alone(name, count, seed):
-    made = wide(name)
-    low, high = np.array([(item.start, item.stop) for item in made.inputs]).T
+def test_many_inputs_at_once_have_the_configurations_of_each_alone(name, count, seed):
+    """`evaluate` of random inputs finds for each the rotations that it finds for it alone.
+
+    `count` inputs are drawn within plus and minus 150 degrees.
+    """
+    mechanism = with_symmetric_ranges(name)
+    low, high = np.array([(item.start, item.stop) for item in mechanism.inputs]).T
     inputs = np.random.default_rng(seed).uniform(low, high, (count, len(low)))
-    poles = [f"{made.links[-1]}/{made.ground}"]
-    together = sk.evaluate(made, inputs, poles=poles)
+    last_link = mechanism.links[-1]
+    poles = [f"{last_link}/{mechanism.ground}"]
+    together = sk.evaluate(mechanism, inputs, poles=poles)
     assert count_repeats(together._motion) == 0
-    last = made.links[-1]
-    for number, q in enumerate(inputs):
-        alone = sk.evaluate(made, q, poles=poles)
-        rows = (together.sample == number) & (together.status == Status.OK)
-        ours, theirs = (
-            together.rotation(last)[rows],
-            alone.rotation(last)[alone.status == 0],
-        )
-        assert len(ours) == len(theirs)
-        if len(ours):
-            away = np.max(np.abs(ours[:, None] - theirs), axis=(2, 3))
-            assert np.max(np.min(away, axis=0)) < 1e-9
     assert str(count) in together.search
+    for sample, q in enumerate(inputs):
+        alone = sk.evaluate(mechanism, q, poles=poles)
+        sample_rows = (together.sample == sample) & (together.status == Status.OK)
+        rotations = together.rotation(last_link)[sample_rows]
+        rotations_alone = alone.rotation(last_link)[alone.status == Status.OK]
+        assert len(rotations) == len(rotations_alone)
+        if len(rotations):
+            gaps = np.max(np.abs(rotations[:, None] - rotations_alone), axis=(2, 3))
+            assert np.max(np.min(gaps, axis=0)) < 1e-9
 
 
 @pytest.mark.slow
-def test_an_input_that_nothing_reaches_has_a_status_alone_too():
-    made = wide("three_rrr")
-    q = np.random.default_rng(1).uniform(-2.6, 2.6, (20, 3))
-    nowhere = q[
-        [not sk.evaluate(made, one, poles=[]).status.tolist().count(0) for one in q]
-    ]
-    assert len(nowhere) == 1
-    alone = sk.evaluate(made, nowhere[0], poles=[])
+def test_an_input_out_of_reach_has_a_row_with_that_status():
+    """An input at which no configuration closes is reported, also if it is the only one.
+
+    One of 20 random inputs (rad) of the 3-RRR is out of reach.
+    """
+    platform = with_symmetric_ranges("three_rrr")
+    inputs = np.random.default_rng(1).uniform(-2.6, 2.6, (20, 3))
+    unreachable = []
+    for q in inputs:
+        statuses = sk.evaluate(platform, q, poles=[]).status
+        if not np.any(statuses == Status.OK):
+            unreachable.append(q)
+    assert len(unreachable) == 1
+    alone = sk.evaluate(platform, unreachable[0], poles=[])
     assert alone.status.tolist() == [Status.OUT_OF_REACH]
     assert np.isnan(alone.rotation("platform")).all()
-    five = wide("five_bar")
-    motion = sk.trace(five, samples=9, grid=True)
-    (beyond, *_) = motion.inputs[motion.failed]
-    assert set(sk.evaluate(five, beyond, poles=[]).status) == {Status.OUT_OF_REACH}
+
+    five_bar = with_symmetric_ranges("five_bar")
+    motion = sk.trace(five_bar, samples=9, grid=True)
+    first_unreachable = motion.inputs[motion.failed][0]
+    statuses = sk.evaluate(five_bar, first_unreachable, poles=[]).status
+    assert set(statuses) == {Status.OUT_OF_REACH}
 
 
 @pytest.mark.parametrize("samples", [2, 5, 10, 20, 41, 91, 361])
-def test_more_samples_lose_no_modes(samples):
-    tracer = PositionAnalysis(sk.load("three_rrr"), samples=samples)
-    assert len(tracer.assembly_modes) == 6
-    motion = tracer.motion()
+def test_six_modes_are_found_with_any_number_of_samples(samples):
+    """The 3-RRR has six assembly modes in its range, four of them over the whole range.
+
+    The other two modes exist at the end of the range only, so that few samples see them.
+    """
+    position_analysis = PositionAnalysis(sk.load("three_rrr"), samples=samples)
+    assert len(position_analysis.assembly_modes) == 6
+    motion = position_analysis.motion()
     assert count_repeats(motion) == 0
-    whole = Counter(np.bincount(motion.assembly_mode[~motion.failed]).tolist())
-    assert whole[samples] == 4  # the other two exist at the end of the range only
+    samples_of_modes = np.bincount(motion.assembly_mode[~motion.failed])
+    assert np.sum(samples_of_modes == samples) == 4
 
 
 @pytest.mark.many
@@ -229,109 +300,174 @@ def test_more_samples_lose_no_modes(samples):
         pytest.param("two_dof_spm", True, marks=pytest.mark.slow),
     ],
 )
-def test_inputs_many_turns_apart(name, backwards):
-    made = sk.load(name)
-    way = np.linspace(0.6, 1000.1, 6)[:, None] + 0.3 * np.arange(len(made.inputs))
-    way = way[::-1] if backwards else way
-    motion = sk.trace(made, path=way)
-    alone = [len(sk.trace(made, path=one[None])) for one in way]
-    assert count_rows(motion, len(way)).tolist() == alone
-    assert count_repeats(motion) == 0 and min(alone) >= 2
-    again = sk.trace(made, path=way + TURN * np.array([7, -40, 3])[: len(made.inputs)])
-    assert count_rows(again, len(way)).tolist() == alone
+def test_samples_many_turns_apart_have_all_their_configurations(name, backwards):
+    """A path whose samples are 200 rad apart has at each what that sample has alone.
+
+    Whole turns added to the inputs change nothing.
+    """
+    mechanism = sk.load(name)
+    input_count = len(mechanism.inputs)
+    path = np.linspace(0.6, 1000.1, 6)[:, None] + 0.3 * np.arange(input_count)
+    if backwards:
+        path = path[::-1]
+    motion = sk.trace(mechanism, path=path)
+    counts_alone = [len(sk.trace(mechanism, path=sample[None])) for sample in path]
+    assert min(counts_alone) >= 2
+    assert count_rows(motion, len(path)).tolist() == counts_alone
+    assert count_repeats(motion) == 0
+    whole_turns = TURN * np.array([7, -40, 3])[:input_count]
+    turned_motion = sk.trace(mechanism, path=path + whole_turns)
+    assert count_rows(turned_motion, len(path)).tolist() == counts_alone
 
 
-def test_rows_of_a_mode_on_a_path_are_joined():
-    """Small steps of the inputs, by Newton's method alone, lead from row to row."""
-    tracer = PositionAnalysis(wide("three_rrr"), samples=40)
-    motion, solver = tracer.motion(), tracer.solver
-    driven, closure = list(solver.driven), solver.closure
-    of_mode = motion.values.reshape(len(tracer.assembly_modes), len(tracer.input_grid), -1)
-    mode, sample = np.nonzero(np.all(np.isfinite(of_mode[:, :-1] + of_mode[:, 1:]), axis=2))
+def test_small_newton_steps_join_the_rows_of_a_mode():
+    """Successive rows of one assembly mode belong to one continuous motion.
+
+    Independent of the search for modes: the inputs are moved from one sample to the next
+    in 150 steps, the loops are closed by Newton's method after each, and the determinant
+    of the Jacobian by the passive variables keeps its sign, so that no singularity is
+    passed.
+    """
+    position_analysis = PositionAnalysis(with_symmetric_ranges("three_rrr"), samples=40)
+    motion = position_analysis.motion()
+    closure = position_analysis.solver.closure
+    driven = list(position_analysis.solver.driven)
+
+    def determinant_signs(values):
+        passive_columns = np.delete(closure.at(values).jacobian, driven, axis=2)
+        return np.linalg.slogdet(passive_columns)[0]
+
+    mode_count = len(position_analysis.assembly_modes)
+    # (modes, samples, variables)
+    mode_values = motion.values.reshape(mode_count, len(position_analysis.input_grid), -1)
+    is_closed = np.all(np.isfinite(mode_values), axis=2)
+    mode, sample = np.nonzero(is_closed[:, :-1] & is_closed[:, 1:])
     assert len(mode) > 60
-    start, stop = of_mode[mode, sample], of_mode[mode, sample + 1]
-    steps = 150
+    start = mode_values[mode, sample]
+    stop = mode_values[mode, sample + 1]
     values = start.copy()
-    sign = np.linalg.slogdet(np.delete(closure.at(values).jacobian, driven, axis=2))[0]
+    start_signs = determinant_signs(start)
+    steps = 150
     for step in range(1, steps + 1):
         values[:, driven] = start[:, driven] + step / steps * (stop - start)[:, driven]
         values = closure.solve(values, driven).values
-        square = np.delete(closure.at(values).jacobian, driven, axis=2)
-        assert np.array_equal(np.linalg.slogdet(square)[0], sign)
-    assert np.max(np.abs(np.angle(np.exp(1j * (values - stop))))) < 1e-9
+        assert np.array_equal(determinant_signs(values), start_signs)
+    differences = np.angle(np.exp(1j * (values - stop)))
+    assert np.max(np.abs(differences)) < 1e-9
 
 
 @pytest.mark.parametrize("size", [15, pytest.param(35, marks=pytest.mark.slow)])
-def test_modes_of_dyads_at_all_samples_of_a_grid(size):
-    """A mode that closes at few samples only is met however many there are."""
-    found = 0
+def test_a_grid_has_the_configurations_of_each_sample_alone(size):
+    """Modes that close at few samples of a grid are found, however many samples there are.
+
+    Random nine-bars with two inputs and closed forms (chains of dyads) are sampled at
+    `size` times `size` inputs. At random samples the count equals that of the sample alone.
+    """
+    tested_mechanisms = 0
     for seed in range(14):
         random = np.random.default_rng(seed)
         edges = random_chain(random, 9, 2)
-        made = choose_random_inputs(
-            random, mechanism_from_chain(edges, random_axes(random, len(edges))), 2
-        )
-        if made is None:
+        chain = mechanism_from_chain(edges, random_axes(random, len(edges)))
+        mechanism = choose_random_inputs(random, chain, 2)
+        if mechanism is None:
             continue
-        inputs = [replace(item, start=-2.0, stop=2.0) for item in made.inputs]
-        made = replace(made, inputs=tuple(inputs))
-        solver = PositionSolver(made, plan_assembly(made))
+        inputs = [replace(item, start=-2.0, stop=2.0) for item in mechanism.inputs]
+        mechanism = replace(mechanism, inputs=tuple(inputs))
+        solver = PositionSolver(mechanism, plan_assembly(mechanism))
         if not solver.has_closed_form:
             continue
-        tracer = PositionAnalysis(made, samples=(size, size))
-        motion = tracer.motion()
+        position_analysis = PositionAnalysis(mechanism, samples=(size, size))
+        counts = count_rows(position_analysis.motion(), size**2)
         chosen = np.random.default_rng(seed).choice(size**2, size, replace=False)
-        alone = [
-            len(enumerate_assemblies(solver, tracer.input_grid.q[k]).values) for k in chosen
+        inputs_of_grid = position_analysis.input_grid.q
+        counts_alone = [
+            len(enumerate_assemblies(solver, inputs_of_grid[sample]).values)
+            for sample in chosen
         ]
-        assert count_rows(motion, size**2)[chosen].tolist() == alone
-        found += 1
-    assert found >= 3
+        assert counts[chosen].tolist() == counts_alone
+        tested_mechanisms += 1
+    assert tested_mechanisms >= 3
 
 
 def test_a_lost_configuration_is_noticed(monkeypatch):
-    """The signs of all configurations at a sample cancel: one alone cannot be missing."""
-    made = sk.load("three_rrr")
-    complete = PositionAnalysis(made, samples=7)
+    """A sample at which one configuration is missing is reported, and the mode is kept.
+
+    The determinant signs of all configurations of a sample add up to zero, so that a
+    single missing one is noticed. Row 9 of the enumeration is removed here.
+    """
     from spherekit.positions import modes_over_samples
 
+    mechanism = sk.load("three_rrr")
+    complete = PositionAnalysis(mechanism, samples=7)
     enumerate_all = modes_over_samples.enumerate_configurations
 
     def lose_one(solver, q):
-        found = enumerate_all(solver, q)
-        kept = np.arange(len(found.sample)) != 9
-        return replace(found, sample=found.sample[kept], values=found.values[kept])
+        configurations = enumerate_all(solver, q)
+        remains = np.arange(len(configurations.sample)) != 9
+        return replace(
+            configurations,
+            sample=configurations.sample[remains],
+            values=configurations.values[remains],
+        )
 
     monkeypatch.setattr(modes_over_samples, "enumerate_configurations", lose_one)
-    tracer = PositionAnalysis(made, samples=7)
-    assert "all configurations at 6 of the 7 samples" in tracer.search
-    assert "do not cancel" in tracer.search
-    counts = [count_rows(each.motion(), 7).tolist() for each in (tracer, complete)]
-    assert counts[0] == counts[1]
+    incomplete = PositionAnalysis(mechanism, samples=7)
+    assert "all configurations at 6 of the 7 samples" in incomplete.search
+    assert "do not cancel" in incomplete.search
+    # The neighbouring samples lead to the missing configuration along its mode.
+    assert (
+        count_rows(incomplete.motion(), 7).tolist()
+        == count_rows(complete.motion(), 7).tolist()
+    )
 
 
 def graph_of(name, shape):
-    """Return the graph of a shipped mechanism at a grid, and all its configurations."""
-    tracer = PositionAnalysis(sk.load(name), samples=shape)
-    found = enumerate_configurations(tracer.solver, tracer.input_grid.q)
-    return ConfigurationGraph(tracer.solver, tracer.input_grid), found
+    """Return an empty configuration graph over a grid of samples, and all configurations.
+
+    Parameters
+    ----------
+    name
+        Name of a shipped mechanism.
+    shape
+        Number of samples of each input.
+    """
+    position_analysis = PositionAnalysis(sk.load(name), samples=shape)
+    configurations = enumerate_configurations(
+        position_analysis.solver, position_analysis.input_grid.q
+    )
+    return ConfigurationGraph(
+        position_analysis.solver, position_analysis.input_grid
+    ), configurations
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm", "agile_eye", "three_rrr"])
 @pytest.mark.parametrize("distance", [0.0, 3e-13, 1e-9, 4e-7])
-def test_equal_configurations_that_are_added_together_are_one_node(name, distance):
+def test_a_configuration_added_three_times_is_one_node(name, distance):
+    """Copies of a configuration, shifted by less than `SAME_CONFIGURATION`, share a node.
+
+    All configurations of a grid are added as they are, shifted by up to `distance` (rad) in
+    each variable, and with a whole turn added to every angle.
+    """
     shape = (3,) * len(sk.load(name).inputs)
-    graph, found = graph_of(name, shape)
-    count = len(found.sample)
-    shift = distance * np.linspace(-1.0, 1.0, found.values.shape[1])
+    graph, configurations = graph_of(name, shape)
+    count = len(configurations.sample)
+    shift = distance * np.linspace(-1.0, 1.0, configurations.values.shape[1])
     nodes = graph.add(
-        np.tile(found.sample, 3),
-        np.concatenate([found.values, found.values + shift, found.values + TURN]),
+        np.tile(configurations.sample, 3),
+        np.concatenate(
+            [
+                configurations.values,
+                configurations.values + shift,
+                configurations.values + TURN,
+            ]
+        ),
     )
     assert len(graph.sample) == count
     assert nodes.tolist() == 3 * list(range(count))
-    assert np.array_equal(graph.add(found.sample, found.values), np.arange(count))
+    assert np.array_equal(
+        graph.add(configurations.sample, configurations.values), np.arange(count)
+    )
 
 
 @pytest.mark.parametrize(
@@ -344,21 +480,27 @@ def test_equal_configurations_that_are_added_together_are_one_node(name, distanc
         ([1.0, -1.0, 0.0, -1.0], [0, 1, 0, 1]),
     ],
 )
-def test_configurations_on_both_sides_of_a_meeting_stay_two_nodes(signs, equal):
-    # Two modes that meet at inputs 1e-15 rad away are some 1e-7 rad apart, and the
-    # determinants of their Jacobians have opposite signs.
-    graph, found = graph_of("five_bar", (2, 2))
-    values = found.values[:1] + 1e-7 * np.arange(len(signs))[:, None]
-    samples = np.zeros(len(signs), dtype=int)
-    assert graph._find_equal(samples, values, np.array(signs)).tolist() == equal
-    assert graph._find_equal(np.arange(len(signs)), values, np.array(signs)).tolist() == [
-        *range(len(signs))
-    ]
+def test_close_configurations_of_opposite_sign_stay_two_nodes(signs, equal):
+    """Configurations 1e-7 rad apart are equal unless their determinant signs differ.
+
+    Two modes that meet at inputs 1e-15 rad away are some 1e-7 rad apart, and the
+    determinants of their Jacobians have opposite signs. `signs` holds these signs (0 if
+    unsure), `equal` for each configuration the number of the first one equal to it.
+    """
+    graph, configurations = graph_of("five_bar", (2, 2))
+    count = len(signs)
+    values = configurations.values[:1] + 1e-7 * np.arange(count)[:, None]
+    same_sample = np.zeros(count, dtype=int)
+    assert graph._find_equal(same_sample, values, np.array(signs)).tolist() == equal
+    # Configurations of different samples are never equal.
+    different_samples = np.arange(count)
+    different = graph._find_equal(different_samples, values, np.array(signs))
+    assert different.tolist() == list(range(count))
 
 
 @pytest.mark.many
 @pytest.mark.parametrize(
-    ("name", "shape", "at_once"),
+    ("name", "shape", "batch_size"),
     [
         ("five_bar", (4, 5), 3),
         ("two_dof_spm", (4, 3), 16),
@@ -367,162 +509,205 @@ def test_configurations_on_both_sides_of_a_meeting_stay_two_nodes(signs, equal):
         pytest.param("five_bar", (70, 60), 4096, marks=pytest.mark.slow),
     ],
 )
-@pytest.mark.parametrize("kept", [3, 4], ids=["new ends", "known ends"])
-def test_faulty_paths_to_one_node_are_noticed_whatever_is_followed_together(
-    name, shape, at_once, kept, monkeypatch
+@pytest.mark.parametrize("known_of_four", [3, 4], ids=["new ends", "known ends"])
+def test_wrong_paths_never_make_two_equal_nodes_for_any_batch_size(
+    name, shape, batch_size, known_of_four, monkeypatch
 ):
-    graph, found = graph_of(name, shape)
+    """A graph built along faulty paths has no double nodes and does not depend on batches.
+
+    Every third path is made to jump to the first configuration of the sample to which it
+    leads, so that several paths end at one node. `batch_size` paths are followed together,
+    compared with all at once. With `known_of_four` 3, each fourth configuration is left
+    out at first and only the paths can find it.
+    """
+    graph, configurations = graph_of(name, shape)
     follow = ConfigurationGraph._follow_paths
 
     def follow_wrongly(graph, nodes, sample):
-        # Every third path jumps to the first configuration of the sample that it leads to.
         verified, values = follow(graph, nodes, sample)
         for row in np.flatnonzero(nodes % 3 == 0).tolist():
-            first = found.values[found.sample == sample[row]][:1]
+            first = configurations.values[configurations.sample == sample[row]][:1]
             if len(first):
-                verified[row], values[row] = True, first[0]
+                verified[row] = True
+                values[row] = first[0]
         return verified, values
 
     monkeypatch.setattr(ConfigurationGraph, "_follow_paths", follow_wrongly)
-    # With three of four, the paths find the configurations that are left out.
-    known = np.arange(len(found.sample)) % 4 < kept
+    is_known = np.arange(len(configurations.sample)) % 4 < known_of_four
     graphs = []
-    for paths in (at_once, 10**6):
-        monkeypatch.setattr(configuration_graph, "PATHS_AT_ONCE", paths)
+    for paths_at_once in (batch_size, 10**6):
+        monkeypatch.setattr(configuration_graph, "PATHS_AT_ONCE", paths_at_once)
         graph = ConfigurationGraph(graph.solver, graph.input_grid)
-        graph.add(found.sample[known], found.values[known])
-        for direction in (2, 3):
+        graph.add(configurations.sample[is_known], configurations.values[is_known])
+        for direction in (2, 3):  # towards the neighbours along the second input
             targets = graph._neighbours[direction][graph.sample]
             graph._join_along_paths(np.flatnonzero(targets >= 0), direction)
         graphs.append(graph)
         for sample in range(len(graph.input_grid)):
-            here = np.exp(1j * graph.values[graph.sample == sample])
-            away = np.max(np.abs(here[:, None] - here), axis=2)
-            assert np.min(away + 9.0 * np.eye(len(here)), initial=9.0) > SAME
-    assert np.array_equal(graphs[0].sample, graphs[1].sample)
-    assert np.array_equal(graphs[0]._partner, graphs[1]._partner)
-    assert np.array_equal(graphs[0]._piece, graphs[1]._piece)
+            sample_values = np.exp(1j * graph.values[graph.sample == sample])
+            distances = distances_to_nearest(sample_values)
+            assert np.min(distances, initial=SELF_DISTANCE) > SAME_CONFIGURATION
+    in_batches, at_once = graphs
+    assert np.array_equal(in_batches.sample, at_once.sample)
+    assert np.array_equal(in_batches._partner, at_once._partner)
+    assert np.array_equal(in_batches._piece, at_once._piece)
 
 
 def chain_of_dyads(seed, links):
-    """Return a four-bar with dyads, whose modes are many."""
-    made = grow_dyad_chain(np.random.default_rng(seed), links, 0)
-    return driven_at(made)
+    """Return a random four-bar extended by dyads to so many links; it has many modes."""
+    mechanism = grow_dyad_chain(np.random.default_rng(seed), links, 0)
+    return driven_at(mechanism)
 
 
 @pytest.mark.slow
-def test_a_limit_of_modes_is_said():
-    """A chain of dyads with more modes than are kept, on the screen and from Python."""
-    made = chain_of_dyads(2, 16)
-    solver = PositionSolver(made, plan_assembly(made))
-    everything = enumerate_assemblies(solver, np.zeros(1))
-    assert len(everything.signs) > 64 and everything.is_complete
-    assert len(set(everything.signs)) == len(everything.signs)
-    words = "the first 64 modes are kept, and there are more"
-    tracer = PositionAnalysis(made, samples=3)
-    assert len(tracer.assembly_modes) == 64
-    assert tracer.claim.guarantee is Guarantee.SAMPLED and words in tracer.search
-    assert words in sk.trace(made, samples=3).search
-    assert words in sk.evaluate(made, 0.0, poles=[]).search
-    result = sk.run(made, samples=3, analyses="poles:only=2/1")
-    assert words in result.summary["search"] and words in result._repr_html_()
+def test_the_limit_of_64_modes_is_reported():
+    """A chain with more modes than are computed says so in every result.
+
+    Elimination at one input proves that there are more than 64 modes.
+    """
+    mechanism = chain_of_dyads(seed=2, links=16)
+    solver = PositionSolver(mechanism, plan_assembly(mechanism))
+    all_assemblies = enumerate_assemblies(solver, np.zeros(1))
+    assert all_assemblies.is_complete
+    assert len(all_assemblies.signs) > 64
+    assert len(set(all_assemblies.signs)) == len(all_assemblies.signs)
+
+    message = "the first 64 modes are kept, and there are more"
+    position_analysis = PositionAnalysis(mechanism, samples=3)
+    assert len(position_analysis.assembly_modes) == 64
+    assert position_analysis.claim.guarantee is Guarantee.SAMPLED
+    assert message in position_analysis.search
+    assert message in sk.trace(mechanism, samples=3).search
+    assert message in sk.evaluate(mechanism, 0.0, poles=[]).search
+    result = sk.run(mechanism, samples=3, analyses="poles:only=2/1")
+    assert message in result.summary["search"]
+    assert message in result._repr_html_()
 
 
 @pytest.mark.slow
 def test_a_chain_of_26_links_has_608_modes():
-    made = chain_of_dyads(1, 26)
-    solver = PositionSolver(made, plan_assembly(made))
-    found = enumerate_assemblies(solver, np.zeros(1))
-    assert len(found.values) == 608 and found.is_complete
-    at = solver.closure.at(found.values)
-    assert np.max(at.closure_residual) < 1e-12
-    turns = at.rotations.reshape(608, -1)
-    nearest = [np.sort(np.max(np.abs(turns - one), axis=1))[1] for one in turns]
-    assert min(nearest) > SAME
+    """A long chain of dyads has 608 different closed configurations at one input."""
+    mechanism = chain_of_dyads(seed=1, links=26)
+    solver = PositionSolver(mechanism, plan_assembly(mechanism))
+    assemblies = enumerate_assemblies(solver, np.zeros(1))
+    assert len(assemblies.values) == 608
+    assert assemblies.is_complete
+    closed = solver.closure.at(assemblies.values)
+    assert np.max(closed.closure_residual) < 1e-12
+    rotations = closed.rotations.reshape(608, -1)
+    for rotation in rotations:
+        distances = np.sort(np.max(np.abs(rotations - rotation), axis=1))
+        assert distances[1] > SAME_CONFIGURATION  # distances[0] is that from itself
 
 
-def test_a_limit_of_configurations_at_an_input_is_said(monkeypatch):
-    made = chain_of_dyads(2, 16)
-    solver = PositionSolver(made, plan_assembly(made))
+def test_the_limit_of_configurations_at_one_input_is_reported(monkeypatch):
+    """Elimination stops at MAX_CONFIGURATIONS and then claims no completeness."""
+    mechanism = chain_of_dyads(seed=2, links=16)
+    solver = PositionSolver(mechanism, plan_assembly(mechanism))
     count = len(enumerate_assemblies(solver, np.zeros(1)).signs)
-    for most, complete in ((count, True), (count - 1, False), (5, False)):
+    for limit in (count, count - 1, 5):
         monkeypatch.setattr(
-            "spherekit.positions.assembly_enumeration.MAX_CONFIGURATIONS", most
+            "spherekit.positions.assembly_enumeration.MAX_CONFIGURATIONS", limit
         )
-        found = enumerate_assemblies(solver, np.zeros(1))
-        assert len(found.values) == min(most, count)
-        assert found.is_complete == complete == (not found.is_truncated)
-        told = any("kept, there are more" in method.description for method in found.methods)
-        assert told == (not complete)
+        assemblies = enumerate_assemblies(solver, np.zeros(1))
+        is_truncated = limit < count
+        assert len(assemblies.values) == limit
+        assert assemblies.is_truncated == is_truncated
+        assert assemblies.is_complete == (not is_truncated)
+        descriptions = [method.description for method in assemblies.methods]
+        is_reported = any("kept, there are more" in text for text in descriptions)
+        assert is_reported == is_truncated
 
 
-def test_a_limit_of_modes_over_samples_is_said(monkeypatch):
+def test_over_the_limit_the_modes_with_most_samples_remain(monkeypatch):
+    """If there are more modes than the limit, here 5, those that close most often stay."""
+
+    def count_closed_samples():
+        position_analysis = PositionAnalysis(with_symmetric_ranges("three_rrr"), samples=30)
+        counts = [
+            np.sum(mode.guide.status == Status.OK)
+            for mode in position_analysis.assembly_modes
+        ]
+        return sorted(counts), position_analysis.search
+
+    all_counts, _ = count_closed_samples()
+    assert len(all_counts) > 5
     monkeypatch.setattr("spherekit.positions.modes_over_samples.MOST_MODE_ROWS", 0)
     monkeypatch.setattr("spherekit.positions.modes_over_samples.MAX_ASSEMBLY_MODES", 5)
-    tracer = PositionAnalysis(wide("three_rrr"), samples=30)
-    assert len(tracer.assembly_modes) == 5
-    assert "the 5 assembly modes with most samples are kept of" in tracer.search
-    sizes = [np.sum(mode.guide.status == Status.OK) for mode in tracer.assembly_modes]
-    monkeypatch.undo()
-    every = PositionAnalysis(wide("three_rrr"), samples=30).assembly_modes
-    largest = sorted(np.sum(mode.guide.status == Status.OK) for mode in every)[-5:]
-    assert sorted(sizes) == largest and len(every) > 5
+    counts, search = count_closed_samples()
+    assert "the 5 assembly modes with most samples are kept of" in search
+    assert counts == all_counts[-5:]
 
 
 @pytest.mark.slow
 @pytest.mark.many(slow=7)
 @pytest.mark.parametrize("seed", range(16))
-def test_random_platforms_over_grids_and_paths(seed):
-    """Counts of an independent formula at every sample, whatever the samples are."""
+def test_random_platforms_have_the_counts_of_an_independent_formula(seed):
+    """A random 3-RRR has at every sample as many configurations as its polynomial says.
+
+    Grids and paths take turns. They are also compared with elimination sample by sample.
+    """
     random = np.random.default_rng(seed)
-    made = random_rrr(random)
+    mechanism = random_platform(random)
     samples = [(4, 4, 4), 50, (2, 3, 6), 7][seed % 4]
     try:
-        tracer = PositionAnalysis(made, samples=samples)
+        position_analysis = PositionAnalysis(mechanism, samples=samples)
     except sk.SolveError:
-        tracer = PositionAnalysis(made, samples=samples, follow=False)
-        assert np.max(independent_counts(tracer)) <= 0
+        # An error is right only if the platform closes at no sample.
+        position_analysis = PositionAnalysis(mechanism, samples=samples, follow=False)
+        assert np.max(count_platform_configurations(position_analysis)) <= 0
         return
-    motion = tracer.motion()
+    motion = position_analysis.motion()
     assert count_repeats(motion) == 0
-    counts = count_rows(motion, len(tracer.input_grid))
-    counted = independent_counts(tracer)
-    sure = counted >= 0
-    assert np.array_equal(counts[sure], counted[sure])
-    assert np.array_equal(counts, count_one_by_one(tracer))
+    counts = count_rows(motion, len(position_analysis.input_grid))
+    expected = count_platform_configurations(position_analysis)
+    certain = expected >= 0
+    assert np.array_equal(counts[certain], expected[certain])
+    assert np.array_equal(counts, count_one_by_one(position_analysis))
 
 
 @pytest.mark.slow
 @pytest.mark.many(slow=7)
 @pytest.mark.parametrize("seed", range(24))
-def test_random_chains_with_several_inputs(seed):
-    """Dyads, triads and groups of seven bodies: all modes of each sample, each once."""
+def test_random_chains_have_all_modes_of_each_sample_once(seed):
+    """Random chains without closed form have each configuration of each sample once.
+
+    The chains have 6 to 11 links and 2 or 3 inputs, and contain triads and groups of up to
+    seven bodies. Two checks are independent: elimination at 16 samples one by one, and a
+    search for configurations from 400 random starts at the reference pose.
+    """
     random = np.random.default_rng(1000 + seed)
-    made = None
-    while made is None or PositionSolver(made, plan_assembly(made)).has_closed_form:
+    mechanism = None
+    while (
+        mechanism is None
+        or PositionSolver(mechanism, plan_assembly(mechanism)).has_closed_form
+    ):
         links = int(random.integers(6, 12))
-        freedoms = 2 + links % 2 if (3 * (links - 1) - 3) % 2 == 0 and links % 2 == 0 else 2
-        if (3 * (links - 1) - freedoms) % 2:
-            freedoms = 5 - freedoms
+        # 3 (links - 1) minus the degrees of freedom is twice the number of R pairs.
+        freedoms = 3 if links % 2 == 0 else 2
         edges = random_chain(random, links, freedoms)
-        made = choose_random_inputs(
-            random, mechanism_from_chain(edges, random_axes(random, len(edges))), freedoms
-        )
-    inputs = [replace(item, start=-0.6, stop=0.9) for item in made.inputs]
-    made = replace(made, inputs=tuple(inputs))
-    tracer = PositionAnalysis(made, samples=[(6,) * len(inputs), 26][seed % 2])
-    motion = tracer.motion()
+        chain = mechanism_from_chain(edges, random_axes(random, len(edges)))
+        mechanism = choose_random_inputs(random, chain, freedoms)
+    inputs = [replace(item, start=-0.6, stop=0.9) for item in mechanism.inputs]
+    mechanism = replace(mechanism, inputs=tuple(inputs))
+    samples = [(6,) * len(inputs), 26][seed % 2]
+    position_analysis = PositionAnalysis(mechanism, samples=samples)
+    motion = position_analysis.motion()
     assert count_repeats(motion) == 0
-    chosen = random.choice(len(tracer.input_grid), 16, replace=False)
-    alone = [
-        len(enumerate_assemblies(tracer.solver, tracer.input_grid.q[k]).values)
-        for k in chosen
+
+    grid = position_analysis.input_grid
+    chosen = random.choice(len(grid), 16, replace=False)
+    counts_alone = [
+        len(enumerate_assemblies(position_analysis.solver, grid.q[sample]).values)
+        for sample in chosen
     ]
-    if "all configurations at each" in tracer.search:
-        assert count_rows(motion, len(tracer.input_grid))[chosen].tolist() == alone
-    pose = sk.trace(made, path=np.zeros((1, len(inputs))))
-    turns, links = search_configurations(made, random, 400)
-    assert count_missing(turns, pose.rotations[:, links], 1e-5) == 0
+    if "all configurations at each" in position_analysis.search:
+        assert count_rows(motion, len(grid))[chosen].tolist() == counts_alone
+
+    reference_motion = sk.trace(mechanism, path=np.zeros((1, len(inputs))))
+    rotations, link_numbers = search_configurations(mechanism, random, 400)
+    missing = count_missing(rotations, reference_motion.rotations[:, link_numbers], 1e-5)
+    assert missing == 0
 
 
 @pytest.mark.parametrize(
@@ -536,25 +721,28 @@ def test_random_chains_with_several_inputs(seed):
         ((0, 0, 0), True),
     ],
 )
-def test_without_a_search_the_claim_is_of_what_was_looked_for(degrees, is_reached):
-    """The mode of the reference pose alone, or all if that reaches no sample."""
+def test_without_a_search_only_the_reference_mode_is_claimed(degrees, is_reached):
+    """With `search=False` only the mode of the reference pose is computed and claimed.
+
+    If that mode does not reach the only sample (three input angles in degrees), all
+    configurations are searched after all.
+    """
     wrist = sk.load(FILES / "coaxial_wrist.toml")
     path = np.radians([degrees])
-    without = PositionAnalysis(wrist, path=path, search=False, independent=True)
+    unsearched = PositionAnalysis(wrist, path=path, search=False, independent=True)
     searched = PositionAnalysis(wrist, path=path, independent=True)
     if is_reached:
-        assert without.search.endswith("no others were looked for")
-        assert "the mode of the reference pose" in without.search
-        assert len(without.assembly_modes) == 1 < len(searched.assembly_modes)
+        assert unsearched.search.endswith("no others were looked for")
+        assert "the mode of the reference pose" in unsearched.search
+        assert len(unsearched.assembly_modes) == 1 < len(searched.assembly_modes)
     else:
-        assert without.search == searched.search
-        assert "all configurations at the only sample" in without.search
-        assert len(without.assembly_modes) == len(searched.assembly_modes)
-    there = searched.motion().values[~searched.motion().failed]
-    alone = without.motion().values[~without.motion().failed]
-    for row in alone:
-        away = np.max(np.abs(np.exp(1j * row) - np.exp(1j * there)), axis=1)
-        assert np.min(away) < SAME
+        assert unsearched.search == searched.search
+        assert "all configurations at the only sample" in unsearched.search
+        assert len(unsearched.assembly_modes) == len(searched.assembly_modes)
+    searched_values = searched.motion().values[~searched.motion().failed]
+    for row in unsearched.motion().values[~unsearched.motion().failed]:
+        differences = np.abs(np.exp(1j * row) - np.exp(1j * searched_values))
+        assert np.min(np.max(differences, axis=1)) < SAME_CONFIGURATION
 
 
 @pytest.mark.many
@@ -568,24 +756,24 @@ def test_without_a_search_the_claim_is_of_what_was_looked_for(degrees, is_reache
         (FILES / "coaxial_wrist.toml", [(0, 0, 0), (10, -5, 8), (20, -10, 16)]),
     ],
 )
-def test_at_inputs_together_evaluate_numbers_modes_as_a_run(name, degrees):
-    """One path of inputs, by `evaluate` and as the samples of `run`: the same numbers."""
+def test_evaluate_numbers_the_modes_of_a_path_as_a_trace_does(name, degrees):
+    """Equal configurations of a path have equal mode numbers in `evaluate` and a trace.
+
+    `degrees` holds the inputs of each sample of the path.
+    """
     mechanism = sk.load(name)
     path = np.radians(np.array(degrees, dtype=float))
-    numbers_by_angles = []
-    tracer = PositionAnalysis(mechanism, path=path)
-    ran = tracer.motion()
-    here = sk.evaluate(mechanism, path)
-    for motion in (ran, here._motion):
-        rows = np.flatnonzero(~motion.failed)
-        numbers_by_angles.append(
-            {
-                (
-                    int(motion.sample[row]),
-                    *np.round(np.exp(1j * motion.values[row]), 7),
-                ): int(motion.assembly_mode[row])
-                for row in rows
-            }
-        )
-    assert len(numbers_by_angles[0]) > len(path)
-    assert numbers_by_angles[0] == numbers_by_angles[1]
+
+    def mode_numbers(motion):
+        """Return the mode number by sample and configuration (angles to 7 digits)."""
+        numbers = {}
+        for row in np.flatnonzero(~motion.failed):
+            configuration = np.round(np.exp(1j * motion.values[row]), 7)
+            key = (int(motion.sample[row]), *configuration)
+            numbers[key] = int(motion.assembly_mode[row])
+        return numbers
+
+    traced = mode_numbers(PositionAnalysis(mechanism, path=path).motion())
+    evaluated = mode_numbers(sk.evaluate(mechanism, path)._motion)
+    assert len(traced) > len(path)
+    assert traced == evaluated

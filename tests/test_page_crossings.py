@@ -8,8 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mechanism_examples.flat_mechanisms import KINDS, four_bar_text, random_crossing_arcs
-from test_mode_meetings import flat_loop, loaded, two_vertices
+from mechanism_examples.flat_mechanisms import (
+    KINDS,
+    four_bar_text,
+    loaded,
+    random_crossing_arcs,
+    six_bar_with_a_flat_loop,
+    two_vertices,
+)
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -214,7 +220,7 @@ def test_command_and_default(tmp_path, capsys):
 @pytest.mark.slow
 def test_a_page_that_takes_newton_steps_refuses_crossings(tmp_path):
     with pytest.raises(EngineError, match="curves cross at 0 deg.*Newton's steps"):
-        sk.page(flat_loop(), tmp_path / "x.html", vary=[], crossings="pass")
+        sk.page(six_bar_with_a_flat_loop(), tmp_path / "x.html", vary=[], crossings="pass")
 
 
 def test_wound_springs_leave_out_the_torque(tmp_path):

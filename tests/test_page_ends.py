@@ -60,11 +60,15 @@ DRIVE_TO_ENDS = """async () => {
 
 @pytest.fixture
 def open_page(browser, tmp_path):
-    """Opens the page of a mechanism; nothing may be said in the console."""
+    """Return a function that opens the page of a mechanism in the browser.
+
+    Its `fragment` is what follows # in the address; further options go to `sk.page`. After
+    the test the browser's console must be empty.
+    """
     messages = []
     tabs = []
 
-    def opener(mechanism, fragment="", **options):
+    def open_tab(mechanism, fragment="", **options):
         path = tmp_path / "page.html"
         sk.page(mechanism, path, **options)
         tab = browser.new_page(viewport={"width": 1300, "height": 900})
@@ -76,26 +80,31 @@ def open_page(browser, tmp_path):
         tab.messages = messages
         return tab
 
-    yield opener
+    yield open_tab
     for tab in tabs:
         tab.close()
     assert not messages
 
 
 def set_number(tab, row, value):
-    """Type a number into the field of a slider, by the title of its label."""
+    """Type a number into the field beside a slider, whose label has the title `row`."""
     field = tab.locator(f".row:has(label[title='{row}']) input[type=number]")
     field.fill(str(value))
     field.press("Enter")
     tab.wait_for_timeout(100)
 
 
-def curve(tab, mode):
-    """What the page has of a mode along its input: x, whether it closes, marks."""
+def curve_of_mode(tab, mode):
+    """Return what the page knows of a mode along the range of the input.
+
+    The keys are `x` (inputs in rad of the samples), `closes` (whether the mode exists at
+    each), `ends` and `meets` (inputs at which it ends or meets another mode) and `beyond`
+    (intervals outside a joint limit).
+    """
     return tab.evaluate(
         f"""(({{x, values, ends, meets, beyond}}) =>
         ({{x, closes: values.map(Boolean), ends, meets, beyond}}))
-        (spherekit.modes[{mode}].curve)"""
+        (spherekit.modes[{mode}].curve_of_mode)"""
     )
 
 
@@ -103,13 +112,18 @@ def curve(tab, mode):
 @pytest.mark.many(slow=20)
 @pytest.mark.parametrize("name", EVERY_PAGE, ids=lambda name: Path(name).stem)
 def test_a_page_is_drawn_at_every_end_of_every_slider(open_page, name):
+    """No slider position at an end, alone or together, and no mode gives an error message."""
     tab = open_page(name)
     assert tab.evaluate(DRIVE_TO_ENDS) == []
 
 
 @pytest.mark.slow
-def test_the_stephenson_with_a_long_crank(open_page):
-    """The inner dyad ends before the outer one, whose square is not a number there."""
+def test_modes_end_right_where_an_inner_dyad_fails_first(open_page):
+    """With a crank of 46 deg, the inner dyad of the Stephenson chain ends before the outer.
+
+    The outer dyad then has NaN for the square of its triple product. The ranges of the modes
+    are compared with a bisection of `sk.evaluate`.
+    """
     tab = open_page("stephenson", "links.2.arc=46")
     assert tab.inner_text("#trouble") == ""
     changed = sk.load("stephenson").with_sizes(angle_unit="deg", arcs={"2": 46.0})
@@ -117,31 +131,46 @@ def test_the_stephenson_with_a_long_crank(open_page):
 
 
 def assert_same_ranges(tab, mechanism, tolerance=1e-7):
-    """Modes end on the page where, by bisection, those of `evaluate` end."""
+    """Assert that modes end on the page where they end by bisection of `sk.evaluate`.
+
+    `tolerance` is in rad.
+    """
     numbers = tab.evaluate("spherekit.modeNumbers")
-    for place, number in enumerate(numbers):
-        of_page = np.sort(curve(tab, place)["ends"])
+    for row, number in enumerate(numbers):
+        page_ends = np.sort(curve_of_mode(tab, row)["ends"])
         # The page may find a gap that is narrower than the samples of the bisection.
-        between = 0.5 * (of_page[1:] + of_page[:-1])
-        exact = ends_by_bisection(mechanism, number, between)
-        assert len(of_page) == len(exact), (number, of_page, exact)
-        assert np.allclose(of_page, exact, rtol=0.0, atol=tolerance)
+        between = 0.5 * (page_ends[1:] + page_ends[:-1])
+        exact_ends = ends_by_bisection(mechanism, number, between)
+        assert len(page_ends) == len(exact_ends), (number, page_ends, exact_ends)
+        assert np.allclose(page_ends, exact_ends, rtol=0.0, atol=tolerance)
 
 
 def ends_by_bisection(mechanism, number, more=()):
-    """Return the inputs (rad) at which a mode begins or ends, all bisected at once.
+    """Return the inputs (rad) at which an assembly mode begins or ends.
 
-    Samples are at degrees of the range, and at `more` inputs.
+    A change between neighbouring samples is bisected 28 times, all changes at once.
+
+    Parameters
+    ----------
+    number
+        Number of the assembly mode.
+    more
+        Further inputs (rad) that are sampled beside each degree of the range.
     """
     x = np.linspace(*mechanism.inputs[0].range, 361)[1:-1]
     x = np.unique(np.concatenate([x, more]))
     closes = evaluate_closes(mechanism, x, number)
     changes = np.flatnonzero(closes[1:] != closes[:-1])
-    low, high, closes_at_low = x[changes], x[changes + 1], closes[changes]
-    for _ in range(28 if len(changes) else 0):
+    low = x[changes]
+    high = x[changes + 1]
+    closes_at_low = closes[changes]
+    if not len(changes):
+        return low
+    for _ in range(28):
         middle = 0.5 * (low + high)
-        is_low = evaluate_closes(mechanism, middle, number) == closes_at_low
-        low, high = np.where(is_low, middle, low), np.where(is_low, high, middle)
+        is_like_low = evaluate_closes(mechanism, middle, number) == closes_at_low
+        low = np.where(is_like_low, middle, low)
+        high = np.where(is_like_low, high, middle)
     return low
 
 
@@ -155,25 +184,25 @@ def evaluate_closes(mechanism, x, number):
 @pytest.mark.many(slow=3)
 @pytest.mark.parametrize("seed", range(8))
 def test_modes_of_random_six_bars_end_where_evaluate_says(open_page, seed):
-    """Both dyads of a Stephenson or a Watt chain fail somewhere in most of these."""
+    """The page of a random Stephenson or Watt six-bar shows the ends of all modes.
+
+    In most of these either dyad fails somewhere. The ends are known by bisection of
+    `sk.evaluate`.
+    """
     rng = np.random.default_rng(seed)
     chain = sk.load("stephenson" if seed % 2 else "watt")
-    sizes = {
-        link: replace(
-            size,
-            arcs=tuple(np.radians(rng.uniform(20.0, 120.0, len(size.arcs)))),
-            angles=tuple(np.radians(rng.uniform(-160.0, 160.0, len(size.angles)))),
-        )
-        for link, size in chain.geometry.links.items()
-    }
-    changed = replace(
-        chain, geometry=replace(chain.geometry, links=sizes), modes={}, loads=()
-    )
+    sizes = {}
+    for link, size in chain.geometry.links.items():
+        arcs = np.radians(rng.uniform(20.0, 120.0, len(size.arcs)))
+        angles = np.radians(rng.uniform(-160.0, 160.0, len(size.angles)))
+        sizes[link] = replace(size, arcs=tuple(arcs), angles=tuple(angles))
+    geometry = replace(chain.geometry, links=sizes)
+    mechanism = replace(chain, geometry=geometry, modes={}, loads=())
     try:
-        tab = open_page(changed, vary=[])
+        tab = open_page(mechanism, vary=[])
     except sk.SpherekitError:
         pytest.skip("these sizes have no assembly mode")
-    assert_same_ranges(tab, changed)
+    assert_same_ranges(tab, mechanism)
 
 
 def four_bar(arcs, **changes):
@@ -191,36 +220,51 @@ NARROW = [(70.0, 30.0, 60.0, 40.002), (70.0, 30.0, 60.0, 39.998)]
 @pytest.mark.many
 @pytest.mark.parametrize("arcs", NARROW)
 def test_a_gap_between_two_samples_is_found(open_page, arcs):
-    """The crank turns fully, or not by half a degree; samples are two degrees apart."""
+    """A gap of half a degree in the crank's range is shown, though samples are 2 deg apart.
+
+    By the cosine law of the triangle of ground, crank and the arc between their ends,
+    the crank stops where that arc is coupler + rocker or coupler - rocker. The input is
+    pi minus the triangle's angle. With the other arcs the crank turns fully.
+    """
     tab = open_page(four_bar(arcs), vary=[])
     ground, crank, coupler, rocker = np.radians(arcs)
-    folded = np.cos([coupler - rocker, coupler + rocker])
-    cosine = (folded - np.cos(ground) * np.cos(crank)) / (np.sin(ground) * np.sin(crank))
-    angle = np.pi - np.arccos(-cosine[np.abs(cosine) < 1.0])
-    exact = np.sort(np.concatenate([angle, 2.0 * np.pi - angle]))
+    cosine_of_reach = np.cos([coupler - rocker, coupler + rocker])
+    cosine = cosine_of_reach - np.cos(ground) * np.cos(crank)
+    cosine /= np.sin(ground) * np.sin(crank)
+    inputs = np.pi - np.arccos(-cosine[np.abs(cosine) < 1.0])
+    exact = np.sort(np.concatenate([inputs, 2.0 * np.pi - inputs]))
     for mode in range(2):
-        of_page = curve(tab, mode)
-        ends = np.sort(of_page["ends"])
-        assert len(ends) == len(exact) and np.allclose(ends, exact, rtol=0.0, atol=1e-7)
-        gaps = sum(not closes for closes in of_page["closes"])
-        assert bool(gaps) == bool(len(exact)) and not of_page["meets"]
+        shown = curve_of_mode(tab, mode)
+        ends = np.sort(shown["ends"])
+        assert len(ends) == len(exact)
+        assert np.allclose(ends, exact, rtol=0.0, atol=1e-7)
+        has_gap = not all(shown["closes"])
+        assert has_gap == (len(exact) > 0)
+        assert not shown["meets"]
 
 
 @pytest.mark.many
-@pytest.mark.parametrize(("name", "where"), [("cp2", 180.0), ("parallelogram", 180.0)])
-def test_modes_that_meet_are_marked_and_do_not_end(open_page, name, where):
+@pytest.mark.parametrize(("name", "where_deg"), [("cp2", 180.0), ("parallelogram", 180.0)])
+def test_modes_that_meet_are_marked_and_do_not_end(open_page, name, where_deg):
+    """At a change point the page says that modes meet, and shows no values there.
+
+    Both modes of these four-bars meet at the input `where_deg`; they close on either side.
+    """
     path = str(FILES / f"{name}.toml")
     tab = open_page(path, vary=[])
     for mode in range(2):
-        of_page = curve(tab, mode)
-        assert not of_page["ends"]
-        x, closes = np.array(of_page["x"]), np.array(of_page["closes"])
-        assert np.all(closes[np.min(np.abs(x[:, None] - of_page["meets"]), axis=1) > 1e-6])
-        assert np.min(np.abs(np.array(of_page["meets"]) - np.radians(where))) < 1e-6
-    set_number(tab, f"input {sk.load(path).inputs[0].pair}", where)
+        shown = curve_of_mode(tab, mode)
+        assert not shown["ends"]
+        x = np.array(shown["x"])
+        closes = np.array(shown["closes"])
+        distance_to_meeting = np.min(np.abs(x[:, None] - shown["meets"]), axis=1)
+        assert np.all(closes[distance_to_meeting > 1e-6])
+        assert np.min(np.abs(np.array(shown["meets"]) - np.radians(where_deg))) < 1e-6
+    set_number(tab, f"input {sk.load(path).inputs[0].pair}", where_deg)
     assert tab.inner_text("#lost") == "modes meet here"
     values = tab.locator("#values td[data-name]").all_inner_texts()
-    assert values and set(values) == {"–"}
+    assert values
+    assert set(values) == {"–"}
     assert tab.inner_text("#trouble") == ""
 
 
@@ -236,6 +280,7 @@ CONSTANT = [
 @pytest.mark.many
 @pytest.mark.parametrize(("name", "options"), CONSTANT, ids=lambda x: Path(str(x)).stem)
 def test_a_constant_curve_is_level_in_a_plot_of_a_sensible_range(open_page, name, options):
+    """The axis of a plot has a range much wider than rounding, so that a constant is a level line."""
     tab = open_page(name, **options)
     figures = tab.evaluate(
         """spherekit.figures.map(({range, plot}) =>
@@ -258,7 +303,10 @@ BREAK_THE_SPHERE = (
 
 @pytest.mark.slow
 def test_an_error_in_a_drawing_is_shown_and_stops_no_number(browser, tmp_path):
-    """Fields, numbers and the saved file are those of one state, the picture or not."""
+    """If drawing the sphere throws an error, numbers and the saved file still follow the fields.
+
+    The error is injected into the browser's `strokeText`. Numbers are compared with Python.
+    """
     path = tmp_path / "page.html"
     sk.page("four_bar", path)
     tab = browser.new_page()
@@ -277,7 +325,8 @@ def test_an_error_in_a_drawing_is_shown_and_stops_no_number(browser, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_field_never_says_what_the_page_does_not_show(open_page):
+def test_a_refused_number_is_replaced_by_the_one_in_use(open_page):
+    """After an empty, negative or too large text, the field of a size shows the size in use."""
     tab = open_page("four_bar")
     field = tab.locator(".row:has(label[title='links.2.arc']) input[type=number]")
     for typed in ("", "", "-5", "-5", "1e9", "1e9", "181", "181"):
@@ -291,18 +340,27 @@ def test_a_field_never_says_what_the_page_does_not_show(open_page):
 
 @pytest.mark.many(slow=20)
 @pytest.mark.parametrize("name", [str(FILES / "arcs.toml"), *EVERY_PAGE])
-def test_every_end_of_a_slider_is_a_number_of_the_file(name):
-    """And so is every number that can be typed beside it."""
+def test_every_end_of_a_slider_gives_a_valid_file(name):
+    """A file with any size at an end of its slider or of its field can be read.
+
+    `low` and `high` are the ends of the slider, `least` and `most` those of the field. The
+    text of the file is a list of passages, with the number of a size in its place.
+    """
     maker = PageMaker(name, None, None, None)
-    facts = maker.make_model([])
-    numbers = [size["value"] for size in facts["sizes"]]
-    for k, size in enumerate(facts["sizes"]):
+    model = maker.make_model([])
+    values = [size["value"] for size in model["sizes"]]
+    for k, size in enumerate(model["sizes"]):
         assert size["least"] <= size["low"] <= size["value"] <= size["high"] <= size["most"]
         assert size["low"] < size["high"]
         for end in ("low", "high", "least", "most"):
-            changed = [*numbers[:k], size[end], *numbers[k + 1 :]]
-            parts = (changed[x] if isinstance(x, int) else x for x in facts["toml"])
-            loads("".join(repr(x) if isinstance(x, float) else x for x in parts), name)
+            changed_values = [*values[:k], size[end], *values[k + 1 :]]
+            text = ""
+            for part in model["toml"]:
+                is_size_number = isinstance(part, int)
+                if is_size_number:
+                    part = changed_values[part]
+                text += repr(part) if isinstance(part, float) else part
+            loads(text, name)
 
 
 def test_a_slider_of_an_arc_has_the_range_of_the_format():
@@ -322,21 +380,29 @@ LIMITS += [pytest.param(*case, marks=pytest.mark.slow) for case in (("41", 1), (
 @pytest.mark.many
 @pytest.mark.parametrize(("pair", "turns"), LIMITS)
 def test_a_page_shows_where_a_mode_is_beyond_a_joint_limit(open_page, pair, turns):
-    """The limits are the middle half of what the pair's angle runs through in mode 0."""
+    """The page marks the inputs at which a pair of mode 0 is outside its joint limits.
+
+    The limits are the middle half of the angles of the pair in mode 0, stated `turns`
+    whole turns away. Angles are known by `sk.evaluate` at quarter degrees.
+    """
     x = np.linspace(0.0, 2.0 * np.pi, 1441)[1:-1]
     angle = sk.evaluate("four_bar", x, poles=[], assembly_mode=0).variable(pair)
-    low, high = np.min(angle), np.max(angle)
-    low, high = low + 0.25 * (high - low), high - 0.25 * (high - low)
-    outside = (angle < low) | (angle > high)
+    quarter = 0.25 * np.ptp(angle)
+    low = np.min(angle) + quarter
+    high = np.max(angle) - quarter
+    is_outside = (angle < low) | (angle > high)
     limit = JointLimit(pair, low + 2.0 * np.pi * turns, high + 2.0 * np.pi * turns)
     limited = replace(sk.load("four_bar"), joint_limits=(limit,))
     tab = open_page(limited, vary=[])
-    beyond = np.array([[x["from"], x["to"]] for x in curve(tab, 0)["beyond"]])
-    of_page = np.any((x[:, None] > beyond[:, 0]) & (x[:, None] < beyond[:, 1]), axis=1)
-    assert np.array_equal(of_page, outside)
-    set_number(tab, "input 21", np.degrees(x[np.argmax(outside)]))
+    intervals = [[x["from"], x["to"]] for x in curve_of_mode(tab, 0)["beyond"]]
+    starts, stops = np.array(intervals).T
+    is_marked = np.any((x[:, None] > starts) & (x[:, None] < stops), axis=1)
+    assert np.array_equal(is_marked, is_outside)
+    first_outside = x[np.argmax(is_outside)]
+    set_number(tab, "input 21", np.degrees(first_outside))
     assert f"beyond a joint limit: {pair} may go from" in tab.inner_text("#lost")
-    set_number(tab, "input 21", np.degrees(x[np.argmin(outside)]))
+    first_inside = x[np.argmin(is_outside)]
+    set_number(tab, "input 21", np.degrees(first_inside))
     assert tab.inner_text("#lost") == ""
 
 
@@ -354,128 +420,162 @@ SIGNED = [
 @pytest.mark.many
 @pytest.mark.parametrize("name", SIGNED)
 def test_velocity_coefficients_have_the_signs_of_evaluate(open_page, name):
-    """Along the range of the first input, in every mode: no V where they are zero."""
+    """Velocity coefficients on the page equal those of `sk.evaluate`, sign included.
+
+    They are compared along the range of the first input in every mode. The page must not
+    show an absolute value, which has a V-shaped curve at a change of sign.
+    """
     tab = open_page(name, vary=[])
     mechanism = sk.load(name)
-    names = [x for x in tab.evaluate("spherekit.resultNames") if x.startswith("velocity_c")]
+    result_names = tab.evaluate("spherekit.resultNames")
+    quantities = [x for x in result_names if x.startswith("velocity_c")]
     compared = 0
-    for place in range(len(tab.evaluate("spherekit.modeNumbers"))):
-        x, values = tab.evaluate(
+    for mode in range(len(tab.evaluate("spherekit.modeNumbers"))):
+        x, rows = tab.evaluate(
             f"""(({{x, values}}) => [x, values.map(row => row && [...row])])
-            (spherekit.modes[{place}].curve)"""
+            (spherekit.modes[{mode}].curve)"""
         )
-        x = np.array([at for at, row in zip(x, values, strict=True) if row])
+        x = np.array([value for value, row in zip(x, rows, strict=True) if row])
+        rows = np.array([row for row in rows if row])
         if not len(x):  # the mode does not close with the other inputs as they are
             continue
-        rows = np.array([row for row in values if row])
         q = np.tile(tab.evaluate("spherekit.state.q"), (len(x), 1))
         q[:, 0] = x
-        of_python = sk.evaluate(mechanism, q if q.shape[1] > 1 else x)
-        for quantity in names:
-            column = rows[:, tab.evaluate("spherekit.resultNames").index(quantity)]
-            link, other, *moving = quantity.removeprefix("velocity_coefficient_").split("_")
-            pair = "_".join(moving[1:]) or mechanism.inputs[0].pair
-            exact = of_python.velocity_coefficient(f"{link}/{other}", pair)
-            # Near ends of modes coefficients run away and both lose digits.
-            exact = exact.reshape(-1, len(x))
-            near = np.abs(exact) < 1e3
-            off = np.where(near, np.abs(column - exact), 0.0)
-            assert np.min(np.max(off, axis=1)) < 1e-9, (place, quantity)
+        evaluated = sk.evaluate(mechanism, q if q.shape[1] > 1 else x)
+        for quantity in quantities:
+            shown = rows[:, result_names.index(quantity)]
+            # velocity_coefficient_LINK_LINK or ..._LINK_LINK_by_INPUT
+            link, relative_to, *by_input = quantity.removeprefix(
+                "velocity_coefficient_"
+            ).split("_")
+            pair = "_".join(by_input[1:]) or mechanism.inputs[0].pair
+            exact = evaluated.velocity_coefficient(f"{link}/{relative_to}", pair)
+            exact = exact.reshape(-1, len(x))  # (modes of evaluate, inputs)
+            # Near ends of modes coefficients grow without bound and both lose digits.
+            is_moderate = np.abs(exact) < 1e3
+            error = np.where(is_moderate, np.abs(shown - exact), 0.0)
+            # One of the modes of `evaluate` is that of the page.
+            assert np.min(np.max(error, axis=1)) < 1e-9, (mode, quantity)
             compared += 1
     assert compared
 
 
-def test_equal_modes_are_drawn_in_their_own_colours(open_page):
-    """Both modes of the four-bar have one transmission angle: both colours are seen."""
+COUNT_COLOURS_OF_TRANSMISSION_PLOT = """(() => {
+  const isTransmission = ({quantity}) => quantity.name.startsWith("transmission");
+  const {plot} = spherekit.figures.find(isTransmission);
+  const {ctx, bbox: {left, top, width, height}} = plot, counts = {};
+  const {data} = ctx.getImageData(left, top, width, height);
+  for (let k = 0; k < data.length; k += 4)
+    if (data[k + 3] === 255) {
+      const parts = [...data.slice(k, k + 3)];
+      const key = "#" + parts.map(x => x.toString(16).padStart(2, "0")).join("");
+      counts[key] = (counts[key] || 0) + 1;
+    }
+  return counts;
+})()"""
+"""Counts the opaque pixels of the plot of the transmission angle by colour (#rrggbb)."""
+
+
+def test_equal_curves_are_dashed_in_two_colours(open_page):
+    """Both modes of the four-bar have one transmission angle, and both colours are seen.
+
+    The second curve is dashed over the first one. Velocity coefficients differ, so that
+    both of their curves are solid. The pixels of the plot are counted by colour.
+    """
     tab = open_page("four_bar", vary=[], quantities=["transmission_angle_*", "velocity_*"])
     dashes = tab.evaluate(
         "spherekit.figures.map(({plot}) => plot.series.slice(1).map(x => x.dash))"
     )
     names = tab.evaluate("spherekit.figures.map(({quantity}) => quantity.name)")
-    by_name = dict(zip(names, dashes, strict=True))
-    assert by_name["velocity_coefficient_4_1"] == [[], []]
-    (equal,) = (x for name, x in by_name.items() if name.startswith("transmission"))
-    assert equal[0] == [] and len(equal[1]) == 2
-    colours = tab.evaluate(
-        """(() => {
-        const isEqual = ({quantity}) => quantity.name.startsWith("transmission");
-        const {plot} = spherekit.figures.find(isEqual);
-        const {ctx, bbox: {left, top, width, height}} = plot, counts = {};
-        const {data} = ctx.getImageData(left, top, width, height);
-        for (let k = 0; k < data.length; k += 4)
-          if (data[k + 3] === 255) {
-            const parts = [...data.slice(k, k + 3)];
-            const key = "#" + parts.map(x => x.toString(16).padStart(2, "0")).join("");
-            counts[key] = (counts[key] || 0) + 1;
-          }
-        return counts; })()"""
-    )
+    dashes_by_name = dict(zip(names, dashes, strict=True))
+    assert dashes_by_name["velocity_coefficient_4_1"] == [[], []]
+    (transmission_name,) = (name for name in names if name.startswith("transmission"))
+    first_dash, second_dash = dashes_by_name[transmission_name]
+    assert first_dash == []
+    assert len(second_dash) == 2
+    pixel_counts = tab.evaluate(COUNT_COLOURS_OF_TRANSMISSION_PLOT)
     for mode in range(2):
-        assert colours.get(tab.evaluate(f"spherekit.modeColour({mode})"), 0) > 50
+        colour = tab.evaluate(f"spherekit.modeColour({mode})")
+        assert pixel_counts.get(colour, 0) > 50
 
 
 @pytest.mark.slow
 def test_a_dashed_curve_lies_on_a_solid_one_everywhere(open_page):
-    """Mode 4 of this chain closes in a part of the range only, on curves of others."""
+    """A curve is dashed only if it coincides with solid curves wherever it exists.
+
+    Mode 4 of this eight-bar closes in a part of the range only, on curves of other modes.
+    """
     tab = open_page("eight_bar_05", "mode=4", vary=[])
     figures = tab.evaluate(
         """spherekit.figures.map(({plot}) => plot.series.slice(1).map(({dash}, k) =>
         ({dash, column: plot.data[k + 1].map(y => Number.isFinite(y) ? y : null)})))"""
     )
-    dashed = 0
+    dashed_count = 0
     for curves in figures:
-        columns = np.array([x["column"] for x in curves], dtype=float)
-        solid = columns[[not x["dash"] for x in curves]]
-        for each in columns[[bool(x["dash"]) for x in curves]]:
-            off = np.abs(solid - each)
-            shared = np.isfinite(each) & np.any(np.isfinite(solid), axis=0)
-            assert np.all(np.nanmin(off[:, shared], axis=0) < 0.01 * np.nanmax(columns))
-            dashed += 1
-        first_dash = [bool(x["dash"]) for x in curves].index(True)
-        assert first_dash and not curves[first_dash - 1]["dash"]
-    assert dashed
+        columns = np.array([x["column"] for x in curves], dtype=float)  # (modes, inputs)
+        is_dashed = np.array([bool(x["dash"]) for x in curves])
+        solid = columns[~is_dashed]
+        for dashed in columns[is_dashed]:
+            distances = np.abs(solid - dashed)
+            is_shared = np.isfinite(dashed) & np.any(np.isfinite(solid), axis=0)
+            nearest = np.nanmin(distances[:, is_shared], axis=0)
+            assert np.all(nearest < 0.01 * np.nanmax(columns))
+            dashed_count += 1
+        assert not is_dashed[0]
+        assert np.any(is_dashed)
+    assert dashed_count
 
 
 @pytest.mark.slow
 def test_every_mode_has_a_colour_of_its_own(open_page):
+    """The colours of 96 modes differ, and those of the first 32 clearly, in both themes.
+
+    Clearly means a distance of 25 in the space of red, green and blue (0 to 255 each).
+    """
     tab = open_page("four_bar", vary=[])
     for theme in ("light", "dark"):
         tab.evaluate(f"spherekit.change('theme', {{theme: '{theme}'}})")
         tab.wait_for_timeout(100)
         colours = tab.evaluate("[...Array(96).keys()].map(spherekit.modeColour)")
         assert len(set(colours)) == 96
-        first = np.array([[int(x[k : k + 2], 16) for k in (1, 3, 5)] for x in colours[:32]])
-        apart = np.linalg.norm(first[:, None] - first[None], axis=2)
-        assert np.min(apart + 1e3 * np.eye(32)) > 25.0
+        rgb = []
+        for colour in colours[:32]:  # "#rrggbb"
+            rgb.append([int(colour[k : k + 2], 16) for k in (1, 3, 5)])
+        rgb = np.array(rgb)
+        distances = np.linalg.norm(rgb[:, None] - rgb[None], axis=2)
+        assert np.min(distances + 1e3 * np.eye(32)) > 25.0
 
 
-def sprung(name, pair, first=0.0, last=360.0):
-    """Return a mechanism with a spring at a pair, driven through a range (deg)."""
+def with_spring(name, pair, first=0.0, last=360.0):
+    """Return a shipped mechanism with a torsion spring at a pair as its only load.
+
+    The spring has the stiffness 0.7 and is relaxed at 0.3 rad. The input goes from `first`
+    to `last` (deg).
+    """
     mechanism = sk.load(name)
     driven = Input(mechanism.inputs[0].pair, *np.radians([first, last]))
-    masses = mechanism.masses or sk.load(str(FILES / "massless_crank.toml")).masses[:0]
-    return replace(
-        mechanism, loads=(Spring("coil", pair, 0.7, 0.3),), inputs=(driven,), masses=masses
-    )
+    spring = Spring("coil", pair, 0.7, 0.3)
+    return replace(mechanism, loads=(spring,), inputs=(driven,))
 
 
-SPRUNG = {
-    "swings": lambda: sprung("four_bar", "41"),
-    "turns fully": lambda: sprung("four_bar", "32"),
-    "below zero": lambda: sprung("four_bar", "32", -500.0, 90.0),
-    "falling range": lambda: sprung("four_bar", "32", 400.0, -20.0),
-    "range without zero": lambda: sprung("four_bar", "43", 60.0, 500.0),
+SPRING_CASES = {
+    "swings": lambda: with_spring("four_bar", "41"),
+    "turns fully": lambda: with_spring("four_bar", "32"),
+    "below zero": lambda: with_spring("four_bar", "32", -500.0, 90.0),
+    "falling range": lambda: with_spring("four_bar", "32", 400.0, -20.0),
+    "range without zero": lambda: with_spring("four_bar", "43", 60.0, 500.0),
     "mode with gaps": lambda: replace(
-        sprung("four_bar", "32").with_sizes(angle_unit="deg", arcs={"2": 44.0}), modes={}
+        with_spring("four_bar", "32").with_sizes(angle_unit="deg", arcs={"2": 44.0}),
+        modes={},
     ),
     "nearly a change point": lambda: replace(
-        sprung("four_bar", "32").with_sizes(
+        with_spring("four_bar", "32").with_sizes(
             angle_unit="deg", arcs=dict(zip("1234", NARROW[0], strict=True))
         ),
         modes={},
     ),
-    "Newton's steps": lambda: sprung("double_butterfly", "F"),
-    "wheels": lambda: sprung("planetary_bevel", "planet_axis", 0.0, 900.0),
+    "Newton's steps": lambda: with_spring("double_butterfly", "F"),
+    "wheels": lambda: with_spring("planetary_bevel", "planet_axis", 0.0, 900.0),
 }
 
 
@@ -485,28 +585,33 @@ NEXT_PICTURE = """() => new Promise(done =>
 
 @pytest.mark.slow
 @pytest.mark.many
-@pytest.mark.parametrize("case", SPRUNG)
+@pytest.mark.parametrize("case", SPRING_CASES)
 def test_springs_count_turns_as_inverse_dynamics_does(open_page, case):
-    """A spring at a passive pair is in the driving torque, with all turns of the pair."""
-    mechanism = SPRUNG[case]()
+    """The driving torque on the page counts all turns of a pair with a spring.
+
+    It equals the torque by `sk.inverse_dynamics` at constant speed.
+    """
+    mechanism = SPRING_CASES[case]()
     tab = open_page(mechanism, vary=[], quantities=["torque"])
+    input_pair = mechanism.inputs[0].pair
     low, high = mechanism.inputs[0].range
-    compared = 0
     # Python takes seconds for a torque where loops are closed by Newton's steps.
     modes, samples = (2, 3) if case == "Newton's steps" else (8, 5)
-    for place, number in enumerate(tab.evaluate("spherekit.modeNumbers")[:modes]):
+    compared = 0
+    for mode, number in enumerate(tab.evaluate("spherekit.modeNumbers")[:modes]):
+        # Just beside the samples of the page and inside the range
         for q in np.linspace(low, high, samples) + 0.0123:
             q = float(min(q, high - 0.0077))
-            tab.evaluate(f"spherekit.change('mode', {{mode: {place}, q: [{q!r}]}})")
+            tab.evaluate(f"spherekit.change('mode', {{mode: {mode}, q: [{q!r}]}})")
             tab.evaluate(NEXT_PICTURE)
             shown = float(tab.get_attribute("td[data-name=torque]", "data-value") or "nan")
             rows = sk.evaluate(mechanism, q, poles=[], assembly_mode=number)
             if not np.isfinite(shown):
                 assert rows.status[0] != sk.Status.OK
                 continue
-            laws = {mechanism.inputs[0].pair: sk.ConstantSpeed(1.0, q)}
-            made = sk.inverse_dynamics(mechanism, laws, [0.0], assembly_mode=number)
-            exact = made.torques[0, 0]
-            assert shown == pytest.approx(exact, rel=1e-9, abs=1e-9), (place, q)
+            laws = {input_pair: sk.ConstantSpeed(1.0, q)}
+            result = sk.inverse_dynamics(mechanism, laws, [0.0], assembly_mode=number)
+            exact = result.torques[0, 0]
+            assert shown == pytest.approx(exact, rel=1e-9, abs=1e-9), (mode, q)
             compared += 1
     assert compared > 4

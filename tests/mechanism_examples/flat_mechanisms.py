@@ -1,6 +1,10 @@
 """Four-bars whose assembly modes meet: flat vertices, kites, parallelograms, rhombi."""
 
 import numpy as np
+from mechanism_examples.linkages import mechanism_from_chain, random_axes
+
+from spherekit.files.mechanism_reader import read
+from spherekit.files.toml_document import parse
 
 KINDS = ("vertex", "kite", "parallelogram", "rhombus")
 
@@ -71,3 +75,34 @@ def four_bar_text(arcs, low, high, zero="180", driven="c1"):
         'format = 1\nname = "flat"\nangle_unit = "deg"\nground = "s1"\n'
         f"{links}{pairs}[inputs.{driven}]\nfrom = {low}\nto = {high}\n"
     )
+
+
+def loaded(text):
+    """Return the mechanism of the text of a mechanism file."""
+    return read(parse(text, "made"))
+
+
+def two_vertices(low=-40.0, high=40.0):
+    """Return two flat-foldable vertices on one crease, flat at the input 0.
+
+    Both vertices are four-bars driven by the crease; their dyads change together. `low` and
+    `high` are the ends of the range in degrees.
+    """
+    sectors = np.radians([100.0, 60.0, 80.0])
+    first = np.cumsum([0.0, *sectors])
+    second = -np.cumsum(np.radians([70.0, 50.0, 110.0]))
+    angles = [*first, *second]
+    axes = np.array([[np.cos(a), np.sin(a), 0.0] for a in angles])
+    # c1 joins links 1 and 2; the first vertex has links 3 and 4, the second 5 and 6.
+    chain = ((1, 2), (1, 3), (3, 4), (2, 4), (1, 5), (5, 6), (2, 6))
+    return mechanism_from_chain(chain, axes, span=tuple(np.radians([low, high])))
+
+
+def six_bar_with_a_flat_loop(seed=0):
+    """Return a six-bar driven as a triad; its loop of links 2, 3, 4 and 6 is flat at input 0."""
+    axes = random_axes(np.random.default_rng(seed), 7)
+    flat = [1, 2, 5, 6]  # the pairs of the loop of links 2, 3, 4 and 6
+    axes[flat, 2] = 0.0
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    chain = ((1, 2), (2, 3), (3, 4), (4, 5), (1, 5), (2, 6), (4, 6))
+    return mechanism_from_chain(chain, axes, driven="p1_2", span=(-0.3, 0.35))
