@@ -40,49 +40,67 @@ def form(paper):
     return sk.mid_plane_form(paper)
 
 
-def inside(form, count, seed, away=0.0):
-    """Return normals (count, 3) of the workspace of section 3, within all legs' reach.
+def random_reachable_normals(form, count, seed, margin=0.0):
+    """Return random normals (count, 3) of mid-planes that all three legs reach.
 
-    Driven legs are 10 degrees or more, and none is stretched.
+    The mid-plane mirrors the fixed platform onto the moving one (Chen et al. 2021,
+    section 3). Driven legs are folded by at least 10 degrees, and no leg is stretched;
+    `margin` (rad) is the distance from both limits.
     """
     random = np.random.default_rng(seed)
-    n = random.normal(size=(100 * count, 3))
-    n /= np.linalg.norm(n, axis=1, keepdims=True)
-    n[:, 2] = np.abs(n[:, 2])
-    folds = fold_angles(form.plane, n)
-    good = np.all(folds[:, list(form.plane.driven)] - np.radians(10.0) > away, axis=1)
-    good &= np.all(2.0 * form.plane.arcs - folds > away, axis=1)
-    return n[good & (n[:, 0] < 0.0)][:count]
+    normals = random.normal(size=(100 * count, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals[:, 2] = np.abs(normals[:, 2])
+    folds = fold_angles(form.plane, normals)
+    driven_folds = folds[:, list(form.plane.driven)]
+    is_folded = np.all(driven_folds - np.radians(10.0) > margin, axis=1)
+    is_within_reach = np.all(2.0 * form.plane.arcs - folds > margin, axis=1)
+    chosen = is_folded & is_within_reach & (normals[:, 0] < 0.0)
+    return normals[chosen][:count]
 
 
 @pytest.mark.parametrize("angle", [1e-6, 1e-3, 0.4, 2.0, np.pi - 1e-3, np.pi - 1e-9])
 def test_axis_and_angle_of_a_rotation(angle):
+    """Axis and angle of a relative rotation are those from which SciPy built it.
+
+    The error of the axis grows with 1 / angle (rad).
+    """
     random = np.random.default_rng(3)
-    for first in Rotation.random(20, random_state=3).as_matrix():
+    for first_orientation in Rotation.random(20, random_state=3).as_matrix():
         axis = random.normal(size=3)
         axis /= np.linalg.norm(axis)
-        turn = Rotation.from_rotvec(angle * axis).as_matrix()
-        found, turned = axis_and_angle(first, turn @ first)
-        assert abs(turned - angle) < 2e-15
-        assert np.linalg.norm(found - axis) < 2e-15 / min(angle, 1.0)
-        assert np.max(np.abs(rotation_about_axis(axis, [angle])[0] - turn)) < 1e-15
+        rotation = Rotation.from_rotvec(angle * axis).as_matrix()
+        found_axis, found_angle = axis_and_angle(
+            first_orientation, rotation @ first_orientation
+        )
+        assert abs(found_angle - angle) < 2e-15
+        assert np.linalg.norm(found_axis - axis) < 2e-15 / min(angle, 1.0)
+        assert np.max(np.abs(rotation_about_axis(axis, [angle])[0] - rotation)) < 1e-15
 
 
-def test_phi_gamma_omega():
-    """Eqs. (2) and (5), and P as the mirror image of Q."""
+def test_mirror_angles_satisfy_the_equations_of_the_paper():
+    """The angles phi, gamma and omega of a mid-plane obey eqs. (2) and (5) of the paper.
+
+    The point P = (cos phi, sin phi sin omega, sin phi cos omega) is the mirror image of
+    Q = (1, 0, 0) (Chen et al. 2021).
+    """
     random = np.random.default_rng(4)
     phi = np.radians(random.uniform(1.0, 120.0, 300))
     gamma = np.radians(random.uniform(-60.0, 60.0, 300))
-    known = np.sin(phi / 2) ** 2 + np.sin(gamma / 2) ** 2 < 1.0
-    phi, gamma = phi[known], gamma[known]
-    n = normals_of(phi, gamma)
-    *named, omega = mirror_angles(-n)
-    assert np.max(np.abs(np.subtract(named, (phi, gamma)))) < 1e-14
-    eq5 = np.sin(gamma / 2) / np.cos(phi / 2)
-    assert np.sin(omega) == pytest.approx(eq5, abs=1e-13)
-    p = np.array([1.0, 0.0, 0.0]) - 2.0 * n[:, :1] * n
-    off, up = np.sin(phi) * np.sin(omega), np.sin(phi) * np.cos(omega)
-    assert np.max(np.abs(p - np.stack([np.cos(phi), off, up], axis=1))) < 1e-14
+    exists = np.sin(phi / 2) ** 2 + np.sin(gamma / 2) ** 2 < 1.0
+    phi = phi[exists]
+    gamma = gamma[exists]
+    normals = normals_of(phi, gamma)
+    phi_again, gamma_again, omega = mirror_angles(-normals)
+    assert np.max(np.abs(phi_again - phi)) < 1e-14
+    assert np.max(np.abs(gamma_again - gamma)) < 1e-14
+    sine_by_eq5 = np.sin(gamma / 2) / np.cos(phi / 2)
+    assert np.sin(omega) == pytest.approx(sine_by_eq5, abs=1e-13)
+    mirror_image = np.array([1.0, 0.0, 0.0]) - 2.0 * normals[:, :1] * normals
+    expected = np.stack(
+        [np.cos(phi), np.sin(phi) * np.sin(omega), np.sin(phi) * np.cos(omega)], axis=1
+    )
+    assert np.max(np.abs(mirror_image - expected)) < 1e-14
 
 
 # Chen et al. 2021, Table 1: initial configuration, then tiny inputs and the column of the
@@ -103,67 +121,87 @@ TABLE_1 = {
 
 
 def pose_at(form, inputs):
+    """Return phi and gamma (deg) of the mid-plane at the driving angles (deg)."""
     (normal,) = form.plane.normals(np.radians([inputs]))
     return np.degrees(mirror_angles(normal)[:2])
 
 
-@pytest.mark.parametrize("at", TABLE_1)
-def test_table_1(form, at):
-    pose, *rows = TABLE_1[at]
-    start = pose_at(form, at)
-    assert start == pytest.approx(pose, abs=5.1e-5)
-    for tiny, cad in rows:
-        assert 1e3 * (pose_at(form, np.add(at, tiny)) - start) == pytest.approx(
-            cad, abs=5.1e-5
-        )
+@pytest.mark.parametrize("initial_inputs", TABLE_1)
+def test_poses_of_table_1(form, initial_inputs):
+    """Poses and their changes by tiny inputs are those of a CAD model, to all digits.
+
+    They are printed in Chen et al. 2021, Table 1: poses in degrees, changes in thousandths
+    of a degree.
+    """
+    printed_pose, *rows = TABLE_1[initial_inputs]
+    pose = pose_at(form, initial_inputs)
+    assert pose == pytest.approx(printed_pose, abs=5.1e-5)
+    for input_change, printed_change in rows:
+        changed_pose = pose_at(form, np.add(initial_inputs, input_change))
+        change = 1e3 * (changed_pose - pose)
+        assert change == pytest.approx(printed_change, abs=5.1e-5)
 
 
-def test_four_initial_configurations(form):
-    """Fig. 5: four sets of driving angles for one pose; all lead back to it."""
-    normals = inside(form, 50, 6)
-    found = form.plane.solutions(normals)
-    assert len(found) == 4
-    for modes, inputs in found.items():
+def test_four_sets_of_driving_angles_lead_to_one_pose(form):
+    """Each pose has four sets of driving angles (Chen et al. 2021, Fig. 5).
+
+    The driving angles obey eqs. (12) and (13): sin(theta) is the height of a leg's elbow
+    over sin(arc of the driving link). Elbows keep their arcs from the base axes.
+    """
+    normals = random_reachable_normals(form, 50, 6)
+    solutions = form.plane.solutions(normals)
+    assert len(solutions) == 4
+    for modes, inputs in solutions.items():
         assert np.max(np.abs(form.plane.normals(inputs) - normals)) < 1e-13
         assert np.all(form.plane.modes(inputs) == modes)
-        # eqs. (12) and (13): sin(theta) is the elbow's height over sin(alpha)
         elbows, _ = form.plane.elbows(normals, (*modes, 1))
-        heights = elbows[:, :2, 2] / np.sin(form.plane.arcs[:2])
-        assert np.max(np.abs(np.sin(inputs) - heights)) < 1e-14
-        arcs = np.vecdot(elbows, form.plane.axes) - np.cos(form.plane.arcs)
-        assert np.max(np.abs(arcs)) < 1e-15
+        sines = elbows[:, :2, 2] / np.sin(form.plane.arcs[:2])
+        assert np.max(np.abs(np.sin(inputs) - sines)) < 1e-14
+        arc_cosines = np.vecdot(elbows, form.plane.axes)
+        assert np.max(np.abs(arc_cosines - np.cos(form.plane.arcs))) < 1e-15
 
 
-def test_graph_and_mid_plane_form_are_one(paper, form):
-    """11 links, 14 pairs: orientation and driving angles, 1e-11."""
+def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
+    """Positions by mirroring in the mid-plane close all loops of the 11 links.
+
+    They are compared with Newton's method on the loop closure of all 14 pairs, which is
+    started 1e-4 rad away and knows nothing of mid-planes.
+    """
     assert (len(paper.links), len(paper.pairs)) == (11, 14)
-    assert form.proof()[1] == 2 and form.proof()[0] < 1e-14
-    normals = inside(form, 60, 1, away=np.radians(1.0))
+    deviation, freedoms = form.proof()
+    assert freedoms == 2
+    assert deviation < 1e-14
+    normals = random_reachable_normals(form, 60, 1, margin=np.radians(1.0))
     closure = PositionAnalysis(paper, samples=2).solver.closure
     frames = revolute_frames(paper)
-    for third in (1, -1):
-        modes = (-1, 1, third)
+    driven = driven_variables(form)
+    passive = [variable for variable in range(14) if variable not in driven]
+    for third_leg_mode in (1, -1):
+        modes = (-1, 1, third_leg_mode)
         rotations = form.place(normals, modes)
         values, _ = form.values(rotations)
         assert closure_gap(paper, rotations, frames) < 1e-14
         assert np.max(np.abs(closure.at(values).residual)) < 1e-13
-        # the graph solved on its own for these driving angles, from a disturbed start
-        driven, start = driven_variables(form), values.copy()
-        free = [v for v in range(14) if v not in driven]
-        start[:, free] += np.random.default_rng(2).uniform(-1e-4, 1e-4, (len(start), 12))
-        held = turn_singularity(form, normals, modes) > 3e-3
-        solved = closure.solve(start[held], driven)
+
+        start = values.copy()
+        start[:, passive] += np.random.default_rng(2).uniform(-1e-4, 1e-4, (len(start), 12))
+        is_regular = singularity_determinant(form, normals, modes) > 3e-3
+        solved = closure.solve(start[is_regular], driven)
         assert np.max(solved.closure_residual) < 1e-14
-        assert np.max(np.abs(solved.values - values[held])) < 1e-11
-        placed = closure.at(solved.values).rotations
-        ours = form.orientations(normals[held])
-        assert np.max(np.abs(placed[:, form.effector] - ours)) < 1e-11
-        own = form.plane.solutions(normals)[-1, 1]
-        assert np.max(np.abs(values[:, driven] - own)) < 1e-14
+        assert np.max(np.abs(solved.values - values[is_regular])) < 1e-11
+        effector_rotations = closure.at(solved.values).rotations[:, form.effector]
+        expected = form.orientations(normals[is_regular])
+        assert np.max(np.abs(effector_rotations - expected)) < 1e-11
+        driving_angles = form.plane.solutions(normals)[-1, 1]
+        assert np.max(np.abs(values[:, driven] - driving_angles)) < 1e-14
 
 
-def turn_singularity(form, normals, modes):
-    """Return |det| of base axes x elbows (n,): 0 where the planes of all legs meet."""
+def singularity_determinant(form, normals, modes):
+    """Return |det| of the plane normals of the three legs (n,).
+
+    Each normal is base axis x elbow. The determinant is 0 where the planes of all legs meet
+    in one line, at a type II singularity.
+    """
     elbows, _ = form.plane.elbows(normals, modes)
     axes = np.broadcast_to(form.plane.axes, elbows.shape)
     return np.abs(np.linalg.det(cross(axes, elbows)))
@@ -171,129 +209,177 @@ def turn_singularity(form, normals, modes):
 
 @pytest.mark.slow
 def test_any_symmetric_arcs_have_the_form():
+    """Random mechanisms with mid-plane symmetric arcs (deg) are recognised, with their
+    arcs.
+    """
     random = np.random.default_rng(12)
     for _ in range(6):
         a, b, c, d = np.radians(random.uniform([40, 30, 30, 40], [110, 85, 85, 100]))
-        made = mid_plane_mechanism([a, b, b, a, c, c, d, d])
-        form = sk.mid_plane_form(made)
+        mechanism = mid_plane_mechanism([a, b, b, a, c, c, d, d])
+        form = sk.mid_plane_form(mechanism)
         assert form.proof()[1] == 2 and form.proof()[0] < 1e-14
         assert form.plane.arcs == pytest.approx([b, c, d], abs=1e-15)
 
 
 @pytest.mark.parametrize("pairs", [12, pytest.param(1000, marks=pytest.mark.long)])
 def test_axis_stays_fixed_between_random_pairs_of_poses(form, pairs):
-    """All mid-planes on the way hold the axis; so does the end effector: 1e-12."""
-    starts, stops = inside(form, pairs, 21), inside(form, pairs, 22)
+    """Between two poses the end effector turns about an axis fixed to 1e-12 rad.
+
+    `pairs` pairs of random poses are joined. The axis is fixed in the end effector as well:
+    its coordinates there are computed from the orientations alone.
+    """
+    starts = random_reachable_normals(form, pairs, 21)
+    stops = random_reachable_normals(form, pairs, 22)
     reached = 0
     for start, stop in zip(starts, stops, strict=True):
-        turn = form.rotation_between(start, stop, OUTWARD)
-        found = turn.at(np.linspace(0.0, turn.angle, 7))
-        ok = found.status == sk.Status.OK
-        reached += np.all(ok)
-        assert ok[0] and ok[-1] == (turn.end == sk.Status.OK)
-        if not ok[-1]:
+        rotation = form.rotation_between(start, stop, OUTWARD)
+        rows = rotation.at(np.linspace(0.0, rotation.angle, 7))
+        is_valid = rows.status == sk.Status.OK
+        reached += np.all(is_valid)
+        assert is_valid[0]
+        assert is_valid[-1] == (rotation.end == sk.Status.OK)
+        if not is_valid[-1]:
             continue
-        assert max(np.max(found.drift[ok]), np.max(found.orientation_error[ok])) < 1e-12
-        back = np.vecmat(turn.axis, found.orientation[ok])
-        assert np.max(np.linalg.norm(back - back[0], axis=1)) < 1e-12
+        assert np.max(rows.drift[is_valid]) < 1e-12
+        assert np.max(rows.orientation_error[is_valid]) < 1e-12
+        axis_in_effector = np.vecmat(rotation.axis, rows.orientation[is_valid])
+        axis_shift = np.linalg.norm(axis_in_effector - axis_in_effector[0], axis=1)
+        assert np.max(axis_shift) < 1e-12
         last = form.orientations(stop[None])[0]
-        assert np.max(np.abs(found.orientation[-1] - last)) < 1e-13
+        assert np.max(np.abs(rows.orientation[-1] - last)) < 1e-13
     assert reached > 0.9 * pairs
 
 
-def found_status(count, singular):
+def statuses_with_one_singular(count, singular):
+    """Return a list of OK statuses, with AT_SINGULARITY at one index."""
     status = [sk.Status.OK] * count
     status[singular] = sk.Status.AT_SINGULARITY
     return status
 
 
-def test_through_the_home_pose(form):
-    """phi = 0: all legs folded, the loops fix nothing, and the rotation goes on."""
-    turn = rotate(30.0, 0.0, -30.0, 0.0)
-    closed = turn.at(np.linspace(0.0, turn.angle, 21))
-    home = turn.at([0.5 * turn.angle])
+def test_a_rotation_passes_the_home_pose_in_which_all_legs_are_folded(form):
+    """A rotation from phi = 30 to -30 deg passes phi = 0, a type II singularity.
+
+    There all legs are folded and the loops do not determine the motion, but the mid-plane
+    does: phi changes linearly with the angle of rotation, and rates stay finite.
+    """
+    rotation = rotate(30.0, 0.0, -30.0, 0.0)
+    half_angle = 0.5 * rotation.angle
+    rows = rotation.at(np.linspace(0.0, rotation.angle, 21))
+    home = rotation.at([half_angle])
     assert np.max(np.abs(home.inputs)) < 1e-12
-    normals, _ = form.normals(closed.orientation)
+    normals, _ = form.normals(rows.orientation)
     phi, gamma, _ = mirror_angles(normals)
     assert np.max(np.abs(phi - np.linspace(np.pi / 6, -np.pi / 6, 21))) < 1e-14
     assert np.max(np.abs(gamma)) < 1e-14
-    assert closed.status.tolist() == found_status(21, 10) and closed.type_2[10] < 1e-13
-    assert np.all(np.isfinite(closed.second_rates)) and turn.end == sk.Status.OK
-    assert turn.leaps == pytest.approx([0.5 * turn.angle], abs=1e-9)
-    assert np.max(closed.orientation_error) < 1e-12
+    assert rows.status.tolist() == statuses_with_one_singular(21, 10)
+    assert rows.type_2[10] < 1e-13
+    assert rotation.end == sk.Status.OK
+    assert np.all(np.isfinite(rows.second_rates))
+    assert rotation.leaps == pytest.approx([half_angle], abs=1e-9)
+    assert np.max(rows.orientation_error) < 1e-12
 
 
-def configuration(name, row=0.5):
-    """Return a mechanism and a configuration in the middle of its grid."""
-    made = sk.load(name)
-    motion = sk.trace(made, samples=[3] * len(made.inputs))
-    ok = np.flatnonzero((motion.status == sk.Status.OK) & (motion.assembly_mode == 0))
-    return made, motion, motion.values[ok[int(row * len(ok))]]
+def configuration(name):
+    """Return a mechanism and the joint angles of mode 0 in the middle of its grid."""
+    mechanism = sk.load(name)
+    motion = sk.trace(mechanism, samples=[3] * len(mechanism.inputs))
+    is_valid = (motion.status == sk.Status.OK) & (motion.assembly_mode == 0)
+    rows = np.flatnonzero(is_valid)
+    return mechanism, motion.values[rows[len(rows) // 2]]
 
 
-def slopes_of(array, h):
-    return (array[0] - 8 * array[1] + 8 * array[3] - array[4]) / (12 * h)
+def derivative_at_middle(samples, h):
+    """Return the derivative at the middle of five samples with step h, to order h^4."""
+    return (samples[0] - 8 * samples[1] + 8 * samples[3] - samples[4]) / (12 * h)
 
 
-def rates_by_differences(turn, theta, rel, second):
-    """Check rates at an angle (rad) by those around it; return the samples there."""
+def check_rates_by_differences(rotation, theta, rate_tolerance, second_tolerance):
+    """Check rates of the inputs at an angle theta (rad) by finite differences.
+
+    Parameters
+    ----------
+    rate_tolerance
+        Relative tolerance of the rates dq/dtheta.
+    second_tolerance
+        Tolerance of the second rates, relative to the largest or 1; None if there are none.
+
+    Returns
+    -------
+    rows
+        Five samples of the rotation around theta.
+    """
     h = 1e-3
-    around = turn.at(theta + h * np.arange(-2, 3))
-    assert slopes_of(around.inputs, h) == pytest.approx(around.rates[2], rel=rel)
-    if second:
-        error = slopes_of(around.rates, h) - around.second_rates[2]
-        size = np.max(np.abs(around.second_rates[2]))
-        assert np.max(np.abs(error)) < second * max(1.0, size)
-    return around
+    rows = rotation.at(theta + h * np.arange(-2, 3))
+    rates = derivative_at_middle(rows.inputs, h)
+    assert rates == pytest.approx(rows.rates[2], rel=rate_tolerance)
+    if second_tolerance is not None:
+        error = derivative_at_middle(rows.rates, h) - rows.second_rates[2]
+        size = max(1.0, np.max(np.abs(rows.second_rates[2])))
+        assert np.max(np.abs(error)) < second_tolerance * size
+    return rows
 
 
 @pytest.mark.parametrize("name", ["three_rrr", "agile_eye"])
-def test_three_freedoms_follow_any_axis(name):
-    made, _, values = configuration(name)
-    closure = Closure.of_mechanism(made, make_joints(made))
-    output = made.link_number[made.outputs[0].link]
+def test_three_inputs_turn_the_output_about_any_axis(name):
+    """With three inputs the output turns exactly about axes that were chosen freely.
+
+    The expected orientation is the start turned by Rodrigues' formula.
+    """
+    mechanism, values = configuration(name)
+    closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
+    output = mechanism.link_number[mechanism.outputs[0].link]
     start = closure.at(values[None]).rotations[0, output]
     for axis in ([0.4, -1.0, 0.3], [1.0, 0.2, -0.5]):
-        turn = sk.follow_rotation(made, values, axis, 0.3)
-        theta = np.linspace(0.0, min(0.3, turn.reached), 9)
-        found = turn.at(theta)
-        assert np.all(found.status == sk.Status.OK)
-        at = closure.at(found.values)
-        wanted = rotation_about_axis(turn.axis, theta) @ start
-        assert np.max(at.closure_residual) < 1e-13
-        assert np.max(np.abs(at.rotations[:, output] - wanted)) < 1e-12
-        assert np.max(found.orientation_error) < 1e-13 and np.max(found.drift) < 1e-12
-        rates_by_differences(turn, 0.5 * theta[-1], 1e-8, 1e-7)
+        rotation = sk.follow_rotation(mechanism, values, axis, 0.3)
+        theta = np.linspace(0.0, min(0.3, rotation.reached), 9)
+        rows = rotation.at(theta)
+        assert np.all(rows.status == sk.Status.OK)
+        closed = closure.at(rows.values)
+        expected = rotation_about_axis(rotation.axis, theta) @ start
+        assert np.max(closed.closure_residual) < 1e-13
+        assert np.max(np.abs(closed.rotations[:, output] - expected)) < 1e-12
+        assert np.max(rows.orientation_error) < 1e-13
+        assert np.max(rows.drift) < 1e-12
+        check_rates_by_differences(rotation, 0.5 * theta[-1], 1e-8, 1e-7)
 
 
-def test_two_freedoms_depart_as_little_as_they_can():
-    """Five-bar: least angle against a search over both inputs, and exact rates."""
-    made, _, values = configuration("five_bar")
-    output = made.link_number["3"]
-    turn = sk.follow_rotation(made, values, [0.35, 0.82, 0.33], 0.6)
+def test_two_inputs_follow_an_axis_with_the_least_orientation_error():
+    """A five-bar cannot turn its output about any axis, and stays as near as possible.
+
+    The least angle between wanted and real orientation is compared with a mesh of 3 x 3
+    inputs, 2e-4 rad apart, about those found. The positions there come from the dyad's
+    closed form: the middle is the best, and a fitted plane through the squares is level.
+    """
+    mechanism, values = configuration("five_bar")
+    output = mechanism.link_number["3"]
+    rotation = sk.follow_rotation(mechanism, values, [0.35, 0.82, 0.33], 0.6)
     theta = np.array([0.0, 0.3, 0.6])
-    found = turn.at(theta)
-    assert np.all(found.status == sk.Status.OK) and found.orientation_error[0] < 1e-14
-    assert found.orientation_error[2] > 0.1
-    closure = Closure.of_mechanism(made, make_joints(made))
+    rows = rotation.at(theta)
+    assert np.all(rows.status == sk.Status.OK)
+    assert rows.orientation_error[0] < 1e-14
+    assert rows.orientation_error[2] > 0.1
+    closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
     start = closure.at(values[None]).rotations[0, output]
-    wanted = rotation_about_axis(turn.axis, theta) @ start
-    # a mesh around the inputs found, by the dyad's closed form of the same mode
+    wanted = rotation_about_axis(rotation.axis, theta) @ start
     mesh = 2e-4 * np.array(list(product((-1, 0, 1), repeat=2)))
+    middle = 4
     for k in (1, 2):
-        motion = sk.trace(made, path=found.inputs[k] + mesh)
-        rotations = motion.rotations[motion.assembly_mode == 0, output]
-        far = angles_between(rotations, wanted[k])
-        assert np.argmin(far) == 4
-        assert far[4] == pytest.approx(found.orientation_error[k], abs=1e-13)
-        fit = np.column_stack([np.ones(9), mesh])
-        gradient = np.linalg.lstsq(fit, far**2, rcond=None)[0][1:]
+        motion = sk.trace(mechanism, path=rows.inputs[k] + mesh)
+        orientations = motion.rotations[motion.assembly_mode == 0, output]
+        errors = angles_between(orientations, wanted[k])
+        assert np.argmin(errors) == middle
+        assert errors[middle] == pytest.approx(rows.orientation_error[k], abs=1e-13)
+        plane = np.column_stack([np.ones(9), mesh])
+        gradient = np.linalg.lstsq(plane, errors**2, rcond=None)[0][1:]
         assert np.max(np.abs(gradient)) < 1e-6
+    check_rates_by_differences(rotation, 0.3, 1e-9, 1e-9)
+    # Second rates at the start, by one-sided differences of fourth order
     h = 1e-3
-    rates_by_differences(turn, 0.3, 1e-9, 1e-9)
-    ahead = turn.at(h * np.arange(5))
-    slopes = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) @ ahead.rates / (12.0 * h)
-    assert slopes == pytest.approx(ahead.second_rates[0], abs=1e-8)
+    first_rows = rotation.at(h * np.arange(5))
+    weights = np.array([-25.0, 48.0, -36.0, 16.0, -3.0]) / (12.0 * h)
+    second_rates = weights @ first_rows.rates
+    assert second_rates == pytest.approx(first_rows.second_rates[0], abs=1e-8)
 
 
 def wrist():
@@ -310,49 +396,70 @@ def wrist():
     )
 
 
-def test_open_chain_against_euler_angles():
-    start = np.array([0.3, 0.7, 0.2])
-    turn = sk.follow_rotation(wrist(), start, [1.0, 0.3, 0.2], 1.5)
-    found = turn.at(np.linspace(0.0, 1.5, 31))
-    assert np.all(found.status == sk.Status.OK)
-    z, y = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
-    turns = (rotation_about_axis(u, start[k : k + 1])[0] for k, u in enumerate((z, y, z)))
-    r = rotation_about_axis(turn.axis, found.theta) @ np.linalg.multi_dot(list(turns))
+def test_an_open_wrist_turns_by_its_euler_angles():
+    """The inputs of a wrist that turns about a fixed axis are Euler angles z, y, z.
+
+    The orientations are products of elementary rotations; the angles are read from them
+    by the usual formulas.
+    """
+    start = np.array([0.3, 0.7, 0.2])  # rad
+    rotation = sk.follow_rotation(wrist(), start, [1.0, 0.3, 0.2], 1.5)
+    rows = rotation.at(np.linspace(0.0, 1.5, 31))
+    assert np.all(rows.status == sk.Status.OK)
+    z = np.array([0.0, 0.0, 1.0])
+    y = np.array([0.0, 1.0, 0.0])
+    start_orientation = np.eye(3)
+    for axis, angle in zip((z, y, z), start, strict=True):
+        start_orientation = start_orientation @ rotation_about_axis(axis, [angle])[0]
+    r = rotation_about_axis(rotation.axis, rows.theta) @ start_orientation
+    azimuth = np.arctan2(r[:, 1, 2], r[:, 0, 2])
     tilt = np.arctan2(np.hypot(r[:, 0, 2], r[:, 1, 2]), r[:, 2, 2])
-    azimuth, own = (np.arctan2(r[:, 1, 2], r[:, 0, 2]), np.arctan2(r[:, 2, 1], -r[:, 2, 0]))
-    euler = np.stack([azimuth, tilt, own], axis=1)
-    assert np.max(np.abs(np.exp(1j * found.inputs) - np.exp(1j * euler))) < 1e-12
+    spin = np.arctan2(r[:, 2, 1], -r[:, 2, 0])
+    euler_angles = np.stack([azimuth, tilt, spin], axis=1)
+    differences = np.exp(1j * rows.inputs) - np.exp(1j * euler_angles)
+    assert np.max(np.abs(differences)) < 1e-12
 
 
-def test_through_the_gimbal_pose_of_a_wrist():
-    """b turns through 0, where a and c turn about one axis; both stand still."""
-    across = [np.sin(0.3), -np.cos(0.3), 0.0]
-    turn = sk.follow_rotation(wrist(), [0.3, 0.5, 0.2], across, 0.9)
-    assert turn.end == sk.Status.OK and turn.leaps == pytest.approx([0.5], abs=1e-9)
-    found = turn.at([0.0, 0.2, 0.5, 0.7, 0.9])
-    assert found.inputs[:, 1] == pytest.approx(0.5 - found.theta, abs=1e-12)
-    assert np.max(np.abs(found.inputs[:, [0, 2]] - [0.3, 0.2])) < 1e-11
-    assert found.rates == pytest.approx(np.tile([0.0, -1.0, 0.0], (5, 1)), abs=1e-11)
-    assert found.status.tolist() == found_status(5, 2)
+def test_a_wrist_passes_its_gimbal_pose():
+    """A wrist turns about the axis of its middle pair b through b = 0 (a singularity).
+
+    There a and c turn about one axis. By hand: b falls from 0.5 rad with rate -1, and a and
+    c stand still.
+    """
+    axis_of_b = [np.sin(0.3), -np.cos(0.3), 0.0]  # negative, for a = 0.3 rad
+    rotation = sk.follow_rotation(wrist(), [0.3, 0.5, 0.2], axis_of_b, 0.9)
+    assert rotation.end == sk.Status.OK
+    assert rotation.leaps == pytest.approx([0.5], abs=1e-9)
+    rows = rotation.at([0.0, 0.2, 0.5, 0.7, 0.9])
+    assert rows.inputs[:, 1] == pytest.approx(0.5 - rows.theta, abs=1e-12)
+    assert np.max(np.abs(rows.inputs[:, [0, 2]] - [0.3, 0.2])) < 1e-11
+    assert rows.rates == pytest.approx(np.tile([0.0, -1.0, 0.0], (5, 1)), abs=1e-11)
+    assert rows.status.tolist() == statuses_with_one_singular(5, 2)
 
 
-def test_contact_pairs_follow_too():
-    """A cam's roller lever: exact about its pivot; beside it no second rates are given."""
-    made = sk.load("roller_cam")
-    motion = sk.trace(made, samples=9)
+def test_a_mechanism_with_a_cam_follows_an_axis():
+    """The lever of a roller cam turns exactly about its pivot, and nearly about others.
+
+    Rates are checked by finite differences. Second rates of a departing output would need
+    third derivatives of the contact, and are not given.
+    """
+    mechanism = sk.load("roller_cam")
+    motion = sk.trace(mechanism, samples=9)
     row = int(np.flatnonzero(motion.status == sk.Status.OK)[3])
-    axis = motion.axes[row, made.pair_number["follower_pivot"]]
-    turn = sk.follow_rotation(made, motion.values[row], axis, 0.02)
-    assert np.max(rates_by_differences(turn, 0.01, 1e-7, 1e-5).orientation_error) < 1e-13
-    beside = sk.follow_rotation(made, motion.values[row], axis + [0.0, 0.2, 0.1], 0.02)
-    around = rates_by_differences(beside, 0.01, 1e-7, None)
-    assert np.all(around.orientation_error > 1e-5)
-    assert np.all(np.isnan(around.second_rates))
+    pivot = motion.axes[row, mechanism.pair_number["follower_pivot"]]
+    exact = sk.follow_rotation(mechanism, motion.values[row], pivot, 0.02)
+    rows = check_rates_by_differences(exact, 0.01, 1e-7, 1e-5)
+    assert np.max(rows.orientation_error) < 1e-13
+    tilted_axis = pivot + [0.0, 0.2, 0.1]
+    departing = sk.follow_rotation(mechanism, motion.values[row], tilted_axis, 0.02)
+    rows = check_rates_by_differences(departing, 0.01, 1e-7, None)
+    assert np.all(rows.orientation_error > 1e-5)
+    assert np.all(np.isnan(rows.second_rates))
 
 
 @dataclass(frozen=True)
-class Straight:
-    """Inputs that go with theta: q = slope theta."""
+class LinearRotation:
+    """A stand-in for a followed rotation whose inputs are q = slope * theta."""
 
     axis: np.ndarray
     angle: float
@@ -360,11 +467,25 @@ class Straight:
     slope: np.ndarray
 
     def at(self, theta):
+        """Return samples at angles (rad); only inputs and rates have a meaning."""
         theta = np.atleast_1d(theta)
-        n, rates = len(theta), np.tile(self.slope, (len(theta), 1))
-        turns, zero = np.tile(np.eye(3), (n, 1, 1)), np.zeros(n)
-        more = 0.0 * rates, 0.0 * rates, turns, zero, zero, zero + 1.0, zero.astype(np.int8)
-        return RotationSamples(theta, theta[:, None] * self.slope, rates, *more)
+        n = len(theta)
+        rates = np.tile(self.slope, (n, 1))
+        no_rates = 0.0 * rates
+        orientations = np.tile(np.eye(3), (n, 1, 1))
+        zero = np.zeros(n)
+        return RotationSamples(
+            theta,
+            theta[:, None] * self.slope,
+            rates,
+            no_rates,
+            no_rates,
+            orientations,
+            zero,
+            zero,
+            zero + 1.0,
+            zero.astype(np.int8),
+        )
 
 
 PEAKS = {
@@ -377,14 +498,20 @@ PEAKS = {
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_durations_against_closed_forms(shape):
-    speed, acceleration = PEAKS[shape]
-    by_speed = straight(speed=[1.0, 0.5], shape=shape)
-    assert by_speed.duration == pytest.approx(speed * 1.6 / 0.5, rel=1e-12)
+def test_durations_at_a_limit_are_those_of_closed_forms(shape):
+    """The shortest duration lets the peak of the time law s(t/T) meet a limit.
+
+    The inputs turn by 1.2 and -1.6 rad (0.8 rad times 1.5 and -2). A speed limit v gives
+    T = angle * max s' / v, an acceleration limit a gives T^2 = angle * max |s''| / a.
+    """
+    peak_speed, peak_acceleration = PEAKS[shape]
+    by_speed = linear_rotation_in_time(speed=[1.0, 0.5], shape=shape)
+    assert by_speed.duration == pytest.approx(peak_speed * 1.6 / 0.5, rel=1e-12)
     assert by_speed.binding.input == "b"
     assert by_speed.binding.value == pytest.approx(-0.5, rel=1e-12)
-    by_acceleration = straight(acceleration=2.0, shape=shape)
-    assert by_acceleration.duration**2 == pytest.approx(acceleration * 0.8, rel=1e-12)
+    by_acceleration = linear_rotation_in_time(acceleration=2.0, shape=shape)
+    squared_duration = by_acceleration.duration**2
+    assert squared_duration == pytest.approx(peak_acceleration * 1.6 / 2.0, rel=1e-12)
     assert by_acceleration.binding.quantity == "acceleration"
     table = by_acceleration.table(11)
     assert table.inputs[-1] == pytest.approx([1.2, -1.6], abs=1e-14)
@@ -392,22 +519,28 @@ def test_durations_against_closed_forms(shape):
 
 
 def rotate(phi, gamma, to_phi, to_gamma):
+    """Return the rotation of the paper's mechanism between two mid-planes (angles in deg).
+    """
     form = sk.mid_plane_form(sk.load("two_dof_spm"))
     ends = (normal_at(*np.radians(each)) for each in ((phi, gamma), (to_phi, to_gamma)))
     return form.rotation_between(*ends, OUTWARD)
 
 
 def four_bar_rotation(axis=(0, 0, 1), angle=0.1, spoil=0.0, output=None):
-    made = sk.load("four_bar")
-    values = sk.trace(made, samples=3).values[1] + spoil * np.arange(4)
-    return sk.follow_rotation(made, values, axis, angle, output)
+    """Return a rotation of the four-bar; `spoil` (rad) opens the loop at its start."""
+    mechanism = sk.load("four_bar")
+    values = sk.trace(mechanism, samples=3).values[1] + spoil * np.arange(4)
+    return sk.follow_rotation(mechanism, values, axis, angle, output)
 
 
-def straight(**given):
-    line = Straight(np.array([0, 0, 1.0]), 0.8, ("a", "b"), np.array([1.5, -2.0]))
-    return time_optimal(line, **given)
+def linear_rotation_in_time(**limits):
+    """Return the time-optimal schedule of a linear rotation by 0.8 rad with two inputs."""
+    rotation = LinearRotation(np.array([0, 0, 1.0]), 0.8, ("a", "b"), np.array([1.5, -2.0]))
+    return time_optimal(rotation, **limits)
 
 
 @pytest.mark.parametrize("call", TABLES["rotations"])
-def test_bad_input(call):
+def test_bad_arguments_of_rotations_are_refused(call):
+    """Each call of the table "rotations" of `refusals.toml` raises the error stated there.
+    """
     check_call(call, {**globals(), "replace": replace}, TABLES["rotations"][call])

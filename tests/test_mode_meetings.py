@@ -96,7 +96,8 @@ def find_contradictions(text, low, high):
 
 
 def symmetric_range(random):
-    """Return the ends (deg) of a random range whose middle, 0 or 180, is a flat state."""
+    """Return the ends (deg) of a random range; its middle, 0 or 180 deg, is a flat state.
+    """
     centre = int(random.choice([0, 180]))
     half = int(random.integers(10, 180))
     return centre - half, centre + half
@@ -140,7 +141,8 @@ def test_command_names_the_crossing_and_claims_nothing_false(capsys):
 
 @pytest.mark.slow
 def test_claims_do_not_contradict_proofs():
-    """Claims about meetings of modes agree with interval proofs of eight random four-bars."""
+    """Claims about meetings of modes agree with interval proofs of eight random four-bars.
+    """
     assert compare_with_proof(8, seed=44) > 3
 
 
@@ -310,7 +312,7 @@ def test_two_dyads_change_their_signs_together():
 
 
 def test_long_runs_follow_smooth_curves_too():
-    """A run of 9000 samples, computed by a compiled kernel, follows smooth curves as well.
+    """A run of 9000 samples, computed by a compiled kernel, follows smooth curves too.
 
     The ratio of half tangents of two fold angles is constant in each mode (Huffman 1976).
     """
@@ -414,7 +416,8 @@ def test_a_sweep_follows_smooth_curves():
 
 
 def test_commands_read_how_to_pass_crossings_from_a_study_file(tmp_path, capsys):
-    """`crossings = "pass"` of a study file holds for `spherekit run` and `spherekit sweep`."""
+    """`crossings = "pass"` of a study file holds for `spherekit run` and `spherekit sweep`.
+    """
     path = FILES / "flatfold_through.toml"
     study = tmp_path / "fold.study.toml"
     study.write_text(

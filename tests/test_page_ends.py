@@ -104,7 +104,7 @@ def curve_of_mode(tab, mode):
     return tab.evaluate(
         f"""(({{x, values, ends, meets, beyond}}) =>
         ({{x, closes: values.map(Boolean), ends, meets, beyond}}))
-        (spherekit.modes[{mode}].curve_of_mode)"""
+        (spherekit.modes[{mode}].curve)"""
     )
 
 
@@ -112,17 +112,17 @@ def curve_of_mode(tab, mode):
 @pytest.mark.many(slow=20)
 @pytest.mark.parametrize("name", EVERY_PAGE, ids=lambda name: Path(name).stem)
 def test_a_page_is_drawn_at_every_end_of_every_slider(open_page, name):
-    """No slider position at an end, alone or together, and no mode gives an error message."""
+    """No slider at an end, alone or with all others, and no mode gives an error message."""
     tab = open_page(name)
     assert tab.evaluate(DRIVE_TO_ENDS) == []
 
 
 @pytest.mark.slow
 def test_modes_end_right_where_an_inner_dyad_fails_first(open_page):
-    """With a crank of 46 deg, the inner dyad of the Stephenson chain ends before the outer.
+    """With a crank of 46 deg, the inner dyad of a Stephenson chain fails before the outer.
 
-    The outer dyad then has NaN for the square of its triple product. The ranges of the modes
-    are compared with a bisection of `sk.evaluate`.
+    The outer dyad then has NaN for the square of its triple product. The ranges of the
+    modes are compared with a bisection of `sk.evaluate`.
     """
     tab = open_page("stephenson", "links.2.arc=46")
     assert tab.inner_text("#trouble") == ""
@@ -280,7 +280,8 @@ CONSTANT = [
 @pytest.mark.many
 @pytest.mark.parametrize(("name", "options"), CONSTANT, ids=lambda x: Path(str(x)).stem)
 def test_a_constant_curve_is_level_in_a_plot_of_a_sensible_range(open_page, name, options):
-    """The axis of a plot has a range much wider than rounding, so that a constant is a level line."""
+    """A constant curve is a level line, because a plot's axis is much wider than rounding.
+    """
     tab = open_page(name, **options)
     figures = tab.evaluate(
         """spherekit.figures.map(({range, plot}) =>
@@ -303,7 +304,7 @@ BREAK_THE_SPHERE = (
 
 @pytest.mark.slow
 def test_an_error_in_a_drawing_is_shown_and_stops_no_number(browser, tmp_path):
-    """If drawing the sphere throws an error, numbers and the saved file still follow the fields.
+    """Numbers and the saved file follow the fields even if drawing the sphere fails.
 
     The error is injected into the browser's `strokeText`. Numbers are compared with Python.
     """
@@ -326,7 +327,7 @@ def test_an_error_in_a_drawing_is_shown_and_stops_no_number(browser, tmp_path):
 
 @pytest.mark.slow
 def test_a_refused_number_is_replaced_by_the_one_in_use(open_page):
-    """After an empty, negative or too large text, the field of a size shows the size in use."""
+    """After an empty, negative or too large number, a field shows the size in use."""
     tab = open_page("four_bar")
     field = tab.locator(".row:has(label[title='links.2.arc']) input[type=number]")
     for typed in ("", "", "-5", "-5", "1e9", "1e9", "181", "181"):

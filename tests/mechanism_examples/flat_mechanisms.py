@@ -99,7 +99,7 @@ def two_vertices(low=-40.0, high=40.0):
 
 
 def six_bar_with_a_flat_loop(seed=0):
-    """Return a six-bar driven as a triad; its loop of links 2, 3, 4 and 6 is flat at input 0."""
+    """Return a six-bar driven as a triad, one of whose loops is flat at the input 0."""
     axes = random_axes(np.random.default_rng(seed), 7)
     flat = [1, 2, 5, 6]  # the pairs of the loop of links 2, 3, 4 and 6
     axes[flat, 2] = 0.0
