@@ -20,7 +20,7 @@ from spherekit.exchange.size_arguments import idle_arguments
 from spherekit.files.number_change import document_of
 
 FILES = Path(__file__).parent / "files"
-PART = 1e-3
+RELATIVE_CHANGE = 1e-3
 """By this part numbers are changed; some are whole and are changed by one."""
 TOLERANCE = 1e-8
 """Of results, relative to their size or to one."""
@@ -34,8 +34,8 @@ def numbers_in(item, path):
         for key, value in item.items():
             yield from numbers_in(value, (*path, str(key)))
     elif isinstance(item, list | tuple):
-        for place, value in enumerate(item):
-            yield from numbers_in(value, (*path, str(place)))
+        for index, value in enumerate(item):
+            yield from numbers_in(value, (*path, str(index)))
     elif isinstance(item, int | float) and not isinstance(item, bool):
         yield ".".join(path)
 
@@ -46,85 +46,123 @@ def keys_of(document):
 
 
 def changed_file(document, variable, inputs):
-    """Return the mechanism with another number, and this; None if there is no such."""
-    size = PART * (abs(variable.value) or 1.0)
+    """Return the mechanism with one number changed a little, and the new number.
+
+    Numbers of a file can be whole or have to stay in order, so that several changes are
+    tried. Returns None if none of them gives a valid mechanism. `inputs` are the input
+    pairs to use if the file has none.
+    """
+    size = RELATIVE_CHANGE * (abs(variable.value) or 1.0)
     for step in (size, -size, 1.0, -1.0):
         value = variable.value + step
         try:
-            made = make_design(document, [variable], [value])
+            mechanism = make_design(document, [variable], [value])
         except SpherekitError:
             continue
-        return made.with_inputs(*inputs) if not made.inputs else made, value
+        if not mechanism.inputs:
+            mechanism = mechanism.with_inputs(*inputs)
+        return mechanism, value
     return None
 
 
-def results_at(made, motion, places, sizes):
-    """Return all results (results, n), the loops closed by steps if there are any."""
+def results_at(made, motion, mode_values, sizes):
+    """Return all results (results, n) of formulas; loops are closed by Newton's steps if
+    needed.
+
+    `motion` (k, n) are inputs, rates and time, `mode_values` (m, n) signs or variables of
+    the modes, and `sizes` (s, n) the arguments for numbers of the file.
+    """
     if made.step:
         step = made.numpy_function(made.step)
         for _ in range(10):
-            places = step(motion, places, sizes)[:-1]
-    return made.numpy_function(made.outputs)(motion, places, sizes)
+            mode_values = step(motion, mode_values, sizes)[:-1]
+    return made.numpy_function(made.outputs)(motion, mode_values, sizes)
 
 
-def motions(made, modes):
-    """Return what the formulas have of a motion (k, modes)."""
+def motion_arguments(made, modes):
+    """Return inputs, rates and other arguments of motion (k, modes) at the start of each
+    mode.
+    """
     motion = np.full((len(made.motion), len(modes)), MOVED)
     inputs = np.array([mode.at for mode in modes]).T
     motion[: len(inputs)] = inputs
     return motion
 
 
-def apart(made, one, other):
-    """Return how far results (results, n) are from others: angles on the circle."""
+def relative_gaps(made, values, expected):
+    """Return the gaps (results, n) between results: of angles on the circle, else relative.
+    """
     is_angle = np.array([name.startswith("theta_") for name in made.results])[:, None]
-    turned = np.abs(np.exp(1j * one) - np.exp(1j * other))
-    return np.where(is_angle, turned, np.abs(one - other) / np.maximum(1.0, np.abs(other)))
+    turned = np.abs(np.exp(1j * values) - np.exp(1j * expected))
+    return np.where(
+        is_angle, turned, np.abs(values - expected) / np.maximum(1.0, np.abs(expected))
+    )
 
 
-def check_argument(given, key):
-    """Check an argument; return whether it was accepted."""
-    document = document_of(given)
+def check_argument(mechanism_name, key):
+    """Check that a number of a file works as an argument of formulas, or is refused.
+
+    Formulas with an argument for the number are evaluated at a changed value, and compared
+    with formulas of the file in which the number is changed. If the argument is idle (no
+    result depends on it), the results of both files must agree.
+
+    Returns
+    -------
+    bool
+        Whether the argument was accepted.
+    """
+    document = document_of(mechanism_name)
     try:
-        made = formulas(given, vary=[key])
+        made = formulas(mechanism_name, vary=[key])
     except SpherekitError as problem:
         assert key in str(problem)
         return False
     variable = design_variable(document, key)
-    if key in idle_arguments([made]):
-        made = formulas(given)
-        changed = changed_file(document, variable, made.mechanism.input_pairs)
-        if changed is not None:
-            other = formulas(changed[0], list(made.results))
-            modes = other.modes
-            places = np.array([mode.values for mode in modes]).T.reshape(-1, len(modes))
-            found = results_at(made, motions(made, modes), places, made.size_values)
-            wanted = results_at(other, motions(other, modes), places, other.size_values)
-            assert np.nanmax(apart(made, found, wanted), initial=0.0) < TOLERANCE, key
-        return False
+    is_idle = key in idle_arguments([made])
+    if is_idle:
+        made = formulas(mechanism_name)
     changed = changed_file(document, variable, made.mechanism.input_pairs)
+    if is_idle and changed is None:
+        return False
     assert changed is not None, key
-    mechanism, value = changed
-    other = formulas(mechanism, list(made.results))
-    modes = other.modes
-    unit = made.size_values[0, 0] / variable.value if variable.value else None
-    if unit is None:
-        is_degree = variable.is_angle and document.data["angle_unit"] == "deg"
-        unit = np.pi / 180.0 if is_degree else 1.0
-    places = np.array([mode.values for mode in modes]).T.reshape(-1, len(modes))
-    motion = motions(made, modes)
-    found = results_at(made, motion, places, np.array([[unit * value]]))
-    wanted = results_at(other, motions(other, modes), places, other.size_values)
-    before = results_at(made, motion, places, made.size_values)
-    assert np.any(np.isfinite(wanted)), key
-    assert np.nanmax(apart(made, found, wanted)) < TOLERANCE, key
-    assert np.nanmax(apart(made, before, wanted)) > 1e-13, key
+    changed_mechanism, value = changed
+    expected_formulas = formulas(changed_mechanism, list(made.results))
+    modes = expected_formulas.modes
+    mode_values = np.array([mode.values for mode in modes]).T.reshape(-1, len(modes))
+    motion = motion_arguments(made, modes)
+    expected = results_at(
+        expected_formulas,
+        motion_arguments(expected_formulas, modes),
+        mode_values,
+        expected_formulas.size_values,
+    )
+    unchanged = results_at(made, motion, mode_values, made.size_values)
+    if is_idle:
+        gaps = relative_gaps(made, unchanged, expected)
+        assert np.nanmax(gaps, initial=0.0) < TOLERANCE, key
+        return False
+
+    # Arguments are in radians, numbers of the file in its own unit.
+    if variable.value:
+        unit = made.size_values[0, 0] / variable.value
+    elif variable.is_angle and document.data["angle_unit"] == "deg":
+        unit = np.pi / 180.0
+    else:
+        unit = 1.0
+    results = results_at(made, motion, mode_values, np.array([[unit * value]]))
+    assert np.any(np.isfinite(expected)), key
+    assert np.nanmax(relative_gaps(made, results, expected)) < TOLERANCE, key
+    assert np.nanmax(relative_gaps(made, unchanged, expected)) > 1e-13, key
     return True
 
 
-def check_all(given, least):
+def check_all(mechanism_name, least):
     """Check all numbers of a mechanism; at least so many must be accepted."""
-    accepted = [key for key in keys_of(document_of(given)) if check_argument(given, key)]
+    accepted = [
+        key
+        for key in keys_of(document_of(mechanism_name))
+        if check_argument(mechanism_name, key)
+    ]
     assert len(accepted) >= least, accepted
 
 
@@ -153,6 +191,10 @@ def test_arguments_have_their_effect_or_are_refused(given, least):
     ],
 )
 def test_arguments_of_other_mechanisms(given, least):
+    """Every number of a file is a working argument or is refused by name.
+
+    At least `least` of the numbers of a mechanism are accepted.
+    """
     check_all(str(given), least)
 
 
@@ -221,7 +263,11 @@ CANCELLING = {
 @pytest.mark.parametrize("name", CANCELLING)
 @pytest.mark.parametrize("key", ["links.2.arc", "links.4.arc", "pairs.41.zero"])
 def test_sizes_of_results_that_are_zero_but_for_rounding_are_idle(name, key):
-    """Two torques at one pair cancel for all sizes, so no size is an argument."""
+    """Two torques at one pair cancel for all sizes, so that no size is an argument.
+
+    Their sum is zero but for rounding. With a millionth more of one torque, the size has an
+    effect and is an argument.
+    """
     one, other = CANCELLING[name]
     loads = (sk.PairTorque("one", "41", one), sk.PairTorque("other", "41", other))
     mechanism = sk.load("four_bar")

@@ -48,12 +48,17 @@ RATE_ROUNDING = 1e-14
 square of a dyad's triple product is proportional to that of the distance."""
 
 
-def case(name):
+def load_case(name):
+    """Return the mechanism of a file of `tests/files`."""
     return sk.load(str(FILES / f"{name}.toml"))
 
 
 def c_results(path, made, row, q, language):
-    """Return the results (results, n) of a mode, by its row, at inputs q (n,)."""
+    """Return the results (results, n) of the C or C++ source at inputs q (n,) in rad.
+
+    `row` is that of the mode in the source's table. C++ functions are wrapped in C ones,
+    and the library is called for each input.
+    """
     name = made.mechanism.name
     if language == "cpp":
         header, path = path, path.with_suffix(".cpp")
@@ -78,6 +83,7 @@ def c_results(path, made, row, q, language):
 
 
 def js_results(path, made, row, q):
+    """Return the results (results, n) of the JavaScript source at inputs q, run by Node."""
     name = made.mechanism.name
     program = path.with_name("run.mjs")
     program.write_text(
@@ -90,12 +96,18 @@ def js_results(path, made, row, q):
 
 
 def python_results(path, made, number, q):
+    """Return the results (results, n) of the Python source at inputs q, in a mode by
+    number.
+    """
     name = made.mechanism.name
     smooth, function = (python_function(path, x) for x in (f"{name}_smooth_mode", name))
     return function(q[None], smooth(number, q), ())
 
 
 def casadi_results(path, made, number, q):
+    """Return the results (results, n) of the CasADi source at inputs q, in a mode by
+    number.
+    """
     casadi = pytest.importorskip("casadi")
     name = made.mechanism.name
     symbol = casadi.SX.sym("q")
@@ -108,6 +120,7 @@ def casadi_results(path, made, number, q):
 
 
 def julia_results(path, made, row, q):
+    """Return the results (results, n) of the Julia source at inputs q, run by Julia."""
     name = made.mechanism.name
     program = path.with_name("run.jl")
     program.write_text(
@@ -120,7 +133,10 @@ def julia_results(path, made, row, q):
 
 
 def results_by_language(made, folder, row, q, languages):
-    """Yield the languages that are installed, and the results of each."""
+    """Yield each installed language with the results (results, n) of its source.
+
+    `row` is that of the mode in the table of modes, `q` (n,) are inputs in rad.
+    """
     number = made.modes[row].number
     endings = {"c": "c", "cpp": "hpp", "js": "mjs", "julia": "jl"}
     installed = {"c": GCC, "cpp": GPP, "js": NODE, "julia": JULIA}
@@ -142,7 +158,7 @@ def results_by_language(made, folder, row, q, languages):
 
 
 def inputs_about(smooth, seed, count=24):
-    """Return inputs over three turns, and beside all crossings."""
+    """Return random inputs (rad) over three turns, and inputs beside all crossings."""
     random = np.random.default_rng(seed)
     crossings = np.array(smooth.crossings)
     distances = [-0.3, -1e-2, -1e-4, -1e-5, 1e-5, 1e-4, 1e-2, 0.3]
@@ -151,47 +167,55 @@ def inputs_about(smooth, seed, count=24):
     return np.concatenate([anywhere, beside, beside - 2.0 * np.pi])
 
 
-def distances_to(smooth, q):
-    """Return the distances (n,) rad of inputs from the nearest crossing, less turns."""
+def distances_from_crossings(smooth, q):
+    """Return the chord (n,) from each input to the nearest crossing on the unit circle."""
     away = np.abs(np.exp(1j * q[:, None]) - np.exp(1j * np.array(smooth.crossings)))
     return np.min(away, axis=1, initial=2.0)
 
 
 def compare_sources(mechanism, folder, seed=0, languages=("python",)):
-    """Compare all modes of sources with `sk.evaluate`; return how many rows are equal.
+    """Compare joint angles and their rates by sources with `sk.evaluate`, in all modes.
 
-    The second number is that of the modes whose signs change.
+    Returns
+    -------
+    compared
+        Number of compared configurations.
+    changing_modes
+        Number of modes whose signs change at a crossing.
     """
     made = formulas(mechanism, ["theta_*", "rate_*"], crossings="pass")
     smooth = made.mode_table.smooth
     q = inputs_about(smooth, seed)
-    compared = changed = 0
+    compared = 0
+    changing_modes = 0
     for row, mode in enumerate(made.modes):
-        changed += len(smooth.pieces(row)) > 1
-        there = sk.evaluate(
+        if len(smooth.pieces(row)) > 1:
+            changing_modes += 1
+        evaluated = sk.evaluate(
             made.mechanism, q, poles=[], assembly_mode=mode.number, crossings="pass"
         )
-        error = there.configuration_error
-        is_known = (there.status == sk.Status.OK) & (error < MAX_ERROR_RAD)
-        is_lost = there.status == sk.Status.OUT_OF_REACH
-        allowed = ANGLE_TOLERANCE_RAD + 10.0 * error[is_known]
-        compared += np.sum(is_known)
+        error = evaluated.configuration_error
+        is_accurate = (evaluated.status == sk.Status.OK) & (error < MAX_ERROR_RAD)
+        is_out_of_reach = evaluated.status == sk.Status.OUT_OF_REACH
+        angle_tolerance = ANGLE_TOLERANCE_RAD + 10.0 * error[is_accurate]
+        rounding = RATE_ROUNDING / distances_from_crossings(smooth, q)[is_accurate] ** 2
+        compared += np.sum(is_accurate)
         for language, results in results_by_language(made, folder, row, q, languages):
-            assert np.all(np.any(np.isnan(results[:, is_lost]), axis=0)), language
+            assert np.all(np.any(np.isnan(results[:, is_out_of_reach]), axis=0)), language
             for key, values in zip(made.results, results, strict=True):
                 kind, _, pair = key.partition("_")
                 if kind == "theta":
-                    expected = there.variable(pair)[is_known]
-                    off = np.abs(np.exp(1j * values[is_known]) - np.exp(1j * expected))
-                    assert np.all(off <= allowed), (language, mode, key, np.max(off))
+                    expected = evaluated.variable(pair)[is_accurate]
+                    gap = np.abs(np.exp(1j * values[is_accurate]) - np.exp(1j * expected))
+                    assert np.all(gap <= angle_tolerance), (language, mode, key)
                 elif pair in made.mechanism.angles:
-                    expected = there.variable_coefficient(pair)[is_known]
+                    expected = evaluated.variable_coefficient(pair)[is_accurate]
+                    # Errors of angles are multiplied by the rates of the rates.
                     size = np.maximum(1.0, np.abs(expected)) ** 2
-                    off = np.abs(values[is_known] - expected)
-                    rounding = RATE_ROUNDING / distances_to(smooth, q)[is_known] ** 2
-                    most = 1e3 * allowed * size + rounding
-                    assert np.all(off <= most), (language, mode, key)
-    return compared, changed
+                    gap = np.abs(values[is_accurate] - expected)
+                    tolerance = 1e3 * angle_tolerance * size + rounding
+                    assert np.all(gap <= tolerance), (language, mode, key)
+    return compared, changing_modes
 
 
 @pytest.mark.parametrize(
@@ -199,15 +223,19 @@ def compare_sources(mechanism, folder, seed=0, languages=("python",)):
     [x if x in QUICK else pytest.param(x, marks=pytest.mark.slow) for x in CASES],
 )
 def test_sources_follow_smooth_curves(name, tmp_path):
+    """Sources in Python and C have the modes of `sk.evaluate` on either side of a crossing.
+    """
     languages = ("python", "c", "js") if name == "cp2" else ("python", "c")
-    compared, changed = compare_sources(case(name), tmp_path, languages=languages)
+    compared, changed = compare_sources(load_case(name), tmp_path, languages=languages)
     assert compared > 60 and changed == 2
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("language", ["cpp", "js", "julia", "casadi"])
-def test_other_languages_follow_them_too(language, tmp_path):
-    compared, changed = compare_sources(case("cp2"), tmp_path, languages=[language])
+def test_sources_in_other_languages_follow_smooth_curves(language, tmp_path):
+    """Sources in C++, JavaScript, Julia and CasADi have the modes of `sk.evaluate` as well.
+    """
+    compared, changed = compare_sources(load_case("cp2"), tmp_path, languages=[language])
     assert compared > 60 and changed == 2
 
 
@@ -222,6 +250,8 @@ def test_sources_of_many_vertices_and_change_points(tmp_path):
 
 
 def compare_random(seed, folder):
+    """Compare the sources of a random four-bar; return how many modes change their signs.
+    """
     random = np.random.default_rng(seed)
     arcs = random_crossing_arcs(random, KINDS[seed % len(KINDS)])
     low = int(random.choice([-180, -60, 0]))
@@ -239,29 +269,33 @@ def test_sources_of_several_dyads_that_change_at_once(tmp_path):
 
 @pytest.mark.slow
 def test_an_inner_dyad_at_a_change_point(tmp_path):
-    """A six-bar whose four-bar 70, 30, 60, 40 deg carries a further dyad."""
-    four = four_bar_text((70, 30, 60, 40), -170, 190, zero="0")
-    more = (
+    """A six-bar passes the change point of its inner text-bar (70, 30, 60, 40 deg) as well.
+
+    A further dyad (links s5 and s6) is carried by the rocker s4 of the text-bar.
+    """
+    text = four_bar_text((70, 30, 60, 40), -170, 190, zero="0")
+    further_dyad = (
         '[links.s5]\naxes = ["d1", "d2"]\narcs = [50]\n'
         '[links.s6]\naxes = ["d2", "d3"]\narcs = [60]\n'
         '[pairs.d1]\ntype = "R"\nlinks = ["s4", "s5"]\n'
         '[pairs.d2]\ntype = "R"\nlinks = ["s5", "s6"]\n'
         '[pairs.d3]\ntype = "R"\nlinks = ["s1", "s6"]\n'
     )
-    four = four.replace(
+    text = text.replace(
         '[links.s1]\naxes = ["c1", "c2"]\narcs = [70]',
         '[links.s1]\naxes = ["c1", "c2", "d3"]\narcs = [70, 80]\nangles = [40]',
     ).replace(
         '[links.s4]\naxes = ["c4", "c1"]\narcs = [40]',
         '[links.s4]\naxes = ["c4", "c1", "d1"]\narcs = [40, 45]\nangles = [30]',
     )
-    head, brackets, inputs = four.partition("[inputs")
-    mechanism = loaded(head + more + brackets + inputs)
+    before_inputs, brackets, inputs = text.partition("[inputs")
+    mechanism = loaded(before_inputs + further_dyad + brackets + inputs)
     compared, changed = compare_sources(mechanism, tmp_path)
     assert compared > 40 and changed >= 2
 
 
 def test_a_mechanism_whose_modes_do_not_cross(tmp_path):
+    """Without crossings the source says so, and no mode changes its signs."""
     made = formulas("four_bar", ["theta_41"], crossings="pass")
     assert made.mode_table.smooth.crossings == ()
     assert "No curves cross between 0 and 6.28319 rad." in source(made, "js")
@@ -270,8 +304,9 @@ def test_a_mechanism_whose_modes_do_not_cross(tmp_path):
 
 
 def test_fold_angles_of_a_source_keep_their_ratio():
-    """Opposite creases fold alike through the flat state (Huffman 1976)."""
-    made = formulas(case("flatfold_through"), ["theta_*"], crossings="pass")
+    """Half tangents of fold angles keep their ratio through the flat state (Huffman 1976).
+    """
+    made = formulas(load_case("flatfold_through"), ["theta_*"], crossings="pass")
     smooth = made.mode_table.smooth
     q = np.radians([-35.0, -20.0, -3.0, 3.0, 20.0, 35.0])
     interval = np.searchsorted(smooth.starts, q) - 1
@@ -284,45 +319,56 @@ def test_fold_angles_of_a_source_keep_their_ratio():
 
 
 def test_command_writes_and_says_where_curves_cross(tmp_path, capsys):
+    """The command names the crossings, and writes a function for smooth modes if asked for.
+    """
     path = tmp_path / "x.js"
-    words = ["export", str(FILES / "parallelogram.toml"), "--to", "js", "-o", str(path)]
-    assert main([*words, "--crossings", "pass"]) == 0
-    said = capsys.readouterr().err
-    assert "follow their smooth curves through crossings at 0, 180, 360 deg" in said
+    arguments = ["export", str(FILES / "parallelogram.toml"), "--to", "js", "-o", str(path)]
+    assert main([*arguments, "--crossings", "pass"]) == 0
+    message = capsys.readouterr().err
+    assert "follow their smooth curves through crossings at 0, 180, 360 deg" in message
     text = path.read_text()
     assert "export function parallelogram_smooth_mode(k, q" in text
     assert "from 3.14159 rad on: mode -1; input" in text
-    assert main([*words, "--crossings", "end"]) == 0
+    assert main([*arguments, "--crossings", "end"]) == 0
     assert "smooth" not in path.read_text()
 
 
-def test_right_at_a_crossing_there_are_no_numbers():
-    made = formulas(case("cp2"), ["theta_*"], crossings="pass")
-    smooth = made.mode_table.smooth
+def test_signs_are_nan_right_at_a_crossing():
+    """Within 5e-7 rad of a crossing a mode has no signs, because dyads are in line there.
+    """
+    formulas_of_mechanism = formulas(load_case("cp2"), ["theta_*"], crossings="pass")
+    smooth = formulas_of_mechanism.mode_table.smooth
     for q in (np.pi, np.pi - 5e-7, np.pi + 5e-7):
         interval = np.searchsorted(smooth.starts, q) - 1
         assert np.all(np.isnan(smooth.places[interval]))
 
 
 def test_wrong_signs_beyond_a_crossing_are_noticed(monkeypatch, capsys, tmp_path):
-    """The mode keeps its signs at the crossing: the comparison must not pass."""
+    """An export fails if a mode keeps the signs that it has before a crossing.
+
+    The table is falsified before the export compares it with the mechanism.
+    """
     from spherekit.exchange import mode_table
 
-    right = mode_table._find_candidate
+    find_candidate = mode_table._find_candidate
 
-    def wrong(*arguments):
-        candidate = right(*arguments)
+    def find_wrong_candidate(*arguments):
+        candidate = find_candidate(*arguments)
         return replace(candidate, places=np.broadcast_to(candidate.places[1], (4, 1)))
 
-    monkeypatch.setattr(mode_table, "_find_candidate", wrong)
-    words = ["export", str(FILES / "parallelogram.toml"), "--to", "c", "--crossings"]
-    assert main([*words, "pass", "-o", str(tmp_path / "x.c")]) != 0
+    monkeypatch.setattr(mode_table, "_find_candidate", find_wrong_candidate)
+    arguments = ["export", str(FILES / "parallelogram.toml"), "--to", "c", "--crossings"]
+    assert main([*arguments, "pass", "-o", str(tmp_path / "x.c")]) != 0
     assert "the formulas do not give this mode" in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_starts_of_a_triad_stand_on_both_sides_of_a_crossing(tmp_path):
-    """Steps from the start of each piece lead to the mode of `sk.evaluate`."""
+def test_steps_from_the_starts_of_a_triad_lead_to_its_smooth_modes(tmp_path):
+    """From the start of each piece Newton's steps lead to the mode of `sk.evaluate`.
+
+    A triad has no signs. The source has the variables at one input on either side of the
+    crossing; 200 steps of the input (rad), with four iterations each, lead to the goal.
+    """
     mechanism = replace(six_bar_with_a_flat_loop(), name="flat_loop")
     made = formulas(mechanism, ["theta_*"], crossings="pass")
     smooth = made.mode_table.smooth
@@ -331,26 +377,28 @@ def test_starts_of_a_triad_stand_on_both_sides_of_a_crossing(tmp_path):
     path.write_text(source(made, "python"))
     start = python_function(path, "flat_loop_smooth_variables")
     step = python_function(path, "flat_loop_step")
-    changed = compared = 0
+    angle_indices = list(mechanism.angles.values())
+    changing_modes = 0
+    compared = 0
     for row, mode in enumerate(made.modes):
-        changed += len(smooth.pieces(row)) > 1
+        if len(smooth.pieces(row)) > 1:
+            changing_modes += 1
         for goal in (-0.2, -0.02, 0.02, 0.2):
             variables, q = start(mode.number, goal)
-            there = sk.evaluate(
+            evaluated = sk.evaluate(
                 mechanism, goal, poles=[], assembly_mode=mode.number, crossings="pass"
             )
-            if np.isnan(q) or there.status[0] != sk.Status.OK:
+            if np.isnan(q) or evaluated.status[0] != sk.Status.OK:
                 continue
             for value in np.linspace(float(q), goal, 200):
                 for _ in range(4):
                     variables, _ = step(np.array([value]), variables, ())
-            expected = [there.variable(x)[0] for x in mechanism.angles]
-            names = [*mechanism.angles]
-            indices = [mechanism.angles[name] for name in names]
-            off = np.abs(np.exp(1j * variables[indices]) - np.exp(1j * np.array(expected)))
-            assert np.max(off) < 1e-7, (mode, goal)
+            expected = np.array([evaluated.variable(pair)[0] for pair in mechanism.angles])
+            gap = np.abs(np.exp(1j * variables[angle_indices]) - np.exp(1j * expected))
+            assert np.max(gap) < 1e-7, (mode, goal)
             compared += 1
-    assert changed >= 2 and compared >= 6
+    assert changing_modes >= 2
+    assert compared >= 6
     if GCC:
         path = tmp_path / "x.c"
         path.write_text(source(made, "c"))
@@ -358,23 +406,32 @@ def test_starts_of_a_triad_stand_on_both_sides_of_a_crossing(tmp_path):
 
 
 def test_turns_are_counted_where_a_smooth_curve_turns_fully():
-    """Of a parallelogram each of the two signs swings; both smooth curves turn."""
+    """A spring at the rocker of a parallelogram needs a count of turns, else it does not.
+
+    With either sign of the dyad the rocker only swings; on both smooth curves it turns.
+    """
     arcs = {"1": 60.0, "2": 30.0, "3": 60.0, "4": 30.0}
-    flat = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs)
-    wound = replace(flat, loads=(Spring("wound", "41", 1.0),))
-    passed = formulas(wound, ["torque"], crossings="pass")
-    assert "turns_of_41" in [x.name for x in passed.motion]
-    swings = replace(sk.load("four_bar"), loads=wound.loads)
-    passed = formulas(swings, ["torque"], crossings="pass")
-    assert "turns_of_41" not in [x.name for x in passed.motion]
+    parallelogram = sk.load("four_bar").with_sizes(angle_unit="deg", arcs=arcs)
+    spring = Spring("wound", "41", 1.0)
+    turning = formulas(
+        replace(parallelogram, loads=(spring,)), ["torque"], crossings="pass"
+    )
+    assert "turns_of_41" in [argument.name for argument in turning.motion]
+    swinging = formulas(
+        replace(sk.load("four_bar"), loads=(spring,)), ["torque"], crossings="pass"
+    )
+    assert "turns_of_41" not in [argument.name for argument in swinging.motion]
 
 
 @pytest.mark.slow
 def test_a_source_does_not_claim_that_searched_modes_cross_nowhere():
-    """A cam with a roller whose equivalent four-bar has the arcs 60, 10, 37 and 33 deg."""
+    """Where modes come from a search, a source says that curves may also cross elsewhere.
+
+    The cam with a roller is equivalent to a four-bar with the arcs 60, 10, 37 and 33 deg.
+    """
     text = (Path(sk.__file__).parents[1] / "mechanisms" / "roller_cam.toml").read_text()
     text = text.partition("[mass.cam]")[0].replace("[90.0, 45.0] }", "[90.0, 57.0] }")
     made = formulas(loaded(text), ["theta_follower_pivot"], crossings="pass")
     assert not made.mode_table.smooth.are_all_known
-    head = " ".join(source(made, "js").replace("// ", "").split())
-    assert "as far as crossings are known. Curves may also cross at inputs" in head
+    comment = " ".join(source(made, "js").replace("// ", "").split())
+    assert "as far as crossings are known. Curves may also cross at inputs" in comment

@@ -29,7 +29,7 @@ QUANTITIES = ["theta_*", "rate_*"]
 INPUTS = 20
 ANGLE_TOLERANCE = 1e-9
 """Beside ten times what the configurations of `sk.evaluate` may be off by (rad)."""
-KNOWN = 1e-7
+MAX_ERROR_RAD = 1e-7
 """Configurations that may be off by more (rad) are not compared: next to a dead centre."""
 KINDS = {
     "change point": lambda a, b, c: (a, b, c, a + c - b),
@@ -40,25 +40,29 @@ KINDS = {
 }
 
 
-def case(name):
+def load_case(name):
+    """Return the mechanism of a file of `tests/files`."""
     return sk.load(str(HERE / "files" / f"{name}.toml"))
 
 
 def special_four_bar(seed):
-    """Return a four-bar of one of the `KINDS`, of whole degrees, by its seed."""
+    """Return a four-bar with a change point; `seed` chooses one of `KINDS` and sizes.
+
+    Arcs are whole degrees between 10 and 170. The input goes over one turn.
+    """
     random = np.random.default_rng(seed)
     kind = list(KINDS)[seed % len(KINDS)]
     arcs = (0.0,) * 4
     while min(arcs) < 10.0 or max(arcs) > 170.0:
         arcs = KINDS[kind](*(float(5 * x) for x in random.integers(4, 33, 3)))
     start = float(np.radians(random.choice([-180.0, -90.0, -60.0, 0.0])))
-    made = four_bar([float(arc) for arc in arcs])
-    drive = Input("21", start, start + 2.0 * np.pi)
-    return replace(made, name=f"special_{seed}", inputs=(drive,))
+    mechanism = four_bar([float(arc) for arc in arcs])
+    driven = Input("21", start, start + 2.0 * np.pi)
+    return replace(mechanism, name=f"special_{seed}", inputs=(driven,))
 
 
-def in_every_language(made, folder):
-    """Yield the languages that are there, each with its function."""
+def functions_in_installed_languages(made, folder):
+    """Yield each installed language with the function of its source."""
     name = made.mechanism.name
     path = folder / name
     path.with_suffix(".py").write_text(source(made, "python"))
@@ -71,8 +75,11 @@ def in_every_language(made, folder):
         yield "js", js_function(path.with_suffix(".mjs"), name)
 
 
-def inputs_of(made, mode, seed):
-    """Return inputs (inputs, n): over the ranges, or near those of a mode for steps."""
+def random_inputs_of_mode(made, mode, seed):
+    """Return random inputs (inputs, n) in rad, over the whole ranges.
+
+    Where formulas take Newton's steps, inputs are within 0.02 rad of the start of the mode.
+    """
     random = np.random.default_rng(seed)
     if made.step:
         return np.array(mode.at)[:, None] + random.uniform(-0.02, 0.02, (1, INPUTS))
@@ -81,94 +88,130 @@ def inputs_of(made, mode, seed):
 
 
 def check_modes(mechanism, folder, least=0.5):
-    """Check all modes of a mechanism's sources; return the largest difference (rad).
+    """Compare angles and rates of all modes of a mechanism's sources with `sk.evaluate`.
 
-    At least the part `least` of the inputs must have been compared.
+    Parameters
+    ----------
+    folder
+        Folder into which sources are written.
+    least
+        Fraction of all random inputs that must have been compared at least. The others
+        are out of reach or near dead centres.
+
+    Returns
+    -------
+    largest
+        Largest difference of an angle (rad).
     """
     made = formulas(mechanism, QUANTITIES)
     assert not made.mode_table.left_out
-    functions = dict(in_every_language(made, folder))
+    functions = dict(functions_in_installed_languages(made, folder))
     steps = None
     if made.step:
         name = made.mechanism.name
         steps = python_function((folder / name).with_suffix(".py"), f"{name}_step")
-    no_sizes, largest, compared = np.zeros((0, INPUTS)), 0.0, 0
+    no_sizes = np.zeros((0, INPUTS))
+    largest = 0.0
+    compared = 0
     for mode in made.modes:
-        q = inputs_of(made, mode, mode.number)
-        places = np.repeat(np.array(mode.values).reshape(-1, 1), INPUTS, axis=1)
-        for _ in range(10 if steps else 0):
-            places, _ = steps(q, places, ())
-        first = dict(zip(made.results, functions["python"](q, places, ()), strict=True))
-        motion, rates = expected(made, mode, q, first)
-        good = (motion.status == sk.Status.OK) & (motion.configuration_error < KNOWN)
-        lost = motion.status == sk.Status.OUT_OF_REACH
-        compared += np.sum(good)
-        allowed = ANGLE_TOLERANCE + 10.0 * motion.configuration_error[good]
+        q = random_inputs_of_mode(made, mode, mode.number)
+        # The signs of the mode, or the variables at its start, for each input
+        mode_values = np.repeat(np.array(mode.values).reshape(-1, 1), INPUTS, axis=1)
+        if steps:
+            for _ in range(10):
+                mode_values, _ = steps(q, mode_values, ())
+        python_results = functions["python"](q, mode_values, ())
+        results_by_name = dict(zip(made.results, python_results, strict=True))
+        motion, rates = evaluate_mode(made, mode, q, results_by_name)
+        is_accurate = motion.configuration_error < MAX_ERROR_RAD
+        is_compared = (motion.status == sk.Status.OK) & is_accurate
+        is_out_of_reach = motion.status == sk.Status.OUT_OF_REACH
+        compared += np.sum(is_compared)
+        tolerance = ANGLE_TOLERANCE + 10.0 * motion.configuration_error[is_compared]
         for language, function in functions.items():
-            results = function(q, places, no_sizes)
+            results = function(q, mode_values, no_sizes)
             if not made.step and made.places:
-                assert np.all(np.any(np.isnan(results[:, lost]), axis=0)), language
+                unreached = results[:, is_out_of_reach]
+                assert np.all(np.any(np.isnan(unreached), axis=0)), language
             for key, values in zip(made.results, results, strict=True):
                 kind, _, pair = key.partition("_")
                 if kind == "theta":
-                    wanted = motion.values[good, made.mechanism.angles[pair]]
-                    off = np.abs(np.exp(1j * values[good]) - np.exp(1j * wanted))
-                    assert np.all(off <= allowed), (language, mode, key, np.max(off))
-                    largest = max([largest, *off])
+                    expected = motion.values[is_compared, made.mechanism.angles[pair]]
+                    gap = np.abs(
+                        np.exp(1j * values[is_compared]) - np.exp(1j * expected)
+                    )
+                    assert np.all(gap <= tolerance), (language, mode, key, np.max(gap))
+                    largest = max([largest, *gap])
                 elif pair in rates:
-                    wanted = rates[pair][good]
-                    size = np.maximum(1.0, np.abs(wanted)) ** 2
-                    off = np.abs(values[good] - wanted)
-                    assert np.all(off <= 1e3 * allowed * size), (language, mode, key)
+                    expected = rates[pair][is_compared]
+                    # Errors of angles are multiplied by the rates of the rates.
+                    size = np.maximum(1.0, np.abs(expected)) ** 2
+                    gap = np.abs(values[is_compared] - expected)
+                    assert np.all(gap <= 1e3 * tolerance * size), (language, mode, key)
     assert compared >= least * INPUTS * len(made.modes), compared
     return largest
 
 
-def expected(made, mode, q, found):
-    """Return the motion (n rows) and rates by pair at inputs (inputs, n) in a mode.
+def evaluate_mode(made, mode, q, results_by_name):
+    """Return the motion and the rates at inputs in a mode, by `sk.evaluate`.
 
-    With several inputs modes are numbered by the inputs asked for. The configuration is
-    taken that is nearest to the results `found`, at each input, and no rates are.
+    With several inputs the numbers of modes depend on the inputs asked for. Then, at each
+    input, the configuration nearest to the results of the formulas is taken.
+
+    Parameters
+    ----------
+    q
+        (inputs, n) inputs in rad.
+    results_by_name
+        Results (n,) of the formulas.
+
+    Returns
+    -------
+    motion
+        One row for each of the n inputs.
+    rates
+        Rates (n,) of the angles by pair; empty with several inputs.
     """
     mechanism = made.mechanism
     if len(q) == 1:
-        here = sk.evaluate(mechanism, q[0], assembly_mode=mode.number)
-        rates = {pair: here.variable_coefficient(pair) for pair in mechanism.angles}
-        return here._motion, rates
+        evaluated = sk.evaluate(mechanism, q[0], assembly_mode=mode.number)
+        rates = {pair: evaluated.variable_coefficient(pair) for pair in mechanism.angles}
+        return evaluated._motion, rates
     motion = sk.trace(mechanism, path=q.T)
-    off = [
-        np.abs(np.exp(1j * found[f"theta_{pair}"][motion.sample]) - np.exp(1j * values))
-        for pair, values in zip(
-            mechanism.angles, motion.values[:, [*mechanism.angles.values()]].T, strict=True
-        )
-    ]
-    apart = np.nan_to_num(np.max(off, axis=0), nan=np.inf)
-    nearest = [
-        rows[np.argmin(apart[rows])]
-        for rows in (np.flatnonzero(motion.sample == k) for k in range(q.shape[1]))
-    ]
-    return motion.rows(np.array(nearest)), {}
+    gaps = []
+    for pair, variable in mechanism.angles.items():
+        angles = results_by_name[f"theta_{pair}"][motion.sample]
+        gaps.append(np.abs(np.exp(1j * angles) - np.exp(1j * motion.values[:, variable])))
+    distances = np.nan_to_num(np.max(gaps, axis=0), nan=np.inf)
+    nearest_rows = []
+    for sample in range(q.shape[1]):
+        rows = np.flatnonzero(motion.sample == sample)
+        nearest_rows.append(rows[np.argmin(distances[rows])])
+    return motion.rows(np.array(nearest_rows)), {}
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("name", CASES)
-def test_modes_through_a_singular_middle(name, tmp_path):
-    """At the middle of their range a dyad is in line: no sign can be read there."""
-    assert check_modes(case(name), tmp_path) < 1e-12
-    signs = [mode.values for mode in formulas(case(name)).modes]
+def test_sources_have_both_modes_though_the_middle_of_the_range_is_singular(name, tmp_path):
+    """Sources have both modes of a four-bar with a change point amid its range.
+
+    At the middle the dyad is in line, so that its sign has to be read elsewhere.
+    """
+    assert check_modes(load_case(name), tmp_path) < 1e-12
+    signs = [mode.values for mode in formulas(load_case(name)).modes]
     assert signs == [(1.0,), (-1.0,)]
 
 
 def test_a_change_point_by_numbers():
     """The four-bar 70, 30, 60, 40 deg at 1 rad, by spherical trigonometry, to 1e-5 rad."""
-    made = formulas(case("cp2"), ["theta_tip", "theta_joint", "theta_out"])
+    made = formulas(load_case("cp2"), ["theta_tip", "theta_joint", "theta_out"])
     function = made.numpy_function(made.outputs)
-    found = [
+    angles = [
         function(np.ones((1, 1)), np.array([mode.values]).T, made.size_values)[:, 0]
         for mode in made.modes
     ]
-    assert found[0][2] == pytest.approx(0.89580, abs=1e-5)
-    assert found[1] == pytest.approx([2.72287, 1.26604, -1.95178], abs=1e-5)
+    assert angles[0][2] == pytest.approx(0.89580, abs=1e-5)
+    assert angles[1] == pytest.approx([2.72287, 1.26604, -1.95178], abs=1e-5)
 
 
 @pytest.mark.slow
@@ -195,6 +238,7 @@ def test_modes_of_a_hundred_special_four_bars(tmp_path):
     ],
 )
 def test_modes_of_shipped_mechanisms(name, tmp_path):
+    """Sources of every shipped mechanism have all of its modes."""
     mechanism = sk.load(name)
     if not mechanism.inputs:
         mechanism = mechanism.with_inputs(mechanism.pairs[0].name)
@@ -204,25 +248,30 @@ def test_modes_of_shipped_mechanisms(name, tmp_path):
 @pytest.mark.slow
 def test_working_modes_of_a_coaxial_wrist(tmp_path):
     """All eight, by the inverse kinematics: its inputs are the angles of the head."""
-    mechanism = sk.InverseKinematics(case("coaxial_wrist")).mechanism
+    mechanism = sk.InverseKinematics(load_case("coaxial_wrist")).mechanism
     assert check_modes(mechanism, tmp_path, least=0.3) < 1e-9
     signs = {mode.values for mode in formulas(mechanism).modes}
     assert len(signs) == 8
 
 
 def test_a_mode_that_formulas_do_not_give_is_not_written(tmp_path, monkeypatch, capsys):
-    """The signs of mode 1 are made wrong before the comparison."""
-    right = mode_table._find_candidate
+    """A mode with wrong signs is noticed before the export, left out, and named.
 
-    def wrong(tracer, sampled, mode, *others):
-        candidate = right(tracer, sampled, mode, *others)
+    The sign of mode 1 is falsified. If no other mode is wanted, the export is refused.
+    """
+    find_candidate = mode_table._find_candidate
+
+    def find_wrong_candidate(tracer, sampled, mode, *others):
+        candidate = find_candidate(tracer, sampled, mode, *others)
         return replace(candidate, places=np.abs(candidate.places))
 
-    monkeypatch.setattr(mode_table, "_find_candidate", wrong)
+    monkeypatch.setattr(mode_table, "_find_candidate", find_wrong_candidate)
     path = tmp_path / "x.c"
     assert main(["export", "four_bar", "--to", "c", "-o", str(path)]) == 0
-    said = capsys.readouterr().err
-    assert "left out: assembly mode 1 (-, p0): the formulas do not give this mode" in said
+    message = capsys.readouterr().err
+    assert (
+        "left out: assembly mode 1 (-, p0): the formulas do not give this mode" in message
+    )
     text = path.read_text("utf-8")
     assert "not written: 1 (-, p0)" in text and "four_bar_modes[1][1]" in text
     assert "0 modes" not in sk.page("four_bar", tmp_path / "x.html").holds
@@ -232,8 +281,8 @@ def test_a_mode_that_formulas_do_not_give_is_not_written(tmp_path, monkeypatch, 
 
 @pytest.mark.slow
 def test_a_mode_without_a_regular_sample_is_named():
-    """A range of no width at a change point: every row there is singular."""
-    flat = replace(case("cp2"), inputs=(Input("in", np.pi, np.pi + 1e-9),))
+    """A range of 1e-9 rad at a change point has singular samples only, and is refused."""
+    flat = replace(load_case("cp2"), inputs=(Input("in", np.pi, np.pi + 1e-9),))
     with pytest.raises(EngineError, match="well conditioned.*give ranges"):
         formulas(flat)
 
@@ -241,17 +290,19 @@ def test_a_mode_without_a_regular_sample_is_named():
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("language", ["cpp", "julia", "casadi"])
 def test_the_other_languages_name_the_same_modes(name, language):
-    made = formulas(case(name))
+    """Sources in C++, Julia and CasADi list both modes and say how they were checked."""
+    made = formulas(load_case(name))
     text = source(made, language)
     assert "1.0" in text and "-1.0" in text
     assert "0 (+): mode 1;" in text and "1 (-): mode -1;" in text
-    said = " ".join(text.replace("# ", "").replace("// ", "").split())
-    assert "each mode was compared with the mechanism at 20 inputs" in said
+    comment = " ".join(text.replace("# ", "").replace("// ", "").split())
+    assert "each mode was compared with the mechanism at 20 inputs" in comment
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_pages_name_the_same_modes(name):
-    text, _, modes = PageMaker(case(name), None, None, None).make_page()
+    """The page of a four-bar with a change point has the signs of both modes."""
+    text, _, modes = PageMaker(load_case(name), None, None, None).make_page()
     assert modes == 2
     for values in ("1.0", "-1.0"):
         assert f'"values": [\n    {values}\n' in text

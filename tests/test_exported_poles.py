@@ -16,7 +16,8 @@ from spherekit.files.mechanism_reader import loads
 
 
 def resting_dyad():
-    """Return a five-bar with a dyad on its second crank: it rests while the first moves."""
+    """Return a five-bar with a dyad on its second crank, which rests while the first moves.
+    """
     text = """
 format = 1
 name = "resting_dyad"
@@ -49,7 +50,8 @@ ground = "1"
 def folded_kite():
     """Return a kite driven at its crank, whose rocker rests in one of the modes.
 
-    Crank and rod then turn together. A dyad on the rocker rests too, but for rounding.
+    In that mode crank and rod turn together. A dyad on the rocker rests too, but for
+    rounding.
     """
     text = """
 format = 1
@@ -90,71 +92,90 @@ CASES = {
     [pytest.param(x, marks=pytest.mark.slow) if x == "three_rrr" else x for x in CASES],
 )
 def test_links_that_rest_have_no_pole(name):
-    mechanism = CASES[name]()
-    made = formulas(mechanism, ["pole_*", "*_coefficient_*"])
-    mechanism, inputs = made.mechanism, made.mechanism.input_pairs
-    function, resting = made.numpy_function(made.outputs), 0
+    """Formulas give NaN for the pole of two links that rest relative to each other.
+
+    Velocity coefficient times pole is compared with `sk.evaluate` for all pairs of links
+    and all inputs; pole and coefficient may change sign together. Links that rest but for
+    rounding have an axis in a run, where the great circles of the plan give it.
+    """
+    made = formulas(CASES[name](), ["pole_*", "*_coefficient_*"])
+    mechanism = made.mechanism
+    inputs = mechanism.input_pairs
+    function = made.numpy_function(made.outputs)
+    resting_count = 0
     for mode in made.modes:
         q = np.array([mode.at])
-        here = sk.evaluate(mechanism, q if len(inputs) > 1 else q[0])
+        evaluated = sk.evaluate(mechanism, q if len(inputs) > 1 else q[0])
         motion = np.zeros((len(made.motion), 1))
         motion[: len(inputs), 0] = mode.at
-        places = np.array(mode.values).reshape(-1, 1)
-        results = function(motion, places, made.size_values)[:, 0]
-        found = dict(zip(made.results, results, strict=True))
-        row = the_row(here, made, found, mode)
+        mode_values = np.array(mode.values).reshape(-1, 1)
+        columns = function(motion, mode_values, made.size_values)
+        results = dict(zip(made.results, columns[:, 0], strict=True))
+        row = row_of_mode(evaluated, made, results, mode)
         for a, b in combinations(mechanism.links, 2):
             for pair in inputs:
-                end = "" if len(inputs) == 1 else f"_by_{pair}"
-                pole = np.array([found[f"pole_{b}_{a}_{x}{end}"] for x in "xyz"])
-                rate = found[f"velocity_coefficient_{b}_{a}{end}"]
-                unit = here.direction(f"{b}/{a}", pair)[row]
-                wanted = here.velocity_coefficient(f"{b}/{a}", pair)[row]
-                resting += np.isnan(unit[0])
-                # Of links that rest by rounding a run knows the axis by great circles.
-                assert np.isnan(pole[0]) or not np.isnan(unit[0]), (a, b, pair)
-                assert rate == pytest.approx(wanted * np.sign(rate * wanted), abs=1e-12)
-                if np.isnan(pole[0]):
-                    assert abs(rate) < 1e-9 and abs(wanted) < 1e-9
-                    back = found[f"acceleration_coefficient_{b}_{a}{end}"]
-                    assert abs(back) < 1e-9 or np.isnan(back)
+                suffix = "" if len(inputs) == 1 else f"_by_{pair}"
+                pole = np.array([results[f"pole_{b}_{a}_{x}{suffix}"] for x in "xyz"])
+                coefficient = results[f"velocity_coefficient_{b}_{a}{suffix}"]
+                acceleration = results[f"acceleration_coefficient_{b}_{a}{suffix}"]
+                direction = evaluated.direction(f"{b}/{a}", pair)[row]
+                expected = evaluated.velocity_coefficient(f"{b}/{a}", pair)[row]
+                sign = np.sign(coefficient * expected)
+                has_pole = not np.isnan(pole[0])
+                resting_count += np.isnan(direction[0])
+                assert not has_pole or not np.isnan(direction[0]), (a, b, pair)
+                assert coefficient == pytest.approx(expected * sign, abs=1e-12)
+                if has_pole:
+                    velocity = coefficient * pole
+                    assert velocity == pytest.approx(expected * direction, abs=1e-9)
                 else:
-                    assert rate * pole == pytest.approx(wanted * unit, abs=1e-9)
-    assert resting or name in ("planetary_bevel", "folded_kite")
+                    assert abs(coefficient) < 1e-9
+                    assert abs(expected) < 1e-9
+                    assert abs(acceleration) < 1e-9 or np.isnan(acceleration)
+    assert resting_count or name in ("planetary_bevel", "folded_kite")
 
 
-def the_row(here, made, found, mode):
-    """Return the row of `sk.evaluate` with the same coefficients of all links."""
+def row_of_mode(evaluated, made, results, mode):
+    """Return the row of `sk.evaluate` that belongs to a mode of formulas.
+
+    With several inputs modes are numbered differently. The row is then the one with the
+    same angular velocities of all links.
+    """
     if len(made.mechanism.inputs) == 1:
-        return list(here.assembly_mode).index(mode.number)
-    links, off = made.mechanism.links, 0.0
-    for link in links[1:]:
+        return list(evaluated.assembly_mode).index(mode.number)
+    ground, *links = made.mechanism.links
+    distances = 0.0
+    for link in links:
         for pair in made.mechanism.input_pairs:
-            name = f"{link}_{links[0]}"
-            pole = np.nan_to_num([found[f"pole_{name}_{x}_by_{pair}"] for x in "xyz"])
-            turning = found[f"velocity_coefficient_{name}_by_{pair}"] * pole
-            wanted = here.angular_velocity(link, pair)
-            off = off + np.linalg.norm(wanted - turning, axis=1)
-    return int(np.nanargmin(off))
+            name = f"{link}_{ground}"
+            pole = np.nan_to_num([results[f"pole_{name}_{x}_by_{pair}"] for x in "xyz"])
+            velocity = results[f"velocity_coefficient_{name}_by_{pair}"] * pole
+            expected = evaluated.angular_velocity(link, pair)
+            distances = distances + np.linalg.norm(expected - velocity, axis=1)
+    return int(np.nanargmin(distances))
 
 
-def test_what_is_never_there_is_written_in_every_language(tmp_path):
-    """The constant NaN compiles, and is NaN."""
+def test_a_pole_that_never_exists_is_nan_in_every_language(tmp_path):
+    """Links 5 and 1 rest relative to each other while 21 moves: their pole is the constant
+    NaN.
+
+    Its source compiles in every language.
+    """
     made = formulas("five_bar", ["pole_5_1_*_by_21", "theta_32"])
     columns = np.full((2, 3), 1.2), np.ones((1, 3)), np.zeros((0, 3))
     for language, function in functions_by_language(tmp_path, "five_bar", made):
-        found = function(*columns)
-        assert np.all(np.isnan(found[:3])) and np.all(np.isfinite(found[3])), language
+        results = function(*columns)
+        assert np.all(np.isnan(results[:3])) and np.all(np.isfinite(results[3])), language
 
 
 def test_a_passive_pair_keeps_its_axis_where_it_rests():
-    """The rocker of the folded kite rests; the axis of its pair is there all the same."""
+    """The axis of a passive pair exists also in the mode in which its links rest."""
     made = formulas(folded_kite(), ["pole_rocker_base_*", "velocity_coefficient_*"])
     function = made.numpy_function(made.outputs)
-    rates = []
+    coefficients = []
     for mode in made.modes:
-        found = function(np.array([[1.0]]), np.array([mode.values]).T, made.size_values)
-        results = dict(zip(made.results, found[:, 0], strict=True))
+        columns = function(np.array([[1.0]]), np.array([mode.values]).T, made.size_values)
+        results = dict(zip(made.results, columns[:, 0], strict=True))
         assert all(np.isfinite(results[f"pole_rocker_base_{x}"]) for x in "xyz")
-        rates.append(abs(results["velocity_coefficient_rocker_base"]))
-    assert min(rates) < 1e-12 < max(rates)
+        coefficients.append(abs(results["velocity_coefficient_rocker_base"]))
+    assert min(coefficients) < 1e-12 < max(coefficients)
