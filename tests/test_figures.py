@@ -30,7 +30,8 @@ from spherekit.scenes.plot_layout import place_labels
 from spherekit.scenes.scene import Axis, Scene, Series
 from spherekit.tables.table import ASSEMBLY_MODE, INPUT, SAMPLE, Column, Table
 
-CAP = 0.4
+CAP_RADIUS_RAD = 0.4
+"""Angular radius of the small circles that are mapped."""
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +39,11 @@ def four_bar():
     return sk.run("four_bar", ["poles", "singularities"], samples=73)
 
 
-def drawn(panel):
-    """Return the curves of modes in a panel: (number, points (n, 2)), by their marks."""
+def curves_by_mode(panel):
+    """Return the points (n, 2) of the curves in a panel by number of the assembly mode.
+
+    Curves of modes have the group id "mode 0", "mode 1", ...
+    """
     return {
         int(line.get_gid().split()[1]): line.get_xydata()
         for line in panel.lines
@@ -57,21 +61,22 @@ def legend_of(figure):
 
 
 @pytest.mark.slow
-def test_curves_are_the_columns_of_the_table(four_bar):
+def test_curves_of_velocity_coefficients_are_columns_of_the_table(four_bar):
+    """Each panel shows one pole; its curves have the numbers of the table of poles."""
     figure = four_bar.plot("poles/velocity coefficients")
     frame = four_bar.frame("poles")
     panels = {panel.get_title(): panel for panel in figure.axes}
     assert set(panels) == {f"ω{pole}/ω21" for pole in ("31", "41", "32", "42", "43")}
     for title, panel in panels.items():
-        link, reference = title[1], title[2]
-        for mode, points in drawn(panel).items():
-            rows = frame[
-                (frame["assembly_mode"] == mode)
-                & (frame["link"] == link)
-                & (frame["relative_to"] == reference)
-            ]
-            assert points[:, 0] == pytest.approx(np.degrees(rows["q"].to_numpy()))
-            assert points[:, 1] == pytest.approx(rows["velocity_coefficient"].to_numpy())
+        link = title[1]
+        reference = title[2]
+        for mode, points in curves_by_mode(panel).items():
+            is_of_mode = frame["assembly_mode"] == mode
+            is_of_pole = (frame["link"] == link) & (frame["relative_to"] == reference)
+            rows = frame[is_of_mode & is_of_pole]
+            inputs_deg, coefficients = points.T
+            assert inputs_deg == pytest.approx(np.degrees(rows["q"].to_numpy()))
+            assert coefficients == pytest.approx(rows["velocity_coefficient"].to_numpy())
         assert panel.get_xlim() == pytest.approx((0.0, 360.0))
     assert figure.axes[-1].get_xlabel() == "input 21, deg"
     assert figure.get_supylabel() == "velocity coefficients"
@@ -82,61 +87,72 @@ def test_angles_are_in_radians_where_asked(four_bar):
     figure = four_bar.plot("output 4/1 against the input", degrees=False)
     (panel,) = figure.axes
     assert panel.get_xlabel() == "input 21, rad" and panel.get_ylabel() == "output 4/1, rad"
-    for points in drawn(panel).values():
+    for points in curves_by_mode(panel).values():
         assert np.nanmax(points[:, 0]) == pytest.approx(2.0 * np.pi)
 
 
 def test_a_mode_has_one_colour_in_all_figures(four_bar):
-    seen = {}
+    """Each mode has its colour in all figures and legends, but in charts of a single mode.
+    """
+    colours_by_mode = {}
     for name, figure in four_bar.plot().items():
         if name.endswith("gnomonic chart"):  # of one mode
             continue
         for panel in figure.axes:
             for line in panel.lines:
                 if line.get_gid():
-                    seen.setdefault(line.get_gid(), set()).add(line.get_color())
-        colours = legend_of(figure)
-        both = {colours["mode 0 (+, p1)"], colours["mode 1 (−, p0)"]}
+                    colours_by_mode.setdefault(line.get_gid(), set()).add(line.get_color())
+        legend_colours = legend_of(figure)
+        both = {legend_colours["mode 0 (+, p1)"], legend_colours["mode 1 (−, p0)"]}
         assert both == set(style.MODE_COLOURS[:2])
-    assert seen == {"mode 0": {style.MODE_COLOURS[0]}, "mode 1": {style.MODE_COLOURS[1]}}
+    assert colours_by_mode == {
+        "mode 0": {style.MODE_COLOURS[0]},
+        "mode 1": {style.MODE_COLOURS[1]},
+    }
 
 
 @pytest.mark.slow
 def test_singularities_are_marked_in_all_plots_over_the_input(four_bar):
-    frame = four_bar.frame("singularities")
-    places = np.degrees(np.sort(frame["q"].to_numpy()))
+    """Triangles mark the inputs of the table of singularities, on the curve of a mode.
+
+    This holds for a range and for a path that runs backwards.
+    """
+    expected_inputs = np.degrees(np.sort(four_bar.frame("singularities")["q"].to_numpy()))
     backwards = np.linspace(2.0 * np.pi, 0.0, 73)[:, None]
     runs = [four_bar, sk.run("four_bar", ["poles", "singularities"], path=backwards)]
     for run, name in product(runs, ("velocity coefficients", "angles, form i")):
         for panel in run.plot(name).axes:
-            spots = [
-                line.get_xydata()[0] for line in panel.lines if line.get_marker() == "v"
-            ]
-            assert np.sort(np.array(spots)[:, 0]) == pytest.approx(places)
-            curves = [
-                points[np.argsort(points[:, 0])].T for points in drawn(panel).values()
-            ]
-            for x, y in spots:  # on the curve of a mode
-                ways = [np.interp(x, *points) for points in curves]
-                assert np.min(np.abs(np.array(ways) - y)) < 1e-9
+            marks = [x.get_xydata()[0] for x in panel.lines if x.get_marker() == "v"]
+            assert np.sort(np.array(marks)[:, 0]) == pytest.approx(expected_inputs)
+            for x, y in marks:
+                distances = []
+                for points in curves_by_mode(panel).values():
+                    inputs, values = points[np.argsort(points[:, 0])].T
+                    distances.append(abs(np.interp(x, inputs, values) - y))
+                assert min(distances) < 1e-9
+
+
+def test_singularities_have_a_legend_and_marks_on_the_output_curve(four_bar):
+    """The legend names dead centres (type I); marks lie within half a degree."""
+    expected_inputs = np.degrees(np.sort(four_bar.frame("singularities")["q"].to_numpy()))
     assert "type I" in legend_of(four_bar.plot("velocity coefficients"))
     (panel,) = four_bar.plot("output 4/1 against the input").axes
-    spots = [line.get_xdata()[0] for line in panel.lines if len(line.get_xdata()) == 1]
-    assert np.sort(spots) == pytest.approx(places, abs=0.5)
+    marks = [line.get_xdata()[0] for line in panel.lines if len(line.get_xdata()) == 1]
+    assert np.sort(marks) == pytest.approx(expected_inputs, abs=0.5)
 
 
 def circle(pole, angle, count=4000):
-    """Return points (count, 3) at an angle from a direction."""
+    """Return points (count, 3) of a small circle at an angle (rad) from its pole."""
     pole = pole / np.linalg.norm(pole)
     across = np.cross(pole, np.eye(3)[int(np.argmin(np.abs(pole)))])
     across /= np.linalg.norm(across)
-    turn = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)[:, None]
-    ring = np.cos(turn) * across + np.sin(turn) * np.cross(pole, across)
+    around = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)[:, None]
+    ring = np.cos(around) * across + np.sin(around) * np.cross(pole, across)
     return np.cos(angle) * pole + np.sin(angle) * ring
 
 
 def on_paper(view, directions):
-    """Return the places (n, 2) of directions right and up."""
+    """Return the points (n, 2) of a map, to the right and upwards, of directions (n, 3)."""
     turn, away = view.project(directions).T
     return np.stack([away * np.cos(turn), away * np.sin(turn)], axis=1)
 
@@ -146,32 +162,49 @@ POLES = np.random.default_rng(1).normal(size=(6, 3))
 
 @pytest.mark.parametrize("pole", POLES)
 def test_the_lambert_map_keeps_the_area_of_a_cap(pole):
+    """The area on paper of a small circle is that of its cap, 2 pi (1 - cos radius)."""
     view = SphereView(frame_about(pole[None]), EQUAL_AREA, np.pi)
-    x, y = on_paper(view, circle(pole, CAP)).T
+    x, y = on_paper(view, circle(pole, CAP_RADIUS_RAD)).T
     area = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
-    assert area == pytest.approx(2.0 * np.pi * (1.0 - np.cos(CAP)), rel=1e-5)
+    assert area == pytest.approx(2.0 * np.pi * (1.0 - np.cos(CAP_RADIUS_RAD)), rel=1e-5)
 
 
 @pytest.mark.parametrize("pole", POLES)
-def test_the_stereographic_map_keeps_angles_and_circles(pole):
+def test_the_stereographic_map_keeps_angles(pole):
+    """Two directions on the sphere enclose on paper the same angle, in the same sense.
+
+    Both are seen from outside. The map is differentiated by central differences.
+    """
     view = SphereView(frame_about(pole[None]), STEREOGRAPHIC, np.pi)
     u = pole / np.linalg.norm(pole)
     a = np.cross(u, [0.3, -0.8, 0.5])
     b = np.cross(u, a) + 0.7 * a
     step = 1e-6
-    moved = np.stack([u + step * v for v in (a, b)] + [u - step * v for v in (a, b)])
-    moved /= np.linalg.norm(moved, axis=1)[:, None]
-    p = on_paper(view, moved)
-    s, t = p[0] - p[2], p[1] - p[3]
-    angle = np.arctan2(s[0] * t[1] - s[1] * t[0], s @ t)
-    wanted = np.arctan2(u @ np.cross(a, b), a @ b)  # seen from outside: the same sense
-    assert angle == pytest.approx(wanted, abs=1e-8)
-    ring = on_paper(view, circle(pole, CAP))
-    middle = np.mean([ring.max(axis=0), ring.min(axis=0)], axis=0)
-    assert np.ptp(np.linalg.norm(ring - middle, axis=1)) < 1e-5
+    points = np.stack([u + step * a, u + step * b, u - step * a, u - step * b])
+    points /= np.linalg.norm(points, axis=1)[:, None]
+    a_forward, b_forward, a_back, b_back = on_paper(view, points)
+    a_on_paper = a_forward - a_back
+    b_on_paper = b_forward - b_back
+    sine = a_on_paper[0] * b_on_paper[1] - a_on_paper[1] * b_on_paper[0]
+    angle = np.arctan2(sine, a_on_paper @ b_on_paper)
+    assert angle == pytest.approx(np.arctan2(u @ np.cross(a, b), a @ b), abs=1e-8)
+
+
+@pytest.mark.parametrize("pole", POLES)
+def test_the_stereographic_map_keeps_circles(pole):
+    """A small circle is a circle on paper: its points are equally far from the middle."""
+    view = SphereView(frame_about(pole[None]), STEREOGRAPHIC, np.pi)
+    points = on_paper(view, circle(pole, CAP_RADIUS_RAD))
+    middle = np.mean([points.max(axis=0), points.min(axis=0)], axis=0)
+    assert np.ptp(np.linalg.norm(points - middle, axis=1)) < 1e-5
 
 
 def test_a_centre_is_an_axis_of_the_ground_and_its_sides_point_along_others():
+    """A map centred on an axis of the ground has the other two axes to the right and
+    upwards.
+
+    The map is not mirrored, and the frame of the opposite view leads back.
+    """
     for out in range(3):
         for positive in (True, False):
             frame = frame_about(np.eye(3)[[out]] * (1.0 if positive else -1.0))
@@ -198,6 +231,9 @@ OVER = (Axis("input", "rad", np.linspace(0.0, 1.0, 50)),)
 
 
 def test_rounding_noise_is_not_scaled_up():
+    """A curve constant but for rounding is drawn level, a small but real curve in full
+    height.
+    """
     noise = 1e-15 * np.random.default_rng(0).normal(size=50)
     (panel,) = one_figure([series(0.3 + noise)], OVER).axes
     low, high = panel.get_ylim()
@@ -207,100 +243,148 @@ def test_rounding_noise_is_not_scaled_up():
 
 
 def test_a_pole_of_a_curve_is_a_gap_and_leaves_the_frame():
+    """A curve through infinity has a gap and is cut off; a steep finite one has none."""
     x = np.linspace(-1.0, 1.0, 100)
     over = (Axis("input", "", x),)
     (panel,) = one_figure([series(1e-3 / x + x, "")], over).axes
-    (points,) = drawn(panel).values()
+    (points,) = curves_by_mode(panel).values()
     assert np.sum(np.isnan(points[:, 1])) == 0
     (panel,) = one_figure([series(1.0 / x**3, "")], over).axes
-    (points,) = drawn(panel).values()
+    (points,) = curves_by_mode(panel).values()
     low, high = panel.get_ylim()
     (gap,) = np.nonzero(np.isnan(points[:, 1]))
     assert len(gap) == 1 and points[gap[0] - 1, 1] < low < high < points[gap[0] + 1, 1]
 
 
 def test_a_grid_of_inputs_is_a_map_with_its_zeros():
+    """Values over a grid of two inputs are drawn as a map with a line at zero.
+
+    The function a - 0.3 is zero where the first input is 0.3 rad.
+    """
     a, b = np.meshgrid(np.linspace(0.0, 1.0, 6), np.linspace(1.0, 3.0, 5), indexing="ij")
     over = (Axis("left", "rad", a.ravel()), Axis("right", "rad", b.ravel()))
     values = (a - 0.3).ravel()
     panel, bar = one_figure([series(values, "", "c", "c")], over).axes
-    (mesh,) = [each for each in panel.collections if each.get_array() is not None][:1]
+    meshes = [x for x in panel.collections if x.get_array() is not None]
+    mesh = meshes[0]
     assert np.asarray(mesh.get_array()).reshape(5, 6) == pytest.approx((a - 0.3).T)
     assert mesh.norm.vmin == -mesh.norm.vmax  # so that zero has the colour between
     assert panel.get_xlabel() == "left, deg"
     assert panel.figure.get_supylabel() == "right, deg"
-    zeros = [p.vertices for each in panel.collections[1:] for p in each.get_paths()]
-    assert np.concatenate(zeros)[:, 0] == pytest.approx(np.degrees(0.3))
+    zero_lines = []
+    for collection in panel.collections[1:]:
+        zero_lines += [path.vertices for path in collection.get_paths()]
+    assert np.concatenate(zero_lines)[:, 0] == pytest.approx(np.degrees(0.3))
     assert bar.get_ylabel() == "c"
-    (panel,) = one_figure(
-        [series(values, "", "c", "c")],
-        tuple(Axis(axis.label, axis.unit, np.sort(axis.values)) for axis in over),
-    ).axes
+
+
+def test_inputs_that_are_no_grid_are_drawn_as_a_path():
+    """If both inputs grow together, values are a curve over the path."""
+    inputs = np.linspace(0.0, 1.0, 30)
+    over = (Axis("left", "rad", inputs), Axis("right", "rad", 1.0 + 2.0 * inputs))
+    (panel,) = one_figure([series(inputs - 0.3, "", "c", "c")], over).axes
     assert panel.get_xlabel() == "path of the inputs, deg"
 
 
 def test_labels_of_crowded_points_do_not_cover_each_other():
-    places = np.random.default_rng(3).uniform(0.0, 100.0, (5, 12, 2))
-    places[2, 4] = np.nan
-    found = place_labels(["ab"] * 12, places, 6.0)
-    gaps = np.abs(found[:, :, None] - found[:, None])
-    apart = (gaps[..., 0] > 4.0) | (gaps[..., 1] > 5.9) | np.isnan(gaps[..., 0])
-    assert np.all(apart | np.eye(12, dtype=bool))
-    assert np.array_equal(np.isnan(found), np.isnan(places))
-    assert np.nanmax(np.linalg.norm(found - places, axis=2)) < 6.0 * 4.5
-    assert np.array_equal(found[3], place_labels(["ab"] * 12, places[3:4], 6.0)[0])
+    """Labels of 12 random points in 5 frames keep apart and near their points.
+
+    A label "ab" of height 6 is about 4 wide. Points that are NaN have no label, and each
+    frame is placed independently of the others.
+    """
+    points = np.random.default_rng(3).uniform(0.0, 100.0, (5, 12, 2))
+    points[2, 4] = np.nan
+    labels = ["ab"] * 12
+    places = place_labels(labels, points, 6.0)
+    gaps = np.abs(places[:, :, None] - places[:, None])
+    is_apart = (gaps[..., 0] > 4.0) | (gaps[..., 1] > 5.9) | np.isnan(gaps[..., 0])
+    assert np.all(is_apart | np.eye(12, dtype=bool))
+    assert np.array_equal(np.isnan(places), np.isnan(points))
+    assert np.nanmax(np.linalg.norm(places - points, axis=2)) < 6.0 * 4.5
+    assert np.array_equal(places[3], place_labels(labels, points[3:4], 6.0)[0])
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("pair", ["21", "41"])
-def test_axodes_touch_and_the_gnomonic_chart_has_the_poles(pair):
-    """Driven at 41 no mode has a configuration at the first samples."""
-    options = {"samples": 91, "block": 40, "input_pair": pair}
-    result = sk.run("four_bar", "poles:only=31,axodes=31", **options)
+def test_axodes_touch_at_the_pole(pair):
+    """At the first configuration the fixed and the moving axode meet in the figure.
+
+    Axodes are the cones of the pole of two links, seen from either. Driven at pair 41, no
+    mode has a configuration at the first samples.
+    """
+    result = run_with_axodes(pair)
     first = np.argmax(np.isfinite(result.frame("poles")["ux"].to_numpy()))
-    for mode in ("0 (+, p1)", "1 (\u2212, p0)"):
-        figure = result.plot(f"axodes, mode {mode if pair == '21' else mode[:4] + ')'}")
-        fixed, moving = legend_of(figure)
-        assert (fixed, moving) == ("fixed axode of P31", "moving axode of P31")
-        lines = [[x.get_xydata() for x in panel.lines] for panel in figure.axes]
-        starts = [np.array([x[first] for x in each if len(x) == 91]) for each in lines]
-        seen = [each.T for each in starts if np.isfinite(each).all()]
-        assert seen and all(each.shape == (2, 2) for each in seen)
-        assert all(abs(np.diff(r * np.exp(1j * turn))[0]) < 1e-9 for turn, r in seen)
+    mode_names = (
+        ("0 (+, p1)", "1 (\u2212, p0)") if pair == "21" else ("0 (+)", "1 (\u2212)")
+    )
+    for mode_name in mode_names:
+        figure = result.plot(f"axodes, mode {mode_name}")
+        assert list(legend_of(figure)) == ["fixed axode of P31", "moving axode of P31"]
+        touching_panels = 0
+        for panel in figure.axes:
+            curves = [line.get_xydata() for line in panel.lines]
+            starts = np.array([curve[first] for curve in curves if len(curve) == 91])
+            if not np.isfinite(starts).all():
+                continue  # the pole is on the other hemisphere
+            assert starts.shape == (2, 2)
+            angle, radius = starts.T
+            assert abs(np.diff(radius * np.exp(1j * angle))[0]) < 1e-9
+            touching_panels += 1
+        assert touching_panels
+
+
+@pytest.mark.many
+@pytest.mark.parametrize("pair", ["21", "41"])
+def test_the_gnomonic_chart_has_the_poles_of_the_table(pair):
+    """A gnomonic chart shows the ratios of the components of the pole, such as ux / uz."""
+    result = run_with_axodes(pair)
     frame = result.frame().query("assembly_mode == 0 and link == '3'")
-    u = frame[["ux", "uy", "uz"]].to_numpy()
+    poles = frame[["ux", "uy", "uz"]].to_numpy()
     panel = result.plot("gnomonic chart").axes[0]
-    words = panel.get_xlabel(), panel.figure.get_supylabel()
-    axes = ["xyz".index(each) for each in (words[0][-1], words[0][-3], words[1][-3])]
-    expected = u[:, axes[1:]] / u[:, axes[:1]]
-    (line,) = [each for each in panel.lines if each.get_label() == "P31"]
-    drawn = line.get_xydata()
-    drawn, expected = (x[np.isfinite(x).all(axis=1)] for x in (drawn, expected))
-    assert drawn == pytest.approx(expected, rel=1e-9)
+    x_label = panel.get_xlabel()  # such as "x/z"
+    y_label = panel.figure.get_supylabel()
+    x_axis = "xyz".index(x_label[-3])
+    y_axis = "xyz".index(y_label[-3])
+    denominator = "xyz".index(x_label[-1])
+    expected = poles[:, [x_axis, y_axis]] / poles[:, [denominator]]
+    (line,) = [x for x in panel.lines if x.get_label() == "P31"]
+    points = line.get_xydata()
+    points = points[np.isfinite(points).all(axis=1)]
+    expected = expected[np.isfinite(expected).all(axis=1)]
+    assert points == pytest.approx(expected, rel=1e-9)
+
+
+def run_with_axodes(pair):
+    """Run the four-bar, driven at a pair, with the axodes of links 3 and 1."""
+    return sk.run(
+        "four_bar", "poles:only=31,axodes=31", samples=91, block=40, input_pair=pair
+    )
 
 
 @dataclass(frozen=True)
-class Bare(MinimalAnalysis):
-    """An analysis that says nothing of what is to be seen."""
+class AnalysisWithoutScene(MinimalAnalysis):
+    """An analysis with one table and no scene; its column is sin q + number of the mode."""
 
     name: ClassVar[str] = "bare"
     rowwise: ClassVar[bool] = True
     tables: ClassVar[tuple[Table, ...]] = (
-        Table("bare", "", (SAMPLE, ASSEMBLY_MODE, INPUT, Column("v", "rad", "some angle"))),
+        Table(
+            "bare", "", (SAMPLE, ASSEMBLY_MODE, INPUT, Column("v", "rad", "angle angle"))
+        ),
     )
 
     def compute(self, batch):
-        some = np.sin(batch.q) + batch.assembly_mode
-        return {"bare": with_row_columns(batch, q=batch.q, v=some)}
+        angle = np.sin(batch.q) + batch.assembly_mode
+        return {"bare": with_row_columns(batch, q=batch.q, v=angle)}
 
 
 def test_an_analysis_without_a_scene_has_its_columns_drawn_over_blocks():
-    result = sk.run("four_bar", Bare(), samples=41, block=17)
+    result = sk.run("four_bar", AnalysisWithoutScene(), samples=41, block=17)
     figures = result.plot()
     assert list(figures) == ["bare/some angle"]
     (panel,) = figures["some angle"].axes
     assert figures["some angle"].get_supylabel() == "some angle, deg"
-    for mode, points in drawn(panel).items():
+    for mode, points in curves_by_mode(panel).items():
         assert points[:, 1] == pytest.approx(
             np.degrees(np.sin(np.radians(points[:, 0])) + mode)
         )
@@ -315,11 +399,21 @@ def test_an_unknown_figure_is_refused_with_those_there_are(four_bar):
 
 
 def test_run_draws_figures_into_its_folder(tmp_path, capsys):
+    """`spherekit run --figures svg` writes four figures; without a folder it is refused."""
     folder = tmp_path / "out"
-    words = ["run", "four_bar", "--samples", "19", "-o", str(folder), "--figures", "svg"]
-    assert main(words) == 0
-    made = sorted(path.name for path in (folder / "figures").iterdir())
-    assert "poles_velocity_coefficients.svg" in made and len(made) == 4
+    arguments = [
+        "run",
+        "four_bar",
+        "--samples",
+        "19",
+        "-o",
+        str(folder),
+        "--figures",
+        "svg",
+    ]
+    assert main(arguments) == 0
+    names = sorted(path.name for path in (folder / "figures").iterdir())
+    assert "poles_velocity_coefficients.svg" in names and len(names) == 4
     assert "4 figures in" in capsys.readouterr().err
     assert main(["run", "four_bar", "--figures"]) == 1
     assert "--figures does nothing without" in capsys.readouterr().err
@@ -336,17 +430,21 @@ def test_without_matplotlib_it_says_what_to_install():
     assert 'pip install "spherekit-mechanisms[plot]"' in out.stdout
 
 
-def cells_of(text):
+def elements_of(text):
     """Return the names and texts of the elements of a page, which is well formed."""
     return [(x.tag, x.text) for x in ElementTree.fromstring(f"<p>{text}</p>").iter()]
 
 
 def test_pages_of_notebooks_show_plan_mechanism_and_result(four_bar):
-    made = sk.load("four_bar")
-    marks = [text for tag, text in cells_of(sk.plan(made)._repr_html_()) if tag == "td"]
+    """In notebooks a plan, a mechanism and a result are shown as tables of their content.
+    """
+    mechanism = sk.load("four_bar")
+    marks = [
+        text for tag, text in elements_of(sk.plan(mechanism)._repr_html_()) if tag == "td"
+    ]
     assert marks.count("x") == 8 and marks.count("I") == 4 and marks.count("■") == 4
-    assert {("td", "21"), ("td", "input")} <= {*cells_of(made._repr_html_())}
-    cells = cells_of(four_bar._repr_html_())
+    assert {("td", "21"), ("td", "input")} <= {*elements_of(mechanism._repr_html_())}
+    cells = elements_of(four_bar._repr_html_())
     frame = four_bar.frame("poles")
     assert ("caption", f"poles: {len(frame)} rows") in cells
     assert ("th", "q [rad]") in cells
@@ -358,5 +456,5 @@ def test_pages_of_notebooks_show_plan_mechanism_and_result(four_bar):
 def test_names_in_pages_are_escaped():
     text = html_table(["<a>"], [["<script>", "a & b"]], "<b>")
     assert "<script>" not in text and "<b>" not in text
-    shown = [words for _, words in cells_of(text) if words]
+    shown = [words for _, words in elements_of(text) if words]
     assert shown == ["<b>", "<a>", "<script>", "a & b"]

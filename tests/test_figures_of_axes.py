@@ -14,6 +14,7 @@ from spherekit.geometry.vectors import unit_rows
 from spherekit.scenes.scene import Arrow, Axis, Mark, Scene, Series, SphereCurves, SphereMap
 
 OUT = np.array([0.0, 0.0, 1.0])
+"""Direction at the middle of a map; directions across to it are on the rim."""
 t = np.linspace(0.0, 2.0 * np.pi, 49)
 ZERO = np.zeros(len(t))
 PATHS = {
@@ -35,39 +36,48 @@ TOUCHING = ("along the rim", "along the rim, with rounding", "one sample", "with
 
 @pytest.mark.parametrize("name", PATHS)
 @pytest.mark.parametrize("sense", [1.0, -1.0])
-def test_an_axis_on_the_rim_is_drawn_by_a_direction_of_its_own(name, sense):
+def test_an_axis_is_drawn_by_its_direction_on_the_visible_side(name, sense):
+    """Of the two opposite directions of an axis, that on the visible hemisphere is drawn.
+
+    Rounding may not let it jump: a path along the rim keeps one sign. `sense` is the
+    direction in which the path is stated.
+    """
     path = sense * PATHS[name]
-    turned = turn_to_side(path, OUT)
-    finite = np.isfinite(path[:, 0])
-    assert np.array_equal(finite, np.isfinite(turned[:, 0]))
-    signs = np.vecdot(turned, path)[finite]
+    directions = turn_to_side(path, OUT)
+    is_finite = np.isfinite(path[:, 0])
+    assert np.array_equal(is_finite, np.isfinite(directions[:, 0]))
+    signs = np.vecdot(directions, path)[is_finite]
     np.testing.assert_allclose(np.abs(signs), 1.0, atol=1e-12)
-    assert np.all(turned[finite] @ OUT >= -1e-9)
+    assert np.all(directions[is_finite] @ OUT >= -1e-9)
     if name in TOUCHING:
-        # Along the rim alone nothing has to jump: one sign does for each stretch.
-        stretch = np.flatnonzero(np.diff(finite.astype(int)))
-        turns = np.vecdot(turned[1:], turned[:-1])
-        assert not np.any(turns < 0.0), stretch
+        cosines_of_steps = np.vecdot(directions[1:], directions[:-1])
+        assert not np.any(cosines_of_steps < 0.0)
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("samples", [9, 37, 91])
 def test_paths_of_axes_are_as_far_from_the_middle_as_the_axes(samples):
-    """P31 of the four-bar is on the rim where the crank points along an axis."""
+    """Each axis of the table of poles is drawn once, at its distance from the middle.
+
+    Panels are titled by pole and axis at the middle, such as "P31 ... x". The radius on
+    paper is that of the equal-area map. P31 of the four-bar reaches the rim where the crank
+    points along an axis.
+    """
     result = sk.run("four_bar", "poles", samples=samples)
     figure = result.plot("poles/paths of the axes")
     frame = result.frame("poles")
     for panel in figure.axes:
         title = panel.get_title()
-        high, low, side = title[1], title[2], title[-1]
-        rows = frame[(frame["link"] == high) & (frame["relative_to"] == low)]
-        height = np.abs(rows[f"u{side}"].to_numpy())
-        height = height[np.isfinite(height)]
-        expected = EQUAL_AREA.radius(np.arccos(np.clip(height, 0.0, 1.0)))
+        link = title[1]
+        reference = title[2]
+        middle_axis = title[-1]
+        rows = frame[(frame["link"] == link) & (frame["relative_to"] == reference)]
+        cosine = np.abs(rows[f"u{middle_axis}"].to_numpy())
+        cosine = cosine[np.isfinite(cosine)]
+        expected = EQUAL_AREA.radius(np.arccos(np.clip(cosine, 0.0, 1.0)))
         radii = [line.get_ydata() for line in panel.lines if len(line.get_ydata()) > 1]
         drawn = np.concatenate(radii)
         drawn = drawn[np.isfinite(drawn)]
-        # Gaps repeat no sample, and each is drawn once.
         np.testing.assert_allclose(np.sort(drawn), np.sort(expected), atol=1e-7)
 
 
@@ -86,50 +96,59 @@ def lines_of_zeros(figure):
     ],
 )
 def test_maps_over_a_grid_draw_no_reversal_of_an_axis(name, poles, grid):
-    """Sizes are those of differences of angular velocities, which have no axis to turn."""
+    """Over a grid, sizes of relative angular velocities are drawn, which have no sign.
+
+    The sign of a velocity coefficient depends on the direction of its axis, which cannot be
+    continuous over a grid. Sizes have "|" in the name of their figure, are not negative,
+    and have no line at zero. Axes of pairs are fixed in a link and keep their sign.
+    """
     links = sk.load(name).links
     poles = poles or [f"{links[-1]}/{links[0]}"]
     result = sk.run(name, f"poles:only={'+'.join(poles)}", samples=grid)
-    figures = result.views.figures(True, 2)
-    sizes = 0
-    for subject, figure in figures.items():
-        if "velocity" not in subject:
+    size_figures = 0
+    for subject, figure in result.views.figures(True, 2).items():
+        if "velocity" not in subject or "|" not in subject:
             continue
-        maps = [x for panel in figure.axes for x in panel.collections if hasattr(x, "norm")]
-        arrays = [x.get_array() for x in maps]
-        values = [np.ma.filled(x, np.nan) for x in arrays if x is not None]
-        if "|" in subject:
-            sizes += 1
-            assert not lines_of_zeros(figure)
-            assert all(np.nanmin(x) >= 0.0 for x in values if np.isfinite(x).any())
+        size_figures += 1
+        assert not lines_of_zeros(figure)
+        for panel in figure.axes:
+            for artist in panel.collections:
+                array = artist.get_array() if hasattr(artist, "norm") else None
+                if array is not None:
+                    values = np.ma.filled(array, np.nan)
+                    assert not np.any(values < 0.0)
     axes_of_pairs = {frozenset(pair.links) for pair in sk.load(name).pairs}
-    free = [x for x in poles if frozenset(x.split("/")) not in axes_of_pairs]
-    assert sizes or not free
+    are_all_pairs = all(frozenset(pole.split("/")) in axes_of_pairs for pole in poles)
+    assert size_figures or are_all_pairs
 
 
 def test_sizes_over_a_grid_are_those_of_the_angular_velocities():
-    """Against `evaluate` at the same inputs, and a central difference of the size."""
+    """Sizes over a grid equal `sk.evaluate` at the same inputs.
+
+    The derivative of the size by the first input is checked by a central difference.
+    """
     result = sk.run("five_bar", "poles:only=3/1", samples=(7, 7))
-    parts = {
-        part.path: (scene, part)
-        for scene in result.views._collector.scenes()
-        for part in scene.primitives
-        if isinstance(part, Series) and scene.page == 0
-    }
-    scene, velocity = parts["plots/velocity/21/3_1"]
-    _, acceleration = parts["plots/acceleration/21/3_1"]
+    series_by_path = {}
+    for scene in result.views._collector.scenes():
+        for primitive in scene.primitives:
+            if isinstance(primitive, Series) and scene.page == 0:
+                series_by_path[primitive.path] = (scene, primitive)
+    scene, velocity = series_by_path["plots/velocity/21/3_1"]
+    _, acceleration = series_by_path["plots/acceleration/21/3_1"]
     assert (velocity.label, acceleration.label) == ("|ω31/ω21|", "|ω31/ω21|′")
+
+    def relative_speed(inputs):
+        row = sk.evaluate("five_bar", inputs, assembly_mode=0)
+        return np.linalg.norm(row.angular_velocity("3", "21")[0])
+
     q = np.stack([axis.values for axis in scene.over], axis=1)
-    rows = np.flatnonzero(np.isfinite(velocity.values))[::5]
     step = 1e-5
-    for row in rows:
-        size = []
-        for k in (-1, 0, 1):
-            here = sk.evaluate("five_bar", q[row] + [k * step, 0.0], assembly_mode=0)
-            size.append(np.linalg.norm(here.angular_velocity("3", "21")[0]))
-        assert velocity.values[row] == pytest.approx(size[1], rel=1e-9)
-        slope = (size[2] - size[0]) / (2.0 * step)
-        assert acceleration.values[row] == pytest.approx(slope, rel=1e-5, abs=1e-6)
+    for row in np.flatnonzero(np.isfinite(velocity.values))[::5]:
+        size = relative_speed(q[row])
+        assert velocity.values[row] == pytest.approx(size, rel=1e-9)
+        change = relative_speed(q[row] + [step, 0.0]) - relative_speed(q[row] - [step, 0.0])
+        derivative = change / (2.0 * step)
+        assert acceleration.values[row] == pytest.approx(derivative, rel=1e-5, abs=1e-6)
 
 
 def test_coefficients_along_a_path_of_two_inputs_keep_their_signs():
@@ -138,19 +157,36 @@ def test_coefficients_along_a_path_of_two_inputs_keep_their_signs():
     assert not any("|" in name for name in result.views.figures(True, 2))
 
 
-def circle(radius, tilt=0.0):
-    p = np.stack([np.sin(radius) * np.cos(t), np.sin(radius) * np.sin(t)], axis=1)
-    points = np.column_stack([p, np.full(len(t), np.cos(radius))])
-    c, s = np.cos(tilt), np.sin(tilt)
+def tilted_circle(radius, tilt=0.0):
+    """Return points of a small circle about OUT (radius in rad), tilted about x (rad)."""
+    points = np.column_stack(
+        [
+            np.sin(radius) * np.cos(t),
+            np.sin(radius) * np.sin(t),
+            np.full(len(t), np.cos(radius)),
+        ]
+    )
+    c = np.cos(tilt)
+    s = np.sin(tilt)
     return points @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
 
 
 def test_curves_on_pages_of_modes_are_drawn_for_every_mode():
+    """A curve on the pages of three modes gives three figures, and one on a named page a
+    fourth.
+
+    The circles of 0.2, 0.4, 0.6 and 1 rad about the middle have that radius in the map.
+    """
     scenes = [
-        Scene(mode, (SphereCurves("c/x", "reach", [circle(0.2 + 0.2 * mode)]),), (), "an")
+        Scene(
+            mode,
+            (SphereCurves("c/x", "reach", [tilted_circle(0.2 + 0.2 * mode)]),),
+            (),
+            "an",
+        )
         for mode in range(3)
     ]
-    border = SphereCurves("c/x", "border", [circle(1.0)])
+    border = SphereCurves("c/x", "border", [tilted_circle(1.0)])
     scenes.append(Scene("Border", (border,), (), "an"))
     figures = plan_figures(scenes, {0: "Mode 0 (+)", 1: "Mode 1 (-)"})
     assert list(figures) == [
@@ -165,14 +201,19 @@ def test_curves_on_pages_of_modes_are_drawn_for_every_mode():
 
 
 def drawn_figures():
-    """Yield figures with round panels: one and two columns, legends, maps, many panels."""
-    narrow, wide = circle(0.3, 0.4), circle(1.4)
+    """Yield figures with round panels of many kinds.
+
+    They have one and two columns, legends, maps, and up to five panels.
+    """
+    small_circle, large_circle = tilted_circle(0.3, 0.4), tilted_circle(1.4)
     marks = [Mark("a mark with a long name", np.array([0.0, 0.6, 0.8]), 2)]
-    plain = SphereCurves("c", "border", [narrow])
-    far = SphereCurves("c", "border", [wide, -narrow], 1, marks)
-    points = np.concatenate([circle(r) for r in (0.2, 0.5, 0.8)])
+    plain = SphereCurves("c", "border", [small_circle])
+    far = SphereCurves("c", "border", [large_circle, -small_circle], 1, marks)
+    points = np.concatenate([tilted_circle(r) for r in (0.2, 0.5, 0.8)])
     colours = SphereMap("m", "margin", points, np.zeros((0, 3), int), points[:, 2], "")
-    arrows = [Arrow(f"p{k}", f"P{k}1", circle(1.2, 0.2 * k), False, True) for k in range(5)]
+    arrows = [
+        Arrow(f"p{k}", f"P{k}1", tilted_circle(1.2, 0.2 * k), False, True) for k in range(5)
+    ]
     axis = (Axis("q", "rad", t),)
     for columns, parts in ((1, [plain]), (2, [plain]), (2, [far]), (2, [plain, colours])):
         yield plan_figures([Scene("Page", tuple(parts), (), "an")], {}, columns=columns)
@@ -183,21 +224,24 @@ def drawn_figures():
 
 @pytest.mark.slow
 def test_titles_of_round_panels_are_inside_their_figures():
-    count = 0
-    for figures in drawn_figures():
-        for figure in figures.values():
-            canvas = FigureCanvasAgg(figure)
-            canvas.draw()
-            renderer = canvas.get_renderer()
-            whole = figure.bbox.padded(0.5)
-            for panel in figure.axes:
-                title = panel.title
-                if not title.get_text():
-                    continue
-                count += 1
-                box = title.get_window_extent(renderer)
-                assert whole.contains(*box.min) and whole.contains(*box.max), title
-                names = [x for x in panel.get_xticklabels() if x.get_text()]
-                for name in names:
-                    assert not name.get_window_extent(renderer).overlaps(box), title
-    assert count > 15
+    """Titles are inside their figure and do not overlap names of directions on the rim."""
+    title_count = 0
+    figures = [figure for group in drawn_figures() for figure in group.values()]
+    for figure in figures:
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        renderer = canvas.get_renderer()
+        figure_box = figure.bbox.padded(0.5)
+        for panel in figure.axes:
+            title = panel.title
+            if not title.get_text():
+                continue
+            title_count += 1
+            title_box = title.get_window_extent(renderer)
+            assert figure_box.contains(*title_box.min), title
+            assert figure_box.contains(*title_box.max), title
+            for name in panel.get_xticklabels():
+                if name.get_text():
+                    name_box = name.get_window_extent(renderer)
+                    assert not name_box.overlaps(title_box), title
+    assert title_count > 15

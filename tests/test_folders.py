@@ -18,7 +18,8 @@ SWEEP = ["sweep", "four_bar", "--vary", "links.2.arc=10:20:3", "-q"]
 SWEEP += ["--reduce", "a=max(transmission_angle_43)"]
 
 
-def everything(folder):
+def bytes_of_files(folder):
+    """Return the bytes of all files in a folder by their relative path."""
     return {
         str(path.relative_to(folder)): path.read_bytes()
         for path in folder.rglob("*")
@@ -26,14 +27,18 @@ def everything(folder):
     }
 
 
-def put(base, things):
-    """Put things into a folder, as folders.toml says them."""
-    for thing in things:
-        place, link, target = thing.partition(" -> ")
-        name, _, text = thing.partition(": ")
-        path = base / (place if link else name)
+def make_files(base, entries):
+    """Make files, folders and links in a folder, as `folders.toml` states them.
+
+    An entry is `PATH: TEXT` for a file, `PATH/` for a folder or `PATH -> TARGET` for a
+    link. In texts, BASE stands for the folder and VERSION for that of spherekit.
+    """
+    for entry in entries:
+        link_path, arrow, target = entry.partition(" -> ")
+        name, _, text = entry.partition(": ")
+        path = base / (link_path if arrow else name)
         path.parent.mkdir(parents=True, exist_ok=True)
-        if link:
+        if arrow:
             path.symlink_to(base / target)
         elif name.endswith("/"):
             path.mkdir()
@@ -48,16 +53,18 @@ THINGS = tomllib.loads(mechanism_text("folders"))
 @pytest.mark.parametrize("prepare", THINGS["no run"])
 @pytest.mark.parametrize("option", [[], ["--restart"], ["--resume"]])
 def test_a_run_leaves_what_no_run_has_made(prepare, option, tmp_path, capsys):
+    """A run refuses a folder that holds other files, and changes nothing in it."""
     (tmp_path / "out").mkdir()
-    put(tmp_path, THINGS["no run"][prepare])
+    make_files(tmp_path, THINGS["no run"][prepare])
     out = tmp_path / "out"
-    before = everything(tmp_path)
+    before = bytes_of_files(tmp_path)
     assert main([*RUN, "-o", str(out), *option]) == 1
     assert "choose another folder" in capsys.readouterr().err
-    assert everything(tmp_path) == before
+    assert bytes_of_files(tmp_path) == before
 
 
 def test_a_run_replaces_what_a_run_has_made(tmp_path):
+    """A second run replaces the tables of the first; other files in the folder stay."""
     out = tmp_path / "out"
     assert main([*RUN, "-o", str(out)]) == 0
     (out / "notes.txt").write_text("mine")
@@ -66,13 +73,20 @@ def test_a_run_replaces_what_a_run_has_made(tmp_path):
     assert "notes.txt" in names and "eksergian.csv" in names and "poles.csv" not in names
 
 
-def test_a_run_that_was_stopped_as_it_moved_its_results(tmp_path, monkeypatch):
+def test_a_run_interrupted_while_it_moves_its_results_can_be_restarted(
+    tmp_path, monkeypatch
+):
+    """After Ctrl-C at the fifth file that is moved into place, --restart tidies up.
+
+    Exit status 130 means interrupted. A file of the user stays.
+    """
     out = tmp_path / "out"
     assert main([*RUN, "-o", str(out)]) == 0
     (out / "notes.txt").write_text("mine")
-    replace, moved = Path.replace, []
+    replace = Path.replace
+    moved = []
 
-    def stopping(self, target):
+    def interrupt_fifth_move(self, target):
         if Path(target).parent == out:
             moved.append(target)
             if len(moved) == 5:
@@ -80,9 +94,10 @@ def test_a_run_that_was_stopped_as_it_moved_its_results(tmp_path, monkeypatch):
         return replace(self, target)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "replace", stopping)
+        patch.setattr(Path, "replace", interrupt_fifth_move)
         assert main([*RUN, "-o", str(out), "-a", "eksergian"]) == 130
-    assert not (out / "summary.json").exists() and (out / "eksergian.csv").exists()
+    assert not (out / "summary.json").exists()
+    assert (out / "eksergian.csv").exists()
     assert main([*RUN, "-o", str(out), "--restart"]) == 0
     names = {path.name for path in out.iterdir()}
     assert names >= {"notes.txt", "poles.csv"}
@@ -117,31 +132,38 @@ CHANGED = {
 
 
 @pytest.mark.parametrize("prepare", [*CHANGED, *THINGS["no run either"]])
-def test_results_that_are_no_longer_those_of_a_run_stay(prepare, tmp_path, capsys):
+def test_changed_results_are_not_overwritten(prepare, tmp_path, capsys):
+    """Results that were edited, linked or added to since the run are refused and stay."""
     out = tmp_path / "out"
     assert main([*RUN, "-o", str(out)]) == 0
     if prepare in CHANGED:
         CHANGED[prepare](tmp_path, out)
     else:
-        put(tmp_path, THINGS["no run either"][prepare])
-    before = everything(tmp_path)
+        make_files(tmp_path, THINGS["no run either"][prepare])
+    before = bytes_of_files(tmp_path)
     assert main([*RUN, "-o", str(out), "--restart"]) == 1
     assert "choose another folder" in capsys.readouterr().err
-    assert everything(tmp_path) == before
+    assert bytes_of_files(tmp_path) == before
 
 
-def test_names_behind_which_there_is_another_name(tmp_path):
-    """A folder that is a link itself is the folder; hard links keep what they hold."""
-    (tmp_path / "there").mkdir()
+def test_a_linked_folder_is_used_and_hard_links_keep_the_old_results(tmp_path):
+    """Results go into the folder behind a symbolic link, as new files.
+
+    A hard link to an old result keeps the old content.
+    """
+    (tmp_path / "target").mkdir()
     out = tmp_path / "out"
-    out.symlink_to(tmp_path / "there")
+    out.symlink_to(tmp_path / "target")
     assert main([*RUN, "-o", str(out)]) == 0
+    old_contents = {}
     for name in ("poles.csv", "summary.json"):
         (tmp_path / name).hardlink_to(out / name)
-    kept = {name: (tmp_path / name).read_bytes() for name in ("poles.csv", "summary.json")}
+        old_contents[name] = (tmp_path / name).read_bytes()
     assert main([*RUN, "-o", str(out), "--samples", "7"]) == 0
-    assert all((tmp_path / name).read_bytes() == data for name, data in kept.items())
-    assert out.is_symlink() and (out / "poles.csv").read_bytes() != kept["poles.csv"]
+    for name, old_content in old_contents.items():
+        assert (tmp_path / name).read_bytes() == old_content
+    assert out.is_symlink()
+    assert (out / "poles.csv").read_bytes() != old_contents["poles.csv"]
 
 
 FIGURE = ["run", "four_bar", "--samples", "5", "-q", "-o", "out", "--figures"]
@@ -151,7 +173,7 @@ RECORDING = [*RUN, "--save", "out/a.rrd"]
 
 @pytest.mark.parametrize("link", [True, False])
 @pytest.mark.parametrize(
-    "words, name",
+    "arguments, name",
     [
         (FIGURE, "figures/poles_velocity_coefficients.png"),
         (RECORDING, "a.rrd.part"),
@@ -159,58 +181,66 @@ RECORDING = [*RUN, "--save", "out/a.rrd"]
         (TRADE, "trade.csv"),
     ],
 )
-def test_names_that_a_command_chooses(words, name, link, tmp_path, monkeypatch, capsys):
+def test_a_command_does_not_overwrite_files_by_names_it_chooses(
+    arguments, name, link, tmp_path, monkeypatch, capsys
+):
+    """Figures, recordings and tables of trade-offs replace no file and no link of the user.
+    """
     monkeypatch.chdir(tmp_path)
-    place = tmp_path / "out" / name
-    place.parent.mkdir(parents=True)
+    target = tmp_path / "out" / name
+    target.parent.mkdir(parents=True)
     (tmp_path / "kept").write_text("mine")
-    place.symlink_to(tmp_path / "kept") if link else place.write_text("mine")
-    assert main(words) == 1
+    target.symlink_to(tmp_path / "kept") if link else target.write_text("mine")
+    assert main(arguments) == 1
     assert "choose another folder" in capsys.readouterr().err
-    assert place.read_text() == "mine" and place.is_symlink() == link
+    assert target.read_text() == "mine" and target.is_symlink() == link
 
 
 @pytest.mark.parametrize("prepare", THINGS["no sweep"])
 def test_a_sweep_leaves_what_no_sweep_has_made(prepare, tmp_path, capsys):
+    """A sweep refuses a folder that holds other files, and changes nothing but its lock."""
     (tmp_path / "out").mkdir()
-    put(tmp_path, THINGS["no sweep"][prepare])
+    make_files(tmp_path, THINGS["no sweep"][prepare])
     out = tmp_path / "out"
-    before = everything(tmp_path)
+    before = bytes_of_files(tmp_path)
     assert main([*SWEEP, "-o", str(out)]) == 1
     assert "choose another folder" in capsys.readouterr().err
-    after = everything(tmp_path)
+    after = bytes_of_files(tmp_path)
     after.pop("out/.sweep.lock", None) if prepare != "linked lock" else None
     assert after == before
 
 
-def words_with_values():
-    """Every place of every subcommand for a word, that empty."""
+def arguments_with_an_empty_text():
+    """Yield command lines of all subcommands, each with one empty argument."""
     for name, parser in command_parsers(build_parser()).items():
         for action in parser._actions:
             if not action.option_strings:
                 yield [name, ""]
             elif action.nargs != 0:
-                several = action.nargs if isinstance(action.nargs, int) else 1
-                yield [name, action.option_strings[-1], *[""] * several]
-                if several == 1:
+                value_count = action.nargs if isinstance(action.nargs, int) else 1
+                yield [name, action.option_strings[-1], *[""] * value_count]
+                if value_count == 1:
                     yield [name, f"{action.option_strings[-1]}="]
 
 
-def test_an_empty_word_is_refused_everywhere(tmp_path, monkeypatch, capsys):
+def test_an_empty_argument_is_refused_everywhere(tmp_path, monkeypatch, capsys):
+    """Every argument and option of every command refuses an empty text, and writes nothing.
+    """
     monkeypatch.chdir(tmp_path)
-    asked = list(words_with_values())
-    assert len(asked) > 100
-    for words in asked:
+    command_lines = list(arguments_with_an_empty_text())
+    assert len(command_lines) > 100
+    for arguments in command_lines:
         with pytest.raises(SystemExit) as end:
-            main(words)
+            main(arguments)
         assert end.value.code == 2
-        said = capsys.readouterr().err
-        assert "found an empty text" in said and "argument" in said, words
+        message = capsys.readouterr().err
+        assert "found an empty text" in message and "argument" in message, arguments
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("name", ["", " "])
 def test_an_empty_name_is_refused_in_python(name, tmp_path, monkeypatch):
+    """Functions that write files refuse an empty or blank name."""
     monkeypatch.chdir(tmp_path)
     run = sk.run("four_bar", samples=3)
     for write in (
@@ -225,15 +255,18 @@ def test_an_empty_name_is_refused_in_python(name, tmp_path, monkeypatch):
 
 
 def table_of_a_run(folder):
+    """Return the path of a table of a run, and a function that reads it."""
     sk.run("four_bar", samples=9, folder=folder)
     path = folder / "poles.parquet"
     return path, lambda: read_parquet(path).to_csv()
 
 
 def part_of_a_sweep(folder):
+    """Return the path of a part of a sweep, and a function that continues the sweep."""
+
     def rows():
-        found = sk.sweep("four_bar", vary, "max(q)", samples=2, folder=folder, workers=1)
-        return found.frame().to_csv()
+        result = sk.sweep("four_bar", vary, "max(q)", samples=2, folder=folder, workers=1)
+        return result.frame().to_csv()
 
     vary = {"links.2.arc": [10.0, 20.0]}
     rows()
@@ -241,12 +274,14 @@ def part_of_a_sweep(folder):
 
 
 def stored_functions(folder):
+    """Return the path of a reduced model, and a function that evaluates it."""
     path = folder / "model.npz"
     sk.export("four_bar", path)
     return path, lambda: repr(sk.load_reduced(path).torque(1.0, 2.0, 0.5))
 
 
 def coupling(folder):
+    """Return the path of a coupling table, and a function that evaluates it."""
     path = folder / "table.npz"
     sk.export("four_bar", path, to="coupling", tolerance=1e-2)
     return path, lambda: repr(sk.load_coupling(path).at(1.0).angles)
@@ -256,17 +291,24 @@ def coupling(folder):
 @pytest.mark.parametrize(
     "stored", [table_of_a_run, part_of_a_sweep, stored_functions, coupling]
 )
-def test_a_bit_that_changes_is_told_or_changes_no_number(stored, tmp_path):
+def test_a_flipped_bit_is_noticed_or_changes_no_number(stored, tmp_path):
+    """A stored file with one flipped bit gives the same numbers or an error.
+
+    Bits are flipped at 30 random bytes and in names of columns. More than half of the
+    random ones must have been noticed.
+    """
     path, read = stored(tmp_path)
-    data, whole, told = path.read_bytes(), read(), 0
+    data = path.read_bytes()
+    expected = read()
+    noticed = 0
     random = np.random.default_rng(7)
-    named = [x.start() for x in re.finditer(b"velocity_coefficient", data)]
-    for place in [*random.integers(len(data), size=30), *named]:
+    in_names = [match.start() for match in re.finditer(b"velocity_coefficient", data)]
+    for index in [*random.integers(len(data), size=30), *in_names]:
         changed = bytearray(data)
-        changed[place] ^= 1 << int(random.integers(8))
+        changed[index] ^= 1 << int(random.integers(8))
         path.write_bytes(changed)
         try:
-            assert read() == whole
+            assert read() == expected
         except sk.SpherekitError:
-            told += 1
-    assert told > 15
+            noticed += 1
+    assert noticed > 15

@@ -24,105 +24,148 @@ from spherekit.positions.position_analysis import PositionAnalysis
 RECORDING = b"RRF2"
 
 
-def arcs_of(second):
+def arcs_with_crank(second):
+    """Return the arcs (rad) of the four-bar of the paper, with another crank."""
     return FOUR_BAR_ARCS[0], second, *FOUR_BAR_ARCS[2:]
 
 
-def mode_of(here, arcs):
-    """The mode of the closed form that an assembly mode at its first row is in."""
-    off = [
-        abs(math.remainder(here.variable("41")[0] - angle, 2.0 * math.pi))
-        for mode in (0, 1)
-        for angle in four_bar_angles(here.q[:1], arcs, mode)
-    ]
-    assert min(off) < 1e-12 < max(off)
-    return int(np.argmin(off))
+def closed_form_mode(kinematics, arcs):
+    """Return the mode (0 or 1) of the closed form that belongs to evaluated rows.
+
+    It is the one with the same angle at pair 41 (the rocker) at the first row.
+    """
+    gaps = []
+    for mode in (0, 1):
+        (angle,) = four_bar_angles(kinematics.q[:1], arcs, mode)
+        gap = math.remainder(kinematics.variable("41")[0] - angle, 2.0 * math.pi)
+        gaps.append(abs(gap))
+    assert min(gaps) < 1e-12 < max(gaps)
+    return int(np.argmin(gaps))
 
 
 def slope(function, q, h=1e-3):
-    """The derivative of a function by a five-point stencil."""
+    """Return the derivative of a function by a five-point stencil with step h (rad)."""
     points = [function(q + k * h) for k in (-2, -1, 1, 2)]
     return (points[0] - 8.0 * points[1] + 8.0 * points[2] - points[3]) / (12.0 * h)
 
 
 @pytest.mark.parametrize("assembly_mode", [0, 1])
-def test_load_change_an_arc_and_sweep(assembly_mode):
-    second = math.radians(25.0)
-    longer = sk.load("four_bar").with_sizes(angle_unit="deg", arcs={"2": 25.0})
-    assert sk.load("four_bar").geometry.links["2"].arcs == (math.radians(20.0),)
-    turn = sk.evaluate(
-        longer, np.linspace(0.1, 2.0 * np.pi, 50), assembly_mode=assembly_mode
-    )
-    arcs = arcs_of(second)
-    mode = mode_of(turn, arcs)
+def test_a_changed_arc_gives_the_motion_of_the_closed_form(assembly_mode):
+    """With a crank of 25 deg, coefficients and frames are those of spherical trigonometry.
 
-    def coefficient(q):
+    The closed form is `oracles.closed_forms`; second derivatives come from a five-point
+    stencil. A pole and its coefficients may change sign together.
+    """
+    original = sk.load("four_bar")
+    longer = original.with_sizes(angle_unit="deg", arcs={"2": 25.0})
+    assert original.geometry.links["2"].arcs == (math.radians(20.0),)
+    q = np.linspace(0.1, 2.0 * np.pi, 50)
+    rows = sk.evaluate(longer, q, assembly_mode=assembly_mode)
+    arcs = arcs_with_crank(math.radians(25.0))
+    mode = closed_form_mode(rows, arcs)
+
+    def rocker_coefficient(q):
         return four_bar_coefficients(q, arcs, mode)[1]
 
-    wanted = coefficient(turn.q)
-    assert turn.variable_coefficient("41") == pytest.approx(wanted, abs=1e-11)
-    axis = four_bar_axes(turn.q, arcs, mode)
-    sense = np.sign(np.sum(turn.direction("41") * axis["41"], axis=1))
-    assert turn.velocity_coefficient("4/1") * sense == pytest.approx(wanted, abs=1e-11)
-    derivative = turn.acceleration_coefficient("4/1") * sense
-    assert derivative == pytest.approx(slope(coefficient, turn.q), abs=1e-8)
-    w = axis["41"] * wanted[:, None]
-    assert np.max(np.abs(turn.angular_velocity("4") - w)) < 1e-11
-    turned = np.einsum("n,nj->nj", turn.velocity_coefficient("3/1"), turn.direction("3/1"))
-    assert np.max(np.abs(turn.angular_velocity("3") - turned)) < 1e-12
-    frames = four_bar_frames(turn.q, arcs, mode)
-    relative = np.einsum("nji,njk->nik", turn.rotation("2"), turn.rotation("4"))
-    known = np.einsum("nji,njk->nik", frames[2], frames[4])
-    # link 4 lists pair 43 first, as its frame in the source has it
-    assert np.max(np.abs(relative - known)) < 1e-11
-    frame = turn.frame()
-    own = frame[(frame["link"] == "4") & (frame["relative_to"] == "1")]
-    assert len(frame) == 50 * 6 and set(frame["status"]) == {"OK"}
-    assert np.array_equal(own["velocity_coefficient"], turn.velocity_coefficient("4/1"))
-    assert turn.frame(degrees=True)["q"].max() == pytest.approx(360.0)
+    expected = rocker_coefficient(q)
+    assert rows.variable_coefficient("41") == pytest.approx(expected, abs=1e-11)
+    axis = four_bar_axes(q, arcs, mode)["41"]
+    sign = np.sign(np.sum(rows.direction("41") * axis, axis=1))
+    assert rows.velocity_coefficient("4/1") * sign == pytest.approx(expected, abs=1e-11)
+    acceleration = rows.acceleration_coefficient("4/1") * sign
+    assert acceleration == pytest.approx(slope(rocker_coefficient, q), abs=1e-8)
+    rocker_velocity = axis * expected[:, None]
+    assert np.max(np.abs(rows.angular_velocity("4") - rocker_velocity)) < 1e-11
+    coupler_velocity = rows.velocity_coefficient("3/1")[:, None] * rows.direction("3/1")
+    assert np.max(np.abs(rows.angular_velocity("3") - coupler_velocity)) < 1e-12
+
+    # Link 4 relative to link 2. It lists pair 43 first, as its frame in the source does.
+    frames = four_bar_frames(q, arcs, mode)
+    relative = np.einsum("nji,njk->nik", rows.rotation("2"), rows.rotation("4"))
+    expected_relative = np.einsum("nji,njk->nik", frames[2], frames[4])
+    assert np.max(np.abs(relative - expected_relative)) < 1e-11
+
+
+def test_the_table_of_evaluated_rows_has_six_poles_per_row():
+    """`frame()` has the numbers of the methods; `degrees=True` converts the inputs."""
+    rows = sk.evaluate("four_bar", np.linspace(0.1, 2.0 * np.pi, 50), assembly_mode=0)
+    frame = rows.frame()
+    assert len(frame) == 50 * 6
+    assert set(frame["status"]) == {"OK"}
+    pole = frame[(frame["link"] == "4") & (frame["relative_to"] == "1")]
+    assert np.array_equal(pole["velocity_coefficient"], rows.velocity_coefficient("4/1"))
+    assert rows.frame(degrees=True)["q"].max() == pytest.approx(360.0)
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("name", ["four_bar", "single_flier", "roller_cam"])
-def test_one_input_is_a_row_of_many_and_a_row_of_a_run(name):
+def test_many_inputs_at_once_have_the_rows_of_a_run(name):
+    """`sk.evaluate` at the seven inputs of a run has the rows of its table of poles."""
+    mechanism = sk.load(name)
+    q = np.linspace(*PositionAnalysis(mechanism).range, 7)
+    order = ["assembly_mode", "sample", "link", "relative_to"]
+    run_rows = sk.run(mechanism, "poles", samples=7).frame().sort_values(order)
+    rows = sk.evaluate(mechanism, q).frame().sort_values(order)
+    for column in ("ux", "velocity_coefficient", "acceleration_coefficient"):
+        expected = run_rows[column]
+        assert rows[column].to_numpy() == pytest.approx(expected, abs=1e-11, nan_ok=True)
+
+
+@pytest.mark.many
+@pytest.mark.parametrize("name", ["four_bar", "single_flier", "roller_cam"])
+def test_one_input_alone_has_the_values_of_its_row_among_many(name):
+    """Each row of many inputs equals the row of its input alone.
+
+    Alone, a pole has the sign that the first sample of its mode would have; among many the
+    sign is continued along the rows of a mode.
+    """
     mechanism = sk.load(name)
     q = np.linspace(*PositionAnalysis(mechanism).range, 7)
     many = sk.evaluate(mechanism, q)
-    by = ["assembly_mode", "sample", "link", "relative_to"]
-    run = sk.run(mechanism, "poles", samples=7).frame().sort_values(by)
-    here = many.frame().sort_values(by)
-    for column in ("ux", "velocity_coefficient", "acceleration_coefficient"):
-        assert here[column].to_numpy() == pytest.approx(run[column], abs=1e-11, nan_ok=True)
     for row, mode in enumerate(many.assembly_mode.tolist()):
-        one = sk.evaluate(mechanism, many.q[row], assembly_mode=mode)
-        assert one.status[0] == many.status[row]
-        assert one.inputs[0] == many.inputs[row] and one.assembly_mode[0] == mode
+        alone = sk.evaluate(mechanism, many.q[row], assembly_mode=mode)
+        assert alone.status[0] == many.status[row]
+        assert alone.inputs[0] == many.inputs[row]
+        assert alone.assembly_mode[0] == mode
         for link in mechanism.links:
-            for read in ("rotation", "angular_velocity", "angular_velocity_dq"):
-                values, wanted = (getattr(x, read)(link) for x in (one, many))
-                assert values[0] == pytest.approx(wanted[row], abs=1e-12, nan_ok=True)
+            for method in ("rotation", "angular_velocity", "angular_velocity_dq"):
+                value = getattr(alone, method)(link)[0]
+                expected = getattr(many, method)(link)[row]
+                assert value == pytest.approx(expected, abs=1e-12, nan_ok=True)
         for pole in many.poles:
-            sense = many.direction(pole)[row] @ one.direction(pole)[0]
-            assert abs(sense) == pytest.approx(1.0, abs=1e-12, nan_ok=True)
-            sense = -1.0 if sense < 0.0 else 1.0  # it goes on along the rows of a mode
-            assert sense > 0.0 or many.sample[row] > 0
-            for read in ("velocity_coefficient", "acceleration_coefficient"):
-                value, wanted = getattr(one, read)(pole)[0], getattr(many, read)(pole)[row]
-                assert value * sense == pytest.approx(wanted, abs=1e-11, nan_ok=True)
+            cosine = many.direction(pole)[row] @ alone.direction(pole)[0]
+            assert abs(cosine) == pytest.approx(1.0, abs=1e-12, nan_ok=True)
+            sign = -1.0 if cosine < 0.0 else 1.0
+            assert sign > 0.0 or many.sample[row] > 0
+            for method in ("velocity_coefficient", "acceleration_coefficient"):
+                value = getattr(alone, method)(pole)[0]
+                expected = getattr(many, method)(pole)[row]
+                assert value * sign == pytest.approx(expected, abs=1e-11, nan_ok=True)
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "double_butterfly"])
-def test_one_row_of_a_mode_is_found_by_terms_of_floats(name, monkeypatch):
+def test_a_single_configuration_is_evaluated_without_the_plan_of_poles(name, monkeypatch):
+    """One configuration is computed from expressions of floats, with the same pole.
+
+    The function that evaluates a plan is removed, so that its use would fail. The result
+    can be pickled.
+    """
     mechanism, asked = sk.load(name), {"poles": ["31"], "assembly_mode": 0}
     q = sum(PositionAnalysis(mechanism).range) / 2.0 + 0.1
     with_care = sk.evaluate(mechanism, [q, q + 0.1], **asked)
     monkeypatch.delattr("spherekit.api.kinematics.evaluate_poles")
-    one = pickle.loads(pickle.dumps(sk.evaluate(mechanism, q, **asked)))
-    assert one.direction("31")[0] == pytest.approx(with_care.direction("31")[0], abs=1e-12)
+    alone = pickle.loads(pickle.dumps(sk.evaluate(mechanism, q, **asked)))
+    assert alone.direction("31")[0] == pytest.approx(
+        with_care.direction("31")[0], abs=1e-12
+    )
 
 
 def test_several_inputs_move_one_at_a_time():
+    """With two inputs, coefficients belong to one moving input, while the other is locked.
+
+    The coefficient of pair 43 by input 21 is compared with a central difference.
+    """
     both = sk.evaluate("five_bar", [[0.3, 0.4], [0.35, 0.4]])
     alone = both.variable_coefficient("43", moving="21")
     assert both.inputs.shape == (4, 2) and list(both.sample) == [0, 1, 0, 1]
@@ -136,6 +179,7 @@ def test_several_inputs_move_one_at_a_time():
 
 @pytest.mark.parametrize("name", sk.mechanisms())
 def test_a_file_and_the_same_data_in_code_are_one_mechanism(name):
+    """`sk.build` with the data of a file gives the mechanism of the file."""
     data = tomllib.loads(find(name).read_text(encoding="utf-8"))
     data.pop("format")
     mechanism = sk.load(name)
@@ -144,90 +188,128 @@ def test_a_file_and_the_same_data_in_code_are_one_mechanism(name):
 
 
 def test_a_mechanism_without_a_file():
-    made = four_bar_from_file(inputs={"drive": (0, 360)})
-    one, other = sk.evaluate(made, [0.2, 0.7]), sk.evaluate("four_bar", [0.2, 0.7])
-    assert one.variable("hinge") == pytest.approx(other.variable("41"), abs=1e-7)
+    """A four-bar built in code moves like that of the file.
+
+    With the crank's axes as (lon, lat) its arcs are rounded to 1e-7; with arcs it is exact.
+    """
+    posed = four_bar_from_file(inputs={"drive": (0, 360)})
+    rows, expected = sk.evaluate(posed, [0.2, 0.7]), sk.evaluate("four_bar", [0.2, 0.7])
+    assert rows.variable("hinge") == pytest.approx(expected.variable("41"), abs=1e-7)
     exact = four_bar_from_file(
         links={**LINKS, "crank": {"axes": ["drive", "tip"], "arcs": [20]}}
     )
-    one = sk.evaluate(exact, [0.2, 0.7])
-    assert one.variable("hinge") == pytest.approx(other.variable("41"), abs=1e-14)
+    rows = sk.evaluate(exact, [0.2, 0.7])
+    assert rows.variable("hinge") == pytest.approx(expected.variable("41"), abs=1e-14)
 
 
-def test_the_same_by_axes_and_contacts():
-    names = ["base", "crank", "coupler", "rocker"]
-    axes = {"drive": (0, 90), "tip": (90, 70), "joint": (20, 15), "hinge": (70, 30)}
-    ends = {**PAIRS, "hinge": PAIRS["hinge"]["links"]}
-    posed = four_bar_from_file(
-        links=names,
-        pairs={n: {"links": ends[n], "lonlat": axes[n]} for n in axes},
-        inputs="drive",
-    )
-    here = sk.evaluate(posed, 0.0, assembly_mode=0)
-    for name in names:
-        assert np.max(np.abs(here.rotation(name) - np.eye(3))) < 1e-14
-    moved = posed.with_sizes(
+def test_a_mechanism_built_by_axes_stands_in_its_pose_at_zero():
+    """Axes by longitude and latitude (deg) or components are those of the built mechanism.
+
+    In the pose of the axes the rotation of every link is the identity.
+    """
+    links = ["base", "crank", "coupler", "rocker"]
+    lonlat = {"drive": (0, 90), "tip": (90, 70), "joint": (20, 15), "hinge": (70, 30)}
+    pair_links = {**PAIRS, "hinge": PAIRS["hinge"]["links"]}
+    pairs = {
+        name: {"links": pair_links[name], "lonlat": axis} for name, axis in lonlat.items()
+    }
+    posed = four_bar_from_file(links=links, pairs=pairs, inputs="drive")
+    row = sk.evaluate(posed, 0.0, assembly_mode=0)
+    for link in links:
+        assert np.max(np.abs(row.rotation(link) - np.eye(3))) < 1e-14
+    changed = posed.with_sizes(
         angle_unit="deg", axes={"hinge": [0, 2, 1]}, values={"tip": 30}
     )
-    assert moved.geometry.axes["hinge"] == pytest.approx(np.array([0, 2, 1]) / math.sqrt(5))
-    assert moved.geometry.values["tip"] == math.radians(30.0)
-    mesh = {"type": "Cr", "links": ["a", "b"], "teeth": [20, 40], "axes": ["one", "two"]}
-    axles = {"one": ("a", [0, 0, 1]), "two": ("b", [1, 0, 0])}
-    pairs = {n: {"links": ["g", to], "xyz": axis} for n, (to, axis) in axles.items()}
+    expected_axis = np.array([0, 2, 1]) / math.sqrt(5)
+    assert changed.geometry.axes["hinge"] == pytest.approx(expected_axis)
+    assert changed.geometry.values["tip"] == math.radians(30.0)
+
+
+def test_gears_built_in_code_turn_by_their_teeth():
+    """Wheels of 20 and 40 teeth on crossing axles turn at the ratio -1/2."""
     gears = sk.build(
         "gears",
         angle_unit="deg",
         ground="g",
         links=["g", "a", "b"],
-        pairs={**pairs, "mesh": mesh},
+        pairs={
+            "one": {"links": ["g", "a"], "xyz": [0, 0, 1]},
+            "two": {"links": ["g", "b"], "xyz": [1, 0, 0]},
+            "mesh": {
+                "type": "Cr",
+                "links": ["a", "b"],
+                "teeth": [20, 40],
+                "axes": ["one", "two"],
+            },
+        },
         inputs="one",
     )
     assert sk.evaluate(gears, 0.1).variable_coefficient("two") == pytest.approx([-0.5])
 
 
-def test_changes_are_those_of_the_file():
-    four_bar = sk.load("four_bar")
-    text = find("four_bar").read_text(encoding="utf-8")
-    data = tomllib.loads(text)
+def test_changes_by_methods_are_changes_of_the_file():
+    """Sizes, inputs, masses and loads changed by `with_...` give the changed file.
+
+    The same changes are made in the data of the file, from which a mechanism is built.
+    """
+    data = tomllib.loads(find("four_bar").read_text(encoding="utf-8"))
     data.pop("format")
+    tensor = np.diag([4.0, 4.0, 1.0])
     data["links"]["3"]["arcs"] = [71.5]
     data["pairs"]["41"]["zero"] = 17.0
     data["inputs"]["21"] = {"from": 10.0, "to": 50.0}
-    tensor = np.diag([4.0, 4.0, 1.0])
     data["mass"]["4"] = {"tensor": tensor, "mass": 3, "centre": [0, 0, 0.1]}
     data["loads"].pop("on_crank")
     data["loads"]["coil"] = {"kind": "spring", "pair": "21", "stiffness": 2, "rest": 90.0}
     changed = (
-        four_bar.with_sizes(angle_unit="deg", arcs={"3": {"43": 71.5}}, zeros={"41": 17.0})
+        sk.load("four_bar")
+        .with_sizes(angle_unit="deg", arcs={"3": {"43": 71.5}}, zeros={"41": 17.0})
         .with_inputs(ranges={"21": (10.0, 50.0)}, angle_unit="deg")
         .with_mass("4", tensor, 3.0, (0, 0, 0.1))
         .with_loads(sk.Spring("coil", "21", 2.0, math.pi / 2), without=["on_crank"])
     )
-    assert changed == sk.build(**data) and len(changed.with_mass("4", None).masses) == 2
-    for one in (25, np.float32(25.0), [25.0], np.array([25.0]), {"32": 25.0}):
-        arcs = (
-            four_bar.with_sizes(angle_unit="deg", arcs={"2": one}).geometry.links["2"].arcs
-        )
-        assert arcs == (math.radians(25.0),)
-    assert four_bar.with_inputs("41").inputs[0].stop == 2.0 * math.pi
+    assert changed == sk.build(**data)
+    assert len(changed.with_mass("4", None).masses) == 2
+
+
+@pytest.mark.parametrize(
+    "arc", [25, np.float32(25.0), [25.0], np.array([25.0]), {"32": 25.0}], ids=repr
+)
+def test_an_arc_is_a_number_a_list_or_by_pair(arc):
+    """A link's arc (deg) may be any number, a list of one, or stated by its pair."""
+    changed = sk.load("four_bar").with_sizes(angle_unit="deg", arcs={"2": arc})
+    assert changed.geometry.links["2"].arcs == (math.radians(25.0),)
+
+
+def test_a_new_input_has_a_range_of_one_turn():
+    """A pair that becomes the input is driven from 0 to 2 pi."""
+    assert sk.load("four_bar").with_inputs("41").inputs[0].stop == 2.0 * math.pi
 
 
 def test_a_torque_is_a_number_a_text_or_a_function():
+    """Three ways to state a constant torque give the same motion, also as a load."""
     start = sk.Start(0.3, 1.0)
-    given = (2.5, "2.5", lambda t, q, dq: 2.5)
-    ends = [
-        sk.simulate("four_bar", start, 0.5, torque=each, engine="numpy").at([0.5]).q[0]
-        for each in given
-    ]
-    assert ends[1] == ends[0] and ends[2] == pytest.approx(ends[0], abs=1e-12)
+
+    def angle_after_half_a_second(torque):
+        result = sk.simulate("four_bar", start, 0.5, torque=torque, engine="numpy")
+        return result.at([0.5]).q[0]
+
+    by_number = angle_after_half_a_second(2.5)
+    by_function = angle_after_half_a_second(lambda t, q, dq: 2.5)
+    assert angle_after_half_a_second("2.5") == by_number
+    assert by_function == pytest.approx(by_number, abs=1e-12)
     load = sk.PairTorque("motor", "21", lambda t, q, dq: 2.5)
-    held = sk.load("four_bar").with_loads(load)
-    assert sk.simulate(held, start, 0.5).at([0.5]).q[0] == pytest.approx(ends[0], abs=1e-12)
+    loaded = sk.load("four_bar").with_loads(load)
+    by_load = sk.simulate(loaded, start, 0.5).at([0.5]).q[0]
+    assert by_load == pytest.approx(by_number, abs=1e-12)
     sk.simulate("four_bar", start, 0.1, torque=max)  # such builtins have no signature
 
 
 def test_a_torque_that_jumps_unforeseen_is_found():
-    """A bang-bang controller: the same as two runs that each see one side of the jump."""
+    """A torque that jumps inside a Python function is integrated exactly across the jump.
+
+    A bang-bang controller is compared with two runs that each see one side of the jump.
+    """
     start, half, how = sk.Start(0.3, 1.0), 0.437, {"engine": "numpy"}
     jumping = sk.simulate(
         "four_bar", start, 1.0, torque=lambda t, q, dq: 5.0 if t < half else -5.0
@@ -239,6 +321,8 @@ def test_a_torque_that_jumps_unforeseen_is_found():
 
 
 def test_objects_show_themselves_in_a_line():
+    """The text of each public object is one line with its class and the mechanism's name.
+    """
     mechanism = sk.load("four_bar")
     shown = {
         "Mechanism": mechanism,
@@ -255,21 +339,24 @@ def test_objects_show_themselves_in_a_line():
     assert "spherekit: agile_eye, bevel" in repr(sk.mechanisms())
 
 
-def test_the_help_of_the_package_leads_to_everything_at_the_first_attempt(
-    tmp_path, monkeypatch, capsys
-):
-    """Its lines run as they stand, and give what the closed form does."""
+def test_the_example_in_the_help_of_the_package_runs(tmp_path, monkeypatch, capsys):
+    """The lines of the help of `spherekit` run as they stand.
+
+    Coefficients are those of the closed form; figure and recording are written.
+    """
     pytest.importorskip("matplotlib")
     monkeypatch.chdir(tmp_path)
     names = {}
     exec(sk.__doc__[sk.__doc__.index("import numpy") :], names)
     assert "1  ■  x  I  x" in capsys.readouterr().out
-    here, turn, arcs = names["here"], names["turn"], arcs_of(math.radians(25.0))
-    wanted = four_bar_coefficients(turn.q, arcs, mode_of(turn, arcs))[1]
-    assert len(turn.q) == 50
-    assert np.abs(turn.velocity_coefficient("4/1")) == pytest.approx(np.abs(wanted))
-    alone = four_bar_coefficients(here.q, arcs, mode_of(here, arcs))[1]
-    assert np.abs(here.velocity_coefficient("4/1")) == pytest.approx(np.abs(alone))
+    row, rows, arcs = names["here"], names["turn"], arcs_with_crank(math.radians(25.0))
+    expected_at_rows = four_bar_coefficients(rows.q, arcs, closed_form_mode(rows, arcs))[1]
+    assert len(rows.q) == 50
+    assert np.abs(rows.velocity_coefficient("4/1")) == pytest.approx(
+        np.abs(expected_at_rows)
+    )
+    expected_at_row = four_bar_coefficients(row.q, arcs, closed_form_mode(row, arcs))[1]
+    assert np.abs(row.velocity_coefficient("4/1")) == pytest.approx(np.abs(expected_at_row))
     assert len(names["motion"]) == 2 * 361 and names["made"].name == "wrist"
     figure = names["result"].plot("velocity coefficients")
     assert any(len(line.get_xdata()) == 361 for line in figure.axes[0].lines)
@@ -280,7 +367,7 @@ def test_the_help_of_the_package_leads_to_everything_at_the_first_attempt(
 
 
 def documented():
-    """The public functions and methods whose help has an example."""
+    """Yield the public functions and methods whose help has an example."""
     for name in sk.__all__:
         value = getattr(sk, name)
         parts = [(name, value)]
@@ -298,6 +385,7 @@ NEEDS = {"import_mechanism": "mujoco", "RunResult.plot": "matplotlib"}
 @pytest.mark.many
 @pytest.mark.parametrize("name", DOCUMENTED)
 def test_the_examples_of_help_do_what_they_say(name, tmp_path, monkeypatch):
+    """Every example in the help of a public function prints what is written there."""
     if name in NEEDS:
         pytest.importorskip(NEEDS[name])
     monkeypatch.chdir(tmp_path)

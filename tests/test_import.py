@@ -32,74 +32,98 @@ URDF = (HERE / "files" / "two_inputs.urdf").read_text(encoding="utf-8")
 LOOPS = tomllib.loads(mechanism_text("import_loops"))
 
 
-def written(tmp_path, text, name="model.xml"):
+def write_model(tmp_path, text, name="model.xml"):
     path = tmp_path / name
     path.write_text(text, encoding="utf-8")
     return path
 
 
-def configurations(made, q):
-    """Return the placed links at values of all inputs, followed from the pose."""
-    closure = Closure.of_mechanism(made, make_joints(made))
-    values = make_joints_in_pose(made)[1].copy()
-    held = [made.angles[item.pair] for item in made.inputs]
-    start = values[held]
-    for part in np.linspace(0.0, 1.0, 5)[1:]:
-        values[held] = start + part * (np.asarray(q) - start)
-        values = closure.solve(values[None], held).values[0]
+def place_links(mechanism, q):
+    """Return the rotations (links, 3, 3) of all links at values of all inputs (rad).
+
+    The loops are closed by Newton's method at four inputs between the pose and `q`.
+    """
+    closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
+    values = make_joints_in_pose(mechanism)[1].copy()
+    driven = [mechanism.angles[item.pair] for item in mechanism.inputs]
+    start = values[driven]
+    for fraction in np.linspace(0.0, 1.0, 5)[1:]:
+        values[driven] = start + fraction * (np.asarray(q) - start)
+        values = closure.solve(values[None], driven).values[0]
     assert closure.at(values[None]).closure_residual[0] < 1e-13
     return closure.at(values[None]).rotations[0]
 
 
-def closed(mechanism):
-    """Return a mechanism with its inputs, and a configuration found by Newton's method."""
-    pairs = [mechanism.pairs[k].name for k in driven_pairs(mechanism)]
-    mechanism = mechanism.with_inputs(*pairs)
+def with_closed_configuration(mechanism):
+    """Return a mechanism with inputs, and the joint angles (variables,) of a configuration.
+
+    It is the reference pose if there is one. Otherwise it is the one farthest from a
+    singularity that Newton's method finds from 60 random starts.
+    """
+    input_pairs = [mechanism.pairs[k].name for k in driven_pairs(mechanism)]
+    mechanism = mechanism.with_inputs(*input_pairs)
     joints, reference = make_joints_in_pose(mechanism)
     if reference is not None:
         return mechanism, reference
     closure = Closure.of_mechanism(mechanism, joints)
     starts = np.random.default_rng(3).uniform(-2.0, 2.0, (60, len(closure.tree.owners)))
-    found = closure.solve(starts, max_steps=40)
-    good = found.values[found.closure_residual < 1e-14]
-    free = [v for v in range(good.shape[1]) if mechanism.variable_names[v][6:] not in pairs]
-    jacobian = closure.at(good).jacobian[:, :, free]
-    least = np.linalg.svd(jacobian, compute_uv=False)[:, len(free) - 1]
-    return mechanism, good[int(np.argmax(least))]
+    solutions = closure.solve(starts, max_steps=40)
+    closed = solutions.values[solutions.closure_residual < 1e-14]
+    names = [name.removeprefix("theta_") for name in mechanism.variable_names]
+    passive = [k for k, name in enumerate(names) if name not in input_pairs]
+    jacobian = closure.at(closed).jacobian[:, :, passive]
+    singular_values = np.linalg.svd(jacobian, compute_uv=False)
+    least = singular_values[:, len(passive) - 1]
+    return mechanism, closed[int(np.argmax(least))]
 
 
 @pytest.mark.parametrize(
     "mechanism", [*PLAIN, *map(load, GEARED)], ids=lambda each: each.name
 )
-def test_out_and_in_again_is_the_same_mechanism(mechanism, tmp_path):
-    made, values = closed(mechanism)
-    path = written(tmp_path, MujocoModel(made, values).text)
-    again = sk.import_mechanism(path).mechanism
-    assert set(again.links) == set(made.links) and again.ground == made.ground
-    assert {pair.name for pair in again.pairs} == {pair.name for pair in made.pairs}
-    for one, other in zip(again.inputs, made.inputs, strict=True):
-        assert one.pair == other.pair
-        assert (one.start, one.stop) == pytest.approx((other.start, other.stop), abs=1e-12)
-    closure = Closure.of_mechanism(made, make_joints(made))
-    held = [made.angles[item.pair] for item in made.inputs]
+def test_an_exported_model_is_imported_as_the_same_mechanism(mechanism, tmp_path):
+    """Export to MJCF and import give the same names, ranges and motion.
+
+    All inputs are moved by 0.06 rad, in both mechanisms. The turn of each link from the
+    pose must be equal; the frames of links may differ.
+    """
+    original, values = with_closed_configuration(mechanism)
+    path = write_model(tmp_path, MujocoModel(original, values).text)
+    imported_mechanism = sk.import_mechanism(path).mechanism
+    assert set(imported_mechanism.links) == set(original.links)
+    assert imported_mechanism.ground == original.ground
+    pair_names = {pair.name for pair in original.pairs}
+    assert {pair.name for pair in imported_mechanism.pairs} == pair_names
+    for item, expected in zip(imported_mechanism.inputs, original.inputs, strict=True):
+        assert item.pair == expected.pair
+        assert item.start == pytest.approx(expected.start, abs=1e-12)
+        assert item.stop == pytest.approx(expected.stop, abs=1e-12)
+
+    closure = Closure.of_mechanism(original, make_joints(original))
+    driven = [original.angles[item.pair] for item in original.inputs]
     start = closure.at(values[None]).rotations[0]
     moved = values.copy()
     for _ in range(3):
-        moved[held] += 0.02
-        found = closure.solve(moved[None], held)
-        assert found.closure_residual[0] < 1e-13
-        moved = found.values[0]
-    here = closure.at(moved[None]).rotations[0]
-    there = configurations(again, moved[held])
-    for link in made.links:
-        k = made.link_number[link]
-        assert here[k] @ start[k].T == pytest.approx(
-            there[again.link_number[link]], abs=1e-12
-        )
+        moved[driven] += 0.02
+        solved = closure.solve(moved[None], driven)
+        assert solved.closure_residual[0] < 1e-13
+        moved = solved.values[0]
+    stop = closure.at(moved[None]).rotations[0]
+    imported_rotations = place_links(imported_mechanism, moved[driven])
+    for link in original.links:
+        k = original.link_number[link]
+        turn = stop[k] @ start[k].T
+        imported_turn = imported_rotations[imported_mechanism.link_number[link]]
+        assert turn == pytest.approx(imported_turn, abs=1e-12)
 
 
-def test_loads_and_masses_come_back(tmp_path):
-    loads_there = (
+def test_loads_and_masses_are_imported_again(tmp_path):
+    """A five-bar with loads of many kinds is exported to MJCF and imported.
+
+    Parameters of gravity, spring, damper and friction are equal, and the power of every
+    load in the pose. Masses are turned into the pose, where link frames are parallel to
+    that of the ground.
+    """
+    all_loads = (
         sk.Gravity("gravity", (1.0, 2.0, -9.0)),
         sk.Spring("spring_32", "32", 3.0, 0.2),
         sk.Damper("damper_51", "51", 0.1),
@@ -108,57 +132,67 @@ def test_loads_and_masses_come_back(tmp_path):
         sk.PointForce("push", "3", (0.1, 0.2, 0.9), ("1", "-2", "6"), "ground"),
         sk.Moment("spin", "4", ("0.4", "-0.2", "0.1"), "link"),
     )
-    mechanism = replace(
-        load("five_bar"), loads=loads_there, joint_limits=(JointLimit("54", -2.0, 0.5),)
-    )
-    made, values = find_pose(mechanism, inputs=[1.2, 1.3])
-    again = sk.import_mechanism(written(tmp_path, MujocoModel(made, values).text)).mechanism
-    found = {load.name: load for load in again.loads}
-    for load_there in loads_there[:4]:
-        one, other = (
-            np.hstack([x for x in vars(item).values() if not isinstance(x, str)])
-            for item in (found[load_there.name], load_there)
-        )
-        assert one == pytest.approx(other, rel=1e-13)
-    assert {*found} == {load.name for load in loads_there}
-    (limit,) = again.joint_limits
+    limits = (JointLimit("54", -2.0, 0.5),)
+    mechanism = replace(load("five_bar"), loads=all_loads, joint_limits=limits)
+    original, values = find_pose(mechanism, inputs=[1.2, 1.3])
+    path = write_model(tmp_path, MujocoModel(original, values).text)
+    imported_mechanism = sk.import_mechanism(path).mechanism
+
+    loads_by_name = {load.name: load for load in imported_mechanism.loads}
+    assert set(loads_by_name) == {load.name for load in all_loads}
+    for expected_load in all_loads[:4]:
+        numbers = numbers_of(loads_by_name[expected_load.name])
+        assert numbers == pytest.approx(numbers_of(expected_load), rel=1e-13)
+    (limit,) = imported_mechanism.joint_limits
     assert (limit.low, limit.high) == pytest.approx((-2.0, 0.5), rel=1e-13)
-    placed = Closure.of_mechanism(made, make_joints(made)).at(values[None]).rotations[0]
-    for mass in made.masses:
-        turn = placed[made.link_number[mass.link]]
-        other = next(each for each in again.masses if each.link == mass.link)
-        assert other.mass == pytest.approx(mass.mass, rel=1e-12)
-        assert other.centre == pytest.approx(turn @ mass.centre, abs=1e-13)
-        tensor = turn @ np.array(mass.tensor) @ turn.T
-        assert np.array(other.tensor) == pytest.approx(tensor, abs=3e-15)
-    # The power of every load at some state is that of the file that was exported.
-    kinematics = [_power(made, values, placed), _power(again, None, None)]
-    assert kinematics[0] == pytest.approx(kinematics[1], rel=1e-11)
+
+    closure = Closure.of_mechanism(original, make_joints(original))
+    rotations = closure.at(values[None]).rotations[0]
+    for mass in original.masses:
+        rotation = rotations[original.link_number[mass.link]]
+        (imported_mass,) = [x for x in imported_mechanism.masses if x.link == mass.link]
+        tensor = rotation @ np.array(mass.tensor) @ rotation.T
+        assert imported_mass.mass == pytest.approx(mass.mass, rel=1e-12)
+        assert imported_mass.centre == pytest.approx(rotation @ mass.centre, abs=1e-13)
+        assert np.array(imported_mass.tensor) == pytest.approx(tensor, abs=3e-15)
+
+    original_power = power_of_loads(original, values)
+    imported_power = power_of_loads(imported_mechanism)
+    assert original_power == pytest.approx(imported_power, rel=1e-11)
 
 
-def _power(mechanism, values, placed):
-    """Return the power of each load by name, while input 21 turns at 1 rad/s."""
+def numbers_of(load):
+    """Return all numbers of a load in one array."""
+    return np.hstack([x for x in vars(load).values() if not isinstance(x, str)])
+
+
+def power_of_loads(mechanism, values=None):
+    """Return the power of each load by name, while input 21 turns at 1 rad/s.
+
+    `values` are the joint angles (variables,); by default those of the reference pose.
+    """
     from spherekit.dynamics.coordinates import motion_by_variables
     from spherekit.dynamics.generalised_forces import Loads
 
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
-    values = make_joints_in_pose(mechanism)[1] if values is None else values
-    held = [mechanism.angles[item.pair] for item in mechanism.inputs]
-    motion = motion_by_variables(closure, values[None], held)
-    loads_here = Loads(mechanism)
-    velocities = loads_here.velocities(motion)[0, 0]
-    found = {}
-    for owner, part, rate in zip(
-        loads_here.owners, loads_here.components, velocities, strict=True
+    if values is None:
+        values = make_joints_in_pose(mechanism)[1]
+    driven = [mechanism.angles[item.pair] for item in mechanism.inputs]
+    motion = motion_by_variables(closure, values[None], driven)
+    variables = {"t": np.zeros(1)}
+    for k, name in enumerate(mechanism.variable_names):
+        variables[name] = motion.values[:, k]
+        variables[f"d{name}"] = motion.rates[:, 0, k]
+    mechanism_loads = Loads(mechanism)
+    velocities = mechanism_loads.velocities(motion)[0, 0]
+    power_by_name = {}
+    for owner, component, velocity in zip(
+        mechanism_loads.owners, mechanism_loads.components, velocities, strict=True
     ):
-        known = {"t": np.zeros(1)}
-        for k, name in enumerate(mechanism.variable_names):
-            known[name] = motion.values[:, k]
-            known[f"d{name}"] = motion.rates[:, 0, k]
-        power = float(part.magnitude.evaluate(known)[0]) * rate
-        name = loads_here.names[owner]
-        found[name] = found.get(name, 0.0) + power
-    return found
+        name = mechanism_loads.names[owner]
+        power = float(component.magnitude.evaluate(variables)[0]) * velocity
+        power_by_name[name] = power_by_name.get(name, 0.0) + power
+    return power_by_name
 
 
 GEARS = (HERE / "files" / "import_gears.xml").read_text(encoding="utf-8")
@@ -166,42 +200,65 @@ GEARS = (HERE / "files" / "import_gears.xml").read_text(encoding="utf-8")
 
 @pytest.mark.parametrize("ratio", [-0.5, 0.5, 3.0, -1.0])
 def test_joints_at_a_constant_ratio_are_gears(ratio, tmp_path):
+    """An equality of two joints in MJCF becomes a contact of wheels with that ratio.
+
+    The sines of the radii of bevel wheels are in the ratio of their rates.
+    """
     text = GEARS.format(axis="0 0.6 0.8", ratio=ratio, bent=0)
-    made = sk.import_mechanism(written(tmp_path, text)).mechanism
-    (contact,) = [pair for pair in made.pairs if pair.type == "Cr"]
-    rate = sk.evaluate(made, 0.3, poles=[], assembly_mode=0).variable_coefficient("two")
+    mechanism = sk.import_mechanism(write_model(tmp_path, text)).mechanism
+    (contact,) = [pair for pair in mechanism.pairs if pair.type == "Cr"]
+    rate = sk.evaluate(mechanism, 0.3, poles=[], assembly_mode=0).variable_coefficient(
+        "two"
+    )
     assert rate == pytest.approx(ratio, abs=1e-12)
     sizes = np.sin([profile.radius for profile in contact.profiles])
     by_link = dict(zip(contact.links, sizes, strict=True))
     assert by_link["one"] / by_link["two"] == pytest.approx(abs(ratio), rel=1e-12)
 
 
-def test_a_serial_wrist_turns_as_in_mujoco(tmp_path, capsys):
-    path = written(tmp_path, WRIST)
+def test_a_serial_wrist_turns_as_in_mujoco(tmp_path):
+    """Links of an imported wrist turn from the pose as MuJoCo's own kinematics says.
+
+    MuJoCo orders the joints yaw, pitch, roll; inputs are in the order of actuators.
+    """
+    mechanism = sk.import_mechanism(write_model(tmp_path, WRIST)).mechanism
+    model = mujoco.MjModel.from_xml_string(WRIST)
+    data = mujoco.MjData(model)
+
+    def mujoco_rotation(link):
+        return data.body(link).xmat.reshape(3, 3).copy()
+
+    mujoco.mj_forward(model, data)
+    links = ("fork", "hand")
+    start = {link: mujoco_rotation(link) for link in links}
+    yaw, pitch, roll = 0.3, -0.4, 0.7
+    data.qpos[:] = [yaw, pitch, roll]
+    mujoco.mj_forward(model, data)
+    rotations = place_links(mechanism, [yaw, roll, pitch])
+    for link in links:
+        turn = mujoco_rotation(link) @ start[link].T
+        assert rotations[mechanism.link_number[link]] == pytest.approx(turn, abs=1e-14)
+
+
+def test_the_command_imports_a_serial_wrist(tmp_path, capsys):
+    """Links, ranges, masses and loads of the MJCF file are in the written file."""
+    path = write_model(tmp_path, WRIST)
     target = tmp_path / "wrist.toml"
     assert main(["import", str(path), "-o", str(target)]) == 0
     assert "feedback of actuator" in capsys.readouterr().err
-    made = load(target)
-    assert made.links == ("stand", "fork", "hand_pitch", "hand")
-    assert [item.pair for item in made.inputs] == ["yaw", "roll", "pitch"]
-    limits = {item.pair: np.degrees([item.start, item.stop]) for item in made.inputs}
-    assert limits["yaw"] == pytest.approx([-60.0, 60.0])
-    assert limits["pitch"] == pytest.approx(np.degrees([-0.7, 0.5]))
+    mechanism = load(target)
+    assert mechanism.links == ("stand", "fork", "hand_pitch", "hand")
+    assert [item.pair for item in mechanism.inputs] == ["yaw", "roll", "pitch"]
+    ranges_deg = {
+        item.pair: np.degrees([item.start, item.stop]) for item in mechanism.inputs
+    }
+    assert ranges_deg["yaw"] == pytest.approx([-60.0, 60.0])
+    assert ranges_deg["pitch"] == pytest.approx(np.degrees([-0.7, 0.5]))
     text = target.read_text(encoding="utf-8")
     assert "centre of the sphere is at 0.1, 0.2, 0.4 m" in text
-    model = mujoco.MjModel.from_xml_string(WRIST)
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    start = {name: data.body(name).xmat.reshape(3, 3).copy() for name in ("fork", "hand")}
-    data.qpos[:] = [0.3, -0.4, 0.7]
-    mujoco.mj_forward(model, data)
-    placed = configurations(made, [0.3, 0.7, -0.4])
-    for name, before in start.items():
-        turned = data.body(name).xmat.reshape(3, 3) @ before.T
-        assert placed[made.link_number[name]] == pytest.approx(turned, abs=1e-14)
-    hand = next(mass for mass in made.masses if mass.link == "hand")
-    assert hand.mass == pytest.approx(0.3)
-    kinds = {load.name: load.kind for load in made.loads}
+    (hand_mass,) = [mass for mass in mechanism.masses if mass.link == "hand"]
+    assert hand_mass.mass == pytest.approx(0.3)
+    kinds = {load.name: load.kind for load in mechanism.loads}
     assert kinds == {
         "gravity": "gravity",
         "damper_yaw": "damper",
@@ -212,28 +269,38 @@ def test_a_serial_wrist_turns_as_in_mujoco(tmp_path, capsys):
 
 @pytest.mark.parametrize("loop", LOOPS)
 def test_a_urdf_closes_loops_by_elements_in_use(loop, tmp_path):
-    path = written(tmp_path, URDF.format(pivot=-0.1, loop=LOOPS[loop]), "wrist.urdf")
-    found = sk.import_mechanism(path)
-    made = found.mechanism
-    assert [item.pair for item in made.inputs] == ["left_axle", "right_axle"]
-    assert made.links == ("base", "left", "left_rod", "right", "hand")
+    """Each way in which URDF files close a loop gives the same five-bar.
+
+    `loop` is the extension's name; its element joins the tips of two chains.
+    """
+    path = write_model(tmp_path, URDF.format(pivot=-0.1, loop=LOOPS[loop]), "wrist.urdf")
+    result = sk.import_mechanism(path)
+    mechanism = result.mechanism
+    assert [item.pair for item in mechanism.inputs] == ["left_axle", "right_axle"]
+    assert mechanism.links == ("base", "left", "left_rod", "right", "hand")
     pairs = {"left_axle", "left_elbow", "right_axle", "pivot", "tip"}
-    assert {pair.name for pair in made.pairs} == pairs
-    assert np.abs(made.geometry.axes["tip"]) == pytest.approx([0.0, 0.0, 1.0])
-    assert made.masses[0].tensor[0] == pytest.approx((1e-4 + 0.2 * 0.0029, 0.0, 0.0))
-    assert loads(found.text).pairs == made.pairs
-    motion = sk.evaluate(made, [[0.2, 0.1]], assembly_mode=0)
+    assert {pair.name for pair in mechanism.pairs} == pairs
+    assert np.abs(mechanism.geometry.axes["tip"]) == pytest.approx([0.0, 0.0, 1.0])
+    assert mechanism.masses[0].tensor[0] == pytest.approx((1e-4 + 0.2 * 0.0029, 0.0, 0.0))
+    assert loads(result.text).pairs == mechanism.pairs
+    motion = sk.evaluate(mechanism, [[0.2, 0.1]], assembly_mode=0)
     assert motion.status[0] == sk.Status.OK
 
 
 def test_axes_that_miss_are_refused_with_their_distances(tmp_path, capsys):
-    path = written(tmp_path, URDF.format(pivot=-0.09, loop=LOOPS["origins"]), "off.urdf")
-    assert main(["import", str(path), "-o", str(tmp_path / "x.toml")]) == 1
-    said = capsys.readouterr().err
-    assert (
-        "do not meet in a point" in said and "4 of 5 pass the point 0.0, 0.0, 0.3" in said
+    """Joint axes that miss the common centre by 1 cm are refused, unless `within` allows
+    it.
+    """
+    path = write_model(
+        tmp_path, URDF.format(pivot=-0.09, loop=LOOPS["origins"]), "off.urdf"
     )
-    assert "joint pivot: 0.01 m" in said and "joint left_axle: 0 m" in said
+    assert main(["import", str(path), "-o", str(tmp_path / "x.toml")]) == 1
+    message = capsys.readouterr().err
+    assert (
+        "do not meet in a point" in message
+        and "4 of 5 pass the point 0.0, 0.0, 0.3" in message
+    )
+    assert "joint pivot: 0.01 m" in message and "joint left_axle: 0 m" in message
     assert not (tmp_path / "x.toml").exists()
     assert sk.import_mechanism(path, within=0.02).mechanism.pairs
 
@@ -242,34 +309,40 @@ WORLD = "<mujoco><worldbody>{}</worldbody></mujoco>"
 
 
 def imported(text, name="model.xml"):
-    return sk.import_mechanism(written(Path(), text, name))
+    return sk.import_mechanism(write_model(Path(), text, name))
 
 
 @pytest.mark.parametrize("call", TABLES["imports"])
 def test_what_is_no_spherical_mechanism_is_refused(call, tmp_path, monkeypatch):
+    """Each call of the table "imports" of `refusals.toml` raises the error stated there."""
     monkeypatch.chdir(tmp_path)
     check_call(call, globals(), TABLES["imports"][call])
 
 
 def test_a_loop_that_is_open_in_the_file_is_closed(tmp_path):
-    """The tip on the hand is 0.2 rad away from that on the rod where joints are zero."""
+    """A loop that is 0.2 rad open where all joints are zero is closed by moving other
+    joints.
+
+    The arcs between the axes of each link are those of the file: cos = 0.8 for the rod.
+    """
     place = f"{0.1 * np.sin(0.2)} 0 {0.1 * np.cos(0.2) - 0.2}"
     loop = LOOPS["two link1"].replace("0 0 -0.1", place)
-    found = sk.import_mechanism(
-        written(tmp_path, URDF.format(pivot=-0.1, loop=loop), "wrist.urdf")
+    result = sk.import_mechanism(
+        write_model(tmp_path, URDF.format(pivot=-0.1, loop=loop), "wrist.urdf")
     )
-    assert "loops are open in the file's pose" in found.text
-    axes = {name: np.array(axis) for name, axis in found.mechanism.geometry.axes.items()}
+    assert "loops are open in the file's pose" in result.text
+    axes = {name: np.array(axis) for name, axis in result.mechanism.geometry.axes.items()}
     assert axes["tip"] @ axes["left_elbow"] == pytest.approx(0.8, abs=1e-13)
     wanted = 0.6 * np.sin(0.2) + 0.8 * np.cos(0.2)
     assert axes["tip"] @ axes["pivot"] == pytest.approx(wanted, abs=1e-13)
     assert axes["left_axle"] == pytest.approx([1.0, 0.0, 0.0], abs=1e-15)
-    values = found.mechanism.geometry.values
+    values = result.mechanism.geometry.values
     assert "left_axle" not in values and abs(values["pivot"]) > 0.01
 
 
 def test_a_model_whose_joints_are_all_locked_is_refused(tmp_path):
-    path = written(
+    """A model in which equalities lock every joint has no motion and is refused."""
+    path = write_model(
         tmp_path,
         '<mujoco><worldbody><body name="a"><joint name="j"/>'
         '<inertial mass="1" pos="0.1 0 0" diaginertia="1 1 1"/></body></worldbody>'

@@ -23,8 +23,8 @@ from spherekit.positions.motion import make_motion
 from spherekit.scenes.scene import SphereMap
 
 CLOSED = ("five_bar", "two_dof_spm", "three_rrr", "agile_eye")
-AWAY = 0.05
-"""Measures above this are not near a singularity."""
+LEAST_MEASURE = 0.05
+"""Configurations with a larger measure of type I or II are not near a singularity."""
 
 
 found_in = partial(run_single_analysis, "inverse_kinematics")
@@ -46,90 +46,120 @@ def solver(request):
 
 
 def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
-    """Every pair's variable in the loops, and the Jacobian by a second formulation."""
-    pairs = range(len(solver.mechanism.pairs))
+    """Joint angles close the loops; rates and measures agree with a second formulation.
+
+    Rates of inputs by outputs come from inverting the velocities of the output, and the
+    type II measure is the least misfit of the velocity equations of all links with the
+    inputs locked (`oracles.velocity_equations`).
+    """
+    mechanism = solver.mechanism
+    output = solver.output
+    pairs = range(len(mechanism.pairs))
     poses = poses_for(solver, 60)
     rows = solver.inverse(poses, solver.labels, pairs)
-    good = np.asarray(rows.status == sk.Status.OK) & (rows.type_1.min(axis=1) > AWAY)
-    good &= rows.type_2 > AWAY
-    assert np.sum(good) > 40 and np.max(solver.residual(rows.values[good])) < 1e-13
-    own = ForwardKinematics(solver.mechanism).solver
-    turns = output_rates(make_motion(own, rows.values[good]), solver.output)
-    directions = poses[rows.pose[good]] if solver.points else None
-    rates, type_1 = invert_output_rates(turns, directions)
-    known = np.isfinite(turns).all(axis=(1, 2))
-    assert np.mean(known) > 0.9
-    size = np.max(np.abs(rows.rates[good][known]), axis=(1, 2))
-    gap = np.max(np.abs(rates - rows.rates[good])[known], axis=(1, 2))
+    is_regular = np.asarray(rows.status == sk.Status.OK)
+    is_regular &= rows.type_1.min(axis=1) > LEAST_MEASURE
+    is_regular &= rows.type_2 > LEAST_MEASURE
+    assert np.sum(is_regular) > 40
+    values = rows.values[is_regular]
+    expected_rates = rows.rates[is_regular]
+    assert np.max(solver.residual(values)) < 1e-13
+
+    position_solver = ForwardKinematics(mechanism).solver
+    output_velocities = output_rates(make_motion(position_solver, values), output)
+    directions = poses[rows.pose[is_regular]] if solver.points else None
+    rates, type_1 = invert_output_rates(output_velocities, directions)
+    is_finite = np.isfinite(output_velocities).all(axis=(1, 2))
+    assert np.mean(is_finite) > 0.9
+    size = np.max(np.abs(expected_rates[is_finite]), axis=(1, 2))
+    gap = np.max(np.abs(rates - expected_rates)[is_finite], axis=(1, 2))
     assert np.max(gap / size) < 1e-10
-    assert np.max(np.abs(type_1 - rows.type_1[good])[known]) < 1e-10
-    mechanism, output = solver.mechanism, solver.output
-    at = own.closure.at(rows.values[good])
-    placed, axes = at.rotations, at.vectors
-    link, of = (mechanism.link_number[n] for n in (output.link, output.relative_to))
-    for k in range(0, len(axes), 5):
-        direction = None if directions is None else directions[k]
-        if direction is not None:
-            direction = placed[k, of] @ direction
-        least = least_misfit(mechanism.ends, axes[k], own.driven, link, of, direction)
-        assert abs(rows.type_2[good][k] - least) < 1e-12
+    type_1_gap = np.abs(type_1 - rows.type_1[is_regular])
+    assert np.max(type_1_gap[is_finite]) < 1e-10
+
+    closed = position_solver.closure.at(values)
+    link = mechanism.link_number[output.link]
+    base = mechanism.link_number[output.relative_to]
+    for k in range(0, len(values), 5):
+        direction = None
+        if directions is not None:
+            direction = closed.rotations[k, base] @ directions[k]
+        misfit = least_misfit(
+            mechanism.ends, closed.vectors[k], position_solver.driven, link, base, direction
+        )
+        assert abs(rows.type_2[is_regular][k] - misfit) < 1e-12
 
 
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])
 def test_forward_of_inverse_names_the_working_mode(name):
+    """Forward kinematics of the inputs for a pose lists the pose with its working mode.
+
+    A working mode has a sign per leg. Inputs are given in radians as text.
+    """
     solver = output_kinematics(sk.load(name))
-    rows = solver.inverse(spiral_directions(40), solver.labels)
-    good = np.flatnonzero((rows.status == sk.Status.OK) & (rows.type_2 > AWAY))[:40]
-    names = solver.mechanism.input_pairs
-    text = "+".join(
-        f"{name}={value!r}"
-        for q in rows.inputs[good].tolist()
-        for name, value in zip(names, q, strict=True)
-    )
-    result, findings = found_in(name, poses=text, unit="rad")
-    assert findings["inputs"] == len(good)
+    directions = spiral_directions(40)
+    rows = solver.inverse(directions, solver.labels)
+    is_regular = (rows.status == sk.Status.OK) & (rows.type_2 > LEAST_MEASURE)
+    chosen = np.flatnonzero(is_regular)[:40]
+    input_texts = []
+    for inputs in rows.inputs[chosen].tolist():
+        for pair, value in zip(solver.mechanism.input_pairs, inputs, strict=True):
+            input_texts.append(f"{pair}={value!r}")
+    result, findings = found_in(name, poses="+".join(input_texts), unit="rad")
+    assert findings["inputs"] == len(chosen)
     table = result.frame("inverse_kinematics", "forward")
-    places = spiral_directions(40)[rows.pose[good]]
     legs = list(solver.form.plane.driven) if solver.form else [0, 1]
-    for number, at in enumerate(good):
-        own = table[table["pose"] == number]
-        gap = np.linalg.norm(own[["x", "y", "z"]].to_numpy() - places[number], axis=1)
-        best = own[gap < 1e-11]
-        assert len(best)
-        signs = {"".join(label[k] for k in legs) for label in best["working_mode"]}
-        assert signs == {"".join(rows.mode[at][k] for k in legs)}
+    for number, row in enumerate(chosen):
+        solutions = table[table["pose"] == number]
+        expected = directions[rows.pose[row]]
+        gap = np.linalg.norm(solutions[["x", "y", "z"]].to_numpy() - expected, axis=1)
+        matching = solutions[gap < 1e-11]
+        assert len(matching)
+        signs = {"".join(label[k] for k in legs) for label in matching["working_mode"]}
+        assert signs == {"".join(rows.mode[row][k] for k in legs)}
 
 
 def test_phi_and_gamma_of_the_paper():
-    """Table 3's first pose: the four sets of driving angles."""
+    """The first pose of Table 3 (Chen et al. 2021) has the four printed sets of angles
+    (deg).
+    """
     result, findings = found_in("two_dof_spm", poses="phi=75+gamma=-20")
     table = result.frame()
     inputs = np.degrees(table[["q_21", "q_61"]].to_numpy())
-    for each in product((5.3391, 113.7956), (56.7404, 100.7573)):
-        assert np.min(np.abs(inputs - each).max(axis=1)) < 1e-4
+    for printed in product((5.3391, 113.7956), (56.7404, 100.7573)):
+        assert np.min(np.abs(inputs - printed).max(axis=1)) < 1e-4
     assert findings["poses_by_number_of_solutions"] == {"8": 1}
     assert findings["largest_closure_residual_rad"] < 1e-14
 
 
 def test_derivatives_of_phi_and_gamma_by_differences():
-    """Of rows at poses, in every working mode, by the poses at inputs beside."""
+    """Derivatives of the mid-plane's angles by the inputs agree with central differences.
+
+    In every working mode the forward kinematics is evaluated 1e-6 rad beside each input.
+    """
     step = 1e-6
     result, _ = found_in("two_dof_spm", poses="phi=40+gamma=9")
     solver = output_kinematics(sk.load("two_dof_spm"))
+
+    def phi_and_gamma(inputs):
+        solutions = solver.forward(inputs[None])
+        return [angle[0] for angle in solver.form.angles_to(solutions.directions[:1])[:2]]
+
     for row in result.frame().to_dict("records"):
-        at = np.array([row["q_21"], row["q_61"]])
+        inputs = np.array([row["q_21"], row["q_61"]])
         for k, pair in enumerate(("21", "61")):
-            beside = [solver.forward((at + x * np.eye(2)[k])[None]) for x in (-step, step)]
-            angles = [solver.form.angles_to(found.directions[:1]) for found in beside]
-            for at_name, name in enumerate(("phi", "gamma")):
-                one, other = (item[at_name][0] for item in angles)
-                slope = row[f"d{name}_dq_{pair}"]
-                assert abs((other - one) / (2.0 * step) - slope) < 1e-7 * (1.0 + abs(slope))
+            before = phi_and_gamma(inputs - step * np.eye(2)[k])
+            after = phi_and_gamma(inputs + step * np.eye(2)[k])
+            for angle, name in enumerate(("phi", "gamma")):
+                expected = row[f"d{name}_dq_{pair}"]
+                derivative = (after[angle] - before[angle]) / (2.0 * step)
+                assert abs(derivative - expected) < 1e-7 * (1.0 + abs(expected))
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("name", [*CLOSED, "universal_joint"])
 def test_the_pose_that_is_offered_is_one(name):
+    """Without poses the analysis is refused with an example, which then works."""
     with pytest.raises(AnalysisError, match="found no poses") as problem:
         sk.run(name, "inverse_kinematics")
     poses = str(problem.value).split("poses=")[1].split(",")[0]
@@ -137,67 +167,97 @@ def test_the_pose_that_is_offered_is_one(name):
     assert len(found_in(name, poses=poses)[0].frame("inverse_kinematics", table))
 
 
-def test_sets_of_inputs_are_counted_and_told():
-    asked = "inverse_kinematics:poses=21=60+51=100+21=40+51=50"
-    said = sk.run("five_bar", asked).summary["remarks"]
-    assert "4 configurations at 2 sets of inputs" in said[0] and len(said) == 5
-    assert "inputs 1: azimuth = 64.2121 deg, tilt = 113.683 deg, working mode" in said[4]
+def test_remarks_list_the_configurations_at_each_set_of_inputs():
+    analysis = "inverse_kinematics:poses=21=60+51=100+21=40+51=50"
+    remarks = sk.run("five_bar", analysis).summary["remarks"]
+    assert "4 configurations at 2 sets of inputs" in remarks[0] and len(remarks) == 5
+    assert "inputs 1: azimuth = 64.2121 deg, tilt = 113.683 deg, working mode" in remarks[4]
 
 
-def test_all_ways_to_say_an_orientation(tmp_path):
-    turn = Rotation.from_euler("ZYZ", [0.5, 0.7, -1.4])
-    x, y, z, w = turn.as_quat()
+def test_columns_of_a_file_state_an_orientation_in_five_ways(tmp_path):
+    """Quaternion, rotation vector, tilt and torsion, or a matrix give the same inputs.
+
+    SciPy computes them from one rotation. Columns may be in any order, and others are
+    ignored.
+    """
+    rotation = Rotation.from_euler("ZYZ", [0.5, 0.7, -1.4])
+    x, y, z, w = rotation.as_quat()
     solver = output_kinematics(sk.load("three_rrr"))
-    said = {
-        "qx+qy+qz+qw": [x, y, z, w],
-        "qz+qy+qx+qw": [z, y, x, w],
-        "rx+ry+rz": turn.as_rotvec(),
-        "azimuth+tilt+torsion": [0.5, 0.7, -0.9],
-        "+".join(f"r{i}{k}" for i in "123" for k in "123"): turn.as_matrix().ravel(),
+    numbers_by_columns = {
+        "qx,qy,qz,qw": [x, y, z, w],
+        "qz,qy,qx,qw": [z, y, x, w],
+        "rx,ry,rz": rotation.as_rotvec(),
+        "azimuth,tilt,torsion": [0.5, 0.7, -0.9],
+        "r11,r12,r13,r21,r22,r23,r31,r32,r33": rotation.as_matrix().ravel(),
     }
-    rows = []
-    for names, numbers in said.items():
-        path = tmp_path / "poses.csv"
-        line = ",".join(repr(float(v)) for v in numbers)
-        path.write_text(names.replace("+", ",") + f",note\n{line},7\n")
+    path = tmp_path / "poses.csv"
+    inputs = []
+    for columns, numbers in numbers_by_columns.items():
+        line = ",".join(repr(float(number)) for number in numbers)
+        path.write_text(f"{columns},note\n{line},7\n")
         poses = read_poses(solver, "test", file=str(path), unit="rad").poses
-        rows.append(solver.inverse(poses, solver.labels).inputs)
-    assert np.isfinite(rows[0]).all() and len(rows[0]) == 8
-    for row in rows[1:]:
-        assert np.max(wrapped(row - rows[0])) < 1e-14
+        inputs.append(solver.inverse(poses, solver.labels).inputs)
+    assert len(inputs[0]) == 8
+    assert np.isfinite(inputs[0]).all()
+    for other_inputs in inputs[1:]:
+        assert np.max(wrapped(other_inputs - inputs[0])) < 1e-14
+
+
+def test_a_file_of_poses_may_be_empty(tmp_path):
+    """A file with a heading only has no poses, and the run does not fail."""
+    path = tmp_path / "poses.csv"
     path.write_text("rx,ry,rz\n")
     _, findings = found_in("three_rrr", file=path)
     assert findings["poses"] == 0
 
 
-def test_own_tables_are_read_again(tmp_path):
-    """By the units in Parquet, beside CSV or in its header; inputs lead back to poses."""
+def test_written_tables_are_read_again(tmp_path):
+    """Tables of the analysis in Parquet or CSV are read as poses, in their units.
+
+    The unit is in the Parquet file, in a file beside the CSV, or in the CSV's heading.
+    """
     result, _ = found_in(
         "five_bar", window="azimuth:10:50:3+tilt:60:70:2", working_mode="+-"
     )
     for degrees in (False, True):
         result.write(tmp_path / str(degrees), degrees=degrees)
-    path = tmp_path / "False" / "inverse_kinematics.parquet"
-    alone = (tmp_path / "True" / "inverse_kinematics.csv").rename(tmp_path / "alone.csv")
-    for file in (path, path.with_suffix(".csv"), alone):
-        asked = {"file": file, "columns": "azimuth+tilt", "working_mode": "+-"}
-        again, _ = found_in("five_bar", **asked)
-        one, other = (each.frame()[["q_21", "q_51"]].to_numpy() for each in (result, again))
-        assert np.max(np.abs(one - other)) < (1e-14 if file == path else 1e-12)
-    back, findings = found_in("five_bar", file=path, columns="21+51")
-    assert findings["inputs"] == len(one)
-    table = back.frame("inverse_kinematics", "forward")
-    own = table[table["working_mode"] == "+-"][["x", "y", "z"]].to_numpy()
-    assert np.max(np.abs(own - result.frame()[["x", "y", "z"]].to_numpy())) < 1e-12
+    parquet = tmp_path / "False" / "inverse_kinematics.parquet"
+    csv_beside_parquet = parquet.with_suffix(".csv")
+    csv_in_degrees = tmp_path / "True" / "inverse_kinematics.csv"
+    csv_alone = csv_in_degrees.rename(tmp_path / "alone.csv")
+    inputs = result.frame()[["q_21", "q_51"]].to_numpy()
+    for file in (parquet, csv_beside_parquet, csv_alone):
+        again, _ = found_in(
+            "five_bar", file=file, columns="azimuth+tilt", working_mode="+-"
+        )
+        inputs_again = again.frame()[["q_21", "q_51"]].to_numpy()
+        tolerance = 1e-14 if file == parquet else 1e-12
+        assert np.max(np.abs(inputs_again - inputs)) < tolerance
 
 
-def of_file(name, lines):
+def test_the_inputs_of_a_written_table_lead_back_to_its_poses(tmp_path):
+    """Forward kinematics of the columns of inputs has the directions of the table."""
+    result, _ = found_in(
+        "five_bar", window="azimuth:10:50:3+tilt:60:70:2", working_mode="+-"
+    )
+    result.write(tmp_path)
+    poses = result.frame()[["x", "y", "z"]].to_numpy()
+    path = tmp_path / "inverse_kinematics.parquet"
+    forward_result, findings = found_in("five_bar", file=path, columns="21+51")
+    assert findings["inputs"] == len(poses)
+    table = forward_result.frame("inverse_kinematics", "forward")
+    directions = table[table["working_mode"] == "+-"][["x", "y", "z"]].to_numpy()
+    assert np.max(np.abs(directions - poses)) < 1e-12
+
+
+def read_bad_file(name, lines):
     Path("bad.csv").write_text(lines)
     found_in(name, file="bad.csv")
 
 
 @pytest.mark.parametrize("call", TABLES["poses asked for"])
-def test_what_is_asked_wrongly_is_refused(call, tmp_path, monkeypatch):
+def test_bad_poses_are_refused(call, tmp_path, monkeypatch):
+    """Each call of "poses asked for" in `refusals.toml` raises the error stated there."""
     monkeypatch.chdir(tmp_path)
     check_call(call, globals(), TABLES["poses asked for"][call])
 
@@ -213,50 +273,64 @@ def test_forward_of_one_freedom():
 
 
 def test_rows_out_of_reach_offer_the_nearest_pose():
+    """A direction out of reach has NaN inputs, a negative margin, and the nearest
+    direction.
+
+    The nearest direction can be reached, and `away` is its angle (rad) to the wanted one.
+    """
     mechanism = sk.load("five_bar")
     result, findings = found_in(
         mechanism, poses="x=0+y=0+z=-1+x=1+y=0+z=0+x=0.3+y=1+z=0.2", working_mode="++"
     )
     table = result.frame()
-    out = table[table["status"] == "OUT_OF_REACH"]
-    assert out[["q_21", "q_51", "rate_x_21", "type_2"]].isna().all(axis=None)
-    assert (out["margin"] < 0.0).all() and out["limiting"].str.startswith("axes").all()
-    near = out[["near_x", "near_y", "near_z"]].to_numpy(float)
-    cosine = np.sum(near * out[["x", "y", "z"]].to_numpy(float), axis=1)
-    assert len(out) and np.max(np.abs(np.arccos(cosine) - out["away"])) < 1e-7
-    rows = output_kinematics(mechanism).inverse(near, ["++"])
+    unreached = table[table["status"] == "OUT_OF_REACH"]
+    assert unreached[["q_21", "q_51", "rate_x_21", "type_2"]].isna().all(axis=None)
+    assert (unreached["margin"] < 0.0).all() and unreached["limiting"].str.startswith(
+        "axes"
+    ).all()
+    nearest = unreached[["near_x", "near_y", "near_z"]].to_numpy(float)
+    cosine = np.sum(nearest * unreached[["x", "y", "z"]].to_numpy(float), axis=1)
+    assert len(unreached) and np.max(np.abs(np.arccos(cosine) - unreached["away"])) < 1e-7
+    rows = output_kinematics(mechanism).inverse(nearest, ["++"])
     assert np.all(rows.margin >= 0.0) and findings["limits"]
 
 
 def test_nearest_orientation_is_inside():
+    """The nearest orientation offered for one out of reach can be reached."""
     poses = "azimuth=0+tilt=60+torsion=180+azimuth=240+tilt=80+torsion=90"
     table = found_in("three_rrr", poses=poses, working_mode="+++")[0].frame()
-    out = table[table["status"] == "OUT_OF_REACH"]
-    near = out[[f"near_{axis}" for axis in "xyzw"]].to_numpy(float)
+    unreached = table[table["status"] == "OUT_OF_REACH"]
+    nearest = unreached[[f"near_{axis}" for axis in "xyzw"]].to_numpy(float)
     solver = output_kinematics(sk.load("three_rrr"))
-    rows = solver.inverse(Rotation.from_quat(near).as_matrix(), ["+++"])
-    assert len(out) and np.all(rows.margin >= 0.0) and np.all(out["away"] > 0.0)
+    rows = solver.inverse(Rotation.from_quat(nearest).as_matrix(), ["+++"])
+    assert len(unreached) and np.all(rows.margin >= 0.0) and np.all(unreached["away"] > 0.0)
 
 
 @pytest.mark.parametrize("how", ["window", "poses"])
-def test_scene(how):
-    """A window is a mesh, a list is points; values are the numbers of solutions."""
-    watcher = SceneListener()
-    text = "azimuth:0:350:36+tilt:5:175:18"
-    if how == "poses":
-        text = "+".join(f"azimuth={a}+tilt={b}" for a, b in ((10, 20), (60, 70), (10, 179)))
-    asked = [f"inverse_kinematics:{how}={text},nearest=0"]
-    result = sk.run(sk.load("five_bar"), asked, samples=2, search=False, recorder=watcher)
-    assert not result.failures
-    shown = next(
-        p for p in watcher.primitives_by_page["Inverse"] if isinstance(p, SphereMap)
+def test_the_scene_shows_the_number_of_solutions_of_each_pose(how):
+    """A window of directions is drawn as a mesh, a list as points, coloured by solutions.
+
+    A window of 36 x 18 directions has 2 x 35 x 17 triangles.
+    """
+    scene_listener = SceneListener()
+    if how == "window":
+        text = "azimuth:0:350:36+tilt:5:175:18"
+    else:
+        text = "azimuth=10+tilt=20+azimuth=60+tilt=70+azimuth=10+tilt=179"
+    analysis = f"inverse_kinematics:{how}={text},nearest=0"
+    result = sk.run(
+        sk.load("five_bar"), [analysis], samples=2, search=False, recorder=scene_listener
     )
-    assert len(shown.triangles) == (2 * 35 * 17 if how == "window" else 0)
+    assert not result.failures
+    pages = scene_listener.primitives_by_page
+    assert set(pages) >= {"Inverse", "Measure"}
+    sphere_map = next(x for x in pages["Inverse"] if isinstance(x, SphereMap))
+    assert len(sphere_map.triangles) == (2 * 35 * 17 if how == "window" else 0)
     table = result.frame()
-    solved = table[table["status"] != "OUT_OF_REACH"].groupby("pose").size()
-    assert np.array_equal(np.flatnonzero(shown.values), solved.index)
-    assert np.array_equal(shown.values[shown.values > 0], solved)
-    assert set(watcher.primitives_by_page) >= {"Inverse", "Measure"}
+    solutions = table[table["status"] != "OUT_OF_REACH"].groupby("pose").size()
+    shown = sphere_map.values
+    assert np.array_equal(np.flatnonzero(shown), solutions.index)
+    assert np.array_equal(shown[shown > 0], solutions)
 
 
 def test_pairs_asked_for():
@@ -276,22 +350,31 @@ def test_at_the_image_of_the_output_nothing_is_determined():
 
 
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
-def test_row_by_row_is_the_same(name):
-    """The position analysis of all links, and its velocity equations, as a second way."""
-    closed = output_kinematics(sk.load(name))
-    graph = GraphKinematics(closed.kinematics)
-    poses, pairs = poses_for(closed, 6), range(len(closed.mechanism.pairs))
-    one, other = (x.inverse(poses, x.labels, pairs) for x in (closed, graph))
-    rows = [
-        np.array([k for k in np.lexsort((x.mode, x.pose)) if x.solved[k]])
-        for x in (one, other)
-    ]
-    one, empty, other = one.rows(rows[0]), other.rows(~other.solved), other.rows(rows[1])
-    assert np.array_equal(one.pose, other.pose) and np.array_equal(one.mode, other.mode)
-    assert np.max(wrapped(one.values - other.values)) < 1e-12
-    assert np.max(np.abs(one.rates - other.rates)) < 1e-11
-    assert np.max(np.abs(one.type_2 - other.type_2)) < 1e-12
-    assert np.all(empty.mode == "") and np.all(np.isnan(empty.inputs))
+def test_closed_form_rows_equal_those_of_the_graph_of_links(name):
+    """The closed form has the rows of the position analysis of all links.
+
+    The second way solves loops and velocity equations of the whole graph of links. Rows are
+    sorted by pose and working mode before they are compared.
+    """
+    closed_form = output_kinematics(sk.load(name))
+    graph = GraphKinematics(closed_form.kinematics)
+    poses = poses_for(closed_form, 6)
+    pairs = range(len(closed_form.mechanism.pairs))
+
+    def solved_rows(kinematics):
+        rows = kinematics.inverse(poses, kinematics.labels, pairs)
+        order = [k for k in np.lexsort((rows.mode, rows.pose)) if rows.solved[k]]
+        return rows.rows(np.array(order)), rows.rows(~rows.solved)
+
+    rows, _ = solved_rows(closed_form)
+    graph_rows, unsolved = solved_rows(graph)
+    assert np.array_equal(rows.pose, graph_rows.pose)
+    assert np.array_equal(rows.mode, graph_rows.mode)
+    assert np.max(wrapped(rows.values - graph_rows.values)) < 1e-12
+    assert np.max(np.abs(rows.rates - graph_rows.rates)) < 1e-11
+    assert np.max(np.abs(rows.type_2 - graph_rows.type_2)) < 1e-12
+    assert np.all(unsolved.mode == "")
+    assert np.all(np.isnan(unsolved.inputs))
 
 
 def test_what_is_no_parquet_file_is_refused(tmp_path):
