@@ -56,19 +56,21 @@ def angle():
     return formulas("four_bar", ["theta_41"])
 
 
-def exported(folder, text, language):
-    """Return the path of a mechanism with a text, exported by the command."""
+def export_with_command(folder, text, language):
+    """Export a mechanism with a text in all its free fields by the command; return the
+    path.
+    """
     file = folder / "four_bar.toml"
     file.write_text(hostile_file(text), "utf-8")
     target = folder / f"out.{ENDINGS[language]}"
-    words = ["export", str(file), "--to", language, "-o", str(target), "--quiet"]
+    arguments = ["export", str(file), "--to", language, "-o", str(target), "--quiet"]
     sources = language in MARK
-    assert main([*words, *(["--quantities", "theta_41"] if sources else [])]) == 0
+    assert main([*arguments, *(["--quantities", "theta_41"] if sources else [])]) == 0
     return target
 
 
-def printed(folder, text, language, name="printed"):
-    """Return the path of a source with a text, as the command writes it."""
+def write_source(folder, text, language, name="printed"):
+    """Write the source of a mechanism whose citation is a text; return its path."""
     path = folder / f"{name}.{ENDINGS[language]}"
     mechanism = replace(angle().mechanism, source=Source(text, text))
     path.write_text(source(replace(angle(), mechanism=mechanism), language), "utf-8")
@@ -77,9 +79,12 @@ def printed(folder, text, language, name="printed"):
 
 @pytest.fixture(scope="module")
 def harmless(tmp_path_factory):
-    """Returns the export to a language of the file with a plain citation."""
+    """Return a function: language -> path of the export of the file with a plain citation.
+    """
     return cache(
-        lambda language: exported(tmp_path_factory.mktemp(language), "plain", language)
+        lambda language: export_with_command(
+            tmp_path_factory.mktemp(language), "plain", language
+        )
     )
 
 
@@ -89,22 +94,22 @@ def words_of(text):
 
 
 def assert_readable(text, comment):
-    """Every word stands in a comment in its order; long ones may be broken there."""
+    """Assert that a comment has every word of a text, in one piece but for line breaks."""
     letters = re.sub(r"\[U\+[0-9A-F]+\]|[\W_]", "", comment)
     for word in words_of(text):
         assert word in letters, word
 
 
 def comment_of(path, language):
-    """Return the lines at the head of a source that are its comment, without marks."""
+    """Return the comment at the beginning of a source, without its marks."""
     lines = path.read_text("utf-8").split("\n")[1 if language == "c" else 0 :]
     mark = MARK[language]
-    head = []
+    comment_lines = []
     for line in lines:
         if not line.startswith(mark) or line == " */":
             break
-        head.append(line.removeprefix(mark))
-    return "\n".join(head)
+        comment_lines.append(line.removeprefix(mark))
+    return "\n".join(comment_lines)
 
 
 def compiler_of(language):
@@ -115,7 +120,7 @@ def compiler_of(language):
 
 
 def assert_compiles(paths, language):
-    """Sources are correct, by the compiler or interpreter of their language."""
+    """Assert that sources are correct, by the compiler or interpreter of their language."""
     files = [str(path) for path in paths]
     if language in ("c", "cpp"):
         subprocess.run([*compiler_of(language), "-fsyntax-only", *files], check=True)
@@ -125,10 +130,10 @@ def assert_compiles(paths, language):
         subprocess.run([NODE, "--input-type=module", "-e", program], check=True)
 
 
-def stripped(path, language):
-    """Return what a language reads of a source: no comment is left in it.
+def code_without_comments(path, language):
+    """Return what a language reads of a source: its text or tree without comments.
 
-    The preprocessor of C warns about signs in comments that look like code.
+    The preprocessor of C also warns about signs in comments that look like code.
     """
     if language in ("c", "cpp"):
         words = [*compiler_of(language), "-E", "-P", str(path)]
@@ -151,79 +156,104 @@ NEEDED = {"c": GCC, "cpp": GPP, "js": NODE}
 
 @pytest.mark.many
 @pytest.mark.parametrize("language", MARK)
-def test_hostile_texts_are_comments_of_sources(language, harmless, tmp_path):
+def test_hostile_citations_change_only_the_comments_of_sources(
+    language, harmless, tmp_path
+):
+    """Whatever a citation contains, the code of the source stays and it compiles.
+
+    `TEXTS` try to end a comment, to hide characters or to change the direction of writing.
+    They are compared with a source with a plain citation; all words can still be read.
+    """
     if not NEEDED.get(language, "always"):
         pytest.skip(f"there is no compiler of {language}")
-    code = stripped(harmless(language), language)
-    of_command = exported(tmp_path, EVERY, language)
-    assert stripped(of_command, language) == code
-    paths = {
-        what: printed(tmp_path, text, language, f"printed_{number}")
-        for number, (what, text) in enumerate(TEXTS.items())
-    }
-    # What the preprocessor leaves of each is the same, so that one file is enough in C.
-    every = [*paths.values()] if language == "js" else []
-    assert_compiles([harmless(language), of_command, *every], language)
-    for what, text in TEXTS.items():
-        path = paths[what]
-        assert stripped(path, language) == code, what
+    expected_code = code_without_comments(harmless(language), language)
+    all_texts_path = export_with_command(tmp_path, EVERY, language)
+    assert code_without_comments(all_texts_path, language) == expected_code
+    path_by_title = {}
+    for number, (title, text) in enumerate(TEXTS.items()):
+        path = write_source(tmp_path, text, language, f"printed_{number}")
+        path_by_title[title] = path
+    # C sources are equal without comments, so that compiling one of them is enough.
+    more_paths = list(path_by_title.values()) if language == "js" else []
+    assert_compiles([harmless(language), all_texts_path, *more_paths], language)
+    for title, text in TEXTS.items():
+        path = path_by_title[title]
+        assert code_without_comments(path, language) == expected_code, title
         comment = comment_of(path, language)
-        assert not escaping.HIDDEN_CHARACTERS.search(comment.replace("\n", "")), what
+        assert not escaping.HIDDEN_CHARACTERS.search(comment.replace("\n", "")), title
         assert_readable(text, comment)
 
 
 def test_a_module_of_hostile_texts_runs(tmp_path):
-    """What `node` imports has no more than what it exports."""
+    """Node imports a module with hostile texts; it exports two functions and sets nothing.
+    """
     if not NODE:
         pytest.skip("there is no node")
-    path = exported(tmp_path, EVERY, "js")
+    path = export_with_command(tmp_path, EVERY, "js")
     program = (
         f"import * as made from {json.dumps(path.as_uri())};"
         "console.log(JSON.stringify([Object.keys(made), globalThis.HACKED ?? 0]))"
     )
-    words = [NODE, "--input-type=module", "-e", program]
-    said = subprocess.run(words, check=True, capture_output=True, text=True).stdout
-    assert json.loads(said) == [["four_bar", "four_bar_about"], 0]
+    command = [NODE, "--input-type=module", "-e", program]
+    output = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    assert json.loads(output) == [["four_bar", "four_bar_about"], 0]
 
 
 def test_hostile_texts_are_comments_of_models(harmless, tmp_path):
+    """A hostile citation changes only the comment of a MuJoCo model.
+
+    XML comments may not contain two hyphens.
+    """
     bare = ElementTree.canonicalize(harmless("mjcf").read_text("utf-8"))
-    made, values = find_pose(sk.load("four_bar"), 0, None)
-    for what, text in TEXTS.items():
-        written = MujocoModel(replace(made, source=Source(text)), values).text
-        assert ElementTree.canonicalize(written) == bare, what
+    mechanism, values = find_pose(sk.load("four_bar"), 0, None)
+    for title, text in TEXTS.items():
+        model_text = MujocoModel(replace(mechanism, source=Source(text)), values).text
+        assert ElementTree.canonicalize(model_text) == bare, title
         keeps_comments = ElementTree.TreeBuilder(insert_comments=True)
-        root = ElementTree.fromstring(written, ElementTree.XMLParser(target=keeps_comments))
-        comments = [x.text for x in root if not isinstance(x.tag, str)]
-        assert not any("--" in x or x.endswith("-") for x in comments), what
+        root = ElementTree.fromstring(
+            model_text, ElementTree.XMLParser(target=keeps_comments)
+        )
+        comments = [element.text for element in root if not isinstance(element.tag, str)]
+        assert not any("--" in element or element.endswith("-") for element in comments), (
+            title
+        )
         assert_readable(text, comments[0])
 
 
 @pytest.mark.parametrize("language", ["latex", "coupling"])
-def test_hostile_texts_are_not_in_what_has_no_place_for_them(language, harmless, tmp_path):
+def test_exports_without_comments_do_not_depend_on_the_citation(
+    language, harmless, tmp_path
+):
+    """LaTeX and coupling tables are equal with and without hostile texts, but for a
+    checksum.
+    """
     plain = harmless(language).read_text("utf-8")
-    hashed = re.compile("SHA-256 of the mechanism: [0-9a-f]{64}")
-    written = exported(tmp_path, EVERY, language).read_text("utf-8")
-    assert hashed.sub("", written) == hashed.sub("", plain)
+    checksum = re.compile("SHA-256 of the mechanism: [0-9a-f]{64}")
+    written = export_with_command(tmp_path, EVERY, language).read_text("utf-8")
+    assert checksum.sub("", written) == checksum.sub("", plain)
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("what", TEXTS)
-def test_hostile_texts_come_back_from_files(what, tmp_path):
-    mechanism = loads(hostile_file(TEXTS[what]), what)
-    assert mechanism.source.citation == mechanism.source.assumed == TEXTS[what]
+def test_hostile_texts_come_back_from_files(title, tmp_path):
+    """A hostile citation is the same after writing and reading, also from a page.
+
+    The file that a page saves is made of passages of text and numbers of sizes.
+    """
+    mechanism = loads(hostile_file(TEXTS[title]), title)
+    assert mechanism.source.citation == mechanism.source.assumed == TEXTS[title]
     written = dumps(mechanism)
-    assert loads(written, what) == mechanism
+    assert loads(written, title) == mechanism
     assert not escaping.HIDDEN_CHARACTERS.search(written.replace("\n", ""))
     saved = "".join(
         repr(number) if isinstance(number := part, int) else part
         for part in PageMaker(mechanism, [], ["q"], None).make_model([])["toml"]
     )
-    assert loads(saved, what) == mechanism
+    assert loads(saved, title) == mechanism
 
 
-def test_every_field_that_takes_any_text_is_hostile_here():
-    """A new field of the format is found by its schema, and put into the files above."""
+def test_hostile_files_fill_every_free_text_field():
+    """The hostile file has its text in every field that takes any text, by the schema."""
     for text in ("*/ plain", "\u2028"):
         document = hostile_file(text)
         assert document.count(escaping.toml_string(text)) >= len(find_free_fields())
@@ -236,34 +266,37 @@ def test_every_field_that_takes_any_text_is_hostile_here():
 
 @pytest.mark.many
 @pytest.mark.parametrize("what", sorted(TEXTS))
-def test_names_and_expressions_are_refused_in_visible_letters(what, tmp_path, capsys):
+def test_names_and_expressions_are_refused_in_visible_letters(title, tmp_path, capsys):
     """Names and expressions take no such text, and the message is safe to print."""
-    text = TEXTS[what]
+    text = TEXTS[title]
     quoted = escaping.toml_string(text)
     file = tmp_path / "wrong.toml"
-    good = hostile_file("plain")
-    places = {
-        "name": re.sub(r'^name = ".*"', lambda _: f"name = {quoted}", good, flags=re.M),
-        "torque": good + f'\n[loads.l]\npair = "21"\ntorque = {quoted}\n',
-        "output": good + f"\n[outputs.{quoted}]\nlink = '4'\n",
-        "mode": good + f"\n[modes.{quoted}]\n21 = 0.0\n",
+    plain_text = hostile_file("plain")
+    documents = {
+        "name": re.sub(
+            r'^name = ".*"', lambda _: f"name = {quoted}", plain_text, flags=re.M
+        ),
+        "torque": plain_text + f'\n[loads.l]\npair = "21"\ntorque = {quoted}\n',
+        "output": plain_text + f"\n[outputs.{quoted}]\nlink = '4'\n",
+        "mode": plain_text + f"\n[modes.{quoted}]\n21 = 0.0\n",
     }
-    for place, document in places.items():
+    for field, document in documents.items():
         file.write_text(document, "utf-8")
-        assert main(["validate", str(file)]) == 1, place
-        said = capsys.readouterr().err
-        assert len(said) > 30 and not escaping.HIDDEN_CHARACTERS.search(
-            said.replace("\n", "")
-        ), place
+        assert main(["validate", str(file)]) == 1, field
+        message = capsys.readouterr().err
+        assert len(message) > 30 and not escaping.HIDDEN_CHARACTERS.search(
+            message.replace("\n", "")
+        ), field
 
 
 def test_a_path_with_hidden_characters_is_printed_visibly(tmp_path, capsys):
+    """Every command prints a path with hidden characters in visible ones."""
     for command in (["validate"], ["plan"], ["run"], ["page"], ["export", "--to", "c"]):
         first, *others = command
         assert main([first, str(tmp_path / "\u202ered\u2028.toml"), *others]) == 1
-        said = capsys.readouterr().err
-        assert "red" in said
-        assert not escaping.HIDDEN_CHARACTERS.search(said.replace("\n", ""))
+        message = capsys.readouterr().err
+        assert "red" in message
+        assert not escaping.HIDDEN_CHARACTERS.search(message.replace("\n", ""))
 
 
 def test_a_citation_on_the_terminal_is_visible(monkeypatch, capsys):
@@ -278,16 +311,16 @@ def test_a_citation_on_the_terminal_is_visible(monkeypatch, capsys):
     )
     assert len(lines) == len(sk.mechanisms()) + 2  # a study, and the end
     assert main(["mechanisms", "--json"]) == 0
-    said = capsys.readouterr().out
-    assert not escaping.HIDDEN_CHARACTERS.search(said.replace("\n", ""))
-    assert json.loads(said)[0]["source"] == hostile.source.citation
+    output = capsys.readouterr().out
+    assert not escaping.HIDDEN_CHARACTERS.search(output.replace("\n", ""))
+    assert json.loads(output)[0]["source"] == hostile.source.citation
 
 
 @pytest.mark.parametrize("what", TEXTS)
-def test_markdown_prints_hostile_texts_as_they_are(what):
-    """Read by a parser of CommonMark with tables and struck text: one plain paragraph."""
+def test_markdown_prints_hostile_texts_as_they_are(title):
+    """Escaped texts are one plain paragraph to a parser of CommonMark with tables."""
     parser = pytest.importorskip("markdown_it", reason="it reads Markdown").MarkdownIt()
-    text = escaping.one_line(TEXTS[what]).strip()
+    text = escaping.one_line(TEXTS[title]).strip()
     parser.enable(["table", "strikethrough"])
     block, inline, end = parser.parse(escaping.markdown_text(text))
     assert (block.type, inline.type, end.type) == (
@@ -309,12 +342,14 @@ def test_texts_of_recordings_have_the_citation_in_markdown():
 
 
 @pytest.mark.parametrize("what", TEXTS)
-def test_texts_of_plots_are_no_formulas(what):
-    """Matplotlib takes what is between two signs of dollar for a formula."""
+def test_texts_of_plots_are_no_formulas(title):
+    """Matplotlib takes what is between two dollar signs for a formula; escaped texts have
+    none.
+    """
     figure = pytest.importorskip("matplotlib.figure", reason="it draws").Figure()
-    text = TEXTS[what][:300]
-    shown = figure.text(0.0, 0.0, escaping.plot_text(text))
-    letters, is_formula = shown._preprocess_math(shown.get_text())
+    text = TEXTS[title][:300]
+    label = figure.text(0.0, 0.0, escaping.plot_text(text))
+    letters, is_formula = label._preprocess_math(label.get_text())
     assert not is_formula and letters.strip() == escaping.visible(text).strip()
 
 
@@ -327,8 +362,12 @@ def test_curves_of_names_with_an_underscore_are_in_legends():
 
 
 @pytest.mark.parametrize("what", TEXTS)
-def test_literals_are_read_as_the_same_text(what):
-    text = TEXTS[what]
+def test_literals_of_json_html_and_julia_are_read_as_the_same_text(title):
+    """JSON, HTML and Julia literals of a text are read as the same text.
+
+    JSON has no "<", so that it can stand in a page; Julia strings have no active "$".
+    """
+    text = TEXTS[title]
     value = {"text": text, text: [text, 1.5]}
     for indent in (None, 1):
         written = escaping.json_text(value, indent)
@@ -349,61 +388,71 @@ def test_latex_prints_every_sign():
 
 
 def test_names_of_foreign_models_stay_in_comments(tmp_path):
-    """A line end in a name of MJCF would begin a key of the file."""
+    """A line end in a name of an imported MJCF model does not begin a key of the file."""
     pytest.importorskip("mujoco", reason="it reads the model")
-    path = exported(tmp_path, "plain", "mjcf")
+    path = export_with_command(tmp_path, "plain", "mjcf")
     text = path.read_text("utf-8")
-    for letter in ("&#10;", "&#13;", "&#x2028;", "&#x85;"):
-        name = f'"four_bar{letter}ground = 3"'
+    for line_end in ("&#10;", "&#13;", "&#x2028;", "&#x85;"):
+        name = f'"four_bar{line_end}ground = 3"'
         path.write_text(text.replace('"four_bar"', name), "utf-8")
-        made = sk.import_mechanism(path)
-        assert made.mechanism.ground == "1"
-        assert not escaping.HIDDEN_CHARACTERS.search(made.text.replace("\n", ""))
+        result = sk.import_mechanism(path)
+        assert result.mechanism.ground == "1"
+        assert not escaping.HIDDEN_CHARACTERS.search(result.text.replace("\n", ""))
 
 
 @pytest.fixture(scope="module")
-def page_of(tmp_path_factory):
-    """Writes the page of a file with a text, with as little as a page can have."""
+def write_page(tmp_path_factory):
+    """Return a function that writes a hostile file and its page, and returns both paths."""
     folder = tmp_path_factory.mktemp("pages")
 
-    def written(text):
+    def write_file_and_page(text):
         file, page = folder / "hostile.toml", folder / "hostile.html"
         file.write_text(hostile_file(text), "utf-8")
-        words = ["page", str(file), "-o", str(page), "--vary", "links.2.arc", "--quiet"]
-        assert main([*words, "--quantities", "velocity_coefficient_4_1"]) == 0
+        arguments = ["page", str(file), "-o", str(page), "--vary", "links.2.arc", "--quiet"]
+        assert main([*arguments, "--quantities", "velocity_coefficient_4_1"]) == 0
         return file, page
 
-    return written
+    return write_file_and_page
 
 
 @pytest.mark.slow
-def test_pages_show_hostile_texts_and_run_none(page_of, browser):
-    """Every page works without a message, with the elements of a harmless one."""
-    said = []
-    tab = browser.new_page()
-    tab.on("console", lambda message: said.append(message.text))
-    tab.on("pageerror", lambda error: said.append(str(error)))
-    tab.on("dialog", lambda dialog: said.append(dialog.message))
-    tab.route(re.compile("^http"), lambda route: said.append(route.request.url))
+def test_pages_show_hostile_texts_and_run_none(write_page, browser):
+    """A page shows a hostile citation as visible text and executes nothing of it.
 
-    def opened(text):
-        file, page = page_of(text)
+    It has as many elements as a harmless page, no message in the console, no dialog and no
+    request to the network; the file that it saves is the one from which it was made.
+    """
+    events = []
+    tab = browser.new_page()
+    tab.on("console", lambda message: events.append(message.text))
+    tab.on("pageerror", lambda error: events.append(str(error)))
+    tab.on("dialog", lambda dialog: events.append(dialog.message))
+    tab.route(re.compile("^http"), lambda route: events.append(route.request.url))
+
+    def open_page(text):
+        file, page = write_page(text)
         tab.goto("about:blank")
         tab.goto(page.as_uri())
         wait_until(tab, "window.spherekit?.timing.pictures > 0")
         facts = tab.evaluate(
-            "[document.querySelectorAll('*').length, window.HACKED ?? 0, "
-            "document.getElementById('citation').textContent, document.title, "
-            "document.getElementById('citation').title, spherekit.toml()]"
+            """({
+            elements: document.querySelectorAll("*").length,
+            hacked: window.HACKED ?? 0,
+            citation: document.getElementById("citation").textContent,
+            tooltip: document.getElementById("citation").title,
+            title: document.title,
+            saved: spherekit.toml()})"""
         )
         return file.read_text("utf-8"), facts
 
-    _, (elements, *_) = opened("plain")
-    for what, text in TEXTS.items():
-        file, (count, hacked, citation, title, shown_above, saved) = opened(text)
+    _, harmless_facts = open_page("plain")
+    for title, text in TEXTS.items():
+        file_text, facts = open_page(text)
         visible = re.sub("\r\n?", "\n", escaping.visible(text, "\n\t"))
-        assert (count, hacked, title) == (elements, 0, "four_bar"), what
-        assert citation == shown_above == visible, what
-        assert loads(saved, "saved") == loads(file, "saved"), what
-        assert not said, (what, said)
+        assert facts["elements"] == harmless_facts["elements"], title
+        assert facts["hacked"] == 0, title
+        assert facts["title"] == "four_bar", title
+        assert facts["citation"] == facts["tooltip"] == visible, title
+        assert loads(facts["saved"], "saved") == loads(file_text, "saved"), title
+        assert not events, (title, events)
     tab.close()

@@ -11,6 +11,7 @@ import sys
 import tracemalloc
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import ClassVar, final
 
 import numpy as np
@@ -38,7 +39,8 @@ except ImportError:  # Windows
     resource = None
 
 
-def four_bar(folder=None, **options):
+def run_four_bar(folder=None, **options):
+    """Run the poles of links 3 and 1 of the four-bar, 60 samples in blocks of 10."""
     options = {"samples": 60, "block": 10} | options
     return sk.run(sk.load("four_bar"), "poles:only=31", folder=folder, **options)
 
@@ -46,34 +48,39 @@ def four_bar(folder=None, **options):
 ENGINE = "compiled" if available() else "numpy"
 
 
-def swinging(folder=None, engine=ENGINE, **options):
-    """A rocker that drives, over dead centres of its input."""
-    made = replace(sk.load("four_bar"), loads=()).with_inputs("41")
+def run_swinging_rocker(folder=None, engine=ENGINE, **options):
+    """Simulate a four-bar driven at its rocker, over dead centres, in blocks of 10 samples.
+    """
+    mechanism = replace(sk.load("four_bar"), loads=()).with_inputs("41")
     options = {"samples": 60, "block": 10} | options
     start = {"start": sk.Start(2.0, 3.0), "duration": 1.5, "tolerance": 1e-8}
-    which = {"engine": engine, "folder": folder}
-    return sk.run(made, "poles:only=31", **which, **start, **options)
+    output = {"engine": engine, "folder": folder}
+    return sk.run(mechanism, "poles:only=31", **output, **start, **options)
 
 
-def irreducible(folder=None, **options):
+def run_double_butterfly(folder=None, **options):
+    """Run a mechanism whose loops are closed by Newton's method, in blocks of 7 samples."""
     options = {"search": False, "samples": 40, "block": 7} | options
     return sk.run("double_butterfly", "poles:only=31", folder=folder, **options)
 
 
-def wound(folder=None, **options):
-    """Springs that remember how often they were wound, over several turns."""
+def run_with_springs(folder=None, **options):
+    """Run a four-bar with springs that count the turns of their pairs, over several turns.
+    """
     options = {"samples": 60, "block": 10, "folder": folder} | options
     return sk.run(four_bar_with_springs("32", "43"), "eksergian", **options)
 
 
-def wound_by_law(folder=None, **options):
+def run_springs_by_law(folder=None, **options):
+    """Run the four-bar with springs over 3 s at constant speed."""
     law = {"laws": {"21": sk.ConstantSpeed(-7.0, 1.0)}, "duration": 3.0}
-    return wound(folder, **law, **options)
+    return run_with_springs(folder, **law, **options)
 
 
-def wound_by_loads(folder=None, **options):
+def run_springs_by_loads(folder=None, **options):
+    """Simulate the four-bar with springs over 2 s."""
     start = {"start": sk.Start(0.3, 20.0), "duration": 2.0, "engine": ENGINE}
-    return wound(folder, **start, **options)
+    return run_with_springs(folder, **start, **options)
 
 
 def names_in(folder):
@@ -81,17 +88,21 @@ def names_in(folder):
 
 
 def contents(folder):
-    """The bytes of all files; of the summary what is not a time."""
-    found = {path.name: path.read_bytes() for path in Path(folder).iterdir()}
-    summary = json.loads(found["summary.json"])
+    """Return the bytes of all files of a folder; of the summary all but times."""
+    bytes_by_name = {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+    summary = json.loads(bytes_by_name["summary.json"])
     for key in ("seconds", "predicted", "simulate"):
         summary["cost"].pop(key, None)
     del summary["signature"]  # of these times too
-    return found | {"summary.json": summary}
+    return bytes_by_name | {"summary.json": summary}
 
 
-def interrupt(number, is_last=False):
-    """Stop a run after so many blocks, if others follow, as Ctrl-C does."""
+def interrupt_after(number, is_last=False):
+    """Return a progress function that interrupts a run, as Ctrl-C does, after `number`
+    blocks.
+
+    `is_last` allows it to do so after the last block, too.
+    """
     calls = []
 
     def progress(done, total):
@@ -105,25 +116,39 @@ def interrupt(number, is_last=False):
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(
-    "job", [four_bar, swinging, irreducible, wound, wound_by_law, wound_by_loads]
+    "job",
+    [
+        run_four_bar,
+        run_swinging_rocker,
+        run_double_butterfly,
+        run_with_springs,
+        run_springs_by_law,
+        run_springs_by_loads,
+    ],
 )
 def test_stopped_after_every_block_it_ends_as_if_never_stopped(job, tmp_path):
+    """A run interrupted after each block and resumed writes the files of one run.
+
+    They are equal byte by byte. `job` is one of the runs above, each of six blocks.
+    """
     job(tmp_path / "whole")
+    folder = tmp_path / "resumed"
     stops = 0
-    while True:
+    is_finished = False
+    while not is_finished:
         try:
-            job(tmp_path / "again", unfinished="resume", progress=interrupt(1))
+            job(folder, unfinished="resume", progress=interrupt_after(1))
+            is_finished = True
         except KeyboardInterrupt as stop:
             stops += 1
             assert re.fullmatch(r"\d+ of \d+ samples are done and kept in .*", note(stop))
-            assert names_in(tmp_path / "again") == [WORK]
-            continue
-        break
+            assert names_in(folder) == [WORK]
     assert stops == 5
-    assert contents(tmp_path / "again") == contents(tmp_path / "whole")
+    assert contents(folder) == contents(tmp_path / "whole")
 
 
 def note(error):
+    """Return the only note of an error."""
     (text,) = error.__notes__
     return text
 
@@ -143,20 +168,27 @@ sk.run(
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
-def test_killed_runs_go_on(tmp_path):
-    """SIGKILL twice; what was written after the last journal is overwritten."""
+def test_a_killed_run_is_resumed_bit_for_bit(tmp_path):
+    """A run that was killed twice (SIGKILL) ends with the files of one run.
+
+    After each kill, files are put where the next block writes: parts that the journal, the
+    record of what is complete, does not list. They are overwritten.
+    """
     folder = tmp_path / "killed"
     for done in (20, 40):
-        words = [sys.executable, "-c", KILLED, str(folder), str(done), str(signal.SIGKILL)]
-        assert subprocess.run(words, check=False).returncode == -signal.SIGKILL
-        state = json.loads((folder / WORK / "journal.json").read_text())["state"]
-        assert state["standing"]["done"] == done
+        command = [
+            sys.executable, "-c", KILLED, str(folder), str(done), str(signal.SIGKILL)
+        ]  # fmt: skip
+        assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+        journal = json.loads((folder / WORK / "journal.json").read_text())
+        assert journal["state"]["standing"]["done"] == done
+        next_block = done // 10
         for table in ("motion.motion", "poles.poles"):
-            part = folder / WORK / f"{table}.{done // 10:06d}.parquet"
+            part = folder / WORK / f"{table}.{next_block:06d}.parquet"
             part.write_bytes(b"a part that no journal knows")
             (folder / WORK / f".{part.name}.0a1b2c3d.part").write_bytes(b"half a part")
-    four_bar(folder, unfinished="resume")
-    four_bar(tmp_path / "whole")
+    run_four_bar(folder, unfinished="resume")
+    run_four_bar(tmp_path / "whole")
     assert contents(folder) == contents(tmp_path / "whole")
 
 
@@ -173,10 +205,13 @@ sys.exit(main(sys.argv[2:]))
 """
 
 
-def signalled(number, handler, words):
-    """Run a command that sends itself a signal, which is handled so from the start."""
+def run_with_signal(number, handler, arguments):
+    """Run a command that sends itself a signal after its first block.
+
+    `handler` is how the process handles the signal when it starts.
+    """
     return subprocess.run(
-        [sys.executable, "-c", STOPPED, str(int(number)), *words],
+        [sys.executable, "-c", STOPPED, str(int(number)), *arguments],
         capture_output=True,
         text=True,
         check=False,
@@ -188,104 +223,130 @@ def signalled(number, handler, words):
 @pytest.mark.many
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_says_how_to_go_on(number, tmp_path, capsys, monkeypatch):
+def test_a_signal_stops_a_run_and_prints_the_command_to_resume_it(
+    number, tmp_path, capsys, monkeypatch
+):
+    """After SIGINT or SIGTERM one line says what is done and how to go on.
+
+    The printed command completes the run; its files are those of an uninterrupted one.
+    Exit status 128 + number says which signal it was.
+    """
     monkeypatch.setattr(batch_runner, "BLOCK_BYTES", 1 << 21)
     folder = tmp_path / "with space"
-    words = ["run", "four_bar", "-a", "poles:only=31", "--samples", "80000", "-o"]
-    # Ignored, as by the shells that start jobs in the background, it would stay so.
-    done = signalled(number, signal.SIG_DFL, [*words, str(folder)])
-    assert done.returncode == 128 + number and done.stdout == ""
-    assert "Traceback" not in done.stderr
-    (line,) = done.stderr.splitlines()
-    done = re.match(r"spherekit: stopped; (\d+) of 80000 samples are done and kept", line)
-    assert done and 0 < int(done[1]) < 80000
-    command = shlex.split(line.partition("go on with: ")[2])
-    assert command == ["spherekit", *words, str(folder), "--resume"]
-    assert main([*words, str(folder)]) == 1
+    arguments = ["run", "four_bar", "-a", "poles:only=31", "--samples", "80000", "-o"]
+    # Shells start jobs in the background with SIGINT ignored; the default is needed here.
+    process = run_with_signal(number, signal.SIG_DFL, [*arguments, str(folder)])
+    assert process.returncode == 128 + number
+    assert process.stdout == ""
+    assert "Traceback" not in process.stderr
+    (line,) = process.stderr.splitlines()
+    match = re.match(r"spherekit: stopped; (\d+) of 80000 samples are done and kept", line)
+    assert match
+    assert 0 < int(match[1]) < 80000
+    resume_command = shlex.split(line.partition("go on with: ")[2])
+    assert resume_command == ["spherekit", *arguments, str(folder), "--resume"]
+    assert main([*arguments, str(folder)]) == 1
     assert "go on with --resume" in capsys.readouterr().err
-    assert main(command[1:]) == 0 and main([*words, str(tmp_path / "whole"), "-q"]) == 0
+    assert main(resume_command[1:]) == 0
+    assert main([*arguments, str(tmp_path / "whole"), "-q"]) == 0
     assert contents(folder) == contents(tmp_path / "whole")
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
 def test_a_run_in_the_background_of_a_shell_ignores_ctrl_c(tmp_path):
-    """Shells start such jobs with SIGINT ignored, and programs leave it so."""
-    words = ["run", "four_bar", "-a", "poles:only=31", "--samples", "9000", "-o"]
-    done = signalled(signal.SIGINT, signal.SIG_IGN, [*words, str(tmp_path)])
-    assert done.returncode == 0, done.stderr
+    """A run started with SIGINT ignored, as shells start background jobs, leaves it so."""
+    arguments = ["run", "four_bar", "-a", "poles:only=31", "--samples", "9000", "-o"]
+    process = run_with_signal(signal.SIGINT, signal.SIG_IGN, [*arguments, str(tmp_path)])
+    assert process.returncode == 0, process.stderr
     assert contents(tmp_path)["summary.json"]["samples"] == 9000
 
 
 def test_a_full_disk_keeps_what_is_done(tmp_path, monkeypatch):
-    """Parts of some blocks fit, then one no more."""
-    written, fsync = [], os.fsync
+    """If the disk is full after some blocks, the run can be resumed from there.
 
-    def full(handle):
-        written.append(handle)
-        if len(written) > 20:
+    `os.fsync` fails from its 21st call on, so that some blocks of 10 samples are complete.
+    """
+    sync_count = 0
+    fsync = os.fsync
+
+    def fail_when_full(handle):
+        nonlocal sync_count
+        sync_count += 1
+        if sync_count > 20:
             raise OSError(errno.ENOSPC, "")
         fsync(handle)
 
     with monkeypatch.context() as patch:
-        patch.setattr(os, "fsync", full)
-        with pytest.raises(OutputError, match="the disk is full") as caught:
-            four_bar(tmp_path / "full", samples=200)
-    done = int(note(caught.value).partition(" of ")[0])
+        patch.setattr(os, "fsync", fail_when_full)
+        with pytest.raises(OutputError, match="the disk is full") as error:
+            run_four_bar(tmp_path / "full", samples=200)
+    done = int(note(error.value).partition(" of ")[0])
     assert 10 <= done < 200
-    four_bar(tmp_path / "full", samples=200, unfinished="resume")
-    four_bar(tmp_path / "whole", samples=200)
+    run_four_bar(tmp_path / "full", samples=200, unfinished="resume")
+    run_four_bar(tmp_path / "whole", samples=200)
     assert contents(tmp_path / "full") == contents(tmp_path / "whole")
 
 
 @pytest.mark.skipif(resource is None, reason="needs limits of files")
-def test_a_disk_that_fills_at_the_end_leaves_the_older_results(tmp_path):
-    four_bar(tmp_path, samples=5)
+def test_a_run_that_fails_at_its_end_leaves_the_older_results(tmp_path):
+    """If a table cannot be written, older results stay and the new run can be resumed.
+
+    A limit of 20 kB per file is set: blocks fit, the whole table does not.
+    """
+    run_four_bar(tmp_path, samples=5)
     older = contents(tmp_path)
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
     try:
         with pytest.raises(OutputError, match="larger than this user"):
-            four_bar(tmp_path, samples=130, unfinished="discard")
+            run_four_bar(tmp_path, samples=130, unfinished="discard")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     work = tmp_path / WORK
     assert not list(work.rglob("*.part"))
-    parts = {path.name for path in work.iterdir()}
-    assert parts > {"journal.json", "lock"}
-    work.rename(tmp_path.parent / "aside")
+    assert {path.name for path in work.iterdir()} > {"journal.json", "lock"}
+    # Without the folder of the unfinished work, everything is as before.
+    aside = tmp_path.parent / "aside"
+    work.rename(aside)
     assert contents(tmp_path) == older
-    (tmp_path.parent / "aside").rename(work)
-    four_bar(tmp_path, samples=130, unfinished="resume")
+    aside.rename(work)
+    run_four_bar(tmp_path, samples=130, unfinished="resume")
     assert contents(tmp_path)["summary.json"]["samples"] == 130
 
 
-def test_a_disk_without_room_is_told_early(tmp_path, monkeypatch):
-    free = type("", (), {"free": 20_000})
-    monkeypatch.setattr(resource_checks.shutil, "disk_usage", lambda _: free)
+def test_a_run_that_needs_more_disk_than_there_is_is_refused(tmp_path, monkeypatch):
+    """With 20 kB of free disk the run is refused before it starts, with its need."""
+    usage = SimpleNamespace(free=20_000)
+    monkeypatch.setattr(resource_checks.shutil, "disk_usage", lambda path: usage)
     with pytest.raises(OutputError, match=r"about .* kB.*20 kB left.*--format parquet"):
-        four_bar(tmp_path)
+        run_four_bar(tmp_path)
 
 
 def test_two_runs_do_not_write_into_one_folder(tmp_path, capsys):
+    """While one process has a folder open, runs of others are refused and write nothing."""
     with RunFolder.open(tmp_path):
         with pytest.raises(OutputError, match=rf"process {os.getpid()} on .* is writing"):
-            four_bar(tmp_path)
+            run_four_bar(tmp_path)
         with pytest.raises(OutputError, match="is writing there"):
-            four_bar().write(tmp_path)
+            run_four_bar().write(tmp_path)
         assert main(["run", "four_bar", "--samples", "3", "-o", str(tmp_path)]) == 1
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and "choose another folder" in said
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1 and "choose another folder" in message
     assert list(tmp_path.iterdir()) == []
-    four_bar(tmp_path)
+    run_four_bar(tmp_path)
 
 
 def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
+    """Unfinished work is continued only by the same run; otherwise the difference is named.
+
+    `unfinished="discard"` starts anew.
+    """
     with pytest.raises(KeyboardInterrupt):
-        four_bar(tmp_path, progress=interrupt(2))
+        run_four_bar(tmp_path, progress=interrupt_after(2))
     with pytest.raises(OutputError, match="when 20 of 60 samples were done; go on with"):
-        four_bar(tmp_path)
-    for options, words in [
+        run_four_bar(tmp_path)
+    for options, difference in [
         ({"samples": 61}, "samples: 60 there, 61 now"),
         ({"block": 5}, "samples in a block: 10 there, 5 now"),
         ({"assembly_mode": 1}, "assembly modes: "),
@@ -293,13 +354,13 @@ def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
         ({"duration": 1.0}, "over time: false there, true now"),
     ]:
         for unfinished in ("refuse", "resume"):
-            with pytest.raises(OutputError, match=f"different run is there.*{words}"):
-                four_bar(tmp_path, unfinished=unfinished, **options)
+            with pytest.raises(OutputError, match=f"different run is there.*{difference}"):
+                run_four_bar(tmp_path, unfinished=unfinished, **options)
     with pytest.raises(OutputError, match="mechanism: four_bar there, stephenson now"):
         sk.run(sk.load("stephenson"), "poles", folder=tmp_path, unfinished="resume")
     with pytest.raises(OutputError, match="unfinished work"):
-        four_bar().write(tmp_path)
-    four_bar(tmp_path, samples=61, unfinished="discard")
+        run_four_bar().write(tmp_path)
+    run_four_bar(tmp_path, samples=61, unfinished="discard")
     assert contents(tmp_path)["summary.json"]["samples"] == 61
 
 
@@ -308,54 +369,67 @@ def test_work_of_another_run_is_refused_with_what_differs(tmp_path):
     [
         (lambda work: (work / "journal.json").write_text(""), "does not read"),
         (lambda work: (work / "journal.json").write_text("[" * 9999), "does not read"),
-        (lambda work: flip(work / "journal.json"), "checksum"),
+        (lambda work: change_done_count(work / "journal.json"), "checksum"),
         (lambda work: next(work.glob("poles*")).unlink(), "No such file"),
-        (lambda work: turn_a_bit(next(work.glob("poles*")), 0.05), "damaged"),
-        (lambda work: turn_a_bit(next(work.glob("poles*")), 0.1), "damaged"),
-        (lambda work: turn_a_bit(next(work.glob("motion*")), 0.05), "damaged"),
+        (lambda work: flip_bit(next(work.glob("poles*")), 0.05), "damaged"),
+        (lambda work: flip_bit(next(work.glob("poles*")), 0.1), "damaged"),
+        (lambda work: flip_bit(next(work.glob("motion*")), 0.05), "damaged"),
         (lambda work: os.truncate(next(work.glob("motion*")), 100), "damaged"),
     ],
 )
-def test_a_damaged_journal_is_told(damage, words, tmp_path, capsys):
+def test_damaged_unfinished_work_is_refused(damage, words, tmp_path, capsys):
+    """A damaged journal or part of unfinished work is noticed; --restart discards it.
+
+    The journal records what is complete, with checksums. `damage` gets the folder of the
+    work.
+    """
     with pytest.raises(KeyboardInterrupt):
-        four_bar(tmp_path, progress=interrupt(2))
+        run_four_bar(tmp_path, progress=interrupt_after(2))
     damage(tmp_path / WORK)
     with pytest.raises(OutputError, match=f"cannot go on.*{words}.*--restart"):
-        four_bar(tmp_path, unfinished="resume")
+        run_four_bar(tmp_path, unfinished="resume")
     options = ["-a", "poles:only=31", "--samples", "60", "-q", "-o", str(tmp_path)]
     assert main(["run", "four_bar", *options, "--restart"]) == 0
     assert "summary.json" in names_in(tmp_path) and WORK not in names_in(tmp_path)
 
 
-def turn_a_bit(path, at):
+def flip_bit(path, fraction):
+    """Flip a bit of a file at a fraction of its length."""
     data = bytearray(path.read_bytes())
-    data[int(at * len(data))] ^= 4
+    data[int(fraction * len(data))] ^= 4
     path.write_bytes(data)
 
 
-def flip(path):
+def change_done_count(path):
+    """Write a wrong number of finished samples into a journal."""
     text = path.read_text()
     path.write_text(text.replace('"done": 20', '"done": 30'))
 
 
-@pytest.mark.parametrize("job", [four_bar, swinging, wound_by_law])
+@pytest.mark.parametrize("job", [run_four_bar, run_swinging_rocker, run_springs_by_law])
 def test_memory_and_folder_give_the_same_bits(job, tmp_path):
-    kept = job()
+    """A run in memory, written later, and a run into a folder give equal files and tables.
+
+    `job` is one of the runs above.
+    """
+    in_memory = job()
     streamed = job(tmp_path / "streamed")
-    kept.write(tmp_path / "written")
-    mine, theirs = (contents(tmp_path / name) for name in ("streamed", "written"))
-    assert mine == theirs and sorted(path.name for path in streamed.files) == sorted(mine)
-    for name, found in kept.results.items():
-        for table in found.tables:
+    in_memory.write(tmp_path / "written")
+    streamed_files = contents(tmp_path / "streamed")
+    assert streamed_files == contents(tmp_path / "written")
+    assert sorted(path.name for path in streamed.files) == sorted(streamed_files)
+    for name, result in in_memory.results.items():
+        for table in result.tables:
             for degrees in (False, True):
                 pd.testing.assert_frame_equal(
-                    kept.frame(name, table.name, degrees),
+                    in_memory.frame(name, table.name, degrees),
                     streamed.frame(name, table.name, degrees),
                     check_exact=True,
                 )
 
 
 def test_csv_has_no_negative_zero(tmp_path):
+    """The torques of a bevel pair include zeros, which are written without a sign."""
     sk.run("bevel_pair", "statics", samples=3, folder=tmp_path / "statics")
     rows = (tmp_path / "statics" / "statics_outputs.csv").read_text().splitlines()
     assert len(rows) > 1 and not any("-0" in row.split(",") for row in rows)
@@ -363,8 +437,11 @@ def test_csv_has_no_negative_zero(tmp_path):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Words(MinimalAnalysis):
-    """Texts that come up block by block, with all that CSV has to quote."""
+class AnalysisWithTexts(MinimalAnalysis):
+    """An analysis with a table of texts that CSV has to quote, and two further tables.
+
+    With `plain` the texts need no quotes. New texts appear block by block.
+    """
 
     name: ClassVar = "words"
     rowwise: ClassVar = True
@@ -378,158 +455,213 @@ class Words(MinimalAnalysis):
     plain: bool = False
 
     def compute(self, batch):
-        odd = ["b", "a", "zz"] if self.plain else ['a "b"', "c,d", "é\nf", " a"]
-        words = [odd[k * k % len(odd)] for k in batch.sample.tolist()]
-        none = np.zeros(0)
+        texts = ["b", "a", "zz"] if self.plain else ['a "b"', "c,d", "é\nf", " a"]
+        column = [texts[k * k % len(texts)] for k in batch.sample.tolist()]
+        no_rows = np.zeros(0)
         return {
-            "words": with_row_columns(batch, word=words),
+            "words": with_row_columns(batch, word=column),
             "plain": {"x": batch.sample},
-            "empty": {"sample": none, "assembly_mode": none, "y": none},
+            "empty": {"sample": no_rows, "assembly_mode": no_rows, "y": no_rows},
         }
 
     def scene(self, batch):
         rows = batch.assembly_mode_rows().items()
-        return tuple(Scene(b, (Series("s", "s", "g", batch.q[own]),)) for b, own in rows)
+        return tuple(
+            Scene(mode, (Series("s", "s", "g", batch.q[mode_rows]),))
+            for mode, mode_rows in rows
+        )
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Whole(MinimalAnalysis):
-    """The analysis of texts as one that wants all samples at once."""
+class AnalysisOfAllSamples(MinimalAnalysis):
+    """The analysis with texts as one that needs all samples at once."""
 
-    name, tables, compute = Words.name, Words.tables, Words.compute
+    name, tables, compute = (
+        AnalysisWithTexts.name,
+        AnalysisWithTexts.tables,
+        AnalysisWithTexts.compute,
+    )
     plain: bool = False
 
 
 @pytest.mark.parametrize("plain", [True, False])
 def test_any_text_survives(plain, tmp_path):
-    words, made = Words(plain=plain), sk.load("four_bar")
-    streamed = sk.run(made, words, samples=25, block=4, folder=tmp_path / "a")
-    kept = sk.run(made, words, samples=25, block=4)
-    kept.write(tmp_path / "b")
+    """Texts with quotes, commas and line ends are equal in memory, in files and read again.
+
+    The order of rows is by assembly mode.
+    """
+    analysis = AnalysisWithTexts(plain=plain)
+    mechanism = sk.load("four_bar")
+    streamed = sk.run(mechanism, analysis, samples=25, block=4, folder=tmp_path / "a")
+    in_memory = sk.run(mechanism, analysis, samples=25, block=4)
+    in_memory.write(tmp_path / "b")
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
-    frame = kept.frame("words")
-    read = pd.read_csv(tmp_path / "a" / "words.csv")
-    assert list(read["word"]) == list(frame["word"]) == list(streamed.frame()["word"])
+    frame = in_memory.frame("words")
+    read_again = pd.read_csv(tmp_path / "a" / "words.csv")
+    assert list(read_again["word"]) == list(frame["word"])
+    assert list(streamed.frame()["word"]) == list(frame["word"])
     assert list(frame["assembly_mode"]) == [0] * 25 + [1] * 25
     assert len(pd.read_csv(tmp_path / "a" / "words_empty.csv")) == 0
-    assert kept.frame("words", "plain")["x"].dtype == float
+    assert in_memory.frame("words", "plain")["x"].dtype == float
 
 
 def test_files_are_read_and_written_in_pieces(tmp_path, monkeypatch):
-    """Pieces of 32 rows cut across blocks and assembly modes."""
+    """Pieces of 32 rows may end inside blocks and assembly modes without changing the
+    table.
+    """
     for module in (table_store, table_files):
         monkeypatch.setattr(module, "CHUNK_ROWS", 32)
-    four_bar(tmp_path)
+    run_four_bar(tmp_path)
     parquet = pq.ParquetFile(tmp_path / "motion.parquet")
     rows = [parquet.metadata.row_group(k).num_rows for k in range(parquet.num_row_groups)]
     assert rows == [32, 32, 32, 24]
     monkeypatch.undo()
     pd.testing.assert_frame_equal(
         pd.read_csv(tmp_path / "motion.csv", engine="pyarrow")[["assembly_mode", "q"]],
-        four_bar().frame("motion")[["assembly_mode", "q"]],
+        run_four_bar().frame("motion")[["assembly_mode", "q"]],
         check_exact=True,
     )
 
 
 @pytest.mark.slow
 @pytest.mark.many
-@pytest.mark.parametrize("job, count", [(four_bar, 5_000), (wound, 1_500)])
+@pytest.mark.parametrize("job, count", [(run_four_bar, 5_000), (run_with_springs, 1_500)])
 def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch):
-    """Four times as many rows: less than a tenth of their bytes beside the inputs."""
+    """Four times as many samples need little more memory than their inputs.
+
+    The peak grows by less than a tenth of the bytes of the additional rows, beside five
+    arrays of inputs, and Arrow holds nothing afterwards. `count` is the smaller number of
+    samples.
+    """
     for module in (table_store, table_files):
         monkeypatch.setattr(module, "CHUNK_ROWS", 1024)
 
-    def peak(samples):
+    def measure(samples):
+        """Return the peak of memory, what Arrow still holds, and bytes of all tables."""
         pool = pa.default_memory_pool()
-        before = pool.bytes_allocated()
+        arrow_bytes_before = pool.bytes_allocated()
         tracemalloc.start()
         try:
             result = job(tmp_path / str(samples), samples=samples, block=count // 2)
-            found = tracemalloc.get_traced_memory()[1]
+            peak = tracemalloc.get_traced_memory()[1]
         finally:
             tracemalloc.stop()
         assert result.summary["samples"] == samples
         tables = result.summary["cost"]["tables"].values()
-        bytes_ = sum(8 * table["rows"] * table["columns"] for table in tables)
-        return found, pool.bytes_allocated() - before, bytes_
+        table_bytes = sum(8 * table["rows"] * table["columns"] for table in tables)
+        return peak, pool.bytes_allocated() - arrow_bytes_before, table_bytes
 
-    peak(count // 5)
-    small, _, few = peak(count)
-    large, held, many = peak(4 * count)
-    inputs = 5 * 8 * 3 * count
-    assert large - small < inputs + 0.1 * (many - few) and held < 1e6
+    measure(count // 5)  # imports and caches
+    small_peak, _, small_table_bytes = measure(count)
+    large_peak, arrow_bytes, large_table_bytes = measure(4 * count)
+    additional_samples = 3 * count
+    input_bytes = 5 * 8 * additional_samples
+    additional_bytes = large_table_bytes - small_table_bytes
+    assert large_peak - small_peak < input_bytes + 0.1 * additional_bytes
+    assert arrow_bytes < 1e6
 
 
 def test_the_engine_that_began_goes_on(tmp_path):
+    """A simulation begun with NumPy is resumed with NumPy, though the choice is automatic.
+    """
     with pytest.raises(KeyboardInterrupt):
-        swinging(tmp_path, engine="numpy", progress=interrupt(1))
-    result = swinging(tmp_path, engine="auto", unfinished="resume")
+        run_swinging_rocker(tmp_path, engine="numpy", progress=interrupt_after(1))
+    result = run_swinging_rocker(tmp_path, engine="auto", unfinished="resume")
     assert result.summary["simulation"]["engine"]["name"] == "numpy"
 
 
-def test_whole_batches_are_not_resumed_and_need_memory(tmp_path, monkeypatch, capsys):
-    with pytest.raises(KeyboardInterrupt) as caught:
-        sk.run(sk.load("four_bar"), Whole(), folder=tmp_path, progress=interrupt(1, True))
-    assert "361 of 361 samples are done and kept" in note(caught.value)
-    result = sk.run(sk.load("four_bar"), Whole(), folder=tmp_path, unfinished="resume")
-    assert result.summary["samples_in_a_block"] == 361 and len(result.frame("words")) == 722
+def test_an_analysis_of_all_samples_is_not_resumed(tmp_path):
+    """An analysis that needs all samples at once is computed again on resuming."""
+    with pytest.raises(KeyboardInterrupt) as error:
+        sk.run(
+            sk.load("four_bar"),
+            AnalysisOfAllSamples(),
+            folder=tmp_path,
+            progress=interrupt_after(1, is_last=True),
+        )
+    assert "361 of 361 samples are done and kept" in note(error.value)
+    result = sk.run(
+        sk.load("four_bar"), AnalysisOfAllSamples(), folder=tmp_path, unfinished="resume"
+    )
+    assert result.summary["samples_in_a_block"] == 361
+    assert len(result.frame("words")) == 722
+
+
+def test_an_analysis_of_all_samples_needs_memory_for_them(monkeypatch, capsys):
+    """If memory (here 100 MB) is too small for all samples, the run is refused."""
     monkeypatch.setattr(resource_checks, "usable_memory", lambda: 10**8)
     with pytest.raises(AnalysisError, match=r"words looks at all samples at once.* 100 MB"):
-        sk.run(sk.load("four_bar"), Whole(), samples=50_000)
+        sk.run(sk.load("four_bar"), AnalysisOfAllSamples(), samples=50_000)
     assert main(["explain", "four_bar", "-a", "singularities", "-a", "eksergian"]) == 0
     assert "keeps nothing: singularities; about" in capsys.readouterr().out
 
 
-def test_tables_that_were_not_kept_are_told(tmp_path):
-    bare = four_bar(tables=False)
+def test_tables_that_were_not_kept_cannot_be_read(tmp_path):
+    """Without tables in memory or in a format that is read again, reading them is an error.
+    """
+    bare = run_four_bar(tables=False)
     assert bare.summary["status"] == {"OK": 120}
-    for use in (bare.frame, lambda: bare.write(tmp_path)):
+    for read in (bare.frame, lambda: bare.write(tmp_path)):
         with pytest.raises(AnalysisError, match="kept no tables"):
-            use()
+            read()
     with pytest.raises(AnalysisError, match="kept no tables"):
-        four_bar(tmp_path, formats=("csv",)).frame()
+        run_four_bar(tmp_path, formats=("csv",)).frame()
 
 
-def shown(listener):
-    """The samples of all primitives that a recorder was given on pages."""
+def recorded_samples(listener):
+    """Return the list of samples of each primitive that was recorded on a page."""
     return [
-        own for (page, _), own in listener.samples_by_primitive.items() if page is not None
+        samples
+        for (page_name, _), samples in listener.samples_by_primitive.items()
+        if page_name is not None
     ]
 
 
 def test_a_long_recording_has_one_of_many_samples(monkeypatch, capsys, tmp_path):
+    """With at most 10 recorded samples, 45 are thinned to each fifth and the last.
+
+    The tables of the run have all samples.
+    """
     from spherekit.runs import recording_session
 
     monkeypatch.setattr(recording_session, "MAX_RECORDED_SAMPLES", 10)
     listener = SceneListener()
-    result = four_bar(samples=45, recorder=listener)
-    wanted = [0, 5, 10, 15, 20, 25, 30, 35, 40, 44]
-    assert all(samples == wanted for samples in shown(listener))
+    result = run_four_bar(samples=45, recorder=listener)
+    expected = [0, 5, 10, 15, 20, 25, 30, 35, 40, 44]
+    assert all(samples == expected for samples in recorded_samples(listener))
     assert len(listener.inputs) == 10
     assert listener.properties["logged"] == "one of 5 successive samples"
     assert result.summary["recording"] == {"one_of": 5, "from_sample": 0}
     assert len(result.frame("motion")) == 90
-    all_of_them = SceneListener()
-    four_bar(samples=45, recorder=all_of_them, log_every=1)
-    assert all(len(own) == 45 for own in shown(all_of_them))
-    grid = SceneListener()
-    sk.run("five_bar", samples=(3, 4), assembly_mode=0, recorder=grid, log_every=2)
-    assert all(own == [0, 2, 4, 6, 8, 10] for own in shown(grid))
-    assert grid.row == 2
-    with pytest.raises(AnalysisError, match="log_every must be at least 1"):
-        four_bar(recorder=SceneListener(), log_every=0)
-    words = ["run", "four_bar", "--samples", "50", "--save", str(tmp_path / "x.rrd")]
-    assert main(words) == 0
+    arguments = ["run", "four_bar", "--samples", "50", "--save", str(tmp_path / "x.rrd")]
+    assert main(arguments) == 0
     assert "one of 5 samples of each assembly mode" in capsys.readouterr().err
 
 
-def test_a_resumed_recording_says_where_it_begins(tmp_path):
-    with pytest.raises(KeyboardInterrupt):
-        four_bar(tmp_path, progress=interrupt(2))
+def test_log_every_chooses_the_recorded_samples(monkeypatch):
+    """`log_every=1` records all samples, also above the limit; a grid keeps its order."""
+    from spherekit.runs import recording_session
+
+    monkeypatch.setattr(recording_session, "MAX_RECORDED_SAMPLES", 10)
     listener = SceneListener()
-    result = four_bar(tmp_path, unfinished="resume", recorder=listener)
-    assert all(own == list(range(20, 60)) for own in shown(listener))
+    run_four_bar(samples=45, recorder=listener, log_every=1)
+    assert all(len(samples) == 45 for samples in recorded_samples(listener))
+    grid = SceneListener()
+    sk.run("five_bar", samples=(3, 4), assembly_mode=0, recorder=grid, log_every=2)
+    assert all(samples == [0, 2, 4, 6, 8, 10] for samples in recorded_samples(grid))
+    assert grid.row == 2
+    with pytest.raises(AnalysisError, match="log_every must be at least 1"):
+        run_four_bar(recorder=SceneListener(), log_every=0)
+
+
+def test_a_resumed_recording_says_where_it_begins(tmp_path):
+    """A recording of a resumed run has the samples from there on, and says so."""
+    with pytest.raises(KeyboardInterrupt):
+        run_four_bar(tmp_path, progress=interrupt_after(2))
+    listener = SceneListener()
+    result = run_four_bar(tmp_path, unfinished="resume", recorder=listener)
+    assert all(own == list(range(20, 60)) for own in recorded_samples(listener))
     assert result.summary["recording"]["from_sample"] == 20
     assert "before 20" in listener.properties["resumed"]
 
@@ -544,26 +676,29 @@ def test_two_runs_do_not_record_into_one_file(tmp_path):
             RerunRecorder("four_bar", path=path),
         ):
             pass
-        four_bar(recorder=first)
+        run_four_bar(recorder=first)
     assert path.stat().st_size > 10_000
 
 
 def test_much_csv_is_written_when_asked_for(tmp_path, monkeypatch):
-    """By default Parquet alone where CSV would be too large, and the summary says so."""
+    """Where CSV would be too large only Parquet is written, unless CSV is asked for.
+
+    The summary says so. The limit is set to 10 kB.
+    """
     monkeypatch.setattr("spherekit.tables.table_formats.MAX_CSV_BYTES", 1e4)
-    left = sk.run("four_bar", samples=40, folder=tmp_path / "one")
-    asked = sk.run("four_bar", samples=40, folder=tmp_path / "two", formats=["csv"])
-    few = sk.run("four_bar", samples=2, folder=tmp_path / "three")
+    default = sk.run("four_bar", samples=40, folder=tmp_path / "one")
+    with_csv = sk.run("four_bar", samples=40, folder=tmp_path / "two", formats=["csv"])
+    short = sk.run("four_bar", samples=2, folder=tmp_path / "three")
     assert not (tmp_path / "one/poles.csv").exists()
     assert (tmp_path / "one/poles.parquet").exists()
-    assert any("--format both" in text for text in left.summary["remarks"])
-    for folder, result in ("two", asked), ("three", few):
+    assert any("--format both" in text for text in default.summary["remarks"])
+    for folder, result in ("two", with_csv), ("three", short):
         assert (tmp_path / folder / "poles.csv").exists()
         assert not any("--format both" in text for text in result.summary["remarks"])
 
 
-def sampled_at_once(analyses, samples):
-    """Return how many samples blocks have, each as it is done."""
+def samples_per_block(analyses, samples):
+    """Return how many samples each block of a run of the four-bar has."""
     done = [0]
     sk.run(
         "four_bar", analyses, samples=samples, tables=False,
@@ -578,5 +713,7 @@ def sampled_at_once(analyses, samples):
     [("eksergian", 16384), ("reactions", 16384), ("dynamics", 16384), ("statics", 16384)],
 )
 def test_blocks_of_frames_stay_small(analysis, most):
-    """Frames of all links in all modes take some kB a row; blocks have 128 MB of them."""
-    assert max(sampled_at_once(analysis, 40000)) <= most
+    """Analyses with frames of all links, some kB per row, have blocks of at most `most`
+    samples.
+    """
+    assert max(samples_per_block(analysis, 40000)) <= most
