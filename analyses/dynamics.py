@@ -50,7 +50,7 @@ TORQUE_KEY = "largest_torque_Nm"
 """Key of the largest torque at an input in the summary."""
 RATES = Column("dq", "rad/s", "rate of the variable of", per_input=True)
 ACCELERATIONS = Column("ddq", "rad/s2", "acceleration of the variable of", per_input=True)
-TORQUES = Column("tau", "N m", "driving torque at", per_input=True)
+DRIVING_TORQUES = Column("tau", "N m", "driving torque at", per_input=True)
 FORCES = Column("Q", "N m", "generalised force of all loads at", per_input=True)
 PARTS = Column("Q", "N m", "part of the load in the generalised force at", per_input=True)
 DERIVATIVES = Column("dM", "kg m2/rad", "derivative of the entry by", per_input=True)
@@ -80,7 +80,7 @@ class Dynamics(AbstractAnalysis):
                 INPUTS,
                 RATES,
                 ACCELERATIONS,
-                TORQUES,
+                DRIVING_TORQUES,
                 FORCES,
                 Column("kinetic_energy", "J", "kinetic energy"),
                 Column("power", "W", "power of all driving torques"),

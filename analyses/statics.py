@@ -52,7 +52,9 @@ LARGEST_HOLDING_TORQUE = "largest_holding_torque_Nm"
 PRINCIPAL_STIFFNESSES = ("least", "middle", "largest")
 """Names of the principal stiffnesses of an output, in their order."""
 
-TORQUES = Column("tau", "N m", "torque that holds against all loads at", per_input=True)
+HOLDING_TORQUES = Column(
+    "tau", "N m", "torque that holds against all loads at", per_input=True
+)
 ADVANTAGES = Column(
     "advantage",
     "",
@@ -77,7 +79,7 @@ class Statics(AbstractAnalysis):
         Table(
             "statics",
             "one row per sample and assembly mode",
-            (SAMPLE, ASSEMBLY_MODE, INPUTS, TORQUES, RESIDUAL, STATUS),
+            (SAMPLE, ASSEMBLY_MODE, INPUTS, HOLDING_TORQUES, RESIDUAL, STATUS),
         ),
         Table(
             "outputs",

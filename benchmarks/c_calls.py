@@ -11,7 +11,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 
-SAMPLES = 1000
+CALL_SAMPLES = 1000
 """Number of samples at which the functions are called."""
 
 DRIVER_PROGRAM = """#include "{path}"
@@ -75,10 +75,10 @@ def compile_calls(
     result_count
         Number of results of a call.
     """
-    results = np.empty((SAMPLES, result_count))
+    results = np.empty((CALL_SAMPLES, result_count))
     # The arrays must be contiguous. They are kept alive by the job.
     arrays = [np.array(x, order="C") for x in (motions, places, results)]
-    steps = [x.shape[1] if len(x) == SAMPLES else 0 for x in arrays]
+    steps = [x.shape[1] if len(x) == CALL_SAMPLES else 0 for x in arrays]
     widths = dict(zip(("motion", "place", "result"), steps, strict=True))
     folder = Path(tempfile.mkdtemp(dir=source_path.parent))
     program = DRIVER_PROGRAM.format(path=source_path, call=call, **widths)

@@ -88,7 +88,7 @@ class DesignCase:
         return np.asarray(nominal[:, None] + self.spread * deviations)
 
 
-ARCS = ("links.1.arc", "links.2.arc", "links.3.arc", "links.4.arc")
+ARC_SIZES = ("links.1.arc", "links.2.arc", "links.3.arc", "links.4.arc")
 """All sizes of the four-bar."""
 
 BUTTERFLY_AXES = tuple(
@@ -103,10 +103,10 @@ FLIER_AXES = tuple(
 )
 """Directions of three axes of the single flier."""
 
-CASES = (
+DESIGN_CASES = (
     DesignCase(
         "four_bar",
-        ARCS,
+        ARC_SIZES,
         (
             "least=min(transmission_angle_43)",
             "largest=max(abs(rate_41))",
@@ -117,7 +117,7 @@ CASES = (
     ),
     DesignCase(
         "four_bar",
-        ARCS,
+        ARC_SIZES,
         ("torque=max(abs(torque))", "inertia=max(B)"),
         samples=361,
         spread=15.0,
@@ -165,9 +165,9 @@ def run(quick: bool) -> list[Section]:
                 "ns a row and sample",
                 "alone over kernel",
             ),
-            [_measure_case(case, quick) for case in CASES],
+            [_measure_case(case, quick) for case in DESIGN_CASES],
         ),
-        _measure_peers(CASES[0], 100 if quick else 1000),
+        _measure_peers(DESIGN_CASES[0], 100 if quick else 1000),
     ]
 
 

@@ -21,11 +21,11 @@ DURATION = 10.0
 TORQUE = "10*sin(2*t)"
 """Torque on the input (N m)."""
 
-TOLERANCES = (1e-9, 1e-12, 1e-13, 1e-14, 1e-15)
-QUICK_TOLERANCES = (1e-9, 1e-13)
+SIMULATION_TOLERANCES = (1e-9, 1e-12, 1e-13, 1e-14, 1e-15)
+QUICK_SIMULATION_TOLERANCES = (1e-9, 1e-13)
 """Relative tolerances of the integration."""
 
-REPETITIONS = 9
+SIMULATION_REPETITIONS = 9
 """Number of simulations with the same compiled code, for the median of the times."""
 
 
@@ -69,12 +69,13 @@ def _measure_dynamics(quick: bool) -> Section:
     reference_angles = _reference_angles(times)
     rows: list[tuple[Cell, ...]] = []
     for compact in (True, False):
-        for tolerance in QUICK_TOLERANCES if quick else TOLERANCES:
+        for tolerance in QUICK_SIMULATION_TOLERANCES if quick else SIMULATION_TOLERANCES:
             # The first simulation compiles again, so that its time is known.
             FUNCTION_CACHE.clear()
             first = _simulate(tolerance, compact)
             seconds = [
-                _simulate(tolerance, compact).engine.seconds for _ in range(REPETITIONS)
+                _simulate(tolerance, compact).engine.seconds
+                for _ in range(SIMULATION_REPETITIONS)
             ]
             rows.append(
                 (

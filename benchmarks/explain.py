@@ -20,8 +20,8 @@ from benchmarks.harness import (
 )
 from benchmarks.samples import grow_chain
 
-LINK_COUNTS = (20, 40, 60, 80)
-QUICK_LINK_COUNTS = (40,)
+EXPLAINED_LINK_COUNTS = (20, 40, 60, 80)
+QUICK_EXPLAINED_LINK_COUNTS = (40,)
 
 GEARS = "planetary_bevel"
 """A shipped mechanism with wheels."""
@@ -31,7 +31,7 @@ def run(quick: bool) -> list[Section]:
     """Return the table of chains of dyads and of a gear train, compared with a four-bar."""
     with TemporaryDirectory() as folder:
         subjects = {"four_bar": "four_bar", GEARS: GEARS}
-        for links in QUICK_LINK_COUNTS if quick else LINK_COUNTS:
+        for links in QUICK_EXPLAINED_LINK_COUNTS if quick else EXPLAINED_LINK_COUNTS:
             path = Path(folder, f"{links}.toml")
             sk.dump(grow_chain(np.random.default_rng(5), links, False), path)
             subjects[f"chain of {links} links"] = str(path)

@@ -16,7 +16,7 @@ from spherekit.outputs.inverse_kinematics import InverseKinematics
 from spherekit.outputs.mid_plane_symmetry import mid_plane_form
 from spherekit.positions.assembly_mode import AssemblyMode
 
-MECHANISMS = ("three_rrr", "agile_eye", "five_bar")
+INVERSE_MECHANISMS = ("three_rrr", "agile_eye", "five_bar")
 """Mechanisms with closed form."""
 
 BAR_MECHANISM = "two_dof_spm"
@@ -54,7 +54,7 @@ def run(quick: bool) -> list[Section]:
                 "with the measure of type II over inputs only",
                 "all links over inputs only",
             ),
-            [_measure_closed_form(name, pose_count, quick) for name in MECHANISMS],
+            [_measure_closed_form(name, pose_count, quick) for name in INVERSE_MECHANISMS],
         ),
         _measure_bar(quick),
         _measure_mid_plane(quick),

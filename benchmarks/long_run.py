@@ -36,7 +36,7 @@ print(json.dumps([status, peak.ru_maxrss * 1024, peak.ru_utime + peak.ru_stime])
 It prints the exit status, the largest memory (bytes) and the processor time (s).
 """
 
-BLOCK_SIZES = (
+MEASURED_BLOCK_SIZES = (
     BLOCK_ROWS >> 5,
     BLOCK_ROWS >> 3,
     BLOCK_ROWS >> 1,
@@ -128,10 +128,10 @@ def _measure_blocks(quick: bool) -> Section:
     """Measure the same run in blocks of different sizes."""
     mechanism = load("stephenson")
     mode_count = len(PositionAnalysis(mechanism, samples=2).assembly_modes)
-    samples = BLOCK_SIZES[-1] // mode_count
-    best_seconds = dict.fromkeys(BLOCK_SIZES, float("inf"))
+    samples = MEASURED_BLOCK_SIZES[-1] // mode_count
+    best_seconds = dict.fromkeys(MEASURED_BLOCK_SIZES, float("inf"))
     for _ in range(2 if quick else 5):
-        for size in BLOCK_SIZES:
+        for size in MEASURED_BLOCK_SIZES:
             started = time.process_time()
             run_analyses(
                 mechanism,

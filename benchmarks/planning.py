@@ -10,8 +10,8 @@ from benchmarks.samples import grow_chain
 from spherekit.planning.assembly_plan import plan_assembly
 from spherekit.planning.pole_planner import plan
 
-LINK_COUNTS = (4, 6, 8, 12, 16, 24, 32, 48, 64, 80, 100)
-QUICK_LINK_COUNTS = (4, 8, 16, 32)
+PLANNED_LINK_COUNTS = (4, 6, 8, 12, 16, 24, 32, 48, 64, 80, 100)
+QUICK_PLANNED_LINK_COUNTS = (4, 8, 16, 32)
 
 MIN_FITTED_LINKS = 16
 """Smallest number of links in the fit of the growth.
@@ -31,7 +31,7 @@ def run(quick: bool) -> list[Section]:
 
 def _measure_chains(quick: bool, has_triads: bool) -> Section:
     """Measure both plans for random chains of each size; a row has medians over them."""
-    link_counts = QUICK_LINK_COUNTS if quick else LINK_COUNTS
+    link_counts = QUICK_PLANNED_LINK_COUNTS if quick else PLANNED_LINK_COUNTS
     chain_count = 2 if quick else 5
     round_count = 3 if quick else 5
     rows: list[tuple[Cell, ...]] = []

@@ -29,7 +29,7 @@ from spherekit.runs.runner import run as run_analyses
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import Request
 
-SAMPLES = 361
+PRUNING_SAMPLES = 361
 """Number of samples of the input."""
 
 ALL_POLES = "all poles"
@@ -93,7 +93,7 @@ def run(quick: bool) -> list[Section]:
         Section(
             "Pruning",
             f"Positions, poles and coefficients with derivatives of assembly mode 0 at "
-            f"{SAMPLES} "
+            f"{PRUNING_SAMPLES} "
             "samples, for one coefficient and for all. Only needed: groups that nothing "
             "asked depends on are left out too. Sizes are those of a run with its tables "
             "and a recording. The chain of 30 links is a four-bar grown by dyads.",
@@ -140,13 +140,13 @@ def _measure_mechanism(
             Study(mechanism.name, mechanism), [create_analysis(analysis)]
         )
         runs[f"{description}, only needed"] = MeasuredRun(analysis, True, part)
-    whole = PositionAnalysis(mechanism, search=False, samples=SAMPLES)
+    whole = PositionAnalysis(mechanism, search=False, samples=PRUNING_SAMPLES)
     jobs: dict[str, Job] = {}
     for description, measured_run in runs.items():
         position_analysis = whole
         if measured_run.only_needed:
             position_analysis = PositionAnalysis(
-                measured_run.solved_mechanism, search=False, samples=SAMPLES
+                measured_run.solved_mechanism, search=False, samples=PRUNING_SAMPLES
             )
         pole_request = _make_request(measured_run)
         jobs[description] = _make_job(position_analysis.motion, pole_request)
@@ -171,7 +171,7 @@ def _measure_mechanism(
                 len(measured_run.solved_mechanism.links),
                 counts["poles"],
                 counts["axis_derivatives"],
-                1e6 * median_time(times, description) / SAMPLES,
+                1e6 * median_time(times, description) / PRUNING_SAMPLES,
                 sizes.rows,
                 1e-6 * sizes.csv_bytes,
                 sizes.entities,
@@ -204,7 +204,7 @@ def _measure_sizes(mechanism: Mechanism, measured_run: MeasuredRun) -> RunSizes:
             result = run_analyses(
                 mechanism,
                 measured_run.analysis,
-                samples=SAMPLES,
+                samples=PRUNING_SAMPLES,
                 assembly_mode=0,
                 only_needed=measured_run.only_needed,
                 folder=Path(folder) / "out",

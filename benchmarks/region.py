@@ -37,7 +37,7 @@ LEG_ARCS = np.deg2rad([[50.0, 70.0], [40.0, 65.0]])
 ELBOW_LIMITS = np.deg2rad([[20.0, 150.0], [25.0, 140.0]])
 """Smallest and largest angle (rad) between the links of each leg."""
 
-TOLERANCES = 10.0 ** -np.arange(2, 9)
+REGION_TOLERANCES = 10.0 ** -np.arange(2, 9)
 """Relative tolerances of the area of the five-bar."""
 
 MECHANISM_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
@@ -59,7 +59,7 @@ MIN_AXIS_ANGLE_RAD = np.radians(10.0)
 JOINT_RANGE_DEG = (-40.0, 100.0)
 """Range of a limited pair."""
 
-GAUSS_POINTS = 200
+GAUSS_POINT_COUNT = 200
 """Number of points of the quadrature that gives the exact area of the five-bar."""
 
 ANNULUS_WIDTHS_RAD = (0.1, 0.05, 0.02, 0.01, 0.005, 0.002)
@@ -152,7 +152,7 @@ def _five_bar_region() -> FiveBarRegion:
     heights = np.sort([farthest[0], nearest[0], *inside])
     half_widths = 0.5 * np.diff(heights)
     middles = 0.5 * (heights[1:] + heights[:-1])
-    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINT_COUNT)
     # The substitution by a sine removes square roots at the ends of the intervals.
     t = 0.5 * np.pi * nodes
     z = middles[:, None] + half_widths[:, None] * np.sin(t)
@@ -164,7 +164,7 @@ def _measure_accuracy(quick: bool) -> Section:
     """Measure the area of the five-bar at several tolerances."""
     five_bar = _five_bar_region()
     rows: list[tuple[Cell, ...]] = []
-    for tolerance in TOLERANCES.tolist():
+    for tolerance in REGION_TOLERANCES.tolist():
         find_area = partial(find_region, five_bar.margins, tolerance * five_bar.area)
         times = measure_rounds({"area": find_area}, 3 if quick else 7)
         region = find_area()

@@ -32,7 +32,7 @@ from spherekit.symbolic.compiler import available, heyoka
 from spherekit.velocities.pole_request import request
 from spherekit.velocities.row_kernel import row_kernel
 
-MECHANISMS = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "five_bar")
+ROAD_MECHANISMS = ("four_bar", "stephenson", "double_butterfly", "shaped_cam", "five_bar")
 
 UNREACHABLE_ROWS = 1 << 60
 """A number of rows that no run has; as a threshold it switches a kernel off."""
@@ -59,7 +59,7 @@ def run(quick: bool) -> list[Section]:
             module.set_nthreads(1)
         rows = [
             _measure_mechanism(name, engine, quick)
-            for name in MECHANISMS
+            for name in ROAD_MECHANISMS
             for engine in engines
         ]
     return [

@@ -15,10 +15,10 @@ UNIT_MECHANISM = "four_bar"
 
 QUICK_MECHANISMS = (UNIT_MECHANISM, "stephenson", "roller_cam")
 
-REPETITIONS = 2
+SEARCH_REPETITIONS = 2
 """Number of measurements, of which the fastest counts."""
 
-MODE_SAMPLES = 9
+SEARCHED_MODE_SAMPLES = 9
 """Number of inputs at which all assembly modes are searched."""
 
 
@@ -104,7 +104,7 @@ def _row(name: str, times: ReportTimes, unit: ReportTimes) -> tuple[Cell, ...]:
 
 def _measure_report(name: str) -> ReportTimes:
     """Return the times of the fastest of several reports of a shipped mechanism."""
-    measurements = [_measure_once(name) for _ in range(REPETITIONS)]
+    measurements = [_measure_once(name) for _ in range(SEARCH_REPETITIONS)]
     return min(measurements, key=lambda times: times.total)
 
 
@@ -112,7 +112,7 @@ def _measure_once(name: str) -> ReportTimes:
     """Return the times of one report of a shipped mechanism."""
     mechanism = load(name)
     start = time.process_time()
-    position_analysis = PositionAnalysis(mechanism, samples=MODE_SAMPLES)
+    position_analysis = PositionAnalysis(mechanism, samples=SEARCHED_MODE_SAMPLES)
     modes_end = time.process_time()
     curves = [item.curve for item in position_analysis.configurations.curves]
     curves_end = time.process_time()

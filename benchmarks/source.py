@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.c_calls import SAMPLES, CallJob, compile_calls
+from benchmarks.c_calls import CALL_SAMPLES, CallJob, compile_calls
 from benchmarks.harness import Cell, Section, median_ratio, median_time
 from benchmarks.peers import load_with_uniform_arcs
 from benchmarks.pinocchio_source import compile_peers, compile_tree_program
@@ -37,7 +37,7 @@ ABSENT_TEXT = (
 
 def run(quick: bool) -> list[Section]:
     """Return one section, of exported formulas alone if Pinocchio is not installed."""
-    turn = np.linspace(0.0, 2.0 * np.pi, SAMPLES, endpoint=False)
+    turn = np.linspace(0.0, 2.0 * np.pi, CALL_SAMPLES, endpoint=False)
     circle = [0.4, 0.3] + 0.001 * np.column_stack([np.cos(turn), np.sin(turn)])
     four_bar = replace(load("four_bar"), loads=())
     wrist = load_with_uniform_arcs("two_dof_spm")
@@ -106,7 +106,7 @@ def _compare_sources(
     """
     name = mechanism.name
     input_count = len(mechanism.input_pairs)
-    rates = np.random.default_rng(1).uniform(-1.0, 1.0, (2 * input_count, SAMPLES))
+    rates = np.random.default_rng(1).uniform(-1.0, 1.0, (2 * input_count, CALL_SAMPLES))
     # Inputs, rates and accelerations; the time, which is the last name, is not used.
     sample = dict(zip(sample_names(mechanism.input_pairs), [*q.T, *rates], strict=False))
     values = PositionAnalysis(mechanism, path=q, assembly_mode=0).motion().values

@@ -35,7 +35,7 @@ ROUNDS = 5000
 QUICK_ROUNDS = 200
 """Number of rounds, whose median counts."""
 
-CASES = (("four_bar", 0), ("four_bar", 1), ("stephenson", 0))
+STORED_CASES = (("four_bar", 0), ("four_bar", 1), ("stephenson", 0))
 """Mechanisms with one input, and assembly modes."""
 
 GRID_MECHANISMS = ("two_dof_spm", "bevel_differential", "five_bar")
@@ -96,7 +96,7 @@ def run(quick: bool) -> list[Section]:
             ),
             [
                 _measure_model(name, assembly_mode, input_count, quick)
-                for name, assembly_mode in CASES
+                for name, assembly_mode in STORED_CASES
             ],
         ),
         _measure_grid_models(quick),

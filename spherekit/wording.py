@@ -4,7 +4,7 @@ import difflib
 import re
 from collections.abc import Collection, Iterable, Mapping
 
-_NUMBER = re.compile(r"(?<![\w.])-?\d[\d.]*(?:e[-+]?\d+)?(?![\w.])")
+_SEPARATE_NUMBER = re.compile(r"(?<![\w.])-?\d[\d.]*(?:e[-+]?\d+)?(?![\w.])")
 """A number that is not part of a key such as ``links.4.arc``."""
 
 
@@ -70,7 +70,7 @@ def size_text(count: float) -> str:
 
 def without_numbers(text: str) -> str:
     """Return a text without its numbers, to group messages that differ in numbers only."""
-    return _NUMBER.sub("", text)
+    return _SEPARATE_NUMBER.sub("", text)
 
 
 def numbered(word: str, numbers: Iterable[object]) -> str:

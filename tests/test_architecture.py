@@ -290,3 +290,27 @@ def test_only_these_classes_are_inherited_from():
     }
     inherited = {base for bases in classes.values() for base in bases if base in classes}
     assert inherited == set(INHERITED.split())
+
+
+MODULE_ATTRIBUTES = {"EXAMPLES"}
+"""Constants that other code reads from each of several modules: the examples of a
+subcommand."""
+
+
+def test_no_constant_name_has_two_values():
+    """A name in capitals stands for one value, so that a reader may search for it."""
+    values: dict[str, dict[str, str]] = {}
+    for path in FILES:
+        for node in tree_of(path).body:
+            if isinstance(node, ast.Assign):
+                targets = node.targets
+            elif isinstance(node, ast.AnnAssign) and node.value is not None:
+                targets = [node.target]
+            else:
+                continue
+            value = ast.unparse(node.value)
+            for name in (x for target in targets for x in ast.walk(target)):
+                if isinstance(name, ast.Name) and name.id.strip("_").isupper():
+                    values.setdefault(name.id, {})[value] = str(path.relative_to(ROOT))
+    ambiguous = {name: list(x.values()) for name, x in values.items() if len(x) > 1}
+    assert set(ambiguous) == MODULE_ATTRIBUTES, ambiguous

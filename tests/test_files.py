@@ -15,7 +15,7 @@ from spherekit.files.mechanism_writer import dumps
 from spherekit.files.schema import schema
 from spherekit.files.toml_document import MAX_BYTES
 from spherekit.files.toml_lines import locate_keys
-from spherekit.mechanism.joint import KINDS
+from spherekit.mechanism.joint import JOINT_KINDS
 from spherekit.mechanism.load_expression import MAX_LENGTH
 from spherekit.mechanism.load_kinds import LOADS
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -153,7 +153,7 @@ def test_every_key_of_the_schema_is_described(kind):
 def test_the_schema_agrees_with_the_code():
     parts = schema()["$defs"]
     assert parts["name"]["maxLength"] == MAX_NAME_LENGTH
-    assert set(parts["pair"]["properties"]["type"]["enum"]) == {*KINDS, "P"}
+    assert set(parts["pair"]["properties"]["type"]["enum"]) == {*JOINT_KINDS, "P"}
     assert parts["load"]["properties"]["kind"]["enum"] == [*LOADS]
     for kind, made in LOADS.items():
         part = parts[f"load_{kind}"]

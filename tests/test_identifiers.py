@@ -83,7 +83,7 @@ def distinct(rules, names=NAMES):
 def test_sources_of_c_compile_beside_every_header(tmp_path):
     """ISO C and POSIX come first, in the GNU dialect, which knows the most functions."""
     texts = []
-    for safe, name in distinct(identifiers.C).items():
+    for safe, name in distinct(identifiers.C_NAME_RULES).items():
         texts.append(source(called(name), "c"))
         assert f"\nvoid {safe}(const double motion[], " in texts[-1]
         said = f"The mechanism {name} is called {safe} here" in words_of(texts[-1])
@@ -104,7 +104,7 @@ def words_of(comment):
 @pytest.mark.skipif(not GPP, reason="there is no g++")
 def test_sources_of_cpp_compile_with_each_name(tmp_path):
     texts, calls = [], []
-    for safe, name in distinct(identifiers.CPP).items():
+    for safe, name in distinct(identifiers.CPP_NAME_RULES).items():
         texts.append(source(called(name), "cpp"))
         calls.append(f"    {safe}_formulas::{safe}(q, m, q, r);")
         assert safe == name or name not in KEPT, name
@@ -132,7 +132,7 @@ def test_every_function_and_macro_that_the_compiler_knows_is_renamed(tmp_path):
     macros = subprocess.run(words, check=True, capture_output=True, text=True).stdout
     known |= set(re.findall(r"^#define ([A-Za-z]\w*)", macros, re.M))
     assert len(known) > 1200
-    left = {name for name in known if identifiers.C.identifier(name) == name}
+    left = {name for name in known if identifiers.C_NAME_RULES.identifier(name) == name}
     assert not left, sorted(left)
 
 
@@ -145,7 +145,11 @@ def test_modules_of_javascript_run_with_each_name(tmp_path):
         "console.log(JSON.stringify(own))"
     )
     own = subprocess.run([NODE, "-e", asked], check=True, capture_output=True, text=True)
-    left = {x for x in json.loads(own.stdout) if not identifiers.JAVASCRIPT.is_taken(x)}
+    left = {
+        x
+        for x in json.loads(own.stdout)
+        if not identifiers.JAVASCRIPT_NAME_RULES.is_taken(x)
+    }
     assert not left and len(own.stdout) > 500, left
     names = [*NAMES[::3], "then", "Math", "NaN", "undefined", "await", "let", *KEPT]
     functions = []
@@ -167,11 +171,11 @@ def test_modules_of_javascript_run_with_each_name(tmp_path):
 def test_modules_of_python_run_with_each_name():
     public = [name for name in dir(builtins) if not name.startswith("_")]
     for name in {*keyword.kwlist, *keyword.softkwlist, *public, "__import__", "__name__"}:
-        assert identifiers.PYTHON.identifier(name) == f"m_{name}"
+        assert identifiers.PYTHON_NAME_RULES.identifier(name) == f"m_{name}"
     for name in ("None", "lambda", "np", "zip", "MODES", "__name__", "4bar", *KEPT):
         space = {}
         exec(compile(source(called(name), "python"), name, "exec"), space)
-        function = space[identifiers.PYTHON.identifier(name)]
+        function = space[identifiers.PYTHON_NAME_RULES.identifier(name)]
         np.testing.assert_allclose(function(*POINT)[0], expected(), atol=1e-12)
         assert space["np"] is np and isinstance(space["MODES"], dict)
 
@@ -180,12 +184,12 @@ def test_functions_of_casadi_have_names_that_casadi_allows():
     """They are names that C has free, as CasADi writes C of the same names."""
     ca = pytest.importorskip("casadi", reason="it reads the source")
     for name in NAMES:
-        safe = identifiers.CASADI.identifier(name)
-        assert ca.Function.check_name(safe) and not identifiers.C.is_taken(safe)
+        safe = identifiers.CASADI_NAME_RULES.identifier(name)
+        assert ca.Function.check_name(safe) and not identifiers.C_NAME_RULES.is_taken(safe)
     for name in ("int", "jac", "ca", "a__b", "_x", "lambda", "t0", "4bar", *KEPT):
         space = {}
         exec(compile(source(called(name), "casadi"), name, "exec"), space)
-        safe = identifiers.CASADI.identifier(name)
+        safe = identifiers.CASADI_NAME_RULES.identifier(name)
         function = space[safe]()
         assert function.name() == safe
         made = float(function(*POINT)[0])
@@ -208,7 +212,7 @@ def test_sources_of_newtons_method_and_tables_take_any_name(mechanism, language,
             space = {}
             exec(compile(text, name, "exec"), space)
             mode = tabled(mechanism).modes[0]
-            function = space[identifiers.PYTHON.identifier(name)]
+            function = space[identifiers.PYTHON_NAME_RULES.identifier(name)]
             assert np.all(np.isfinite(function(mode.at, mode.values)))
         elif language == "c" and GCC:
             words = [GCC, "-Wall", "-Wextra", "-Werror", "-c", str(path)]
@@ -230,7 +234,7 @@ def test_reserved_words_of_julia_are_renamed():
     functions = set(re.findall(r"\b([a-z]\w+)\(", text))
     own = {x for x in functions if x.startswith("four_bar")}
     for word in {*words, *functions} - own:
-        assert identifiers.JULIA.identifier(word) == f"m_{word}", word
+        assert identifiers.JULIA_NAME_RULES.identifier(word) == f"m_{word}", word
 
 
 JULIA = """
@@ -244,7 +248,9 @@ abstract mutable primitive type where
 def test_tables_of_controllers_compile_with_each_name(tmp_path):
     table = sk.coupling_table("four_bar", assembly_mode=0, samples=9, tolerance=0.5)
     path = tmp_path / "x.c"
-    names = distinct(identifiers.C, [*NAMES[::4], "X", "r", "W", "f", "2", "émile"])
+    names = distinct(
+        identifiers.C_NAME_RULES, [*NAMES[::4], "X", "r", "W", "f", "2", "émile"]
+    )
     texts = [header(replace(table, mechanism=name)) for name in names.values()]
     path.write_text(includes(*ISO, *POSIX) + "\n".join([*texts, "int unused;\n"]))
     words = [GCC, "-std=gnu17", "-D_XOPEN_SOURCE=700", "-Wall", "-Werror"]

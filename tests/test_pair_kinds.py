@@ -6,10 +6,10 @@ import re
 import pytest
 from helpers.source_files import ANALYSES, FILES, ROOT, nodes_of, tree_of
 
-from spherekit.mechanism.joint import KINDS
+from spherekit.mechanism.joint import JOINT_KINDS
 
 MOST = 8
-TYPES = {*KINDS, "P"}
+TYPES = {*JOINT_KINDS, "P"}
 """The types of pairs that files know; P is an R pair by its arc."""
 PROFILES = {"circle", "great_circle", "points", "fourier"}
 PAGE = ROOT / "docs" / "architecture.md"
@@ -23,7 +23,7 @@ def joint_classes():
         for node in nodes_of(path)
         if isinstance(node, ast.ClassDef)
     }
-    found = {kind.__name__ for kind in KINDS.values()}
+    found = {kind.__name__ for kind in JOINT_KINDS.values()}
     while more := {name for name, own in bases.items() if own & found} - found:
         found |= more
     assert found <= set(bases)

@@ -8,7 +8,12 @@ import pytest
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.proof.decimal_mechanism import read_decimals
-from spherekit.proof.input_map import CONTAINS, REGULAR, UNDECIDED, certify_input_map
+from spherekit.proof.input_map import (
+    CONTAINS_TYPE_II,
+    REGULAR,
+    UNDECIDED,
+    certify_input_map,
+)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +61,7 @@ def test_a_map_is_complete_to_its_largest_undecided_box(five_bar):
 
 def test_boxes_that_contain_a_singular_configuration_have_both_numbers(five_bar):
     grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 33)] * 2), axis=-1).reshape(-1, 2)
-    for row in np.flatnonzero(five_bar.kind == CONTAINS):
+    for row in np.flatnonzero(five_bar.kind == CONTAINS_TYPE_II):
         counts = modes_of_five_bar(five_bar.centres[row] + grid * five_bar.radii[row])
         assert set(counts.tolist()) == {0, 2}
 

@@ -20,7 +20,7 @@ from spherekit.display.rerun.preview import preview
 from spherekit.display.rerun.recorder import RerunRecorder
 from spherekit.display.rerun.screenshot import check_picture, check_version
 from spherekit.errors import OutputError, SolveError
-from spherekit.scenes.colours import HEAT, heat_colours
+from spherekit.scenes.colours import HEAT_COLOURS, heat_colours
 from spherekit.scenes.plot_layout import choose_plot_range
 from spherekit.scenes.scene import Axis, Diagram, InputMarks, Series, Trace
 
@@ -128,8 +128,8 @@ def test_marks_outside_the_range_of_a_chart_are_not_drawn():
 
 def test_colours_go_from_the_first_to_the_last_of_the_scale():
     low, high = heat_colours(np.array([2.0, 5.0]), 2.0, 5.0).tolist()
-    assert tuple(low) == HEAT[0]
-    assert tuple(high) == HEAT[-1]
+    assert tuple(low) == HEAT_COLOURS[0]
+    assert tuple(high) == HEAT_COLOURS[-1]
 
 
 @pytest.mark.slow

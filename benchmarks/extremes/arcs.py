@@ -9,7 +9,7 @@ from benchmarks.extremes.registry import Row, case
 from benchmarks.extremes.shapes import four_bar, point_of
 from spherekit.geometry.rotation import about_z
 
-FAMILY = "arcs"
+ARCS_FAMILY = "arcs"
 DEGREES = "arc, deg"
 SMALL_ARCS = (1e-9, 1e-7, 1e-5, 1e-3, 1e-1, 1.0, 10.0, 40.0)
 ARCS = (*SMALL_ARCS, *(180.0 - arc for arc in reversed(SMALL_ARCS)))
@@ -23,7 +23,7 @@ CRANK_RAD = np.radians(40.0)
 """Arcs (rad) of frame and crank, unless they are the parameter."""
 
 
-@case(FAMILY, DEGREES, ARCS)
+@case(ARCS_FAMILY, DEGREES, ARCS)
 def arc_of_the_crank(arcs: Sequence[float]) -> Iterator[Row]:
     """A four-bar with a crank of any arc; near 180 deg its outer axis is turned round."""
     for arc in arcs:
@@ -33,7 +33,7 @@ def arc_of_the_crank(arcs: Sequence[float]) -> Iterator[Row]:
         yield from judged(reference, [point])
 
 
-@case(FAMILY, DEGREES, ARCS)
+@case(ARCS_FAMILY, DEGREES, ARCS)
 def arc_of_the_frame(arcs: Sequence[float]) -> Iterator[Row]:
     """A four-bar with a frame of any arc: its fixed axes nearly coaxial, or opposite."""
     for arc in arcs:
@@ -43,7 +43,7 @@ def arc_of_the_frame(arcs: Sequence[float]) -> Iterator[Row]:
         yield from judged(reference, [point])
 
 
-@case(FAMILY, DEGREES, ARCS)
+@case(ARCS_FAMILY, DEGREES, ARCS)
 def arc_of_the_coupler(arcs: Sequence[float]) -> Iterator[Row]:
     """A four-bar with a coupler of any arc, its rocker as long as the gap it closes."""
     for arc in arcs:

@@ -14,7 +14,7 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
-FAMILY = "charts of the sphere"
+CHARTS_FAMILY = "charts of the sphere"
 HEIGHT = "height over the edge, rad"
 HEIGHTS = (*down(1e-1, 1e-15), 0.0)
 
@@ -71,21 +71,21 @@ def six_bar_with_pole(pole: tuple[int, int], height: float) -> Mechanism:
     return make_mechanism(SIX_BAR, rotate_pole_to_edge(axes, direction, height))
 
 
-@case(FAMILY, HEIGHT, HEIGHTS)
+@case(CHARTS_FAMILY, HEIGHT, HEIGHTS)
 def secondary_pole_at_the_edge(heights: Sequence[float]) -> Iterator[Row]:
     """A six-bar whose pole of links 1 and 3, the first that is found, is at the edge."""
     for height in heights:
         yield from judge_reference_pose(six_bar_with_pole(FIRST_POLE, height), height)
 
 
-@case(FAMILY, HEIGHT, HEIGHTS)
+@case(CHARTS_FAMILY, HEIGHT, HEIGHTS)
 def primary_pole_at_the_edge(heights: Sequence[float]) -> Iterator[Row]:
     """A six-bar with the axis of its input at the edge."""
     for height in heights:
         yield from judge_reference_pose(six_bar_with_pole(INPUT_POLE, height), height)
 
 
-@case(FAMILY, HEIGHT, HEIGHTS, held=False)
+@case(CHARTS_FAMILY, HEIGHT, HEIGHTS, held=False)
 def first_two_great_circles(heights: Sequence[float]) -> Iterator[Row]:
     """The first of these without a choice of great circles and without equations."""
     for height in heights:
@@ -94,7 +94,7 @@ def first_two_great_circles(heights: Sequence[float]) -> Iterator[Row]:
         )
 
 
-@case(FAMILY, "samples a turn", (36.0, 90.0, 361.0, 1801.0))
+@case(CHARTS_FAMILY, "samples a turn", (36.0, 90.0, 361.0, 1801.0))
 def poles_across_the_edge(counts: Sequence[float]) -> Iterator[Row]:
     """Over a turn of the shipped four-bar poles cross the edge; none may change its sign.
 

@@ -15,11 +15,11 @@ from spherekit.arrays import Floats
 from spherekit.mechanism.elements import Input, Pair, PoseGeometry, Profile
 from spherekit.mechanism.mechanism import Mechanism
 
-FAMILY = "contacts"
+CONTACTS_FAMILY = "contacts"
 FRAME_RAD = np.radians(60.0)
 """Arc (rad) between the two pivots."""
 
-CRANK_RAD = np.radians(10.0)
+CAM_CRANK_RAD = np.radians(10.0)
 ROCKER_RAD = np.radians(45.0)
 """Arcs (rad) from the pivots to the centres of the circles."""
 
@@ -30,7 +30,7 @@ INPUT_RAD = 0.7
 """The input (rad) at which the mechanisms are judged."""
 
 
-@case(FAMILY, "difference of the radii, rad", down(1e-1, 1e-12))
+@case(CONTACTS_FAMILY, "difference of the radii, rad", down(1e-1, 1e-12))
 def radii_almost_equal(differences: Sequence[float]) -> Iterator[Row]:
     """A circular cam inside a ring that is hardly larger, the ring on the follower.
 
@@ -78,7 +78,7 @@ def _pivot_to_centre_arc(q: float) -> mp.mpf:
     """
     with mp.workdps(DIGITS):
         frame = mp.mpf(FRAME_RAD)
-        crank = mp.mpf(CRANK_RAD)
+        crank = mp.mpf(CAM_CRANK_RAD)
         sines = mp.sin(frame) * mp.sin(crank)
         cosine = mp.cos(frame) * mp.cos(crank) + sines * mp.cos(mp.mpf(q))
         return mp.acos(cosine)
@@ -87,26 +87,26 @@ def _pivot_to_centre_arc(q: float) -> mp.mpf:
 def _judge_cam(cam_radius: float, face_radius: float, parameter: float) -> Iterator[Row]:
     """Yield the errors of a cam and a follower with these radii (rad)."""
     radii = (cam_radius, face_radius)
-    mechanism = cam(FRAME_RAD, CRANK_RAD, radii, ROCKER_RAD, "external")
+    mechanism = cam(FRAME_RAD, CAM_CRANK_RAD, radii, ROCKER_RAD, "external")
     reference, point = point_of(mechanism, parameter, INPUT_RAD)
     yield from judged(reference, [point])
 
 
-@case(FAMILY, "radius of the roller, rad", (1.0, 0.3, *down(1e-1, 1e-12)))
+@case(CONTACTS_FAMILY, "radius of the roller, rad", (1.0, 0.3, *down(1e-1, 1e-12)))
 def roller_without_radius(radii: Sequence[float]) -> Iterator[Row]:
     """A circular cam and a follower with a roller that shrinks to a point."""
     for radius in radii:
         yield from _judge_cam(FACE_RADIUS_RAD, radius, radius)
 
 
-@case(FAMILY, "radius of the cam, rad", down(1e-1, 1e-12))
+@case(CONTACTS_FAMILY, "radius of the cam, rad", down(1e-1, 1e-12))
 def cam_without_radius(radii: Sequence[float]) -> Iterator[Row]:
     """A circular cam that shrinks to a point, its centre at the same place."""
     for radius in radii:
         yield from _judge_cam(radius, FACE_RADIUS_RAD, radius)
 
 
-@case(FAMILY, "arc left, rad", down(1e-1, 1e-15))
+@case(CONTACTS_FAMILY, "arc left, rad", down(1e-1, 1e-15))
 def contact_almost_lost(rests: Sequence[float]) -> Iterator[Row]:
     """A cam and a follower whose circles only just reach each other at this input.
 

@@ -27,7 +27,7 @@ from spherekit.mechanism.load_kinds import PairTorque
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.status import Status
 
-FAMILY = "inertia"
+INERTIA_FAMILY = "inertia"
 RATIO = "inertia of one link over the others"
 RATIOS = tuple(10.0**k for k in range(-12, 13, 2))
 INPUT_ANGLE = 0.7
@@ -168,21 +168,21 @@ def _inertia_and_torque(
     return [inertia, inertia_derivative, torque]
 
 
-@case(FAMILY, RATIO, RATIOS)
+@case(INERTIA_FAMILY, RATIO, RATIOS)
 def inertia_of_the_coupler(ratios: Sequence[float]) -> Iterator[Row]:
     """The paper's four-bar, the tensor of its coupler scaled."""
     for ratio in ratios:
         yield from judge_inertia(scale_inertia(load("four_bar"), "3", ratio), ratio)
 
 
-@case(FAMILY, RATIO, RATIOS)
+@case(INERTIA_FAMILY, RATIO, RATIOS)
 def inertia_of_the_rocker(ratios: Sequence[float]) -> Iterator[Row]:
     """The paper's four-bar, the tensor of its rocker scaled."""
     for ratio in ratios:
         yield from judge_inertia(scale_inertia(load("four_bar"), "4", ratio), ratio)
 
 
-@case(FAMILY, RATIO, RATIOS)
+@case(INERTIA_FAMILY, RATIO, RATIOS)
 def energy_of_a_motion(ratios: Sequence[float]) -> Iterator[Row]:
     """The same with a weight on the rocker for 2 s: kinetic and potential energy.
 

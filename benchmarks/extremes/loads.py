@@ -29,7 +29,7 @@ from spherekit.mechanism.load_kinds import PairTorque
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.status import Status
 
-FAMILY = "loads"
+LOADS_FAMILY = "loads"
 POWER = "power of ten of the load, N m"
 HUGE = (0.0, 100.0, 200.0, 290.0, 300.0, 305.0, 307.0, 308.0)
 TINY = (-100.0, -200.0, -300.0, -307.0, -309.0, -315.0, -320.0, -323.0)
@@ -107,19 +107,19 @@ def _true_torque(
     return torque, max(1.0, float(max(changes) / SMALL))
 
 
-@case(FAMILY, POWER, HUGE)
+@case(LOADS_FAMILY, POWER, HUGE)
 def torque_of_a_huge_load(powers: Sequence[float]) -> Iterator[Row]:
     """The torque that holds a load up to 1e308 N m on the rocker of the four-bar."""
     yield from judge_holding_torques(powers)
 
 
-@case(FAMILY, POWER, TINY)
+@case(LOADS_FAMILY, POWER, TINY)
 def torque_of_a_tiny_load(powers: Sequence[float]) -> Iterator[Row]:
     """The same of a load down to the smallest denormal number."""
     yield from judge_holding_torques(powers)
 
 
-@case(FAMILY, POWER, HUGE)
+@case(LOADS_FAMILY, POWER, HUGE)
 def loads_that_overflow(powers: Sequence[float]) -> Iterator[Row]:
     """Four such loads at once in the analysis `eksergian`: their sum may be no number.
 
@@ -134,7 +134,7 @@ def loads_that_overflow(powers: Sequence[float]) -> Iterator[Row]:
             yield Row(power, "torque", 1.0, error, row.status)
 
 
-@case(FAMILY, POWER, HUGE)
+@case(LOADS_FAMILY, POWER, HUGE)
 def motion_under_a_huge_load(powers: Sequence[float]) -> Iterator[Row]:
     """The four-bar with its inertia let go under such a load for 1 ms.
 

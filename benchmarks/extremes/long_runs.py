@@ -16,10 +16,10 @@ from spherekit.mechanism.load_kinds import PairTorque
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.numerics.angles import wrap
 
-FAMILY = "long runs"
-TURNS = "turns of the input"
-TURN_COUNTS = (10.0, 100.0, 1000.0, 10000.0)
-QUICK_TURN_COUNTS = (10.0, 100.0)
+LONG_RUNS_FAMILY = "long runs"
+INPUT_TURNS = "turns of the input"
+INPUT_TURN_COUNTS = (10.0, 100.0, 1000.0, 10000.0)
+QUICK_INPUT_TURN_COUNTS = (10.0, 100.0)
 
 MAX_SIMULATED_TURNS = 1000.0
 """Largest number of revolutions in one simulation; longer motions are continued."""
@@ -27,7 +27,7 @@ MAX_SIMULATED_TURNS = 1000.0
 WEIGHT_MOMENT = 5.0
 """Largest moment (N m) of the weight on the rocker."""
 
-SAMPLES = 1001
+HISTORY_SAMPLES = 1001
 """Number of times in a simulation at which the energy is computed."""
 
 
@@ -68,7 +68,7 @@ def judge_energy(
             except EngineError as fault:
                 status = type(fault).__name__
                 break
-            history = simulation.at(np.linspace(0.0, simulation.end.t, SAMPLES))
+            history = simulation.at(np.linspace(0.0, simulation.end.t, HISTORY_SAMPLES))
             potential: Floats | float = 0.0
             if mechanism.loads:
                 potential = WEIGHT_MOMENT * np.cos(history.values[:, rocker])
@@ -88,7 +88,7 @@ def judge_energy(
         yield Row(round(turns), "closure", float(steps), largest_residual, status)
 
 
-@case(FAMILY, TURNS, TURN_COUNTS, QUICK_TURN_COUNTS)
+@case(LONG_RUNS_FAMILY, INPUT_TURNS, INPUT_TURN_COUNTS, QUICK_INPUT_TURN_COUNTS)
 def crank_with_a_weight(counts: Sequence[float]) -> Iterator[Row]:
     """The paper's four-bar without friction, a weight on its rocker, compiled engine."""
     weight = (PairTorque("weight", "41", f"-{WEIGHT_MOMENT}*sin(theta_41)"),)

@@ -15,7 +15,7 @@ from spherekit.mechanism.joint_construction import make_joints_in_pose
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.velocities.pole_request import Route
 
-FAMILY = "parallel axes"
+PARALLEL_FAMILY = "parallel axes"
 AXIS_ANGLE = "angle between, rad"
 PLANE_ANGLE = "angle out of the plane, rad"
 ANGLES = down(1e-1, 1e-14)
@@ -56,7 +56,7 @@ def judge_reference_pose(
     )
 
 
-@case(FAMILY, AXIS_ANGLE, ANGLES)
+@case(PARALLEL_FAMILY, AXIS_ANGLE, ANGLES)
 def crank_without_length(angles: Sequence[float]) -> Iterator[Row]:
     """A four-bar whose crank has two nearly coaxial pairs: nothing moves but the crank."""
     for angle in angles:
@@ -64,7 +64,7 @@ def crank_without_length(angles: Sequence[float]) -> Iterator[Row]:
         yield from judged(reference, [point])
 
 
-@case(FAMILY, AXIS_ANGLE, ANGLES)
+@case(PARALLEL_FAMILY, AXIS_ANGLE, ANGLES)
 def axes_of_one_link(angles: Sequence[float]) -> Iterator[Row]:
     """Three eight-bars with two nearly parallel axes in a link that has three."""
     for number in EIGHT_BAR_NUMBERS:
@@ -73,7 +73,7 @@ def axes_of_one_link(angles: Sequence[float]) -> Iterator[Row]:
             yield from judge_reference_pose(mechanism, angle)
 
 
-@case(FAMILY, AXIS_ANGLE, ANGLES)
+@case(PARALLEL_FAMILY, AXIS_ANGLE, ANGLES)
 def axes_of_two_lines(angles: Sequence[float]) -> Iterator[Row]:
     """Three eight-bars with nearly parallel axes in links that are not joined."""
     for number in EIGHT_BAR_NUMBERS:
@@ -124,7 +124,7 @@ def _rotate_towards(axis: Floats, target: Floats, angle: float) -> Floats:
     return np.asarray(rotated / np.linalg.norm(rotated))
 
 
-@case(FAMILY, PLANE_ANGLE, ANGLES)
+@case(PARALLEL_FAMILY, PLANE_ANGLE, ANGLES)
 def three_axes_in_a_plane(angles: Sequence[float]) -> Iterator[Row]:
     """A four-bar in an eight-bar with three axes nearly in a plane: one pair stands still.
 
@@ -136,7 +136,7 @@ def three_axes_in_a_plane(angles: Sequence[float]) -> Iterator[Row]:
         yield from judge_reference_pose(mechanism, angle)
 
 
-@case(FAMILY, PLANE_ANGLE, ANGLES)
+@case(PARALLEL_FAMILY, PLANE_ANGLE, ANGLES)
 def two_lines_in_a_plane(angles: Sequence[float]) -> Iterator[Row]:
     """The same with all four axes nearly in a plane: both lines of a pole coincide."""
     for angle in angles:

@@ -10,12 +10,12 @@ from benchmarks.extremes.registry import Row, case, down
 from benchmarks.extremes.shapes import four_bar, point_of
 from benchmarks.samples import EIGHT_BARS, make_mechanism
 
-FAMILY = "near-planar"
+PLANAR_FAMILY = "near-planar"
 SIZE = "size, rad"
 SIZES = down(1e-1, 1e-8)
 
 
-@case(FAMILY, SIZE, SIZES)
+@case(PLANAR_FAMILY, SIZE, SIZES)
 def small_four_bar(sizes: Sequence[float]) -> Iterator[Row]:
     """A four-bar given by arcs of this size, at an input far from its reference."""
     for size in sizes:
@@ -24,7 +24,7 @@ def small_four_bar(sizes: Sequence[float]) -> Iterator[Row]:
         yield from judged(reference, [point])
 
 
-@case(FAMILY, SIZE, SIZES)
+@case(PLANAR_FAMILY, SIZE, SIZES)
 def small_eight_bars(sizes: Sequence[float]) -> Iterator[Row]:
     """Three eight-bars, one of them the double butterfly, with all axes in a small cap."""
     for number in EIGHT_BAR_NUMBERS:

@@ -31,7 +31,7 @@ Differences then have 30 exact digits, of 90.
 CHANGES = 3
 """Number of random changes of all data that are tried for the conditioning."""
 
-MAX_NEWTON_STEPS = 60
+MAX_REFERENCE_NEWTON_STEPS = 60
 """Largest number of steps of Newton's method."""
 
 LONGEST_NEWTON_STEP_RAD = mp.mpf("0.3")
@@ -375,7 +375,7 @@ class Reference:
         """
         passive = [v for v in range(self.count) if v not in held]
         values = values.copy()
-        for _ in range(MAX_NEWTON_STEPS):
+        for _ in range(MAX_REFERENCE_NEWTON_STEPS):
             placed = self.place(values)
             matrix = self.jacobian(placed)[:, passive]
             change = solve_equations(matrix, -placed.residual[:, None])[:, 0]
@@ -443,7 +443,7 @@ class Reference:
             normalisation = start_rates @ rates - 1
             return np.concatenate([placed.residual, loop_rates, [normalisation]])
 
-        for _ in range(MAX_NEWTON_STEPS):
+        for _ in range(MAX_REFERENCE_NEWTON_STEPS):
             residual = equations(unknowns)
             columns = []
             for k in range(len(unknowns)):

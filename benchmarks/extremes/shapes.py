@@ -7,11 +7,10 @@ import numpy as np
 
 from benchmarks.extremes.kinematics import Point
 from benchmarks.extremes.reference import DIGITS, Reference, exact
+from spherekit.conventions import TURN
 from spherekit.mechanism.elements import Input, LinkSizes, Pair, Profile, SizeGeometry
 from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.position_analysis import PositionAnalysis
-
-TURN = 2 * np.pi
 
 
 def four_bar(arcs: Sequence[float]) -> Mechanism:

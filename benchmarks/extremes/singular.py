@@ -21,7 +21,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.positions.curve_continuation import follow_arc
 from spherekit.positions.position_analysis import PositionAnalysis
 
-FAMILY = "singularities"
+SINGULAR_FAMILY = "singularities"
 ALONG = "distance on the curve, rad"
 
 TO_DEAD_CENTRE = down(1e-1, 1e-8, 10**0.5)
@@ -30,7 +30,7 @@ TO_DEAD_CENTRE = down(1e-1, 1e-8, 10**0.5)
 TO_STANDSTILL = down(1e-1, 1e-15)
 """Distances (rad) from a configuration in which an output is stationary."""
 
-MODE_SAMPLES = 9
+SEARCHED_MODE_SAMPLES = 9
 """Number of inputs at which assembly modes are searched."""
 
 POSE_DISTANCE_RAD = 0.1
@@ -94,7 +94,7 @@ def find_standstill(
     """
     reference = Reference(mechanism)
     first_input = mechanism.inputs[0]
-    q = np.linspace(first_input.start, first_input.stop, MODE_SAMPLES)
+    q = np.linspace(first_input.start, first_input.stop, SEARCHED_MODE_SAMPLES)
     path = np.array([[angle, *other_inputs] for angle in q])
     position_analysis = PositionAnalysis(mechanism, path=path)
     motion = position_analysis.motion()
@@ -177,19 +177,19 @@ def _find_singular(reference: Reference, start: Exact, pair: str) -> Exact:
         return reference.find_singular(start, variable, held)
 
 
-@case(FAMILY, ALONG, TO_DEAD_CENTRE)
+@case(SINGULAR_FAMILY, ALONG, TO_DEAD_CENTRE)
 def four_bar_dead_centre(distances: Sequence[float]) -> Iterator[Row]:
     """Type II: the shipped four-bar driven at its rocker, near the rocker's dead centre."""
     yield from judge_approach(load("four_bar").with_inputs("41"), "41", distances)
 
 
-@case(FAMILY, ALONG, TO_STANDSTILL)
+@case(SINGULAR_FAMILY, ALONG, TO_STANDSTILL)
 def four_bar_output_stands(distances: Sequence[float]) -> Iterator[Row]:
     """Type I: the shipped four-bar driven at its crank, where the rocker turns back."""
     yield from judge_approach(load("four_bar"), "41", distances)
 
 
-@case(FAMILY, ALONG, TO_DEAD_CENTRE)
+@case(SINGULAR_FAMILY, ALONG, TO_DEAD_CENTRE)
 def stephenson_dead_centre(distances: Sequence[float]) -> Iterator[Row]:
     """Type II of a triad: the shipped Stephenson driven outside its four-bar, at 16."""
     yield from judge_approach(
@@ -197,13 +197,13 @@ def stephenson_dead_centre(distances: Sequence[float]) -> Iterator[Row]:
     )
 
 
-@case(FAMILY, ALONG, TO_STANDSTILL)
+@case(SINGULAR_FAMILY, ALONG, TO_STANDSTILL)
 def stephenson_output_stands(distances: Sequence[float]) -> Iterator[Row]:
     """Type I: the shipped Stephenson driven at its crank, where link 6 turns back."""
     yield from judge_approach(load("stephenson"), "16", distances)
 
 
-@case(FAMILY, ALONG, TO_DEAD_CENTRE)
+@case(SINGULAR_FAMILY, ALONG, TO_DEAD_CENTRE)
 def double_butterfly_dead_centre(distances: Sequence[float]) -> Iterator[Row]:
     """Type II of a group of seven bodies: the double butterfly driven at pair B."""
     yield from judge_approach(
@@ -211,39 +211,39 @@ def double_butterfly_dead_centre(distances: Sequence[float]) -> Iterator[Row]:
     )
 
 
-@case(FAMILY, ALONG, TO_STANDSTILL)
+@case(SINGULAR_FAMILY, ALONG, TO_STANDSTILL)
 def double_butterfly_output_stands(distances: Sequence[float]) -> Iterator[Row]:
     """Type I: the double butterfly driven at pair A, where link 5 turns back."""
     yield from judge_approach(load("double_butterfly"), "B", distances, from_pose=True)
 
 
-@case(FAMILY, ALONG, TO_DEAD_CENTRE)
+@case(SINGULAR_FAMILY, ALONG, TO_DEAD_CENTRE)
 def five_bar_dead_centre(distances: Sequence[float]) -> Iterator[Row]:
     """Type II of two inputs: the shipped five-bar, its second crank at 90 deg."""
     yield from judge_approach(load("five_bar"), "21", distances, (np.pi / 2,))
 
 
-@case(FAMILY, ALONG, TO_STANDSTILL)
+@case(SINGULAR_FAMILY, ALONG, TO_STANDSTILL)
 def five_bar_output_stands(distances: Sequence[float]) -> Iterator[Row]:
     """Type I of two inputs: the same, where the first crank does not move the pointer."""
     yield from judge_approach(load("five_bar"), "54", distances, (np.pi / 2,))
 
 
-@case(FAMILY, ALONG, TO_DEAD_CENTRE)
+@case(SINGULAR_FAMILY, ALONG, TO_DEAD_CENTRE)
 def three_rrr_dead_centre(distances: Sequence[float]) -> Iterator[Row]:
     """Type II of three inputs: the shipped 3-RRR, two of its cranks in the middle."""
     others = [0.5 * (item.start + item.stop) for item in load("three_rrr").inputs[1:]]
     yield from judge_approach(load("three_rrr"), "a1", distances, others, from_pose=True)
 
 
-@case(FAMILY, ALONG, TO_STANDSTILL)
+@case(SINGULAR_FAMILY, ALONG, TO_STANDSTILL)
 def three_rrr_output_stands(distances: Sequence[float]) -> Iterator[Row]:
     """Type I of three inputs: the same, where the platform does not follow a crank."""
     others = [0.5 * (item.start + item.stop) for item in load("three_rrr").inputs[1:]]
     yield from judge_approach(load("three_rrr"), "b2", distances, others, from_pose=True)
 
 
-@case(FAMILY, "input beside the change point, rad", TO_STANDSTILL)
+@case(SINGULAR_FAMILY, "input beside the change point, rad", TO_STANDSTILL)
 def change_point(distances: Sequence[float]) -> Iterator[Row]:
     """Type III: a four-bar with opposite arcs equal, where its two modes cross."""
     mechanism = four_bar(np.radians([60.0, 40.0, 60.0, 40.0]).tolist())
@@ -294,7 +294,7 @@ From farther away it does not reach the nearest configurations.
 """
 
 
-@case(FAMILY, "distance of the cranks' ends, rad", TO_STANDSTILL)
+@case(SINGULAR_FAMILY, "distance of the cranks' ends, rad", TO_STANDSTILL)
 def folded_dyad(distances: Sequence[float]) -> Iterator[Row]:
     """Type III of two inputs: the shipped five-bar, its two outer links nearly folded."""
     mechanism = load("five_bar")

@@ -10,7 +10,7 @@ from benchmarks.extremes.registry import Row, case
 from benchmarks.extremes.shapes import point_of
 from spherekit.files.mechanism_reader import load
 
-FAMILY = "many turns"
+TURNS_FAMILY = "many turns"
 TURNS = "whole turns"
 TURN_COUNTS = (0.0, 1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6)
 
@@ -33,25 +33,25 @@ def judge_turns(name: str, counts: Sequence[float]) -> Iterator[Row]:
         yield from judged(reference, [point])
 
 
-@case(FAMILY, TURNS, TURN_COUNTS)
+@case(TURNS_FAMILY, TURNS, TURN_COUNTS)
 def turns_of_the_four_bar(counts: Sequence[float]) -> Iterator[Row]:
     """The shipped four-bar, dyads only."""
     yield from judge_turns("four_bar", counts)
 
 
-@case(FAMILY, TURNS, TURN_COUNTS)
+@case(TURNS_FAMILY, TURNS, TURN_COUNTS)
 def turns_of_the_stephenson(counts: Sequence[float]) -> Iterator[Row]:
     """The shipped Stephenson, two dyads."""
     yield from judge_turns("stephenson", counts)
 
 
-@case(FAMILY, TURNS, TURN_COUNTS)
+@case(TURNS_FAMILY, TURNS, TURN_COUNTS)
 def turns_of_the_double_butterfly(counts: Sequence[float]) -> Iterator[Row]:
     """The shipped double butterfly, one group of seven bodies that is followed."""
     yield from judge_turns("double_butterfly", counts)
 
 
-@case(FAMILY, TURNS, TURN_COUNTS)
+@case(TURNS_FAMILY, TURNS, TURN_COUNTS)
 def turns_of_a_cam(counts: Sequence[float]) -> Iterator[Row]:
     """The shipped cam with a roller."""
     yield from judge_turns("roller_cam", counts)

@@ -461,15 +461,15 @@ def _draw_map(input_map: Any, names: Lines, path: str) -> None:
     import numpy as np
 
     from spherekit.display.figures import certified_map
-    from spherekit.proof.input_map import CONTAINS, UNDECIDED
+    from spherekit.proof.input_map import CONTAINS_TYPE_II, UNDECIDED
 
     # For each kind of area: whether a box (boxes,) belongs to it.
     is_in_area = {
         counted(mode_count, "mode"): input_map.modes == mode_count
         for mode_count in input_map.mode_shares
     }
-    is_in_area[certified_map.CONTAINS] = input_map.kind == CONTAINS
-    is_in_area[certified_map.UNDECIDED] = input_map.kind == UNDECIDED
+    is_in_area[certified_map.TYPE_II_LABEL] = input_map.kind == CONTAINS_TYPE_II
+    is_in_area[certified_map.UNDECIDED_LABEL] = input_map.kind == UNDECIDED
     areas = {
         label: (np.degrees(input_map.centres[boxes]), np.degrees(input_map.radii[boxes]))
         for label, boxes in is_in_area.items()

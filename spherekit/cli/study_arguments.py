@@ -235,7 +235,7 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
         the mechanism has several.
     """
     from spherekit.errors import AnalysisError, ModelError
-    from spherekit.files.time_law import KINDS
+    from spherekit.files.time_law import LAW_KINDS
     from spherekit.files.units import KEYS
     from spherekit.planning.assembly_plan import driven_pairs
     from spherekit.runs.parameter_text import parse_fields
@@ -246,15 +246,17 @@ def laws_of(law_texts: Sequence[str], study: "Study") -> dict[str, "Law"]:
     for text in law_texts:
         pair_and_kind, _, parameter_text = text.partition(":")
         pair, _, kind = pair_and_kind.rpartition("=")  # the pair is empty if left out
-        if kind not in KINDS:
-            raise AnalysisError(f'--law: no law is "{kind}"{choices(kind, KINDS, "Laws")}')
+        if kind not in LAW_KINDS:
+            raise AnalysisError(
+                f'--law: no law is "{kind}"{choices(kind, LAW_KINDS, "Laws")}'
+            )
         # Parameters are written with the keys of files, such as `from` for the field start.
-        key_of_field = {field: key for key, field in KEYS[KINDS[kind]].items()}
+        key_of_field = {field: key for key, field in KEYS[LAW_KINDS[kind]].items()}
         parameters = parse_fields(
-            parameter_text, KINDS[kind], f"--law {kind}", key_of_field
+            parameter_text, LAW_KINDS[kind], f"--law {kind}", key_of_field
         )
         try:
-            law = KINDS[kind](**parameters)
+            law = LAW_KINDS[kind](**parameters)
         except ModelError as problem:
             raise AnalysisError(f"--law {kind}: {problem}") from None
         if not pair and len(inputs) > 1:

@@ -15,7 +15,7 @@ import numpy as np
 
 from spherekit.arrays import Floats
 from spherekit.dynamics.motion_expressions import (
-    TIME,
+    TIME_SYMBOL,
     EquationExpressions,
     EquationLayout,
     make_joint_limit_events,
@@ -339,13 +339,13 @@ def _compile_expressions(
     parameters = [
         parameter_symbol(k) for k in range(layout.switch_parameters + len(conditions))
     ]
-    inputs = [*layout.state, TIME, *parameters]
+    inputs = [*layout.state, TIME_SYMBOL, *parameters]
 
     # At a zero of a switch condition a load changes abruptly. There, the parameter with the
     # sign of the condition is reversed, unless it would be reversed back at once.
     switch_function = None
     if conditions:
-        condition_rates = differentiate(conditions, dict(equations) | {TIME: 1.0})
+        condition_rates = differentiate(conditions, dict(equations) | {TIME_SYMBOL: 1.0})
         switch_function = compile_function(
             [*conditions, *condition_rates], inputs, compact=True
         )
@@ -371,7 +371,7 @@ def _compile_expressions(
         layout=layout,
         integrator=Integrator(
             equations,
-            time_symbol=TIME,
+            time_symbol=TIME_SYMBOL,
             parameter_symbols=parameters,
             tolerance=step_tolerance,
             compact=compact,

@@ -18,7 +18,7 @@ from spherekit.symbolic.taylor_integrator import EventFunction
 from spherekit.velocities.coordinate_rates import CoordinateRates
 from spherekit.velocities.load_expressions import LoadState
 
-(TIME,) = symbols(["moment"])
+(TIME_SYMBOL,) = symbols(["moment"])
 """The variable that stands for the time, s."""
 
 
@@ -124,7 +124,7 @@ class EquationLayout:
             variables=self.variables,
             revolutions=[parameter_symbol(k) for k in range(self.variable_count)],
             rates=variable_rates,
-            time=TIME,
+            time=TIME_SYMBOL,
             sign_of_condition=self._switch_symbol,
             table_torque=self._table_torque,
         )
@@ -142,7 +142,7 @@ class EquationLayout:
         number = self.table_parameters + 1 + 2 * self.table_names.index(name)
         value = parameter_symbol(number)
         slope = parameter_symbol(number + 1)
-        return value + slope * (TIME - interval_start)
+        return value + slope * (TIME_SYMBOL - interval_start)
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ FIRST_CURVE_CELLS = 16
 Smaller: a narrow feature can be missed. Larger: smooth functions need more memory.
 """
 
-CURVE_SCALE_SAMPLES = 1024
+REDUCED_MODEL_SCALE_SAMPLES = 1024
 """Samples of a curve from which the scales of its functions are computed.
 
 Smaller: the scale of a function with a narrow peak is too small, which only makes its fit
@@ -118,7 +118,7 @@ def reduced_model(
         labels_of_group.append(sampler.label_pole_functions(pole, heading))
     # Errors of a function are relative to its scale, its largest value at many samples.
     coordinates = np.linspace(
-        0.0, heading.high[0], CURVE_SCALE_SAMPLES, endpoint=not sampler.periodic
+        0.0, heading.high[0], REDUCED_MODEL_SCALE_SAMPLES, endpoint=not sampler.periodic
     )
     samples = sampler.evaluate_groups(range(len(labels_of_group)), coordinates)
     scales = function_scales([*chain(*labels_of_group)], samples)

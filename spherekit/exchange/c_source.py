@@ -74,7 +74,7 @@ C = Language(
     table_format=TABLE_FORMAT.format(scalar="double"),
     comment_prefix=" * ",
     escape_comment=c_comment,
-    name_rules=identifiers.C,
+    name_rules=identifiers.C_NAME_RULES,
     helper_by_operation=C_HELPER_BY_OPERATION,
     nan_literal="NAN",
 )
@@ -87,13 +87,13 @@ CPP = Language(
     table_format=TABLE_FORMAT.format(scalar="Scalar"),
     comment_prefix="// ",
     escape_comment=c_comment,
-    name_rules=identifiers.CPP,
+    name_rules=identifiers.CPP_NAME_RULES,
     helper_by_operation=CPP_HELPER_BY_OPERATION,
     nan_literal="Scalar(NAN)",
     literal_format="Real({0})",
 )
 
-SERIES_TEMPLATE = """\
+C_SERIES_TEMPLATE = """\
 static void {name}_table_{k}({scalar} s, {scalar} column[{columns}])
 {{
 {alias}    static const {constant} edges[{cells} + 1] = {{
@@ -123,10 +123,10 @@ static void {name}_table_{k}({scalar} s, {scalar} column[{columns}])
 """
 """Template of the function that evaluates a stored series, by Clenshaw's recurrence."""
 
-CLOSED_SERIES_TEMPLATE = "    s = s - floor((s - {low}) / {length}) * {length};\n"
+C_CLOSED_SERIES_TEMPLATE = "    s = s - floor((s - {low}) / {length}) * {length};\n"
 """Line that moves the variable of a closed curve into its period."""
 
-OPEN_SERIES_TEMPLATE = """\
+C_OPEN_SERIES_TEMPLATE = """\
     if (!(s >= {low} && s <= {high})) {{
         for (int k = 0; k < {columns}; ++k)
             column[k] = NAN;
@@ -135,7 +135,7 @@ OPEN_SERIES_TEMPLATE = """\
 """
 """Lines that return NaN outside of an open curve."""
 
-SMOOTH_MODE_TEMPLATE = """\
+C_SMOOTH_MODE_TEMPLATE = """\
 {head}
 {{
     static const double starts[{intervals}] = {{
@@ -151,7 +151,7 @@ SMOOTH_MODE_TEMPLATE = """\
 """
 """Template of the function that returns the places of a mode on its smooth curve."""
 
-MOVED_INPUT_TEMPLATE = """\
+C_MOVED_INPUT_TEMPLATE = """\
     if (!(q >= {low} && q <= {high})) {{
         const double above = q - floor((q - {low}) / {period}) * {period};
         q = above - {high} > {low} - above + {period} ? above - {period} : above;
@@ -271,12 +271,12 @@ def _write_series(
     literal_format = source.language.literal_format  # such as Real(...) in C++
     for fields in source.series_fields:
         around_template = (
-            CLOSED_SERIES_TEMPLATE if fields["closed"] else OPEN_SERIES_TEMPLATE
+            C_CLOSED_SERIES_TEMPLATE if fields["closed"] else C_OPEN_SERIES_TEMPLATE
         )
         edges = nested(fields["edges"], "{}", literal_format)
         coefficients = nested(fields["coefficients"], "{}", literal_format)
         # The template has the outer braces.
-        yield SERIES_TEMPLATE.format(
+        yield C_SERIES_TEMPLATE.format(
             **fields,
             scalar=scalar,
             constant=constant,
@@ -382,7 +382,7 @@ def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
         return nested_with_nan(values, "{}", "NAN", "INFINITY")[1:-1]
 
     fields = source.smooth_mode_fields
-    moved = MOVED_INPUT_TEMPLATE.format(**fields) if source.is_periodic else ""
+    moved = C_MOVED_INPUT_TEMPLATE.format(**fields) if source.is_periodic else ""
     input_lines = ""
     return_line = ""
     if source.formulas.step:
@@ -396,7 +396,7 @@ def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
         "places": array_text(fields["places"]),
         "inputs": input_lines,
     }
-    yield SMOOTH_MODE_TEMPLATE.format(
+    yield C_SMOOTH_MODE_TEMPLATE.format(
         **{**fields, **texts},
         head=_smooth_mode_head(source, scalar),
         moved=moved,

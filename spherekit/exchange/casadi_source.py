@@ -31,12 +31,12 @@ CASADI = Language(
     table_format="    table_{k} = _table_{k}({place})",
     comment_prefix="# ",
     escape_comment=python_comment,
-    name_rules=identifiers.CASADI,
+    name_rules=identifiers.CASADI_NAME_RULES,
     helper_by_operation={},
     nan_literal='float("nan")',
 )
 
-SERIES_TEMPLATE = """
+CASADI_SERIES_TEMPLATE = """
 _EDGES_{k} = {edges}
 _COEFFICIENTS_{k} = {coefficients}
 
@@ -58,13 +58,15 @@ def _table_{k}(s):
 """
 """Template of the function that evaluates a stored series, by Clenshaw's recurrence."""
 
-CLOSED_SERIES_TEMPLATE = "    s = s - ca.floor((s - {low}) / {length}) * {length}\n"
+CASADI_CLOSED_SERIES_TEMPLATE = "    s = s - ca.floor((s - {low}) / {length}) * {length}\n"
 """Line that moves the variable of a closed curve into its period."""
 
-OPEN_SERIES_TEMPLATE = '    s = ca.if_else((s >= {low}) * (s <= {high}), s, float("nan"))\n'
+CASADI_OPEN_SERIES_TEMPLATE = (
+    '    s = ca.if_else((s >= {low}) * (s <= {high}), s, float("nan"))\n'
+)
 """Line that makes the variable NaN outside of an open curve."""
 
-SMOOTH_MODE_TEMPLATE = """
+CASADI_SMOOTH_MODE_TEMPLATE = """
 def {name}(number, q):
     \"\"\"Return the {mode} of an assembly mode at an input q (rad){more}.\"\"\"
     mode = list(MODES).index(number)
@@ -80,7 +82,7 @@ def {name}(number, q):
 """
 """Template of the function that returns the places of a mode on its smooth curve."""
 
-MOVED_INPUT_TEMPLATE = """\
+CASADI_MOVED_INPUT_TEMPLATE = """\
     above = q - ca.floor((q - {low}) / {period}) * {period}
     is_nearer_below = above - {high} > {low} - above + {period}
     above = ca.if_else(is_nearer_below, above - {period}, above)
@@ -94,7 +96,10 @@ def write_casadi(source: Source) -> str:
     parts = [
         write_constants(source, "casadi as ca"),
         *write_series(
-            source, SERIES_TEMPLATE, CLOSED_SERIES_TEMPLATE, OPEN_SERIES_TEMPLATE
+            source,
+            CASADI_SERIES_TEMPLATE,
+            CASADI_CLOSED_SERIES_TEMPLATE,
+            CASADI_OPEN_SERIES_TEMPLATE,
         ),
         *(_write_function(source, function) for function in source.functions),
         *_write_smooth_modes(source),
@@ -142,7 +147,9 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     """
     if source.smooth_modes is None:
         return
-    texts = smooth_mode_texts(source, 'float("nan")', 'float("inf")', MOVED_INPUT_TEMPLATE)
+    texts = smooth_mode_texts(
+        source, 'float("nan")', 'float("inf")', CASADI_MOVED_INPUT_TEMPLATE
+    )
     # The parts of the text about the input of the known configuration; empty without one.
     input_lines = ""
     docstring_end = ""
@@ -158,7 +165,7 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
             "            is_beyond, inputs[interval][mode], known_input\n        )\n"
         )
         returned += ", known_input"
-    yield SMOOTH_MODE_TEMPLATE.format(
+    yield CASADI_SMOOTH_MODE_TEMPLATE.format(
         **{**texts.fields, "inputs": input_lines},
         moved=texts.moved,
         returned=returned,

@@ -160,9 +160,9 @@ def header(table: CouplingTable) -> str:
     The arrays of the table become static arrays of C. All names in the header begin with
     the name of the mechanism.
     """
-    name = identifiers.C.identifier(table.mechanism)
+    name = identifiers.C_NAME_RULES.identifier(table.mechanism)
     # POSIX defines macros such as X_OK, which a mechanism called x would define again.
-    if identifiers.C.is_taken(f"{name.upper()}_OK"):
+    if identifiers.C_NAME_RULES.is_taken(f"{name.upper()}_OK"):
         name = f"m_{name}"
     variable_names = unique_names(
         re.sub(r"\W", "_", variable, flags=re.ASCII) for variable in table.variables

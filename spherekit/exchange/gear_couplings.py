@@ -24,14 +24,14 @@ from spherekit.geometry.triangle import arc
 from spherekit.geometry.vectors import unit_rows
 from spherekit.mechanism.graph import find_spanning_tree
 
-SAME_AXIS_SINE = 1e-6
+SAME_WHEEL_AXIS_SINE = 1e-6
 """Sine of the angle below which two axes are one.
 
 Larger: gears with tiny pitch cones are taken for coaxial wheels; smaller: axes that differ
 by rounding of the file stay apart.
 """
 
-RATIO_TOLERANCE = 1e-9
+COUPLING_TOLERANCE = 1e-9
 """Relative error up to which an equation is accepted as a combination of couplings.
 
 Larger: gears are accepted whose ratio differs in digits that the file states; smaller:
@@ -461,7 +461,7 @@ def _find_bevel_equations(
         )
         # A gear whose pitch circle is a point cannot roll.
         circles = bevel_equation.construct_gears().circles
-        if min(circle.radius for circle in circles) > SAME_AXIS_SINE:
+        if min(circle.radius for circle in circles) > SAME_WHEEL_AXIS_SINE:
             yield bevel_equation
 
 
@@ -527,19 +527,19 @@ def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None
     rotations at zero.
     """
     _, singular_values, directions = np.linalg.svd(equations)
-    rank = int(np.sum(singular_values > RATIO_TOLERANCE))
+    rank = int(np.sum(singular_values > COUPLING_TOLERANCE))
     # The rows from `rank` on are the motions that the couplings allow. An equation between
     # the two rotations is satisfied in all of them: its factors combine the two rows of
     # `allowed_rotations` to zero. They belong to a second singular value of zero.
     allowed_rotations = rotations @ directions[rank:].T
     combinations, singular_values, _ = np.linalg.svd(allowed_rotations)
     singular_values = np.append(singular_values, np.zeros(2 - len(singular_values)))
-    has_no_equation = singular_values[1] > RATIO_TOLERANCE
-    has_no_motion = singular_values[0] <= RATIO_TOLERANCE
+    has_no_equation = singular_values[1] > COUPLING_TOLERANCE
+    has_no_motion = singular_values[0] <= COUPLING_TOLERANCE
     if has_no_equation or has_no_motion:
         return None
     factors = combinations[:, 1]
-    if np.min(np.abs(factors)) <= RATIO_TOLERANCE:
+    if np.min(np.abs(factors)) <= COUPLING_TOLERANCE:
         return None  # one of the rotations is always zero
     return factors
 
@@ -550,7 +550,7 @@ def _group_by_axis(hinges: Sequence[ImportedPair], path: LinkPath) -> list[Coaxi
     for hinge, sense in path.hinges:
         axis = hinges[hinge].axis
         is_same_axis = bool(groups) and (
-            np.linalg.norm(np.cross(axis, groups[-1].axis)) <= SAME_AXIS_SINE
+            np.linalg.norm(np.cross(axis, groups[-1].axis)) <= SAME_WHEEL_AXIS_SINE
         )
         if not is_same_axis:
             groups.append(CoaxialHinges(axis, []))
@@ -592,4 +592,4 @@ def _find_rank(rows: Sequence[Floats] | Floats) -> int:
     """Return the rank of equations (rows, hinges) whose largest factors are about 1."""
     if not len(rows):
         return 0
-    return int(np.linalg.matrix_rank(np.asarray(rows), tol=RATIO_TOLERANCE))
+    return int(np.linalg.matrix_rank(np.asarray(rows), tol=COUPLING_TOLERANCE))

@@ -90,12 +90,14 @@ _PYTHON = frozenset(
 )
 _C = _WORDS["c_keywords"] | _WORDS["c_library"]
 
-C = NameRules(_C, _C_MACROS, underscores=False)
-CPP = NameRules(_C | _WORDS["cpp_keywords"], _C_MACROS, underscores=False)
-JAVASCRIPT = NameRules(_WORDS["javascript"])
-JULIA = NameRules(_WORDS["julia"])
-PYTHON = NameRules(_PYTHON | _WORDS["python_source"], re.compile(r"__\w+"))
-CASADI = NameRules(_C | PYTHON.words | _WORDS["casadi"], _C_MACROS, underscores=False)
+C_NAME_RULES = NameRules(_C, _C_MACROS, underscores=False)
+CPP_NAME_RULES = NameRules(_C | _WORDS["cpp_keywords"], _C_MACROS, underscores=False)
+JAVASCRIPT_NAME_RULES = NameRules(_WORDS["javascript"])
+JULIA_NAME_RULES = NameRules(_WORDS["julia"])
+PYTHON_NAME_RULES = NameRules(_PYTHON | _WORDS["python_source"], re.compile(r"__\w+"))
+CASADI_NAME_RULES = NameRules(
+    _C | PYTHON_NAME_RULES.words | _WORDS["casadi"], _C_MACROS, underscores=False
+)
 """CasADi writes functions of C of the same names."""
 
 

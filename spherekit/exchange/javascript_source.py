@@ -17,12 +17,12 @@ JAVASCRIPT = Language(
     table_format="  const table_{k} = {name}_table_{k}({place});",
     comment_prefix="// ",
     escape_comment=javascript_comment,
-    name_rules=identifiers.JAVASCRIPT,
+    name_rules=identifiers.JAVASCRIPT_NAME_RULES,
     helper_by_operation={},
     nan_literal="NaN",
 )
 
-SERIES_TEMPLATE = """\
+JAVASCRIPT_SERIES_TEMPLATE = """\
 const {name}_edges_{k} = {edges};
 const {name}_coefficients_{k} = {coefficients};
 
@@ -46,15 +46,17 @@ function {name}_table_{k}(s) {{
 """
 """Template of the function that evaluates a stored series, by Clenshaw's recurrence."""
 
-CLOSED_SERIES_TEMPLATE = "  s -= Math.floor((s - {low}) / {length}) * {length};\n"
+JAVASCRIPT_CLOSED_SERIES_TEMPLATE = (
+    "  s -= Math.floor((s - {low}) / {length}) * {length};\n"
+)
 """Line that moves the variable of a closed curve into its period."""
 
-OPEN_SERIES_TEMPLATE = (
+JAVASCRIPT_OPEN_SERIES_TEMPLATE = (
     "  if (!(s >= {low} && s <= {high}))\n    return new Array({columns}).fill(NaN);\n"
 )
 """Lines that return NaN outside of an open curve."""
 
-SMOOTH_MODE_TEMPLATE = """\
+JAVASCRIPT_SMOOTH_MODE_TEMPLATE = """\
 export function {name}(k, q, {mode} = new Float64Array({count})) {{
   const starts = {starts};
   const places = {places};
@@ -67,7 +69,7 @@ export function {name}(k, q, {mode} = new Float64Array({count})) {{
 """
 """Template of the function that returns the places of a mode on its smooth curve."""
 
-MOVED_INPUT_TEMPLATE = """\
+JAVASCRIPT_MOVED_INPUT_TEMPLATE = """\
   if (!(q >= {low} && q <= {high})) {{
     const above = q - Math.floor((q - {low}) / {period}) * {period};
     q = above - {high} > {low} - above + {period} ? above - {period} : above;
@@ -97,7 +99,10 @@ def write_javascript(source: Source) -> str:
     parts = [
         f"export const {source.name}_about = {json_text(description, indent=1)};\n",
         *write_series(
-            source, SERIES_TEMPLATE, CLOSED_SERIES_TEMPLATE, OPEN_SERIES_TEMPLATE
+            source,
+            JAVASCRIPT_SERIES_TEMPLATE,
+            JAVASCRIPT_CLOSED_SERIES_TEMPLATE,
+            JAVASCRIPT_OPEN_SERIES_TEMPLATE,
         ),
         *(_write_function(source, function) for function in source.functions),
         *_write_smooth_modes(source),
@@ -133,12 +138,12 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     """
     if source.smooth_modes is None:
         return
-    texts = smooth_mode_texts(source, "NaN", "Infinity", MOVED_INPUT_TEMPLATE)
+    texts = smooth_mode_texts(source, "NaN", "Infinity", JAVASCRIPT_MOVED_INPUT_TEMPLATE)
     input_lines = ""
     returned = source.mode_argument
     if source.formulas.step:
         input_lines = f"  const inputs = {texts.inputs};\n"
         returned = "Number.isNaN(q) ? NaN : inputs[interval][k]"
-    yield SMOOTH_MODE_TEMPLATE.format(
+    yield JAVASCRIPT_SMOOTH_MODE_TEMPLATE.format(
         **{**texts.fields, "inputs": input_lines}, moved=texts.moved, returned=returned
     )

@@ -38,7 +38,7 @@ JULIA = Language(
     table_format="    table_{k} = {name}_table_{k}({place})",
     comment_prefix="# ",
     escape_comment=julia_comment,
-    name_rules=identifiers.JULIA,
+    name_rules=identifiers.JULIA_NAME_RULES,
     helper_by_operation={
         name: f"{name}_or_nan(x) = {condition} ? oftype(float(x), NaN) : {name}(x)\n"
         for name, condition in ERROR_CONDITIONS.items()
@@ -47,7 +47,7 @@ JULIA = Language(
     first_index=1,
 )
 
-SERIES_TEMPLATE = """\
+JULIA_SERIES_TEMPLATE = """\
 const {name}_edges_{k} = {edges}
 const {name}_coefficients_{k} = {coefficients}
 
@@ -66,15 +66,15 @@ end
 """
 """Template of the function that evaluates a stored series, by Clenshaw's recurrence."""
 
-CLOSED_SERIES_TEMPLATE = "    s -= floor((s - {low}) / {length}) * {length}\n"
+JULIA_CLOSED_SERIES_TEMPLATE = "    s -= floor((s - {low}) / {length}) * {length}\n"
 """Line that moves the variable of a closed curve into its period."""
 
-OPEN_SERIES_TEMPLATE = (
+JULIA_OPEN_SERIES_TEMPLATE = (
     "    {low} <= s <= {high} || return fill(oftype(float(s), NaN), {columns})\n"
 )
 """Line that returns NaN outside of an open curve."""
 
-SMOOTH_MODE_TEMPLATE = """\
+JULIA_SMOOTH_MODE_TEMPLATE = """\
 function {name}(k, q)
     starts = {starts}
     places = {places}
@@ -85,7 +85,7 @@ end
 """
 """Template of the function that returns the places of a mode on its smooth curve."""
 
-MOVED_INPUT_TEMPLATE = """\
+JULIA_MOVED_INPUT_TEMPLATE = """\
     if !({low} <= q <= {high})
         above = q - floor((q - {low}) / {period}) * {period}
         q = above - {high} > {low} - above + {period} ? above - {period} : above
@@ -111,7 +111,10 @@ def write_julia(source: Source) -> str:
         f"const {name}_sizes = Float64{sizes}",
         f"const {name}_modes = [{modes}]\n",
         *write_series(
-            source, SERIES_TEMPLATE, CLOSED_SERIES_TEMPLATE, OPEN_SERIES_TEMPLATE
+            source,
+            JULIA_SERIES_TEMPLATE,
+            JULIA_CLOSED_SERIES_TEMPLATE,
+            JULIA_OPEN_SERIES_TEMPLATE,
         ),
         *(_write_function(source, function) for function in source.functions),
         *_write_smooth_modes(source),
@@ -138,12 +141,12 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     """
     if source.smooth_modes is None:
         return
-    texts = smooth_mode_texts(source, "NaN", "Inf", MOVED_INPUT_TEMPLATE)
+    texts = smooth_mode_texts(source, "NaN", "Inf", JULIA_MOVED_INPUT_TEMPLATE)
     input_lines = ""
     returned = source.mode_argument
     if source.formulas.step:
         input_lines = f"    inputs = {texts.inputs}\n"
         returned += ", isnan(q) ? NaN : inputs[interval][k]"
-    yield SMOOTH_MODE_TEMPLATE.format(
+    yield JULIA_SMOOTH_MODE_TEMPLATE.format(
         **{**texts.fields, "inputs": input_lines}, moved=texts.moved, returned=returned
     )

@@ -30,12 +30,12 @@ PYTHON = Language(
     table_format="        table_{k} = _table_{k}({place})",
     comment_prefix="# ",
     escape_comment=python_comment,
-    name_rules=identifiers.PYTHON,
+    name_rules=identifiers.PYTHON_NAME_RULES,
     helper_by_operation={},
     nan_literal="np.nan",
 )
 
-SERIES_TEMPLATE = """
+PYTHON_SERIES_TEMPLATE = """
 _EDGES_{k} = np.array(
     {edges}
 )
@@ -58,13 +58,13 @@ def _table_{k}(s):
 """
 """Template of the function that evaluates a stored series, by Clenshaw's recurrence."""
 
-CLOSED_SERIES_TEMPLATE = "    s = s - np.floor((s - {low}) / {length}) * {length}\n"
+PYTHON_CLOSED_SERIES_TEMPLATE = "    s = s - np.floor((s - {low}) / {length}) * {length}\n"
 """Line that moves the variable of a closed curve into its period."""
 
-OPEN_SERIES_TEMPLATE = "    s = np.where((s >= {low}) & (s <= {high}), s, np.nan)\n"
+PYTHON_OPEN_SERIES_TEMPLATE = "    s = np.where((s >= {low}) & (s <= {high}), s, np.nan)\n"
 """Line that makes the variable NaN outside of an open curve."""
 
-SMOOTH_MODE_TEMPLATE = """
+PYTHON_SMOOTH_MODE_TEMPLATE = """
 def {name}(number, q):
     \"\"\"Return the {mode} (..., as q) of an assembly mode at inputs q (rad){more}.\"\"\"
     starts = np.array(
@@ -81,7 +81,7 @@ def {name}(number, q):
 """
 """Template of the function that returns the places of a mode on its smooth curve."""
 
-MOVED_INPUT_TEMPLATE = """\
+PYTHON_MOVED_INPUT_TEMPLATE = """\
     above = q - np.floor((q - {low}) / {period}) * {period}
     above = np.where(above - {high} > {low} - above + {period}, above - {period}, above)
     q = np.where((q >= {low}) & (q <= {high}), q, above)
@@ -94,7 +94,10 @@ def write_python(source: Source) -> str:
     parts = [
         write_constants(source, "numpy as np"),
         *write_series(
-            source, SERIES_TEMPLATE, CLOSED_SERIES_TEMPLATE, OPEN_SERIES_TEMPLATE
+            source,
+            PYTHON_SERIES_TEMPLATE,
+            PYTHON_CLOSED_SERIES_TEMPLATE,
+            PYTHON_OPEN_SERIES_TEMPLATE,
         ),
         *(_write_function(source, function) for function in source.functions),
         *_write_smooth_modes(source),
@@ -132,7 +135,7 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     """
     if source.smooth_modes is None:
         return
-    texts = smooth_mode_texts(source, "np.nan", "np.inf", MOVED_INPUT_TEMPLATE)
+    texts = smooth_mode_texts(source, "np.nan", "np.inf", PYTHON_MOVED_INPUT_TEMPLATE)
     input_lines = ""
     docstring_end = ""
     returned = f"np.where(np.isnan(q), np.nan, {source.mode_argument}_there)"
@@ -140,7 +143,7 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         input_lines = f"    inputs = np.array(\n        {texts.inputs}\n    )\n"
         docstring_end = KNOWN_INPUTS_TEXT
         returned += ", np.where(np.isnan(q), np.nan, inputs[interval, mode])"
-    yield SMOOTH_MODE_TEMPLATE.format(
+    yield PYTHON_SMOOTH_MODE_TEMPLATE.format(
         **{**texts.fields, "inputs": input_lines},
         moved=texts.moved,
         returned=returned,

@@ -15,7 +15,7 @@ from spherekit.files.library import STUDY_SUFFIX, find, is_study, named_in
 from spherekit.files.mechanism_reader import angle_unit_of, load
 from spherekit.files.schema import check
 from spherekit.files.study import Start, Study
-from spherekit.files.time_law import KINDS, Law, Tabulated
+from spherekit.files.time_law import LAW_KINDS, Law, Tabulated
 from spherekit.files.toml_document import Document, Table, parse, read_text
 from spherekit.files.toml_lines import KeyPath
 from spherekit.files.units import construct_element, convert_to_model
@@ -240,7 +240,7 @@ class _StudyReader:
         FileError
             If the numbers are no such law, or a table of the law is shorter than the study.
         """
-        kind: Callable[..., Law] = KINDS[item["kind"]]
+        kind: Callable[..., Law] = LAW_KINDS[item["kind"]]
         try:
             law = construct_element(kind, item)
         except ModelError as error:

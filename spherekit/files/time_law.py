@@ -20,7 +20,7 @@ States = tuple[Floats, Floats, Floats]
 """The variable (rad), its rate (rad/s) and acceleration (rad/s2), in the shape asked."""
 
 
-SPLINE_DEGREE = 5
+LAW_SPLINE_DEGREE = 5
 """Degree of the spline of a table. A quintic spline has a continuous fourth derivative, so
 the driving torque, which depends on the acceleration, is smooth."""
 
@@ -121,7 +121,7 @@ class Tabulated:
 
     def __post_init__(self) -> None:
         check_finite_fields(self)
-        min_rows = 2 if self.rest_at_ends else SPLINE_DEGREE + 1
+        min_rows = 2 if self.rest_at_ends else LAW_SPLINE_DEGREE + 1
         hint = "" if self.rest_at_ends else ", or 2 with rest_at_ends = true"
         check_table_rows("", "angles", self.times, self.angles, min_rows, hint)
 
@@ -153,7 +153,7 @@ class Tabulated:
         rest = [(1, 0.0), (2, 0.0)]  # order and value of derivatives at an end
         end_conditions: Any = (rest, rest) if self.rest_at_ends else None
         spline = make_interp_spline(
-            self.times, self.angles, SPLINE_DEGREE, bc_type=end_conditions
+            self.times, self.angles, LAW_SPLINE_DEGREE, bc_type=end_conditions
         )
         return spline, spline.derivative(1), spline.derivative(2)
 
@@ -168,7 +168,7 @@ class TimeLaw(Protocol):
         """Return the input at times t (s)."""
 
 
-KINDS: Mapping[str, type[Law]] = {
+LAW_KINDS: Mapping[str, type[Law]] = {
     "constant_speed": ConstantSpeed,
     "polynomial": Polynomial,
     "cycloidal": Cycloidal,

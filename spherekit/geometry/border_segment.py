@@ -35,7 +35,7 @@ MAX_HEIGHT_RATIO = 0.4
 """Largest height at the middle of a segment, as a part of its chord. The triangle of a
 higher segment is cut first."""
 
-MIN_CHORD_RAD = 1e-11
+MIN_BORDER_CHORD_RAD = 1e-11
 """Shorter chords are taken for the border. Directions along them have too few digits."""
 
 AUDIT_STEPS = 16
@@ -247,7 +247,7 @@ class BorderSegments(ArrayRows):
         """
         length = self.length[selected]
         # Borders over very short chords are not searched. The chord is taken for them.
-        is_long = length > MIN_CHORD_RAD
+        is_long = length > MIN_BORDER_CHORD_RAD
         height[~is_long] = 0.0
         # Compute the heights that are not known yet; each has a segment (row) and a node.
         row, node = np.nonzero(np.isnan(height))

@@ -20,7 +20,7 @@ MAX_CURVE_SAMPLES = 3000
 COARSE_SAMPLES = 1000
 """Samples from which the rotation of the frame along a curve is integrated."""
 
-MAX_ARC_STEP_RAD = 0.1
+MAX_CONTACT_STEP_RAD = 0.1
 """Largest change of an arc length in a step of the search."""
 
 EQUAL_CONTACT_RAD = 1e-12
@@ -81,7 +81,7 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
         start=_find_starts(curves),
         low=low,
         high=high,
-        longest_step=MAX_ARC_STEP_RAD,
+        longest_step=MAX_CONTACT_STEP_RAD,
     )
     angles = np.sqrt(squares)
     arc_lengths = np.where(is_closed, np.mod(arc_lengths, lengths), arc_lengths)

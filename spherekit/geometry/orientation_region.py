@@ -117,7 +117,7 @@ def _interpolation_matrix(points: Floats) -> Floats:
 
 
 _LINE_BERNSTEIN = np.array([[1.0, 0.0, 0.0], [-0.5, 2.0, -0.5], [0.0, 0.0, 1.0]])
-_BERNSTEIN = np.kron(_LINE_BERNSTEIN, np.kron(_LINE_BERNSTEIN, _LINE_BERNSTEIN))
+_CUBE_BERNSTEIN = np.kron(_LINE_BERNSTEIN, np.kron(_LINE_BERNSTEIN, _LINE_BERNSTEIN))
 """(27, 27) matrix from samples to Bernstein coefficients. The smallest and largest
 coefficient bound the polynomial in the cell."""
 
@@ -141,8 +141,8 @@ _STEP_MEANS = np.mean(
 """Matrix from samples to the means over steps, by Gauss's rule with two nodes per axis."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
-_GAUSS_POINTS = _cubic_grid(0.5 * (1.0 + _NODES))
-_GAUSS_WEIGHTS = np.prod(_cubic_grid(0.5 * _WEIGHTS), axis=1)
+_CUBE_GAUSS_POINTS = _cubic_grid(0.5 * (1.0 + _NODES))
+_CUBE_GAUSS_WEIGHTS = np.prod(_cubic_grid(0.5 * _WEIGHTS), axis=1)
 """Points (64, 3) and weights (64,) of Gauss's rule in a cell."""
 
 
@@ -299,7 +299,7 @@ class _OrientationCells:
             _interpolation_matrix(_CHECK_QUARTERS / 4.0), samples, axes=1
         )
         slack = VALUE_SAFETY_FACTOR * max_abs(at_checks - checks, axis=0)
-        bernstein = np.tensordot(_BERNSTEIN, samples, axes=1)
+        bernstein = np.tensordot(_CUBE_BERNSTEIN, samples, axes=1)
         is_outside = (bernstein.max(axis=0) + slack < 0.0).any(axis=1)
         is_certain = is_outside | (bernstein.min(axis=0) >= slack).all(axis=1)
 
@@ -411,5 +411,5 @@ def _step_volumes(boxes: _Boxes) -> Floats:
         return 8.0 / (1.0 + np.vecdot(x, x)) ** 2
 
     at_centres = density(_STEP_CENTRES)
-    cell_volume = density(_GAUSS_POINTS) @ _GAUSS_WEIGHTS * width[:, 0, 0] ** 3
+    cell_volume = density(_CUBE_GAUSS_POINTS) @ _CUBE_GAUSS_WEIGHTS * width[:, 0, 0] ** 3
     return at_centres * (cell_volume / at_centres.sum(axis=1))[:, None]

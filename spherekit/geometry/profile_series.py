@@ -22,10 +22,10 @@ Curvatures, and their derivatives even more, lose digits by rounding. Larger: ce
 kinks get a larger error. Smaller: such profiles get as many cells as allowed.
 """
 
-MAX_SERIES_CELLS = 2048
+MAX_PROFILE_CELLS = 2048
 """Most cells of a series. Larger: more memory. Smaller: difficult profiles get an error."""
 
-SERIES_DEGREE = 11
+PROFILE_SERIES_DEGREE = 11
 """Degree of the series on a cell. Larger: fewer cells, each slower to evaluate."""
 
 SLOPE_SAMPLES = 17
@@ -34,7 +34,7 @@ SLOPE_SAMPLES = 17
 SLOPE_SAFETY_FACTOR_OF_PROFILES = 1.5
 """Bound of d2k/ds2 over its largest value at the sampled positions."""
 
-CURVE_SCALE_SAMPLES = 257
+PROFILE_SCALE_SAMPLES = 257
 """Positions along the profile from which the scale of each column is taken."""
 
 
@@ -66,7 +66,7 @@ class ProfileSeries:
     def fit(curve: Curve) -> "ProfileSeries":
         """Return the series of a curve, as accurate as the curve up to rounding."""
         samples = _evaluate_columns(
-            curve, np.linspace(0.0, curve.length, CURVE_SCALE_SAMPLES)
+            curve, np.linspace(0.0, curve.length, PROFILE_SCALE_SAMPLES)
         )
         series = PiecewiseChebyshev.fit(
             lambda s: _evaluate_columns(curve, s),
@@ -75,8 +75,8 @@ class ProfileSeries:
             tolerance=SERIES_ERROR,
             scales=np.maximum(1.0, max_abs(samples, axis=0)),
             first_cells=curve.edges,
-            degree=SERIES_DEGREE,
-            max_cells=MAX_SERIES_CELLS,
+            degree=PROFILE_SERIES_DEGREE,
+            max_cells=MAX_PROFILE_CELLS,
             rounding_tolerance=SERIES_ROUNDING_TOLERANCE,
         )
         # Column 7 is dk/ds, so its derivative is d2k/ds2.

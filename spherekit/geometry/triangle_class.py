@@ -105,7 +105,7 @@ def _interpolation_matrices() -> tuple[Floats, Floats, Floats]:
     return bernstein, slopes, terms @ bernstein
 
 
-_BERNSTEIN, _SLOPES, _CHECKS = _interpolation_matrices()
+_TRIANGLE_BERNSTEIN, _SLOPES, _CHECKS = _interpolation_matrices()
 
 
 def classify_triangles(
@@ -196,7 +196,7 @@ def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
     """
     # Six samples determine a polynomial of degree 2, which its Bernstein coefficients
     # bound. Its error is measured at four check points.
-    coefficients = np.tensordot(_BERNSTEIN, samples[:6], axes=1)
+    coefficients = np.tensordot(_TRIANGLE_BERNSTEIN, samples[:6], axes=1)
     interpolated = np.tensordot(_CHECKS, samples[:6], axes=1)
     # The check point of an edge is near its vertex with the lower number. This is the
     # second vertex in the triangle if the numbers fall along the edge.

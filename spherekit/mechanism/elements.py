@@ -12,7 +12,7 @@ import numpy as np
 
 from spherekit.conventions import Names
 from spherekit.errors import ModelError
-from spherekit.mechanism.joint import KINDS, Ends, Kind, Links, Numbers, PairType
+from spherekit.mechanism.joint import JOINT_KINDS, Ends, Kind, Links, Numbers, PairType
 from spherekit.mechanism.sizes import AngleUnit, Sizes, Vector, to_radians
 from spherekit.wording import choices, counted
 
@@ -146,7 +146,7 @@ class Pair:
     @property
     def kind(self) -> Kind:
         """The joint class of the pair's type."""
-        return KINDS[self.type]
+        return JOINT_KINDS[self.type]
 
     @property
     def constraints(self) -> int:

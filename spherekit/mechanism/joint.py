@@ -36,7 +36,7 @@ Larger: more pairs of wheels have a finite period, which can be very long. Small
 with many teeth never return to the same configuration.
 """
 
-RATIO_TOLERANCE = 1e-12
+TOOTH_RATIO_TOLERANCE = 1e-12
 """Largest relative difference of a ratio of lengths from a ratio of whole numbers.
 
 Larger: wheels of irrational ratio can get a finite period. Smaller: rounding errors of the
@@ -425,7 +425,7 @@ class Rolling(Joint):
             # ratio of their lengths is a ratio of numbers of teeth.
             ratio = self.first.length / self.second.length
             tooth_ratio = Fraction(ratio).limit_denominator(MAX_TEETH)
-            if abs(float(tooth_ratio) / ratio - 1.0) < RATIO_TOLERANCE:
+            if abs(float(tooth_ratio) / ratio - 1.0) < TOOTH_RATIO_TOLERANCE:
                 return (self.first.length * tooth_ratio.denominator,)
         return (np.inf,)
 
@@ -472,7 +472,9 @@ def _stacked_frames(joints: tuple[Revolute, ...]) -> tuple[Floats, Floats]:
 
 
 Kind = type[Joint]
-KINDS: Mapping[str, Kind] = MappingProxyType({"R": Revolute, "Cr": Rolling, "Cs": Sliding})
+JOINT_KINDS: Mapping[str, Kind] = MappingProxyType(
+    {"R": Revolute, "Cr": Rolling, "Cs": Sliding}
+)
 """The joint classes by the letters of the pair type in files."""
 
 

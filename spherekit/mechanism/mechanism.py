@@ -27,7 +27,7 @@ from spherekit.mechanism.elements import (
     resize_link,
 )
 from spherekit.mechanism.inertia import Mass, check_mass
-from spherekit.mechanism.joint import KINDS
+from spherekit.mechanism.joint import JOINT_KINDS
 from spherekit.mechanism.load import Load
 from spherekit.mechanism.load_kinds import JointLimit, check_joint_limit
 from spherekit.mechanism.sizes import (
@@ -687,8 +687,10 @@ def _check_pair(where: str, pair: Pair) -> None:
     ModelError
         If there can be no such pair.
     """
-    if pair.type not in KINDS:
-        raise ModelError(f'{where}: type "{pair.type}" is not one of {listing(KINDS)}')
+    if pair.type not in JOINT_KINDS:
+        raise ModelError(
+            f'{where}: type "{pair.type}" is not one of {listing(JOINT_KINDS)}'
+        )
     # Exactly the contacts have profiles. R pairs have an axis instead.
     if (pair.profiles is None) != pair.kind.has_axis:
         raise ModelError(

@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike
 
 from spherekit.arrays import Floats, Indices
 
-SERIES_DEGREE = 15
+DEFAULT_SERIES_DEGREE = 15
 """Default degree on a cell. Larger: fewer cells, each with more samples."""
 
-MAX_SERIES_CELLS = 2**13
+DEFAULT_MAX_CELLS = 2**13
 """Default limit of the cells. Smaller: functions with kinks get a larger error."""
 
 LOSSY_TOLERANCE = 1e-10
@@ -67,8 +67,8 @@ class PiecewiseChebyshev:
         tolerance: float = 1e-13,
         scales: Floats | None = None,
         first_cells: int | Floats = 1,
-        degree: int = SERIES_DEGREE,
-        max_cells: int = MAX_SERIES_CELLS,
+        degree: int = DEFAULT_SERIES_DEGREE,
+        max_cells: int = DEFAULT_MAX_CELLS,
         rounding_tolerance: float = 0.0,
     ) -> "PiecewiseChebyshev":
         """Return the interpolant of m functions on [low, high].

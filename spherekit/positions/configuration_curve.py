@@ -32,7 +32,7 @@ from spherekit.positions.loop_closure import Closure
 from spherekit.status import Status
 from spherekit.tolerances import CLOSURE_TOLERANCE, EPS
 
-SAME_POINT_RAD = 1e-7
+ON_CURVE_DISTANCE_RAD = 1e-7
 """A configuration nearer to a curve is on it.
 
 Larger: curves that pass each other closely are taken for one. Smaller: configurations near
@@ -161,7 +161,7 @@ class Chords:
             # Components along the chord and across it.
             distances = np.vecdot(offsets, self.directions)
             across = max_abs(offsets - distances[..., None] * self.directions, axis=2)
-            is_near = across < MAX_SAGITTA_RATIO * self.chords + SAME_POINT_RAD
+            is_near = across < MAX_SAGITTA_RATIO * self.chords + ON_CURVE_DISTANCE_RAD
             is_near &= np.abs(distances / self.chords - 0.5) < 0.5 + CHORD_OVERHANG
             row, chord = np.nonzero(is_near)
             configurations.append(first + row)
@@ -441,7 +441,7 @@ class ArcCurve(Chords):
         points = self._evaluate_on_chords(projections.chords, projections.distances)
         point_differences = points.values - self.nodes.values[projections.chords]
         miss = max_abs(point_differences - projections.differences, axis=1)
-        is_on_curve = miss < SAME_POINT_RAD
+        is_on_curve = miss < ON_CURVE_DISTANCE_RAD
         return ChordProjections(
             configurations=projections.configurations[is_on_curve],
             chords=projections.chords[is_on_curve],

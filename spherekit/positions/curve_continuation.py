@@ -41,9 +41,9 @@ from spherekit.tolerances import (
 
 MAX_CURVE_LENGTH_RAD = 500.0
 """Length after which a curve that does not close is ended."""
-MAX_ARC_STEP_RAD = 0.4
+MAX_CONTINUATION_STEP_RAD = 0.4
 """Longest step of arc length. Larger: more steps fail. Smaller: more steps."""
-FIRST_ARC_STEP_RAD = 0.1
+FIRST_CONTINUATION_STEP_RAD = 0.1
 """The first step of arc length that is tried."""
 MAX_STEP_ROTATION_RAD = 0.4
 """Largest angle by which the tangent turns in a step, by the curvature at its start.
@@ -245,21 +245,21 @@ def _follow_both_senses(
         start_nodes=start,
         periods=periods,
         max_length=longest,
-        max_step=MAX_ARC_STEP_RAD,
+        max_step=MAX_CONTINUATION_STEP_RAD,
         closure=closure,
         limits=limits,
     )
-    forward.follow(FIRST_ARC_STEP_RAD)
+    forward.follow(FIRST_CONTINUATION_STEP_RAD)
     open_rows = np.flatnonzero(~forward.is_closed)
     backward = _ArcContinuation(
         start_nodes=backward_start.rows(open_rows),
         periods=periods,
         max_length=longest,
-        max_step=MAX_ARC_STEP_RAD,
+        max_step=MAX_CONTINUATION_STEP_RAD,
         closure=closure.take(open_rows),
         limits=limits,
     )
-    backward.follow(FIRST_ARC_STEP_RAD)
+    backward.follow(FIRST_CONTINUATION_STEP_RAD)
     # Position in `backward` of each open curve. Closed curves are not there.
     backward_row = {row: k for k, row in enumerate(open_rows.tolist())}
     return [

@@ -22,7 +22,11 @@ from spherekit.numerics.sign_changes import (
 )
 from spherekit.positions.curve_crossing import Crossing
 from spherekit.positions.mode_coalescence import make_mode_coalescence
-from spherekit.positions.mode_meetings import SAME_INPUT_RAD, degrees_text, find_crossings
+from spherekit.positions.mode_meetings import (
+    SAME_CROSSING_INPUT_RAD,
+    degrees_text,
+    find_crossings,
+)
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.progress import ProgressReporter
 from spherekit.wording import counted, listing
@@ -241,7 +245,7 @@ def _with_crossings(
         if not crossings_in_interval:
             still_doubtful.append([start, stop])
     inputs = np.sort([crossing.values[solver.input_variable] for crossing in crossings])
-    is_new = np.diff(inputs, prepend=-np.inf) > SAME_INPUT_RAD
+    is_new = np.diff(inputs, prepend=-np.inf) > SAME_CROSSING_INPUT_RAD
     return turning_points._replace(
         doubtful=np.reshape(still_doubtful, (-1, 2)),
         crossings=tuple(crossings),

@@ -37,7 +37,7 @@ MAX_MISS_RAD = 64.0 * EPS
 """Largest closure residual, and largest singular value that should be zero, of a crossing.
 Larger: modes that only come close to each other count as crossing, as in a kite whose arcs
 differ by 1e-12. Smaller: rounding errors hide crossings."""
-SAME_INPUT_RAD = 1e-7
+SAME_CROSSING_INPUT_RAD = 1e-7
 """Crossings whose inputs differ by less are at the same input. The input of an isolated
 double zero is accurate only to about the square root of the rounding error."""
 COMPARISON_DISTANCE_RAD = 1e-3
@@ -84,7 +84,7 @@ def find_crossings(
         Ends of the interval (rad).
     low, high
         Ends of the range of the input (rad). A crossing may lie outside them, or outside
-        the interval, by `SAME_INPUT_RAD`.
+        the interval, by `SAME_CROSSING_INPUT_RAD`.
 
     Returns
     -------
@@ -114,10 +114,15 @@ def find_crossings(
             if crossing is None or crossing.miss > MAX_MISS_RAD:
                 continue
             q = crossing.values[solver.input_variable]
-            is_inside = start - SAME_INPUT_RAD <= q <= stop + SAME_INPUT_RAD
-            is_inside &= low - SAME_INPUT_RAD <= q <= high + SAME_INPUT_RAD
+            is_inside = (
+                start - SAME_CROSSING_INPUT_RAD <= q <= stop + SAME_CROSSING_INPUT_RAD
+            )
+            is_inside &= (
+                low - SAME_CROSSING_INPUT_RAD <= q <= high + SAME_CROSSING_INPUT_RAD
+            )
             is_new = all(
-                max_abs(wrap(crossing.values - known_crossing.values)) > SAME_INPUT_RAD
+                max_abs(wrap(crossing.values - known_crossing.values))
+                > SAME_CROSSING_INPUT_RAD
                 for known_crossing in crossings
             )
             if is_inside and is_new:
@@ -233,7 +238,8 @@ def find_mode_meetings(
     crossings_by_input: list[list[Crossing]] = []
     for crossing in sorted(crossings, key=input_of):
         is_at_last_input = bool(crossings_by_input) and (
-            input_of(crossing) - input_of(crossings_by_input[-1][0]) < SAME_INPUT_RAD
+            input_of(crossing) - input_of(crossings_by_input[-1][0])
+            < SAME_CROSSING_INPUT_RAD
         )
         if is_at_last_input:
             crossings_by_input[-1].append(crossing)
@@ -446,4 +452,6 @@ def _exists_between(mode: AssemblyMode, low: float, high: float) -> bool:
     guide = mode.guide
     if not isinstance(guide, ModeCurve):
         return True
-    return bool(max(guide.inputs[0], low) + SAME_INPUT_RAD < min(guide.inputs[-1], high))
+    return bool(
+        max(guide.inputs[0], low) + SAME_CROSSING_INPUT_RAD < min(guide.inputs[-1], high)
+    )

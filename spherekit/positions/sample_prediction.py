@@ -17,7 +17,7 @@ from spherekit.geometry.vectors import max_abs
 from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 
-SPLINE_DEGREE = 7
+PREDICTION_SPLINE_DEGREE = 7
 """Degree of the splines. A mode needs more nodes in a row than this."""
 NODE_DISTANCE_RAD = 0.01
 """Largest change of an input between two nodes.
@@ -68,7 +68,9 @@ def make_sample_predictor(
     # Nodes are solved, and the samples between them are interpolated. The largest change of
     # an input from sample to sample determines the number of samples for each node.
     step = max(NODE_DISTANCE_RAD / MAX_SAMPLES_PER_NODE, max_abs(np.diff(q, axis=0)))
-    samples_per_node = min(int(NODE_DISTANCE_RAD / step), (len(q) - 1) // SPLINE_DEGREE)
+    samples_per_node = min(
+        int(NODE_DISTANCE_RAD / step), (len(q) - 1) // PREDICTION_SPLINE_DEGREE
+    )
     if samples_per_node < MIN_SAMPLES_PER_NODE:
         return None
     driven = list(position_analysis.solver.driven)
@@ -141,10 +143,10 @@ def _fit_splines(
         # Positions at which a run of good nodes begins, and behind its end, alternately.
         borders = np.flatnonzero(np.diff(is_ok[mode], prepend=False, append=False))
         for first, stop in borders.reshape(-1, 2):
-            if stop - first <= SPLINE_DEGREE:
+            if stop - first <= PREDICTION_SPLINE_DEGREE:
                 continue
             run_values = values[mode, first:stop]
             run_nodes = nodes[first:stop]
             run_values[:, is_angle] = np.unwrap(run_values[:, is_angle], axis=0)
-            spline = make_interp_spline(run_nodes, run_values, k=SPLINE_DEGREE)
+            spline = make_interp_spline(run_nodes, run_values, k=PREDICTION_SPLINE_DEGREE)
             yield ModeSpline(mode, first=run_nodes[0], last=run_nodes[-1], evaluate=spline)

@@ -23,7 +23,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats
 from spherekit.tolerances import CLOSURE_TOLERANCE
 
-MAX_CONTRACTION = 0.1
+MAX_STEP_CONTRACTION = 0.1
 """Largest ratio of the second step of Newton's method to the first.
 
 Larger: steps are accepted at which the method hardly converges, perhaps to another path.
@@ -83,7 +83,7 @@ class Verification:
         # `slack` of it, and `settled` is the size below which the ratio is rounding.
         first_step, ratio = step_sizes
         is_near = first_step <= self.correction * length + self.slack
-        contracts = (first_step <= self.settled) | (ratio <= MAX_CONTRACTION)
+        contracts = (first_step <= self.settled) | (ratio <= MAX_STEP_CONTRACTION)
         return is_near & contracts
 
     def accepts_change(self, change: Floats, cosine: Floats | float = 1.0) -> Bools:

@@ -19,7 +19,7 @@ from spherekit.proof.configuration_curves import CertifiedCurves
 from spherekit.proof.construction import Construction
 from spherekit.proof.decimal_mechanism import DecimalMechanism
 from spherekit.proof.enclosed_poles import enclose_poles
-from spherekit.proof.input_map import CONTAINS, REGULAR, UNDECIDED, InputMap
+from spherekit.proof.input_map import CONTAINS_TYPE_II, REGULAR, UNDECIDED, InputMap
 from spherekit.proof.modes_over_boxes import EquationSystem
 from spherekit.proof.root_ball import CertifiedRoot
 from spherekit.proof.tubes import CertifiedArc
@@ -283,7 +283,7 @@ def map_certificate(input_map: InputMap) -> dict[str, Any]:
     input_names = decimal_mechanism.structure.names_of(construction.input_pairs)
     kind_words = {
         REGULAR: "regular",
-        CONTAINS: "contains type II",
+        CONTAINS_TYPE_II: "contains type II",
         UNDECIDED: "undecided",
     }
     return {

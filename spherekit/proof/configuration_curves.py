@@ -48,7 +48,7 @@ MAX_CURVE_BOXES = 6_000_000
 Larger: more is decided, in longer times. Smaller: more of the range stays undecided.
 """
 
-SAME_INPUT_RAD = 1e-9
+SAME_PROVEN_INPUT_RAD = 1e-9
 """Inputs (rad) that differ by less count as one.
 
 Larger: two curves of modes at neighbouring inputs are listed as one. Smaller: one is listed
@@ -304,7 +304,7 @@ class CertifiedCurves:
             # input's variable, which is the input over `cycle_turns`.
             is_new = all(
                 abs(wrap((q - listed_input) / self.cycle_turns))
-                > SAME_INPUT_RAD / self.cycle_turns
+                > SAME_PROVEN_INPUT_RAD / self.cycle_turns
                 for listed_input in inputs
             )
             if is_new:
@@ -316,10 +316,14 @@ class CertifiedCurves:
         period = self.cycle_turns * TURN
         wrapped = self.low + np.remainder(q - self.low, period)
         # Over a full cycle the end counts as the start.
-        if self.is_full_cycle and wrapped > self.high - SAME_INPUT_RAD:
+        if self.is_full_cycle and wrapped > self.high - SAME_PROVEN_INPUT_RAD:
             wrapped -= period
         for candidate in (wrapped, wrapped - period):
-            if self.low - SAME_INPUT_RAD <= candidate <= self.high + SAME_INPUT_RAD:
+            if (
+                self.low - SAME_PROVEN_INPUT_RAD
+                <= candidate
+                <= self.high + SAME_PROVEN_INPUT_RAD
+            ):
                 return candidate
         return None
 

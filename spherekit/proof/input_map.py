@@ -52,7 +52,7 @@ Larger: more memory. Smaller: more overhead.
 REGULAR = 0
 """Kind of a box without singular configurations of type II."""
 
-CONTAINS = 1
+CONTAINS_TYPE_II = 1
 """Kind of a box that contains a singular configuration of type II."""
 
 UNDECIDED = 2
@@ -77,7 +77,7 @@ class InputMap:
     centres, radii
         (n, inputs) centres and half widths (rad) of the boxes.
     kind
-        (n,) `REGULAR`, `CONTAINS` (a singular configuration of type II) or `UNDECIDED`.
+        (n,) `REGULAR`, `CONTAINS_TYPE_II` or `UNDECIDED`.
     modes
         (n,) number of modes of regular boxes, else -1.
     systems
@@ -130,7 +130,7 @@ class InputMap:
     def completeness(self) -> Completeness:
         """What is guaranteed, and on which facts the guarantee is based."""
         regular = self.share(REGULAR)
-        contains = self.share(CONTAINS)
+        contains = self.share(CONTAINS_TYPE_II)
         undecided = self.share(UNDECIDED)
         words = (
             f"{100 * regular:.3f} % of the area of the inputs free of type II, "
@@ -298,7 +298,7 @@ def _classify_boxes(
             kind = REGULAR
             mode_count = max(counts)
         elif len(counts - {-1}) > 1:
-            kind = CONTAINS
+            kind = CONTAINS_TYPE_II
             mode_count = -1
         else:
             kind = UNDECIDED

@@ -51,7 +51,7 @@ ROUNDING_STEP_RATIO = 1e3
 Larger: the iteration may end before it has converged. Smaller: it may never end.
 """
 
-MAX_CONTRACTION = 0.125
+MAX_START_CONTRACTION = 0.125
 """Largest second Newton step over the first one, if the start is near one solution only.
 
 Larger: a start between two solutions counts as near one of them. Smaller: more starts are
@@ -502,7 +502,9 @@ class Linkage:
         # If there is only one solution near the start, the second step is much shorter than
         # the first. If there was only one step, it takes the place of the second.
         second_step = step_sizes[:2][-1]
-        is_ambiguous = second_step > np.maximum(rounding, MAX_CONTRACTION * step_sizes[0])
+        is_ambiguous = second_step > np.maximum(
+            rounding, MAX_START_CONTRACTION * step_sizes[0]
+        )
         return LoopClosure(
             values=values,
             free=free,

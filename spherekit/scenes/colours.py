@@ -30,7 +30,7 @@ VIOLET: Colour = (128, 104, 184)
 PALE: Colour = (232, 234, 240)
 WARNING: Colour = (255, 120, 90)
 
-LINKS: tuple[Colour, ...] = (
+LINK_COLOURS: tuple[Colour, ...] = (
     (176, 182, 196),
     (86, 180, 233),
     (238, 108, 52),
@@ -43,10 +43,17 @@ LINKS: tuple[Colour, ...] = (
 )
 """Colours of links: the first one is that of the ground, the others repeat."""
 
-TONES: tuple[Colour, ...] = (PALE, LINKS[1], LINKS[2], LINKS[4], LINKS[3], LINKS[5])
+TONES: tuple[Colour, ...] = (
+    PALE,
+    LINK_COLOURS[1],
+    LINK_COLOURS[2],
+    LINK_COLOURS[4],
+    LINK_COLOURS[3],
+    LINK_COLOURS[5],
+)
 """Colours of the kinds of curves and marks, by their `tone`."""
 
-HEAT: tuple[Colour, ...] = (
+HEAT_COLOURS: tuple[Colour, ...] = (
     (68, 1, 84),
     (59, 82, 139),
     (33, 145, 140),
@@ -81,9 +88,10 @@ def heat_colours(values: Floats, low: float = 0.0, high: float = 1.0) -> NDArray
     """
     width = high - low if high > low else 1.0
     positions = (np.nan_to_num(values) - low) / width
-    scale_positions = np.linspace(0.0, 1.0, len(HEAT))
+    scale_positions = np.linspace(0.0, 1.0, len(HEAT_COLOURS))
     channels = [
-        np.interp(positions, scale_positions, channel) for channel in np.transpose(HEAT)
+        np.interp(positions, scale_positions, channel)
+        for channel in np.transpose(HEAT_COLOURS)
     ]
     return np.round(np.stack(channels, axis=-1)).astype(np.uint8)
 
@@ -95,7 +103,11 @@ def tone_colour(number: int) -> Colour:
 
 def link_colour(number: int) -> Colour:
     """Return the colour of a link, by its number in the mechanism; 0 is the ground."""
-    return LINKS[1 + (number - 1) % (len(LINKS) - 1)] if number else LINKS[0]
+    return (
+        LINK_COLOURS[1 + (number - 1) % (len(LINK_COLOURS) - 1)]
+        if number
+        else LINK_COLOURS[0]
+    )
 
 
 def series_colour(link: int | None, used_colours: Sequence[Colour]) -> Colour:
@@ -111,7 +123,7 @@ def series_colour(link: int | None, used_colours: Sequence[Colour]) -> Colour:
     """
     if link is not None:
         return link_colour(link)
-    unused_colours = [colour for colour in LINKS[1:] if colour not in used_colours]
+    unused_colours = [colour for colour in LINK_COLOURS[1:] if colour not in used_colours]
     return unused_colours[0] if unused_colours else link_colour(len(used_colours) + 1)
 
 

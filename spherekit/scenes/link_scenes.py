@@ -34,7 +34,7 @@ PROFILE_POINT_COUNT = 181
 Larger: more points to store. Smaller: profiles look like polygons.
 """
 
-SAME_POINT_RAD = 1e-6
+SAME_DRAWN_POINT_RAD = 1e-6
 """Arc (rad) below which two points of a link are drawn as one.
 
 Larger: short sides of links are not drawn. Smaller: arcs between coincident axes, whose
@@ -48,7 +48,7 @@ Larger: sides of nearly symmetric links are ordered about their first axis. Smal
 direction may be rounding.
 """
 
-PARALLEL_SINE = 1e-12
+POINT_ARC_SINE = 1e-12
 """Sine of an arc below which it has no plane and is drawn as two points."""
 
 
@@ -217,7 +217,7 @@ def profile_curves(mechanism: Mechanism, link: str, joints: Floats) -> list[Floa
             arc_end = points[np.argmax(points @ joints[0])]  # nearest to the first joint
             if profile.centre is not None and profile.kind != "great_circle":
                 arc_end = np.array(profile.centre)
-            if arc(joints[0], arc_end) > SAME_POINT_RAD:
+            if arc(joints[0], arc_end) > SAME_DRAWN_POINT_RAD:
                 curves.append(great_arc(joints[0], arc_end))
     return curves
 
@@ -237,7 +237,7 @@ def link_curves(joints: Floats) -> list[Floats]:
     # Of several joints on one axis, the first is kept.
     distinct: list[int] = []
     for number, joint in enumerate(joints):
-        if all(arc(joints[earlier], joint) > SAME_POINT_RAD for earlier in distinct):
+        if all(arc(joints[earlier], joint) > SAME_DRAWN_POINT_RAD for earlier in distinct):
             distinct.append(number)
     joints = joints[distinct]
     if len(joints) < 2:
@@ -261,7 +261,7 @@ def link_curves(joints: Floats) -> list[Floats]:
 
 def great_arc(a: Floats, b: Floats) -> Floats:
     """Return points (k, 3) along the shorter great-circle arc between unit vectors."""
-    if np.linalg.norm(np.cross(a, b)) < PARALLEL_SINE:
+    if np.linalg.norm(np.cross(a, b)) < POINT_ARC_SINE:
         return np.array([a, b])
     angle = arc(a, b)
     step_count = int(np.ceil(angle / ARC_POINT_DISTANCE_RAD))

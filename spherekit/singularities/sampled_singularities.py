@@ -29,7 +29,7 @@ from spherekit.status import Status
 from spherekit.tolerances import NEAR_CROSSING_RAD
 from spherekit.velocities.transmission_angle import (
     ARRAYS,
-    MAX_DISTANCE_RAD,
+    MAX_TYPE_II_DISTANCE_RAD,
     distance_from_type_two,
     transmission_angle,
 )
@@ -465,7 +465,7 @@ class SampledSingularities:
         solver = self.tracer.solver
         links = frozenset(self.report.outputs[output])
         groups = placing_groups(solver.mechanism, solver.assembly, links)
-        least = np.full(len(values), MAX_DISTANCE_RAD if groups else np.nan)
+        least = np.full(len(values), MAX_TYPE_II_DISTANCE_RAD if groups else np.nan)
         axes = solver.closure.at(values).axes
         for group in groups:
             if not group.is_dyad:

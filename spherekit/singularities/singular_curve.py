@@ -9,7 +9,7 @@ import numpy as np
 from spherekit.arrays import Bools, Floats, Indices
 from spherekit.geometry.vectors import max_abs
 from spherekit.numerics.bracketed_zeros import find_bracketed_zeros
-from spherekit.positions.configuration_curve import SAME_POINT_RAD, Chords
+from spherekit.positions.configuration_curve import ON_CURVE_DISTANCE_RAD, Chords
 from spherekit.positions.curve_segment import CurvePoints
 from spherekit.singularities.locus import LocusPoints, SingularityLocus
 from spherekit.status import Status
@@ -138,7 +138,9 @@ class SingularCurve:
         distance = max_abs(shifted_values - points.values, axis=1)
         configurations = projections.configurations
         motion_cosine = np.abs(np.vecdot(points.motions, motions[configurations]))
-        is_on_curve = (distance < SAME_POINT_RAD) & (motion_cosine > SAME_MOTION_COSINE)
+        is_on_curve = (distance < ON_CURVE_DISTANCE_RAD) & (
+            motion_cosine > SAME_MOTION_COSINE
+        )
         return np.isin(np.arange(len(values)), configurations[is_on_curve])
 
     def zeros(self, function: LocusFunction) -> LocusPoints:

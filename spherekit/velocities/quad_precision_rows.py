@@ -15,7 +15,7 @@ from spherekit.numerics.quad_precision import quad
 from spherekit.velocities.axis_rotations import append_profile_columns
 from spherekit.velocities.row_kernel import MAX_NEWTON_STEPS, RowKernel
 
-MAX_DISTANCE_RAD = 1e-4
+MAX_QUAD_CORRECTION_RAD = 1e-4
 """Largest movement of a variable in Newton's method for which a row keeps its solution.
 
 Larger: a solution of another assembly mode could be taken. Smaller: nearly singular rows,
@@ -103,7 +103,7 @@ def _recompute_batch(kernel: RowKernel, values: Floats) -> QuadPrecisionRows:
         if not np.any(step_sizes > CLOSED_ROW_STEP_RAD):
             break
     distances = max_abs((x - start).astype(float), axis=0)
-    is_closed = (step_sizes <= CLOSED_ROW_STEP_RAD) & (distances < MAX_DISTANCE_RAD)
+    is_closed = (step_sizes <= CLOSED_ROW_STEP_RAD) & (distances < MAX_QUAD_CORRECTION_RAD)
     x[:, ~is_closed] = start[:, ~is_closed]
 
     extended = append_profile_columns(x, kernel.profiles, expansion_point=values)

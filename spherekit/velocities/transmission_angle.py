@@ -31,7 +31,7 @@ It begins the names of figures of merit, such as ``least_transmission_angle_43``
 NEAREST_TRANSMISSION_REDUCTION = "min"
 """The reduction of figures of merit that selects the angle nearest to type II."""
 
-MAX_DISTANCE_RAD = 0.5 * np.pi
+MAX_TYPE_II_DISTANCE_RAD = 0.5 * np.pi
 """The largest `distance_from_type_two`."""
 
 Angle = TypeVar("Angle", float, Floats)

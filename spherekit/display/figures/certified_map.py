@@ -14,13 +14,13 @@ from spherekit.display.figures.sheet import Drawing
 from spherekit.display.figures.style import Look
 from spherekit.escaping import plot_text
 
-CONTAINS = "type II in the cell"
+TYPE_II_LABEL = "type II in the cell"
 """Name of the boxes that contain singularities of type II."""
 
-UNDECIDED = "undecided"
+UNDECIDED_LABEL = "undecided"
 """Name of the boxes of which nothing is proven."""
 
-BOX_COLOURS = {CONTAINS: "#B2182B", UNDECIDED: "#222222"}
+BOX_COLOURS = {TYPE_II_LABEL: "#B2182B", UNDECIDED_LABEL: "#222222"}
 """Colours of boxes that are not regular."""
 
 REGULAR_COLOURS = (
@@ -50,7 +50,8 @@ def draw_certified_map(
     ----------
     areas
         Centres and half widths (n, 2) of boxes (deg). The keys of regular boxes are their
-        proven number of modes; the keys of the others are `CONTAINS` and `UNDECIDED`.
+        proven number of modes; the keys of the others are `TYPE_II_LABEL` and
+        `UNDECIDED_LABEL`.
     names
         Names of the inputs.
     """

@@ -103,7 +103,7 @@ def draw_maps(maps: Sequence[Curve], sheet: Sheet) -> Figure:
         low = -largest
         high = largest
     colour_scale = Normalize(low, high)
-    colours = SIGNED_COLOURS if has_both_signs else style.HEAT
+    colours = SIGNED_COLOURS if has_both_signs else style.HEAT_COLOUR_MAP
     look: Look = {
         "norm": colour_scale,
         "cmap": colours,

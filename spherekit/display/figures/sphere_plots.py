@@ -224,7 +224,7 @@ def _draw_sphere_maps(
     colour_scale = _choose_colour_scale(values, maps[0].unit)
     look: Look = {
         "norm": colour_scale,
-        "cmap": style.HEAT,
+        "cmap": style.HEAT_COLOUR_MAP,
         "zorder": 1.0,
         "rasterized": True,
     }
@@ -235,7 +235,7 @@ def _draw_sphere_maps(
         panels,
         values,
         colour_scale,
-        style.HEAT,
+        style.HEAT_COLOUR_MAP,
         title_with_unit(maps[0].label, maps[0].unit),
     )
     if isinstance(colour_scale, BoundaryNorm):

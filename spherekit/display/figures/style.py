@@ -61,7 +61,7 @@ MARKERS = ("o", "v", "s", "D", "o", "P", "X")
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5)))
 """Dashes of modes, or quantities, that have the same colour."""
 
-HEAT = "viridis"
+HEAT_COLOUR_MAP = "viridis"
 """Colours of values on maps."""
 
 MATPLOTLIB_SETTINGS: Look = {

@@ -45,13 +45,15 @@ def draw_surfaces(surfaces: Sequence[Surface], sheet: Sheet) -> Figure:
             else:
                 low, high = choose_map_range(values, surface.values_unit)
                 colour_scale = Normalize(low, high)
-                panel.scatter(x, y, z, s=3.0, c=values, norm=colour_scale, cmap=style.HEAT)
+                panel.scatter(
+                    x, y, z, s=3.0, c=values, norm=colour_scale, cmap=style.HEAT_COLOUR_MAP
+                )
                 add_colour_bar(
                     figure,
                     panel,
                     values,
                     colour_scale,
-                    style.HEAT,
+                    style.HEAT_COLOUR_MAP,
                     title_with_unit(surface.label, surface.values_unit),
                     COLOUR_BAR_DISTANCE,
                 )

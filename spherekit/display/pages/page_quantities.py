@@ -12,7 +12,7 @@ from spherekit.mechanism.mechanism import Mechanism
 from spherekit.planning.pole_plan import Plan
 from spherekit.velocities.row_quantities import middle_pairs, row_quantities
 
-COMPONENTS = "xyz"
+COORDINATE_NAMES = "xyz"
 """Names of the components of vectors."""
 
 
@@ -158,7 +158,7 @@ class PageQuantities:
                 names_of_pole = [
                     f"velocity_coefficient_{a}_{b}{suffix}",
                     f"acceleration_coefficient_{a}_{b}{suffix}",
-                    *(f"pole_{a}_{b}_{x}{suffix}" for x in COMPONENTS),
+                    *(f"pole_{a}_{b}_{x}{suffix}" for x in COORDINATE_NAMES),
                 ]
                 signed_names = [name for name in names_of_pole if name in computed_names]
                 if signed_names:
@@ -181,7 +181,8 @@ class PageQuantities:
             for link in (pole.link, pole.reference):
                 if link != self._mechanism.ground:
                     components += [
-                        f"angular_velocity_{link}_{x}{pole.suffix}" for x in COMPONENTS
+                        f"angular_velocity_{link}_{x}{pole.suffix}"
+                        for x in COORDINATE_NAMES
                     ]
         return components
 
@@ -198,7 +199,9 @@ class PageQuantities:
         for suffix in self.input_suffixes:
             names += self.output_coefficients(suffix)
         # Components of the vectors whose paths are drawn.
-        names += [f"{path.vector}_{x}" for path in self.output_paths for x in COMPONENTS]
+        names += [
+            f"{path.vector}_{x}" for path in self.output_paths for x in COORDINATE_NAMES
+        ]
         # Determinants that are zero at singularities.
         names += [
             name
@@ -228,16 +231,18 @@ class PageQuantities:
             f"axis_{pair.name}_{x}"
             for pair in mechanism.pairs
             if pair.kind.has_axis
-            for x in COMPONENTS
+            for x in COORDINATE_NAMES
         ]
         names += [
             f"orientation_{link}_{x}{y}"
             for link in links
             if link != mechanism.ground
-            for x in COMPONENTS
-            for y in COMPONENTS
+            for x in COORDINATE_NAMES
+            for y in COORDINATE_NAMES
         ]
         for suffix, pole_plan in zip(self.input_suffixes, pole_plans, strict=True):
             for i, j in combinations(pole_plan.bodies, 2):
-                names += [f"pole_{links[j]}_{links[i]}_{x}{suffix}" for x in COMPONENTS]
+                names += [
+                    f"pole_{links[j]}_{links[i]}_{x}{suffix}" for x in COORDINATE_NAMES
+                ]
         return names

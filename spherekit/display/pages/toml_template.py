@@ -14,7 +14,9 @@ from spherekit.files.toml_document import Document, parse
 from spherekit.files.toml_lines import KeyPath
 from spherekit.files.toml_text import assignment_text, table_lines
 
-_NUMBER = re.compile(r"(?<![\w.+-])[+-]?\d[\d_]*(?:\.\d[\d_]*)?(?:[eE][+-]?\d+)?(?![\w.])")
+_TOML_NUMBER = re.compile(
+    r"(?<![\w.+-])[+-]?\d[\d_]*(?:\.\d[\d_]*)?(?:[eE][+-]?\d+)?(?![\w.])"
+)
 """A number in TOML that is no part of a word."""
 
 _MARK_FORMAT = "{}.5e-271"
@@ -84,7 +86,7 @@ def _mark_number(document: Document, text: str, path: KeyPath, mark: str) -> str
     # Lines of TOML end with a line feed alone; `splitlines` knows other line ends too.
     lines_before = text.split("\n")[: document.line(path) - 1]
     start = len("\n".join([*lines_before, ""]))
-    for match in islice(_NUMBER.finditer(text, start), _MAX_TRIED_NUMBERS):
+    for match in islice(_TOML_NUMBER.finditer(text, start), _MAX_TRIED_NUMBERS):
         marked_text = text[: match.start()] + mark + text[match.end() :]
         with suppress(FileError, KeyError, IndexError, TypeError, ValueError):
             if number_at(parse(marked_text, document.name), path) == float(mark):

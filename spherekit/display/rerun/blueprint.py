@@ -9,7 +9,7 @@ from spherekit.display.rerun.chart_frame import CHART_BOUNDS, COLOUR_SCALE_BOUND
 from spherekit.display.rerun.entities import GRAPH_SIZE
 from spherekit.display.rerun.labels import Sight
 from spherekit.display.rerun.rerun_sdk import rr, rrb
-from spherekit.display.rerun.timelines import SAMPLE, TIME
+from spherekit.display.rerun.timelines import SAMPLE_TIMELINE, TIME_TIMELINE
 from spherekit.runs.run_result import MOTION
 from spherekit.scenes import colours
 from spherekit.scenes.scene import Page, Primitive, Scene
@@ -238,11 +238,11 @@ class Layout:
 
         def boundary(timeline: str, offset: float) -> rr.TimeRangeBoundary:
             """Return a time at a distance from the cursor, in the timeline's unit."""
-            if timeline == TIME:
+            if timeline == TIME_TIMELINE:
                 return rr.TimeRangeBoundary.cursor_relative(seconds=offset)
             return rr.TimeRangeBoundary.cursor_relative(seq=round(offset))
 
-        steps = {SAMPLE: 1.0, self.timeline: self.step}
+        steps = {SAMPLE_TIMELINE: 1.0, self.timeline: self.step}
         return rrb.VisibleTimeRanges(
             [
                 rr.VisibleTimeRange(

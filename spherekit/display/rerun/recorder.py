@@ -42,7 +42,12 @@ from spherekit.display.rerun.destination import (
 )
 from spherekit.display.rerun.labels import Name, Names, Sight, facing
 from spherekit.display.rerun.rerun_sdk import rr, rrb
-from spherekit.display.rerun.timelines import SAMPLE, TIME, input_ticks, input_timeline
+from spherekit.display.rerun.timelines import (
+    SAMPLE_TIMELINE,
+    TIME_TIMELINE,
+    input_ticks,
+    input_timeline,
+)
 from spherekit.errors import OutputError
 from spherekit.geometry.vectors import all_finite
 from spherekit.scenes.plot_layout import choose_map_range
@@ -247,8 +252,8 @@ class RerunRecorder:
             first, last = times[0], times[-1]
             self._axis_range = (first, last)
             step = (last - first) / max(len(times) - 1, 1)
-            layout = Layout(self.root, TIME, step, (first, last), sight)
-            return layout, f"`{TIME}` is the time."
+            layout = Layout(self.root, TIME_TIMELINE, step, (first, last), sight)
+            return layout, f"`{TIME_TIMELINE}` is the time."
         if inputs is not None and len(inputs):
             timeline = input_timeline(inputs)
             scale = timeline.ticks_per_degree
@@ -262,7 +267,7 @@ class RerunRecorder:
             note = f"`{timeline.name}` is the input in {unit}{rounded}."
             tick_span = (first_tick, last_tick)
             return Layout(self.root, timeline.name, tick_step, tick_span, sight), note
-        return Layout(self.root, SAMPLE, 1.0, None, sight), ""
+        return Layout(self.root, SAMPLE_TIMELINE, 1.0, None, sight), ""
 
     def log(
         self,
@@ -413,9 +418,11 @@ class RerunRecorder:
         ValueError
             If the inputs or times of a timeline are missing.
         """
-        timelines = [rr.TimeColumn(SAMPLE, sequence=np.asarray(samples, dtype=np.int64))]
+        timelines = [
+            rr.TimeColumn(SAMPLE_TIMELINE, sequence=np.asarray(samples, dtype=np.int64))
+        ]
         name = self._open_charts.layout.timeline
-        if name == TIME:
+        if name == TIME_TIMELINE:
             if times is None or len(times) != len(samples):
                 raise ValueError("each sample needs its time")
             timelines.append(rr.TimeColumn(name, duration=times))

@@ -14,7 +14,11 @@ import numpy as np
 
 from spherekit.argument_validation import checked
 from spherekit.display.rerun.rerun_sdk import RrdReader, ViewerClient
-from spherekit.display.rerun.timelines import SAMPLE, TIME, ticks_per_degree
+from spherekit.display.rerun.timelines import (
+    SAMPLE_TIMELINE,
+    TIME_TIMELINE,
+    ticks_per_degree,
+)
 from spherekit.display.rerun.viewer_program import (
     HOST,
     free_ports,
@@ -115,7 +119,7 @@ def screenshot(
         timeline, tick = _cursor_position(timelines, sample, input_deg, recording)
         if sample is None and input_deg is None:
             tick = _first_valid_time(client, recording, timeline, tick)
-        if timeline == TIME:
+        if timeline == TIME_TIMELINE:
             client.set_time(
                 timeline, duration=np.timedelta64(tick, "ns"), play_state="paused"
             )
@@ -346,17 +350,17 @@ def _cursor_position(
             raise OutputError(f"{recording} has no input timeline; name a sample")
         name, scale = input_timelines[0]
         return name, round(input_deg * scale)
-    if SAMPLE not in timelines:
-        raise OutputError(f"{recording} has no timeline named {SAMPLE}")
+    if SAMPLE_TIMELINE not in timelines:
+        raise OutputError(f"{recording} has no timeline named {SAMPLE_TIMELINE}")
     if sample is not None:
         _check_sample(recording, sample)
-        return SAMPLE, sample
-    if TIME in timelines:
-        name = TIME
+        return SAMPLE_TIMELINE, sample
+    if TIME_TIMELINE in timelines:
+        name = TIME_TIMELINE
     elif input_timelines:
         name = input_timelines[0][0]
     else:
-        name = SAMPLE
+        name = SAMPLE_TIMELINE
     return name, timelines[name]
 
 
@@ -406,8 +410,8 @@ def _check_sample(recording: Path, sample: int) -> None:
     samples: set[int] = set()
     for chunk in RrdReader(str(recording)).stream():
         batch = chunk.to_record_batch()
-        if not chunk.is_static and SAMPLE in batch.schema.names:
-            samples.update(batch.column(SAMPLE).to_pylist())
+        if not chunk.is_static and SAMPLE_TIMELINE in batch.schema.names:
+            samples.update(batch.column(SAMPLE_TIMELINE).to_pylist())
     if sample not in samples:
         span = f"{min(samples)} to {max(samples)}" if samples else "none"
         raise OutputError(f"{recording} has no sample {sample}; its samples: {span}")

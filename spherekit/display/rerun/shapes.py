@@ -7,11 +7,11 @@ import numpy as np
 from spherekit.arrays import Floats, Integers
 from spherekit.geometry.vectors import all_finite, unit_rows
 
-MAX_CHORD_RAD = np.radians(3.0)
+MAX_PATH_STEP_RAD = np.radians(3.0)
 """Largest step along a path on the sphere. Larger: the path visibly leaves the sphere;
 smaller: more points."""
 
-MIN_CHORD_RAD = np.radians(0.2)
+MIN_PATH_STEP_RAD = np.radians(0.2)
 """Smallest step along a path. Larger: corners are lost; smaller: more points."""
 
 CIRCLE_POINTS = 145
@@ -105,16 +105,16 @@ def split_at_nan(points: Floats) -> list[Floats]:
 def _resample(line: Floats) -> Floats:
     """Return a polyline (n, 3) on the sphere with steps neither too short nor too long.
 
-    Steps shorter than `MIN_CHORD_RAD` are joined, and steps longer than `MAX_CHORD_RAD` are
-    divided. A polyline that is shorter altogether becomes empty.
+    Steps shorter than `MIN_PATH_STEP_RAD` are joined, and steps longer than
+    `MAX_PATH_STEP_RAD` are divided. A polyline that is shorter altogether becomes empty.
     """
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])  # from the beginning to each point
-    if length[-1] < MIN_CHORD_RAD:
+    if length[-1] < MIN_PATH_STEP_RAD:
         return line[:0]
     # Keep the first point of each piece of the smallest length, and the last point.
-    _, first_points = np.unique(np.floor(length / MIN_CHORD_RAD), return_index=True)
+    _, first_points = np.unique(np.floor(length / MIN_PATH_STEP_RAD), return_index=True)
     used = np.union1d(first_points, len(line) - 1)
-    new_lengths = np.union1d(length[used], np.arange(0.0, length[-1], MAX_CHORD_RAD))
+    new_lengths = np.union1d(length[used], np.arange(0.0, length[-1], MAX_PATH_STEP_RAD))
     components = [np.interp(new_lengths, length[used], column[used]) for column in line.T]
     return unit_rows(np.stack(components, axis=1))  # chords are moved to the sphere

@@ -8,13 +8,13 @@ import numpy as np
 from spherekit.arrays import Floats, Integers
 from spherekit.geometry.vectors import max_abs
 
-SAMPLE = "sample"
+SAMPLE_TIMELINE = "sample"
 """The timeline of sample numbers."""
 
-INPUT = "input_deg"
+INPUT_TIMELINE = "input_deg"
 """The beginning of the name of the timeline of the input."""
 
-TIME = "time"
+TIME_TIMELINE = "time"
 """The timeline of seconds. It replaces that of the input if samples are times."""
 
 TICKS_PER_DEGREE = (1, 10, 100, 1000)
@@ -54,13 +54,13 @@ def input_timeline(inputs: Floats) -> InputTimeline:
     fits = max_abs(ticks - np.rint(ticks), axis=1) <= TICK_TOLERANCE
     is_exact = bool(np.any(fits))
     scale = TICKS_PER_DEGREE[np.argmax(fits) if is_exact else -1]
-    name = INPUT if scale == 1 else f"{INPUT}_x{scale}"
+    name = INPUT_TIMELINE if scale == 1 else f"{INPUT_TIMELINE}_x{scale}"
     return InputTimeline(name, scale, is_exact)
 
 
 def ticks_per_degree(name: str) -> int | None:
     """Return the resolution of a timeline of the input; None for another timeline."""
-    match = re.fullmatch(rf"{INPUT}(?:_x(\d+))?", name)
+    match = re.fullmatch(rf"{INPUT_TIMELINE}(?:_x(\d+))?", name)
     return int(match[1] or 1) if match else None
 
 
