@@ -46,14 +46,16 @@ def checked(
 
         @functools.wraps(function)
         def _check_and_call(*args: Parameters.args, **kwargs: Parameters.kwargs) -> Result:
-            # No docstring here: users see the docstring of the decorated function.
+            # This wrapper replaces `function`. It raises `error`, the class given to
+            # `checked`, before the call. It has no docstring: users see that of `function`.
             try:
                 arguments = signature.bind(*args, **kwargs).arguments
-            except TypeError as bind_error:
+            except TypeError as bind_error:  # an argument is unknown, missing or doubled
                 message = _bind_message(signature, kwargs, bind_error)
                 raise error(f"{_public_name(function)}: {message}") from None
             for name, value in arguments.items():
-                # The annotation of *args is the type of each of its items.
+                # The annotation of *args is the type of each of its items. All **kwargs
+                # together are one value, a dictionary.
                 is_star = (
                     signature.parameters[name].kind is inspect.Parameter.VAR_POSITIONAL
                 )

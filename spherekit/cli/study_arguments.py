@@ -165,6 +165,11 @@ def study_from(
 ) -> "Study":
     """Return the study of a file, changed by the arguments of the command line.
 
+    The motion in time is either prescribed by time laws or computed by a simulation, which
+    has a start and possibly torques. Laws on the command line replace a simulation of the
+    file, and a start replaces laws of the file. A torque alone replaces neither: without a
+    start there is no simulation, and `check_time` refuses a torque beside laws.
+
     Parameters
     ----------
     options
@@ -190,6 +195,7 @@ def study_from(
     # Commands without the arguments of time have no such attributes.
     values = vars(options)
     fields: dict[str, Any] = {}
+    # Fields such as `samples`, whose arguments have the same name and value.
     for name in COPIED_FIELDS:
         if values.get(name) is not None:
             fields[name] = values[name]
@@ -204,11 +210,11 @@ def study_from(
     study = replace(study, mechanism=mechanism)
 
     if values.get("law"):
-        # Time laws prescribe the motion, and a simulation (start, torque) computes it, so
-        # one replaces the other of the file. If both are stated, `check_time` refuses them.
+        fields["laws"] = laws_of(options.law, study)
+        # The simulation of the file is removed. One of the command line stays, so that
+        # `check_time` refuses it beside the laws.
         fields.setdefault("start", None)
         fields.setdefault("torque", None)
-        fields["laws"] = laws_of(options.law, study)
     elif "start" in fields:
         fields["laws"] = {}
     if values.get("torque"):

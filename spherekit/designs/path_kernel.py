@@ -316,16 +316,19 @@ class PathKernel:
         Parameters
         ----------
         values
-            (variables, n) pair variables (rad) before the step, real or complex.
+            (variables, n) pair variables (rad) before the step. They are complex if all
+            complex solutions of the equations are tracked from one design to another.
         numbers
-            (k, n) columns of profiles, if there are some, followed by what `prepare`
-            returns for the designs.
+            (k, n) the other numbers in the equations, which are real: the values of
+            ``expressions.profile_symbols`` at the configurations, if the mechanism has
+            profiles, followed by what `prepare` returns for the designs.
 
         Returns
         -------
         The changes of the variables, the determinant of the closure equations, and their
         squared residual before the step.
         """
+        # The complex function has two arguments, because only the first one is complex.
         if np.iscomplexobj(values):
             outputs = self._evaluate_complex(values, numbers)
         else:

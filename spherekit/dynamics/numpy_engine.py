@@ -218,9 +218,9 @@ class Collocation:
     orientation
         The largest size so far of the determinant whose sign changes where curves of
         configurations cross, with the sign that it has at the last node.
-    is_careful
-        Whether steps are made with at most `MAX_CROSSING_TOLERANCE_RAD`, because a crossing
-        of curves may be near.
+    is_near_crossing
+        Whether a crossing of curves may be near. Steps are then made with a tolerance of at
+        most `MAX_CROSSING_TOLERANCE_RAD`.
     max_closure_residual
         Largest closure residual that was removed between steps, rad.
     noisy_steps
@@ -248,7 +248,7 @@ class Collocation:
         self.scales[equation.momenta] = np.sqrt(largest_inertia)
         self.scales[equation.works] = largest_inertia
         self.orientation = 0.0
-        self.is_careful = False
+        self.is_near_crossing = False
         self.max_closure_residual = 0.0
         self.noisy_steps = 0
         self.end: SimulationEnd | None = None
@@ -500,7 +500,7 @@ class Collocation:
         integration = 0.5 * length * INTEGRATION_MATRIX
         states = state + integration @ rates
         tolerance = self.tolerance
-        if self.is_careful:
+        if self.is_near_crossing:
             tolerance = min(tolerance, MAX_CROSSING_TOLERANCE_RAD)
         converged_change = max(CONVERGED_RATIO * tolerance, MIN_CONVERGED_CHANGE)
         change = np.inf
@@ -689,7 +689,7 @@ class Collocation:
         """Return whether a step has to be repeated with a smaller tolerance.
 
         It has to be repeated if a crossing of curves may be near, and the tolerance is too
-        large to recognise the crossing. Also updates `is_careful`, which makes the
+        large to recognise the crossing. Also updates `is_near_crossing`, which makes the
         following steps use the smaller tolerance.
 
         Parameters
@@ -702,10 +702,10 @@ class Collocation:
         largest, sign = self._largest_orientation(orientations)
         # A configuration off its curve by d misses a crossing by about sqrt(d).
         is_near = orientations * np.sign(sign) < np.sqrt(self.tolerance) * largest
-        was_careful = self.is_careful
-        self.is_careful = bool(np.any(is_near))
-        becomes_careful = self.is_careful and not was_careful
-        return becomes_careful and self.tolerance > MAX_CROSSING_TOLERANCE_RAD
+        was_near_crossing = self.is_near_crossing
+        self.is_near_crossing = bool(np.any(is_near))
+        comes_near_crossing = self.is_near_crossing and not was_near_crossing
+        return comes_near_crossing and self.tolerance > MAX_CROSSING_TOLERANCE_RAD
 
     def _largest_orientation(self, orientations: Floats) -> tuple[float, float]:
         """Return the largest size of an orientation so far, and a number with its sign.
@@ -796,13 +796,14 @@ class Collocation:
         """Return the end of a simulation in which even very short steps are rejected.
 
         The reasons are, in this order: a configuration without rates, such as a contact
-        beyond its profile; a crossing of curves of configurations; a load that changes too
-        fast.
+        beyond its profile; a crossing of curves of configurations, which is a singularity;
+        an inertia that vanishes; a load that changes too fast. The inertia is compared with
+        that of earlier steps, so it is no reason in the first step.
 
         Parameters
         ----------
         step, error
-            The last rejected step, and its error relative to the tolerance.
+            The last rejected step, and the error of its iteration divided by the tolerance.
         dynamics
             Motion and forces at the nodes of this step.
         """
@@ -813,7 +814,7 @@ class Collocation:
                 return SimulationEnd(kind, t, message)
         values = step.state[: equation.variable_count]
         condition = reciprocal_condition(equation.closure, values, equation.freedoms)
-        if self.is_careful or condition < MIN_CROSSING_CONDITION:
+        if self.is_near_crossing or condition < MIN_CROSSING_CONDITION:
             return SimulationEnd("singularity", t, CROSSING_MESSAGE)
         message = f"no step is short enough (iteration error {error:.2g}); {JUMP_MESSAGE}"
         if not self.steps:

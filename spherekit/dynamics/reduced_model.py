@@ -594,21 +594,27 @@ class StoredModel:
     def combine_functions(self, group: int, factors: Floats) -> SingleFunction:
         """Return the function of a single point that returns sums of stored functions.
 
+        The model stores functions of several inputs as series in the cells of a box. It
+        stores those of one input as series along a curve of configurations, which may be
+        closed: each further lap repeats the first one, with pair variables that have grown
+        by a constant (`rise`).
+
         Parameters
         ----------
         group
-            Index of a group of F functions.
+            Index of a group of F stored functions, which share one series.
         factors
             (F, K) factors of the functions in each of K sums.
 
         Returns
         -------
-        A function that maps a point to the K sums. Everything that does not depend on the
-        point is computed here once, so that the function takes the least time.
+        A function that maps a point to the K sums. A point is the inputs (m,) for a box, or
+        the coordinate of a curve. Everything that does not depend on the point is computed
+        here once, so that the function takes the least time.
         """
         heading = self.heading
         series = self.groups[group]
-        if isinstance(series, TensorChebyshev):
+        if isinstance(series, TensorChebyshev):  # functions of several inputs
             cell_sums = CellSums(series, factors)
             find_cell = self._find_cell
 
@@ -616,13 +622,14 @@ class StoredModel:
                 return cell_sums.evaluate(find_cell(q), q).tolist()  # type: ignore[no-any-return]
 
             return evaluate_in_box
-        # The scale of each sum is a bound of its absolute value.
+        # Combine the series along the curve. The scale of each sum is a bound of its
+        # absolute value, by which the precision of its polynomials is judged.
         largest_values = np.array([function.largest for function in heading.groups[group]])
         scales = largest_values @ np.abs(factors)
         combined = PiecewiseChebyshev(series.edges, series.coefficients @ factors)
         evaluate_in_range = make_local_polynomials(combined, scales)
-        # `rise` is the growth of the pair variables, the first functions of group 0, over a
-        # lap of the curve. Sums of them grow too; those that do not are left out.
+        # The pair variables are the first functions of group 0. Sums of them grow in each
+        # lap, too; those that do not are left out.
         rise = heading.rise if group == 0 else ()
         growths = (np.array(rise) @ factors[: len(rise)]).tolist()
         growing = [(k, growth) for k, growth in enumerate(growths) if growth]

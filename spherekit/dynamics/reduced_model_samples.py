@@ -633,14 +633,26 @@ class BoxSampler(Sampler):
         return labels
 
     def evaluate(self, inputs: Floats, function_count: int) -> Floats:
-        """Return all functions at inputs (n, m), in rad.
+        """Return the stored functions of the inputs, one column for each of their labels.
+
+        Stored functions are the pair variables, the inertia, velocities on which loads act
+        and velocities of the poles, see `label_functions`.
+
+        Parameters
+        ----------
+        inputs
+            (n, m) values of the m inputs, in rad.
+        function_count
+            Number of the labels. Without a valid configuration it could not be told from
+            the values.
 
         Returns
         -------
         (n, function_count) values; NaN where the assembly mode does not exist, or is too
         near to a singularity.
         """
-        # Configurations found from the nearest known ones (nodes).
+        # Newton's method finds a configuration for each row of the inputs. It starts from
+        # the node, the known configuration with the nearest inputs.
         closed = self.close_loops(inputs)
         values = closed.linearisation.values
         node_of_row = closed.nodes
@@ -648,12 +660,15 @@ class BoxSampler(Sampler):
         with np.errstate(all="ignore"):
             motion = motion_by_variables(self.closure, values, self.driven, order=1)
             # Newton's method can arrive on another assembly mode. On the mode of the node
-            # the trapezoidal rule leads from the node to the configuration.
+            # the trapezoidal rule leads from the node to the configuration: the change of a
+            # variable is the step of the inputs times the mean of its rates at both ends.
+            input_steps = closed.steps
             rate_sums = nodes.rates[node_of_row] + motion.rates
-            change = 0.5 * np.einsum("ni,niv->nv", closed.steps, rate_sums)
+            change = 0.5 * np.einsum("ni,niv->nv", input_steps, rate_sums)
             predicted = nodes.values[node_of_row] + change
             is_valid = closed.linearisation.closure_residual < CLOSURE_TOLERANCE
             is_valid &= max_abs(predicted - values, axis=1) < MAX_PREDICTION_ERROR_RAD
+            # Near a singularity the inputs hardly determine the rates of other variables.
             is_valid &= determinacy(motion.rates) >= MIN_DETERMINACY
             is_valid &= motion.status == Status.OK
         functions = nans((len(inputs), function_count))

@@ -69,8 +69,8 @@ class LinkAxis(NamedTuple):
     arc
         Arc from the first axis of the link to this axis; zero for the first axis.
     turn
-        Angle by which the arc to this axis is turned about the first axis, counted from the
-        arc to the second axis.
+        Angle about the first axis of the link, from the arc that leads from the first to
+        the second axis, to the arc that leads from the first axis to this one.
     """
 
     vector: ExpressionNode
@@ -333,7 +333,7 @@ class PositionFormulas:
             for letter, column in zip("ijk", ground_axes.T.tolist(), strict=True)
         )
         second_axis = self._axes_by_link[0][1]
-        self._write_frame(0, first_axis=k, tangent=j, axis=second_axis, i=i)
+        self._write_frame(0, first_vector=k, tangent=j, axis=second_axis, i=i)
 
     def _place_driven_links(self) -> None:
         """Place the links that a chain of inputs joins to the ground.
@@ -395,13 +395,13 @@ class PositionFormulas:
         child_axes = self._axes_by_link[child]
         if axis is child_axes[0]:
             self._write_frame(
-                child, first_axis=axis.vector, tangent=tangent, axis=child_axes[1]
+                child, first_vector=axis.vector, tangent=tangent, axis=child_axes[1]
             )
         else:
             # The tangent leads from this axis to the first one, at the distance axis.arc.
-            first_axis = axis.arc.cosine * axis.vector + axis.arc.sine * tangent
+            first_vector = axis.arc.cosine * axis.vector + axis.arc.sine * tangent
             back_tangent = axis.arc.sine * axis.vector - axis.arc.cosine * tangent
-            self._write_frame(child, first_axis, back_tangent, axis)
+            self._write_frame(child, first_vector, back_tangent, axis)
 
     def _place_dyad(self, label: str, group: Group) -> None:
         r"""Write the frames of both links of a dyad.
@@ -537,7 +537,12 @@ class PositionFormulas:
         self._write_frame(link, start_vector, tangent, axis_v)
 
     def _write_frame(
-        self, link: int, first_axis: Expr, tangent: Expr, axis: LinkAxis, i: Expr = 0.0
+        self,
+        link: int,
+        first_vector: Expr,
+        tangent: Expr,
+        axis: LinkAxis,
+        i: Expr | None = None,
     ) -> None:
         """Write the frame i, j, k of a link, and its axes that have no formula yet.
 
@@ -548,29 +553,32 @@ class PositionFormulas:
         ----------
         link
             Number of the link.
-        first_axis
-            The unit vector k of its first axis.
+        first_vector
+            Expression of the unit vector along the first axis. It becomes the formula of
+            the symbol k unless k has one.
         tangent
             The unit tangent at k of the arc to `axis`.
         axis
-            Any axis of the link but its first.
+            Any axis of the link but its first. The arc to this axis is turned about k by
+            the angle `axis.turn` from the arc to the second axis.
         i
-            The vector i if it is known. With 0.0 it is written as j x k.
+            The vector i if it is known. Otherwise it is written as j x k.
         """
         formula_list = self._formula_list
         label = formula_list.link_labels[link]
+        # The symbol of the first axis.
         k = self._axes_by_link[link][0].vector
         if k not in formula_list.formulas:
-            formula_list.write(k, first_axis, always=True)
+            formula_list.write(k, first_vector, always=True)
         if axis.turn.sine != 0.0:
             tangent = formula_list.write_indexed(r"\mathbf{d}", label, tangent)
-        # j is the tangent towards `axis`, rotated back about k by axis.turn.
+        # j is the tangent towards `axis`, rotated back about k by `axis.turn`.
         j = formula_list.write_indexed(
             r"\mathbf{j}",
             label,
             axis.turn.cosine * tangent + axis.turn.sine * cross_product(tangent, k),
         )
-        if i == 0.0:
+        if i is None:
             i = formula_list.write_indexed(r"\mathbf{i}", label, cross_product(j, k))
         self.link_frames[link] = [i, j, k]
         for link_axis in self._axes_by_link[link]:

@@ -68,6 +68,17 @@ DRAWN_ZERO = 1e-12
 INVISIBLE_SITE_RATIO = 1e-3
 """Size of sites at which loads act, relative to the radius of the sphere."""
 
+EXTENT_RATIO = 2.4
+"""Size of the model as MuJoCo's `extent`, relative to the radius of the sphere. Larger: the
+camera begins farther away."""
+
+LIGHT_DISTANCE_RATIO = 3.0
+"""Distance of the lights along two axes, relative to the radius of the sphere."""
+
+DRAWN_SPHERE_RATIO = 0.97
+"""Radius of the sphere as it is drawn, relative to that on which links are drawn. Below
+1 - `LINK_RADIUS_RATIO` links are drawn outside of the sphere."""
+
 
 MODEL_TEMPLATE = """<mujoco model="{name}">
 <compiler angle="radian" autolimits="true"/>
@@ -294,19 +305,22 @@ class MujocoModel:
         elements are filled for each mechanism later.
         """
         radius = self._radius
-        light_distance = 3.0 * radius
-        has_made_up_masses = self._rigid_bodies.has_made_up_masses
-        gravity = np.zeros(3) if has_made_up_masses else self._loads.gravity
+        light_distance = LIGHT_DISTANCE_RATIO * radius
+        gravity = self._loads.gravity
+        if self._rigid_bodies.has_made_up_masses:
+            # The file has no masses. Links are then wires of 1 kg/m, because MuJoCo moves
+            # no body without mass, and forces such as their weights have no meaning.
+            gravity = np.zeros(3)
         text = MODEL_TEMPLATE.format(
             name=self._mechanism.name,
             timestep=self._timestep,
             gravity=_format_numbers(gravity),
-            extent=_format_drawn(2.4 * radius),
+            extent=_format_drawn(EXTENT_RATIO * radius),
             arc=_format_drawn(LINK_RADIUS_RATIO * radius),
             pin=_format_drawn(PIN_RADIUS_RATIO * radius),
             above=_format_drawn((light_distance, -light_distance, 2.0 * light_distance)),
             beside=_format_drawn((-light_distance, -light_distance, light_distance)),
-            ball=_format_drawn(0.97 * radius),
+            ball=_format_drawn(DRAWN_SPHERE_RATIO * radius),
             ground=self._names.bodies[self._mechanism.ground],
         )
         return ElementTree.fromstring("".join(text.splitlines()))

@@ -62,7 +62,9 @@ def _cubic_grid(axis: Array) -> Array:
     return grid_points(3 * [axis])
 
 
-_TWO_GRID = _cubic_grid(np.arange(2))
+_CORNERS_OF_CUBE = _cubic_grid(np.arange(2))
+"""(8, 3) corners of the unit cube, 0 or 1 along each axis."""
+
 _CHECK_QUARTERS = np.array([[1, 1, 1], [1, 3, 3], [3, 1, 3], [3, 3, 1]])
 """(4, 3) coordinates of four check points in a cell, in quarters of its width."""
 
@@ -134,7 +136,7 @@ degree 2 they are the derivatives at the centre times the step."""
 _STEP_MEANS = np.mean(
     [
         _interpolation_matrix(_STEP_CENTRES + offset / STEPS_PER_CELL)
-        for offset in (_TWO_GRID - 0.5) / 3**0.5
+        for offset in (_CORNERS_OF_CUBE - 0.5) / 3**0.5
     ],
     axis=0,
 )
@@ -257,11 +259,19 @@ class _OrientationCells:
         self.error = np.where(is_certain, 0.0, _step_volumes(self.boxes).sum(axis=1))
 
     def halve(self, selected: Indices) -> None:
-        """Replace some cells (k,) by their eight parts."""
+        """Replace some cells (k,) by their eight parts, and measure the parts.
+
+        A cell is a box in one of the four cubes that contain all unit quaternions. The
+        volume of the set in the parts is more accurate than that in the whole cell, so the
+        change of the volume is taken as an estimate of the error.
+        """
+        # Each cell is repeated for its parts. Corners and widths are integers: an uncut
+        # cube has a power of two as its width, so the half width is a whole number.
         whole = self.boxes.rows(np.repeat(selected, 8))
         half_width = whole.width // 2
-        offsets = np.tile(_TWO_GRID, (len(selected), 1)) * half_width[:, None]
+        offsets = np.tile(_CORNERS_OF_CUBE, (len(selected), 1)) * half_width[:, None]
         parts = _Boxes(cube=whole.cube, corner=whole.corner + offsets, width=half_width)
+        # A volume is certain if the part belongs to the set as a whole or not at all.
         volume, is_certain = self._measure(parts)
 
         # The change of the volume is divided among the parts that are not certain.

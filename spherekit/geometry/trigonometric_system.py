@@ -209,8 +209,10 @@ class RootSolutions:
 def eliminant_degree(incidence: Bools) -> int:
     """Return the degree of the eliminant in the first angle.
 
-    The eliminant is the trigonometric polynomial in the first angle that remains when the
-    other angles are eliminated by resultants.
+    A system has t = 1, 2 or 3 equations in as many angles x, y, z. Each equation is linear
+    in the cosine and sine of each angle that it contains. The eliminant is the
+    trigonometric polynomial in x that remains when the other angles are eliminated by
+    resultants. The resultant of two equations has degree 2 in the coefficients of each.
 
     Parameters
     ----------
@@ -227,18 +229,23 @@ def eliminant_degree(incidence: Bools) -> int:
         return int(incidence[0, 0])
     if not np.all(incidence[-2:, -1]):
         return 0
-    # The resultant of the last two equations has degree 2 in each of them.
+    # The coefficients of an equation have degree 1 in x if it contains x, and degree 0
+    # otherwise. The eliminant of two equations is their resultant in the last angle.
     contains_first = incidence[:, 0].astype(int)
     if len(incidence) == 2:
         return int(2 * np.sum(contains_first))
-    # In the first of three equations, which has the coefficients a in the second angle:
+    # The first of three equations must be a0 + a1 cos y + a2 sin y = 0 with coefficients
+    # that depend on x.
     _, contains_second, contains_third = incidence[0]
     if contains_third or not contains_second:
         return 0
-    # The eliminant is the product of the resultants at its two zeros and of the factor
-    # (a1^2 + a2^2)^p, which has degree 2 p in x if the first equation contains x.
+    # The last two equations have the resultant R(x, y), which has degree p in y. With the
+    # zeros y1(x) and y2(x) of the first equation, the eliminant is
+    # (a1^2 + a2^2)^p R(x, y1) R(x, y2). Its degree is 2 p in the coefficients a, and that
+    # of two resultants in the coefficients of the last two equations.
+    resultant_degree = 2 * (contains_first[1] + contains_first[2])
     power = _resultant_degree(incidence)
-    return int(2 * power * contains_first[0] + 4 * (contains_first[1] + contains_first[2]))
+    return int(2 * power * contains_first[0] + 2 * resultant_degree)
 
 
 def _resultant_degree(incidence: Bools) -> int:

@@ -145,12 +145,14 @@ class _MidPlaneCurveSearch:
     def find_borders(self) -> Iterator[CurveSeen]:
         """Yield the curves of type I: an input can move while the output rests.
 
-        A driven leg is then at the limit of its reach. The unit normals of these mid-planes
-        are a circle around the base axis of the leg. Only the parts of the circle that all
-        other legs reach are yielded, once for each combination of the signs of these legs
-        (assembly mode).
+        A driven leg is then at the limit of its reach. The end effector is the mirror image
+        of the base in the mid-plane, whose unit normal therefore determines its pose. The
+        normals for which a leg is at the limit of its reach are a circle around the base
+        axis of the leg. Only the parts of the circle that all other legs reach are yielded,
+        once for each combination of the signs of these legs (assembly mode).
         """
         plane = self.form.plane
+        # Numbers of the legs whose base pairs are inputs.
         for leg in plane.driven:
             reason = f"leg of {self.form.name_of(leg)} at the limit of its reach"
             axis = plane.axes[leg]
@@ -289,20 +291,22 @@ class _MidPlaneCurveSearch:
     def _find_reason(self, normals: Floats, signs: Integers) -> str:
         """Return the reason why a curve is singular of type II, as text.
 
-        At type II the output can move while the inputs rest. There are two reasons. If the
-        elbows of both driven legs (the axes between the two links of each leg) are on one
-        line along most of the curve, they span no mid-plane. Otherwise the velocity
-        equations of the loops depend on each other.
+        At type II the output can move while the inputs rest. The end effector is the mirror
+        image of the base in the mid-plane, which contains the elbows of all legs (the axes
+        between the two links of each leg). If the elbows of both driven legs are on one
+        line along most of the curve, they do not determine this plane. Otherwise the
+        velocity equations of the loops depend on each other: their matrix has lost rank.
 
         Parameters
         ----------
         normals
             (n, 3) unit normals of the mid-planes of the curve.
         signs
-            (legs,) signs of the mode, 1 or -1 for each leg.
+            (legs,) signs of the mode: 1 or -1 for each leg, which chooses one of the two
+            elbows that the leg can have.
         """
         first, second = self.form.plane.driven
-        elbows, _ = self.form.plane.elbows(normals, signs)
+        elbows, _heights = self.form.plane.elbows(normals, signs)
         sine = np.linalg.norm(cross(elbows[:, first], elbows[:, second]), axis=1)
         if np.nanmedian(sine) < COLLINEAR_ELBOWS_SINE:
             names = " and ".join(self.form.mechanism.input_pairs)

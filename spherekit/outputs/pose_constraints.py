@@ -403,10 +403,12 @@ def _is_always_kept(
 
 
 def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> float:
-    """Return the least angle (rad) between the outer axes of a leg of wide links.
+    """Return the least angle (rad) between the axes at both ends of a leg with wide links.
 
-    It is width / radius: at this angle the edges of two links on a sphere touch. It is 0
-    for links without width.
+    A leg has two links and three axes. If it folds, its links come to lie side by side, and
+    its outer two axes are near each other. Links are taken as bands on a sphere. The edges
+    of two bands touch if their middles are one width apart, which is an arc of
+    width / radius. The angle is 0 for links without width.
 
     Raises
     ------
@@ -415,9 +417,11 @@ def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> fl
     """
     width = constraints.width
     radius = constraints.radius
+    # The angle is at most pi. Without width any radius fits, even the default of 0.
     fits = 0.0 <= width <= np.pi * radius < np.inf
-    # A radius of 0 is the default, with a width of 0.
-    if not (fits or 0.0 == width <= radius < np.inf):
+    fits_without_width = width == 0.0 and 0.0 <= radius < np.inf
+    if not (fits or fits_without_width):
+        # The message has 3.2 for pi, rounded up.
         raise _error(
             mechanism,
             f"links of width {width:g} do not fit on a sphere of radius {radius:g}; give "

@@ -81,7 +81,9 @@ class UnwrappedStretch:
     """A stretch of one input over which the angles of an assembly mode were followed.
 
     Angles of pairs are known up to full revolutions. Along the stretch they were followed
-    continuously from the anchor, an input at which they are in (-pi, pi] by definition.
+    continuously, and they are counted so that they are in (-pi, pi] at the reference input.
+    This is the anchor (the input of the reference pose) or, if the stretch does not reach
+    it, the nearest input of the stretch.
 
     Attributes
     ----------
@@ -93,8 +95,9 @@ class UnwrappedStretch:
         Growth of the input (rad) after which the configurations repeat, or infinite.
     winding
         (angles,) revolutions that the angles gain in one period.
-    start_revolutions
-        (angles,) revolutions of the curve at the anchor.
+    reference_revolutions
+        (angles,) whole revolutions by which the angles of the curve exceed (-pi, pi] at the
+        reference input. They are subtracted from all revolutions of the curve.
     """
 
     curve: ModeCurve
@@ -102,7 +105,7 @@ class UnwrappedStretch:
     angles: list[int]
     period: float
     winding: Floats
-    start_revolutions: Floats
+    reference_revolutions: Floats
 
     def count_revolutions(self, values: Floats) -> Floats:
         """Return the revolutions to be added to the angles of configurations.
@@ -118,8 +121,8 @@ class UnwrappedStretch:
 
         Returns
         -------
-        (n, angles) revolutions, counted from the anchor, at which all angles are in
-        (-pi, pi]. NaN for configurations that are not on this stretch.
+        (n, angles) revolutions, counted from the reference input, at which all angles are
+        in (-pi, pi]. NaN for configurations that are not on this stretch.
         """
         low, high = self.curve.inputs[[0, -1]]
         # The input is reduced into the period that begins at the lower end of the curve. A
@@ -135,7 +138,7 @@ class UnwrappedStretch:
         is_on_stretch = reduced_input <= high + DEAD_CENTRE_SLACK_RAD
         is_on_stretch &= deviation < SAME_MODE_TOLERANCE_RAD
         laps = np.floor(from_low / self.period)
-        revolutions += laps[:, None] * self.winding - self.start_revolutions
+        revolutions += laps[:, None] * self.winding - self.reference_revolutions
         return np.where(is_on_stretch[:, None], revolutions, np.nan)
 
 
@@ -350,21 +353,27 @@ class AngleUnwrapping:
     def _follow_stretch(
         self, start: Floats, inputs: Floats, period: float
     ) -> UnwrappedStretch:
-        """Follow the mode from a configuration to the anchor and to other inputs.
+        """Follow the mode from a configuration over one period, or over all needed inputs.
+
+        The anchor is the input of the reference pose. Angles of pairs are known up to full
+        revolutions; at the anchor they are in (-pi, pi] by definition. If configurations
+        repeat after a period of the input, the curve is followed over the period that
+        begins at the anchor. Otherwise it is followed over the anchor and `inputs`.
 
         Parameters
         ----------
         start
             (variables,) a configuration (rad).
         inputs
-            (m,) inputs (rad) to be reached if they do not repeat.
+            (m,) further inputs (rad). They are used only without a period.
         period
             Growth of the input (rad) after which the configurations repeat, or infinite.
 
         Returns
         -------
         The followed curve, with the revolutions that its angles gain in a period, and those
-        at the anchor: the input at which angles have to be in (-pi, pi].
+        that they have at the reference input. This is the input of the curve that is
+        nearest to the anchor.
         """
         (driven,) = self._driven
         (anchor,) = self.solver.anchor
@@ -385,17 +394,18 @@ class AngleUnwrapping:
         # Revolutions of the angles in one period; none if the curve ends before.
         growth = (curve.values[-1] - curve.values[0])[angles]
         winding = np.round(growth / TURN)
-        if not high - low > period - DEAD_CENTRE_SLACK_RAD:
+        covers_period = high - low > period - DEAD_CENTRE_SLACK_RAD
+        if not covers_period:
             winding = np.zeros(len(angles))
         elif not max_abs(growth - TURN * winding) < SAME_MODE_TOLERANCE_RAD:
             # After one period the curve is in another mode: it does not repeat.
             return self._follow_stretch(start, inputs, np.inf)
-        # Angles are compared with the anchor at the input of the curve nearest to it. If
-        # the curve begins above the anchor but reaches the anchor one period on, which is
-        # the same configuration, they are compared there.
+        # If the curve begins above the anchor but reaches the anchor one period on, this
+        # end is the reference input, because the configuration is that at the anchor.
         reference_input = np.clip(anchor, low, high)
         begins_above_anchor = low > anchor + DEAD_CENTRE_SLACK_RAD
-        if begins_above_anchor and high > anchor + period - DEAD_CENTRE_SLACK_RAD:
+        ends_one_period_on = high > anchor + period - DEAD_CENTRE_SLACK_RAD
+        if begins_above_anchor and ends_one_period_on:
             reference_input = high
         interpolated_values, _ = curve.interpolate(np.array([reference_input]))
         reference_values = interpolated_values[0]
@@ -405,7 +415,7 @@ class AngleUnwrapping:
             angles=angles,
             period=period,
             winding=winding,
-            start_revolutions=count_revolutions(reference_values)[angles],
+            reference_revolutions=count_revolutions(reference_values)[angles],
         )
 
     def _count_along_path(self, values: Floats, last: Sequence[float] | None) -> Floats:

@@ -276,6 +276,9 @@ def _join_senses(
 ) -> ArcCurve:
     """Return one curve from the parts that were followed in both senses.
 
+    Nodes and steps differ between the senses. A curve whose forward part ended, for example
+    because no step passed the tests, may therefore still close in the backward sense.
+
     Parameters
     ----------
     forward, backward
@@ -291,6 +294,7 @@ def _join_senses(
         If no step was possible in either sense.
     """
     # The nodes of a closed curve are those of one sense. Both ends then have the status OK.
+    # `plain` nodes are without the equations and margins that following needed.
     nodes = forward.collect_nodes(row).plain
     ends = (Status.OK, Status.OK)
     closed = True
@@ -312,9 +316,11 @@ def _join_senses(
             "the configuration to follow has its limits on both sides; widen the "
             "joint limits"
         )
+    # The loops of this curve alone. Those of another one may have pairs locked elsewhere.
+    curve_closure = forward.closure.take(np.array([row]))
     return ArcCurve(
         nodes=nodes,
-        closure=forward.closure.take(np.array([row])),
+        closure=curve_closure,
         periods=forward.periods,
         closed=closed,
         ends=ends,

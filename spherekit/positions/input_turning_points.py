@@ -116,16 +116,25 @@ class InputTurningPoints(NamedTuple):
         return np.array(probes or [0.5 * (self.low + self.high)])
 
     def claim(self, step: float) -> Completeness:
-        """Return how complete the modes are that pass through ``probes(step)``.
+        """Return how complete the modes are that pass through the probed inputs.
 
-        All modes are known if they were computed once between any two inputs at which modes
-        meet. Otherwise modes in intervals narrower than the `gap` may be missing.
+        These are the inputs of ``probes(step)``, at which all modes are computed. Modes
+        appear and vanish only at inputs at which they meet, so one input between each two
+        neighbouring ones of these is enough to know all modes. Where such inputs may have
+        been missed, there are more probes, and a mode that exists only between two of them
+        may be missing.
+
+        Parameters
+        ----------
+        step
+            Greatest distance of neighbouring probes in doubtful intervals (rad).
         """
         if self.low == self.high:
             return Completeness(Guarantee.COMPLETE, "all modes at the only input")
-        # Without a gap no mode can be missing. `count` is the number of inputs at which
-        # modes are known to meet.
+        # Width (rad) of the widest interval that may hide a mode; 0 if there is none.
         gap = self.gap(step)
+        # Number of inputs at which modes are known to meet: at `places` modes appear or
+        # vanish, at `crossing_inputs` their curves cross.
         count = len(self.places) + len(self.crossing_inputs)
         if not gap:
             if count == 0:
@@ -140,6 +149,7 @@ class InputTurningPoints(NamedTuple):
         if count:
             reason += f", and between {count} at which they are known to meet"
             reason += self._crossing_remark
+        # Everything that extends over more than the gap is known.
         return Completeness(Guarantee.TO_BOX, reason, gap)
 
     @property

@@ -105,7 +105,9 @@ class SolvedChoice:
 class RootAngles:
     """Angles of n roots at the centre of a box of inputs, and their motion over the box.
 
-    Each root has k unknown angles. The numbers are meaningful for real roots only.
+    A root is a solution of the loop-closure equations of a system: its k unknown angles as
+    functions of the inputs, which vary over the box. Complex roots are contained so that
+    the indices are those of the roots; their numbers have no meaning.
 
     Attributes
     ----------

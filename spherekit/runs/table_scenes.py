@@ -30,8 +30,8 @@ def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> list[Sc
     """Return drawings of the tables of an analysis: columns of numbers over the samples.
 
     Only tables with rows at the samples are drawn. If a sample has several rows, such as
-    one for each pole, the text columns of a row name its subject. Each subject becomes one
-    curve (series).
+    one for each pole, the text columns of a row name its subject. `_column_series` selects
+    the rows of an assembly mode and makes one curve (series) of each subject and column.
 
     Parameters
     ----------
@@ -48,11 +48,14 @@ def table_scenes(tables: Sequence[Table], data: Tables, batch: Batch) -> list[Sc
     """
     scenes = []
     for mode, rows in batch.assembly_mode_rows().items():
+        # The rows of the batch; a table may have several rows for each of them.
+        mode_samples = batch.sample[rows]
         series: list[Primitive] = []
         for table in tables:
-            if table.in_assembly_modes:
+            has_rows_at_samples = table.in_assembly_modes
+            if has_rows_at_samples:
                 series += _column_series(
-                    table, arrays(data[table.name]), mode, batch.sample[rows]
+                    table, arrays(data[table.name]), mode, mode_samples
                 )
         if series:
             scenes.append(Scene(mode, tuple(series)))

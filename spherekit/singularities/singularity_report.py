@@ -177,7 +177,9 @@ class SingularityReport:
         """Return singular configurations with their inputs, poses and types.
 
         A singular motion is a motion in which the inputs rest (type II), the output rests
-        (type I), or both (self-motion).
+        (type I), or both (self-motion). The report looks for one of these types, which is
+        the `kind` of all points. A configuration can be singular in more than one way: the
+        `type` of each point tells which singular motions it has.
 
         Parameters
         ----------
@@ -185,7 +187,8 @@ class SingularityReport:
             (n, V) variables (rad), and unit rates of the singular motions.
         residual
             (n,) the larger of two errors: the opening of the loops (rad), and the rates of
-            the inputs or the output that should rest in the singular motion.
+            the inputs or the output that should rest in the singular motion (rad per rad of
+            this motion).
         """
         linearisation = self.solver.closure.at(values)
         inputs = self.inputs_in_range(values)
@@ -193,6 +196,7 @@ class SingularityReport:
         pointing = None
         if self.output.pointing is not None:
             pointing = orientation @ np.array(self.output.pointing)
+        # The output rests if these products are zero, so they are the rates of the output.
         output_rates = np.matvec(self.output.equations(linearisation), motions)
         return SingularPoints(
             kind=self.kind,

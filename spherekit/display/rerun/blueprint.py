@@ -95,8 +95,8 @@ class Layout:
         The eye of the spaces with the sphere.
     pages
         Titles of pages by page.
-    solids
-        Page and path of everything that is seen with the sphere.
+    sphere_view_paths
+        Page and path of everything that is seen in the view of the sphere.
     overrides
         Page and path of entities with another appearance, and that appearance: hidden, or
         visible for the last samples.
@@ -118,7 +118,7 @@ class Layout:
     span: Span | None
     sight: Sight
     pages: dict[int | str, str] = field(default_factory=dict)
-    solids: list[tuple[Page, str]] = field(default_factory=list)
+    sphere_view_paths: list[tuple[Page, str]] = field(default_factory=list)
     overrides: list[tuple[Page, str, Any]] = field(default_factory=list)
     pages_with_findings: list[Page] = field(default_factory=list)
     plots: list[Plot] = field(default_factory=list)
@@ -185,7 +185,7 @@ class Layout:
         rows = [_tabs(views) for views in (plots[:1], plots[1:], panels) if views]
 
         sphere_owners = (page,) if isinstance(page, str) else (None, page)
-        has_sphere = any(owner in sphere_owners for owner, _ in self.solids)
+        has_sphere = any(owner in sphere_owners for owner, _ in self.sphere_view_paths)
         if rows and not has_sphere:
             parts: list[rrb.View | rrb.Container] = [rows[0]]
             if len(rows) > 1:
@@ -215,10 +215,10 @@ class Layout:
         """
         owners = (None, page)
         position, target, up = self.sight
-        solids = [path for owner, path in self.solids if owner in owners]
+        paths = [path for owner, path in self.sphere_view_paths if owner in owners]
         return rrb.Spatial3DView(
             origin=self.root,
-            contents=[f"+ {path}/**" for path in (f"{self.root}/sphere", *solids)],
+            contents=[f"+ {path}/**" for path in (f"{self.root}/sphere", *paths)],
             name=title,
             background=colours.BACKGROUND,
             line_grid=False,

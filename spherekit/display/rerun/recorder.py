@@ -373,17 +373,22 @@ class RerunRecorder:
     ) -> bool:
         """Log a label at the rows without a configuration, where a link is NaN.
 
+        The label is an entity of its own in the view of the sphere. When it is logged for
+        the first time on a page (the drawings of an assembly mode or an analysis), it is
+        added to the layout of the window, which then has to be sent again.
+
         Parameters
         ----------
         scene
             A block of samples, with its links.
         timelines
             The time of each row on each timeline.
+        row_count
+            Number of rows of the block.
 
         Returns
         -------
-        Whether the label is the first on its page, so that the layout changes. A scene
-        without links has no label.
+        Whether the layout has changed. A scene without links has no label.
         """
         bodies = [item for item in scene.primitives if isinstance(item, Body)]
         if not bodies:
@@ -394,9 +399,11 @@ class RerunRecorder:
             if body.quaternions is not None:
                 is_failed |= ~all_finite(body.quaternions, 1)
         path = f"{layout.base(scene.page)}/status"
-        is_new = self._outputs.log_first(path, [("", entities.failure_label())])
+        # What does not change from row to row. An empty name means the path itself.
+        label_by_name = [("", entities.failure_label())]
+        is_new = self._outputs.log_first(path, label_by_name)
         if is_new:
-            layout.solids.append((scene.page, path))
+            layout.sphere_view_paths.append((scene.page, path))
         columns = entities.failure_columns(is_failed)
         self._outputs.log_rows(path, timelines, columns, row_count)
         return is_new
@@ -547,7 +554,7 @@ class RerunRecorder:
             title = f"Assembly mode {page}" if isinstance(page, int) else page
             layout.pages.setdefault(page, title)
         if isinstance(primitive, SPHERE_PRIMITIVES):
-            layout.solids.append((page, path))
+            layout.sphere_view_paths.append((page, path))
         match primitive:
             case SphereMap(label=label, unit=unit):
                 low, high = choose_map_range(primitive.shown_values, unit)

@@ -28,15 +28,19 @@ TICK_TOLERANCE = 1e-6
 class InputTimeline:
     """The timeline of the input of a recording.
 
+    A timeline holds whole numbers only, so inputs are counted in ticks, which are parts of
+    a degree.
+
     Attributes
     ----------
     name
-        Its name, such as ``input_deg`` or ``input_deg_x10``.
+        ``input_deg`` if a tick is one degree. Otherwise the number of ticks per degree is
+        appended, as in ``input_deg_x10``.
     ticks_per_degree
-        Its resolution.
+        Number of ticks in a degree: 1, 10, 100 or 1000.
     is_exact
-        Whether all inputs are whole numbers of ticks. Thousandths of a degree may round
-        some of them.
+        Whether all inputs are whole numbers of ticks. This fails only for the finest ticks,
+        thousandths of a degree, to which inputs are then rounded.
     """
 
     name: str
