@@ -280,14 +280,15 @@ def _loads_with_bearings(mechanism: Mechanism) -> list[Bearings]:
 
 @dataclass(frozen=True)
 class BearingLoad:
-    """The load of one bearing in n rows.
+    """The forces on one bearing of a pair in n rows.
 
     Attributes
     ----------
-    load
-        The load in the file of the mechanism that places the bearing.
+    bearings
+        The entry of the mechanism file that states the bearings of the pair. It is one of
+        the loads of the file, and has their positions.
     position
-        Distance of the bearing from the centre of the sphere along the pair's axis (m).
+        Distance of this bearing from the centre of the sphere along the pair's axis (m).
     couple_force
         (n,) force at right angles to the axis that the moment of the pair alone causes (N).
     radial
@@ -297,7 +298,7 @@ class BearingLoad:
         (n,) force along the axis on the second link (N).
     """
 
-    load: Bearings
+    bearings: Bearings
     position: float
     couple_force: Floats
     radial: Floats
@@ -305,33 +306,33 @@ class BearingLoad:
 
     @property
     def name(self) -> str:
-        """The load and the position, in words."""
-        return f"{self.load.name} at {self.position:g} m"
+        """The name of the bearings and the position, in words."""
+        return f"{self.bearings.name} at {self.position:g} m"
 
 
 def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]:
-    """Return the loads of all bearings that the file places.
+    """Return the forces on all bearings whose positions the file states.
 
     `result` has, for each load with bearings, the force of the couple (n, bearings) and the
     whole force (n, bearings, 3) on each bearing, with the axis of the pair as z.
     """
-    bearings = []
+    bearing_loads = []
     for load in _loads_with_bearings(mechanism):
         couple_forces = result.couples[load.name]
         # From (n, bearings, 3) to (bearings, 3, n).
         forces = np.moveaxis(result.on_bearings[load.name], 0, 2)
         for number, position in enumerate(load.positions):
             x, y, z = forces[number]
-            bearings.append(
+            bearing_loads.append(
                 BearingLoad(
-                    load=load,
+                    bearings=load,
                     position=position,
                     couple_force=couple_forces[:, number],
                     radial=np.hypot(x, y),
                     axial=z,
                 )
             )
-    return bearings
+    return bearing_loads
 
 
 def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
@@ -341,12 +342,12 @@ def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
     all bearings of a row follow each other. `result` has the reactions in the n rows of the
     batch.
     """
-    bearings = _bearing_loads(batch.mechanism, result)
+    bearing_loads = _bearing_loads(batch.mechanism, result)
     row_count = len(batch)
-    pairs = [bearing.load.pair for bearing in bearings]
+    pairs = [bearing_load.bearings.pair for bearing_load in bearing_loads]
     pair_numbers = [batch.mechanism.pair_number[pair] for pair in pairs]
-    load_names = [bearing.load.name for bearing in bearings]
-    positions = [float(bearing.position) for bearing in bearings]
+    load_names = [bearing_load.bearings.name for bearing_load in bearing_loads]
+    positions = [float(bearing_load.position) for bearing_load in bearing_loads]
 
     def interleave(forces: list[Floats]) -> Floats:
         """Return forces (n,) of each bearing as one column, row after row."""
@@ -356,9 +357,9 @@ def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
         **repeat_rows(row_columns(batch, with_time=True), load_names, "load"),
         "pair": np.tile(np.array(pairs, dtype=str), row_count),
         "position": np.tile(positions, row_count),
-        "couple_force": interleave([bearing.couple_force for bearing in bearings]),
-        "radial": interleave([bearing.radial for bearing in bearings]),
-        "axial": interleave([bearing.axial for bearing in bearings]),
+        "couple_force": interleave([load.couple_force for load in bearing_loads]),
+        "radial": interleave([load.radial for load in bearing_loads]),
+        "axial": interleave([load.axial for load in bearing_loads]),
         "status": result.status[:, pair_numbers].ravel(),
     }
 

@@ -16,7 +16,7 @@ from spherekit.exchange.coupling_table import CouplingTable, write_csv, write_np
 from spherekit.exchange.coupling_table_maker import coupling_table
 from spherekit.exchange.exported_pose import find_pose
 from spherekit.exchange.formula_expressions import SmoothModes
-from spherekit.exchange.formula_maker import check_sizes_keep_crossings, formulas
+from spherekit.exchange.formula_maker import formulas, refuse_link_sizes
 from spherekit.exchange.latex import latex
 from spherekit.exchange.mjcf import MujocoModel
 from spherekit.exchange.size_arguments import check_arguments
@@ -264,7 +264,7 @@ def _export_source(
     if options.get("crossings") == "pass":
         # With other link sizes, curves of modes cross at other inputs or nowhere. So sizes
         # of links cannot be arguments.
-        check_sizes_keep_crossings(mechanism, options.get("vary", ()))
+        refuse_link_sizes(mechanism, options.get("vary", ()))
     formula_set = formulas(
         mechanism, input_pair=input_pair, assembly_mode=assembly_mode, **options
     )

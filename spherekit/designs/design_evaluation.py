@@ -48,7 +48,7 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.positions.position_solver import PositionSolver
 from spherekit.runs.figure_of_merit import FigureOfMerit
 from spherekit.singularities.grashof import class_of, four_bar_links
-from spherekit.velocities.axis_rotations import pair_rotations
+from spherekit.velocities.axis_rotations import PairRotations, pair_rotations
 from spherekit.velocities.design_expressions import DesignExpressions
 from spherekit.velocities.equivalent_linkage import find_equivalent_linkage
 from spherekit.velocities.load_numbers import LOAD_DEPENDENT_PREFIXES
@@ -837,17 +837,25 @@ class DesignEvaluator:
         def make_expressions(configuration: Floats | None) -> DesignExpressions:
             """Return the quantities of the design as expressions of all pair variables.
 
-            Constraints are redundant: only some of the closure equations are independent.
-            The equations that are independent at the configuration (variables,) in rad are
-            used. There is no configuration (None) if the design never closes. Any
-            equations are then used.
+            If constraints are redundant, only some of the closure equations are
+            independent. Those that are independent at the configuration (variables,) in rad
+            are used. There is no configuration (None) if the design never closes. The
+            expressions are then evaluated for no mode, so any equations will do.
             """
+
+            def make_pairs(_size_symbols: object) -> PairRotations:
+                """Return the rotations of the pairs, with the sizes of this design.
+
+                Profiles that are not circles have no expressions. Their tangents, points
+                and curvatures at the contacts are arguments (columns) instead.
+                """
+                return pair_rotations(mechanism, as_columns=has_shaped_profiles)
+
             return DesignExpressions(
                 mechanism,
                 self.inputs,
-                make_pairs=lambda _: pair_rotations(
-                    mechanism, as_columns=has_shaped_profiles
-                ),
+                make_pairs=make_pairs,
+                # The search has computed the configurations, which are arguments.
                 closed_form=False,
                 closed=configuration,
                 by_rank=position_analysis.by_rank,

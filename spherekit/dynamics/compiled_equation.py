@@ -139,7 +139,7 @@ def compile_equation(
     coordinates: Sequence[str] = (),
     values: Floats | None = None,
 ) -> tuple[CompiledEquation, bool]:
-    """Return the equation of a mechanism, and whether it had been compiled before.
+    """Return the equation of motion of a mechanism, and whether it was in the cache.
 
     Parameters
     ----------
@@ -177,10 +177,15 @@ def compile_equation(
     was_compiled = True
 
     def compile_now() -> CompiledEquation:
-        """Compile the equation, because the cache does not have it."""
+        """Compile the equation of motion, because the cache does not have it.
+
+        It is derived for `common_mechanism`, which stands for all mechanisms that differ
+        only in data of a run. The arguments are those of this call: a pickle of the
+        equation contains them, and calls `compile_equation` with them again.
+        """
         nonlocal was_compiled
         was_compiled = False
-        # A configuration is only given with several degrees of freedom.
+        # The configuration `values` is only given with several degrees of freedom.
         if values is None:
             expressions = derive_single_dof_equation(common_mechanism)
         else:

@@ -196,15 +196,19 @@ def _is_link_size(variable: DesignVariable) -> bool:
     return variable.path[0] not in ACTIONS
 
 
-def check_sizes_keep_crossings(mechanism: AnyMechanism, vary: Sequence[str]) -> None:
-    """Refuse sizes as arguments of formulas whose modes pass through crossings.
+def refuse_link_sizes(mechanism: AnyMechanism, vary: Sequence[str]) -> None:
+    """Refuse numbers as arguments of generated source code if they are sizes of links.
+
+    This is called if the assembly modes in the code pass through the inputs at which their
+    curves cross. The code contains these inputs, which are computed for the sizes in the
+    mechanism file. With other sizes the curves cross at other inputs or nowhere.
 
     Parameters
     ----------
     mechanism
-        The mechanism.
+        The mechanism, whose file has the numbers.
     vary
-        Keys of the numbers that are arguments.
+        Keys in the file of the numbers that shall be arguments.
 
     Raises
     ------

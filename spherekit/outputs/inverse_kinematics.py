@@ -404,7 +404,12 @@ class InverseKinematics:
     def _place_modes(
         self, poses: Floats, starts: Floats, modes: Sequence[Signs]
     ) -> Iterator[WorkingMode]:
-        """Yield the dyads in each working mode at some poses.
+        """Yield the links in each working mode at some poses.
+
+        An orientation places the output link. A direction of a pointing output leaves its
+        turn about this direction open. There are two cases. Either all other links are
+        dyads that can be placed from the pose alone. Or a closing link joins two of the
+        dyads, whose arc determines the turn: an equation that Newton's method solves.
 
         Results that the modes share are computed once.
 
@@ -413,19 +418,22 @@ class InverseKinematics:
         poses
             (n, 3, 3) orientations or (n, 3) directions of the output.
         starts
-            (n, 3, 3) orientations near which the turns of a pointing output are searched;
-            not used without a closing link.
+            (n, 3, 3) orientations from whose turns Newton's method starts; not used without
+            a closing link.
         modes
-            The signs of the dyads in each mode.
+            The signs of the dyads in each mode, followed by that of the closing link if
+            there is one.
         """
         # The dyads compute with the poses along the last axis: (3, n) directions, or
         # (3, 3, n) transposed orientations.
         transposed_poses = np.ascontiguousarray(poses.T)
         directions = poses if self.wrist.points else None
+        # The link that the pose places is the output link, whose rotation is the pose. For
+        # a pointing output it is a virtual link, of which only one axis is needed: the last
+        # virtual pair joins it to the output link along the direction of the output.
         posed_axes: dict[int, Floats] = {}
         posed_rotation = None
         if self.wrist.points:
-            # The last virtual pair has its axis along the direction of the output.
             posed_axes[self.wrist.pairs[2]] = transposed_poses
         else:
             posed_rotation = transposed_poses
@@ -438,6 +446,7 @@ class InverseKinematics:
         shared_results: dict[Any, Any] = {}
         for signs in modes:
             if self.dyads is None:
+                # `_closing_link` has the dyads of its own.
                 assert self._closing_link is not None
                 mode = _close_mode(self._closing_link, transposed_poses, starts, signs)
             else:

@@ -156,21 +156,27 @@ class CurveContinuation(ABC, Generic[Node]):
         """Set the status of a curve from whose last node no step is verified."""
 
     def start_after_periods(self, starts: Node, nodes: Node, values: Floats) -> Node:
-        """Return start nodes of curves as they look when a lap returns to them.
+        """Return the start nodes of curves with variables moved by whole periods.
+
+        A lap, which is one round of a closed curve, returns to the start, but angles may
+        have grown by whole periods. With the values of these grown angles the start is
+        compared with the end of the lap.
 
         Parameters
         ----------
         starts
             (k) first nodes.
         nodes
-            (k) last nodes, from which a step may lead to the start.
+            (k) last nodes, from which a step may lead to the start. Only subclasses use
+            them: if a node has more unknowns than the variables, it may be another one
+            although its variables are those of the start. It is then replaced by NaN, so
+            that the lap does not close.
         values
-            (k, variables) variables of the first nodes, whole periods on (rad).
+            (k, variables) variables of the first nodes, moved by whole periods (rad).
 
         Returns
         -------
-        (k) nodes with these values. Subclasses with further unknowns return NaN if these
-        differ at the start, so that the lap does not close.
+        (k) first nodes with these values.
         """
         return replace(starts, values=values)
 

@@ -234,8 +234,11 @@ def _with_crossings(
 ) -> InputTurningPoints:
     """Return the turning points with doubtful intervals replaced by the crossings in them.
 
-    At a crossing of curves, a function has a double zero without a change of its sign.
-    Within its error the function cannot distinguish this from two zeros, or from none.
+    Assembly modes are curves of configurations over the input. Where two modes meet, a
+    function of the input is zero. At a turning point, where both end, it changes its sign.
+    At a crossing, where both continue, it has a double zero without a change of sign.
+    Within the error of its values this cannot be distinguished from two zeros or none, so
+    the interval is doubtful until the crossing is computed.
 
     Parameters
     ----------
@@ -245,7 +248,7 @@ def _with_crossings(
         The inputs at which modes meet, with intervals in which this could not be decided.
     """
     crossings: list[Crossing] = []
-    # An interval remains doubtful if no crossing explains it.
+    # An interval without a crossing remains doubtful.
     still_doubtful = []
     for start, stop in turning_points.doubtful.tolist():
         crossings_in_interval = find_crossings(
@@ -254,6 +257,7 @@ def _with_crossings(
         crossings += crossings_in_interval
         if not crossings_in_interval:
             still_doubtful.append([start, stop])
+    # Several curves may cross at the same input, which is returned once.
     inputs = np.sort([crossing.values[solver.input_variable] for crossing in crossings])
     is_new = np.diff(inputs, prepend=-np.inf) > SAME_CROSSING_INPUT_RAD
     return turning_points._replace(

@@ -331,19 +331,24 @@ class ModesOverRange:
     def _find_as_assembled(self) -> Completeness:
         """Find the modes on one curve, if wheels can be put together in any position.
 
-        If the rolled lengths of wheels do not follow from the input, the wheels can be put
-        together in infinitely many ways. Only one curve of configurations is followed: that
-        of the reference pose, or of the first configuration that is found.
+        The rolled length of a contact is the arc over which a wheel has rolled there. If it
+        does not follow from the input, the wheels can be put together with any rolled
+        length, so there are infinitely many curves of configurations. Only one is followed:
+        that of the reference pose, whose mode is already in `assembly_modes`. Without such
+        a mode it is that of the first configuration that is computed at some inputs.
 
         Returns
         -------
-        How complete the modes are.
+        How complete the modes are: all on the curve of the reference pose are known, but on
+        another curve only those that the probed inputs led to.
         """
         q = self.input_grid.q
         for row in np.unique((PROBED_FRACTIONS * len(q)).astype(np.intp)):
-            if not self.assembly_modes:
-                self._probe(q[row : row + 1])
+            if self.assembly_modes:
+                break
+            self._probe(q[row : row + 1])
         self._follow_curves_beyond_ends()
+        # No input was probed if the reference pose gave a mode.
         if not self.probes:
             return AS_ASSEMBLED
         reason = f"modes found at {counted(self.probes, 'input')}"

@@ -362,8 +362,10 @@ class SampledModes:
             if not gear_phases.all_known:
                 probed_samples = spread_rows(len(self.input_grid), MAX_SEARCHED_SAMPLES)
                 for sample in probed_samples.tolist():
-                    if not self._sheet_count:
-                        self._probe(sample)
+                    if self._sheet_count:
+                        break
+                    self._probe(sample)
+                # No sample was probed if the reference pose gave a sheet.
                 if self.probes:
                     reason = f"modes found at {counted(self.probes, 'input')}"
                     return Completeness(Guarantee.SAMPLED, reason)

@@ -113,13 +113,15 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
     """Return the curve of a profile, and its length if it is open.
 
     The curve is a function that returns at arc lengths (n,) the frames (n, 3, 3), whose
-    columns are tangent, normal and point.
+    columns are tangent, normal and point. All numbers are balls: a ball has a centre and a
+    radius, which bounds the distance of the true number from the centre. A float64 number
+    becomes an exact ball, of radius 0.
 
     Parameters
     ----------
     profile
         The profile in the axes of its link: a circle, a spline through points, or a Fourier
-        sum of the colatitude.
+        sum, which gives the angle from the profile's centre at each azimuth about it.
     _precision_bits
         Bits of ball centres. They are an argument only because results are cached.
 
@@ -128,12 +130,16 @@ def _make_curve(profile: Profile, _precision_bits: int) -> tuple[Curve, Ball]:
     The curve as a function of its arc length, and its length (rad); 0 if it is closed.
     """
     if profile.kind == "points":
-        path, _table = spline_through(np.array(profile.points), profile.closed)
-        return _by_arc_length(_make_spline(path), exact_balls(path.knots), profile.closed)
-    axes = azimuth_frame(unit_vector(exact_balls(profile.centre or ())))
-    if profile.kind not in ("circle", "great_circle"):
-        wave = _make_wave(axes, exact_balls(profile.cosines), exact_balls(profile.sines))
-        return _by_arc_length(wave, exact_balls([0.0, 2.0]) * pi_ball(), True)
+        spline, _table = spline_through(np.array(profile.points), profile.closed)
+        path = _make_spline(spline)
+        return _by_arc_length(path, exact_balls(spline.knots), profile.closed)
+    assert profile.centre is not None  # only profiles through points have no centre
+    axes = azimuth_frame(unit_vector(exact_balls(profile.centre)))
+    if profile.kind == "fourier":
+        path = _make_fourier_path(
+            axes, exact_balls(profile.cosines), exact_balls(profile.sines)
+        )
+        return _by_arc_length(path, exact_balls([0.0, 2.0]) * pi_ball(), True)
     # A circle about z with the angular radius r: point = z cos(r) + (x cos(a) + y sin(a))
     # sin(r), where the azimuth a is the arc length over sin(r). The frame is therefore a
     # linear function of 1, cos(a) and sin(a). A great circle has a radius of 90 degrees.
@@ -257,7 +263,7 @@ def _convergence_distance(coefficients: list[Ball], bits: int) -> float:
     return np.exp(np.min(log_distances)) * CONVERGENCE_MARGIN
 
 
-def _make_wave(axes: Array, cosines: Array, sines: Array) -> Path:
+def _make_fourier_path(axes: Array, cosines: Array, sines: Array) -> Path:
     """Return the path of a profile that is given by a Fourier sum.
 
     The colatitude r (angle from the centre) is a function of the azimuth a:
