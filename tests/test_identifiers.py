@@ -344,6 +344,6 @@ def test_pages_of_reserved_names_move(browser, tmp_path):
         wait_until(tab, "window.spherekit?.timing.pictures > 0")
         tab.evaluate("spherekit.change('input', {q: [1.0]})")
         wait_until(tab, "spherekit.timing.pictures > 1")
-        assert tab.evaluate("spherekit.modes.every(mode => mode.here)")
+        assert tab.evaluate("spherekit.modes.every(mode => mode.results)")
         assert not said, (name, said)
     tab.close()

@@ -158,7 +158,7 @@ def bends_along_drag(tab, inputs):
     for place in places:
         tab.mouse.move(*place)
         tab.wait_for_timeout(30)
-        rows.append(tab.evaluate("[...spherekit.modes[0].row]"))
+        rows.append(tab.evaluate("[...spherekit.modes[0].pictureRow]"))
         reached.append(tab.evaluate("spherekit.state.q[0]"))
     tab.mouse.up()
     assert np.allclose(reached, inputs, atol=0.02)

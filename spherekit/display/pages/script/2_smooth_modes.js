@@ -133,7 +133,7 @@ function modeAfterTurn(mode, way, sizes) {
 }
 
 function crossingsText() {                 // what modes do where curves cross, for the sizes on the page
-  const inputsOf = key => [...new Set(modes.flatMap(mode => mode[key]).sort((a, b) => a - b).map(x => text(x / UNIT, false)))];
+  const inputsOf = key => [...new Set(modes.flatMap(mode => mode[key]).sort((a, b) => a - b).map(x => formatNumber(x / UNIT, false)))];
   const [passed, unclear] = [inputsOf("passed"), inputsOf("unclear")], unit = SIGN === "°" ? SIGN : ` ${SIGN}`;
   const list = numbers => numbers.map(x => x + unit).join(", ");
   const lines = [];

@@ -51,7 +51,7 @@ function rangesBeyondLimits(mode, q, sizes, {over, x, values}) {
 }
 
 function limitText({pair, low, high}) {
-  const angleText = angle => `${text(angle / UNIT, false)}${SIGN === "°" ? SIGN : " rad"}`;
+  const angleText = angle => `${formatNumber(angle / UNIT, false)}${SIGN === "°" ? SIGN : " rad"}`;
   return `${pair} may go from ${angleText(low)} to ${angleText(high)}`;
 }
 

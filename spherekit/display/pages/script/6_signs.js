@@ -18,7 +18,7 @@ const signedPoles = model.signed.map(({links, end, names}) => ({
 
 function relativeVelocity({velocities: [link, reference]}, row) {
   const velocityOf = columns => (columns ? columns.map(k => row[k]) : [0, 0, 0]);
-  return plus(velocityOf(link), scaled(velocityOf(reference), -1));
+  return add(velocityOf(link), scale(velocityOf(reference), -1));
 }
 
 function signCurve(mode, q, sizes, curve) {  // finds the signs of all poles at the samples, and puts them into the rows
@@ -88,6 +88,6 @@ function signedAt(mode, q, sizes, row) {   // a row with signs anywhere along th
 
 function sumOfAxes(mode, q, sizes) {       // of all pairs, with the points of contact; each as often as it has variables
   const {places} = mode.state(q, sizes), row = evaluateKernel(picture, q, places, sizes);
-  const directions = model.pairs.map(({name, axis, variables}) => scaled(axis ? axisOf(row, name) : contactOf(row, name), variables));
-  return directions.reduce(plus, [0, 0, 0]);
+  const directions = model.pairs.map(({name, axis, variables}) => scale(axis ? pairAxis(row, name) : contactPoint(row, name), variables));
+  return directions.reduce(add, [0, 0, 0]);
 }

@@ -1,220 +1,309 @@
-// Pictures: what has changed is computed again, once for each picture.
+// Pictures: whatever has changed is computed again, once for each picture.
+//
+// A mode has four parts that change: `isStale` (whether its curve has to be computed again), `curve`,
+// `results` (the row at the inputs, null if the assembly is lost), and `pictureRow` (the row of the
+// picture kernel, null if the mode is not drawn).
 
-let playing = false, pending = 0, clock = 0, way = 1;
-const TURN = 9;                            // seconds to play through the range
-const system = matchMedia("(prefers-color-scheme: dark)");
-const timing = {pictures: 0, busy: 0};
-const NO_CURVE = {over: 0, x: [], values: [], ends: [], meets: [], rests: [], beyond: [], signs: [], largestSquares: []};
+const PLAY_SECONDS = 9;                    // to play through the range of an input
+const MAX_FRAME_MS = 100;                  // longer pauses between pictures count as this, so that the input does not jump
+const CURVE_BUDGET_MS = 9;                 // of a picture that curves of other modes may take
+const SURVEY_PAUSE_MS = 400;               // surveys that follow each other faster have fewer nodes
+const FINE_SURVEY_DELAY_MS = 250;          // from the last quick survey to a fine one
+const LINK_DELAY_MS = 400;                 // from the last change to the link that keeps it
+const USABLE_SQUARE = 1e-10;               // part of the largest square of a dyad; rates are then right to 1e-6
+const BESIDE_RAD = 3e-8;                   // links are then drawn within 1e-7 of their places
+const LOST_ALPHA = 0.35;                   // opacity of a mechanism whose assembly is lost
+const EMPTY_CURVE = {over: 0, x: [], values: [], ends: [], meets: [], rests: [], beyond: [], signs: [], largestSquares: []};
 
+const systemTheme = matchMedia("(prefers-color-scheme: dark)");
+const timing = {pictures: 0, busy: 0};     // number of pictures, and time (ms) that they took
+let isPlaying = false;
+let playDirection = 1;                     // 1 while the input grows, -1 while it falls
+let lastFrameMs = 0;
+let frameRequest = 0;                      // of the next picture; 0 if none is requested
+let lastSurveyMs = -Infinity;
+let surveyTimer = 0;
+let linkTimer = 0;
+
+// When pictures are made
+
+/** Requests a picture, unless one is requested already. */
 function wake() {
-  pending ||= requestAnimationFrame(next);
+  frameRequest ||= requestAnimationFrame(showPicture);
 }
 
-function start() {
-  playing = true;
-  clock = performance.now();
+function play() {
+  isPlaying = true;
+  lastFrameMs = performance.now();
   wake();
   showPlay();
 }
 
 function pause() {
-  playing = false;
+  isPlaying = false;
   showPlay();
 }
 
 function showPlay() {
-  play.textContent = playing ? "❚❚" : "▶";
-  play.setAttribute("aria-label", playing ? "Pause" : "Play");
+  playButton.textContent = isPlaying ? "❚❚" : "▶";
+  playButton.setAttribute("aria-label", isPlaying ? "Pause" : "Play");
 }
 
-function advance(now) {
-  const k = state.over, {from, to} = inputs[k], span = to - from, whole = span > 2 * Math.PI - 1e-9;
-  let q = state.q[k] + (way * span * Math.min(now - clock, 100)) / 1000 / TURN;
-  clock = now;
-  const turnsBack = x => !whole && (x > to || x < from);
-  if (turnsBack(q) || (!whole && !modes[state.mode].state(state.q.with(k, clamp(q, from, to)), toKernelSizes(state.sizes)))) way = q > state.q[k] ? -1 : 1;
-  if (whole && q > to) { q -= span; passTurn(1); }
-  setInput(k, q);
+/**
+ * Moves the input while the page plays. At the end of the range, or where the mode ends, it turns
+ * back. An input of a whole turn goes on at the other end instead.
+ * @param nowMs - Time of the picture.
+ */
+function advanceInput(nowMs) {
+  const k = state.over;
+  const {from, to} = inputs[k];
+  const span = to - from;
+  const isWhole = isWholeTurn(inputs[k]);
+  let value = state.q[k] + (playDirection * span * Math.min(nowMs - lastFrameMs, MAX_FRAME_MS)) / 1000 / PLAY_SECONDS;
+  lastFrameMs = nowMs;
+  if (!isWhole) {
+    const canGoOn = value <= to && value >= from
+      && modes[state.mode].state(state.q.with(k, clamp(value, from, to)), toKernelSizes(state.sizes));
+    if (!canGoOn) playDirection = value > state.q[k] ? -1 : 1;
+  } else if (value > to) {
+    value -= span;
+    passTurn(1);
+  }
+  setInput(k, value);
 }
 
-function next(now) {
-  pending = 0;
-  if (playing) advance(now);
-  const began = performance.now();
-  renew();
+/** Shows the next picture; `nowMs` is its time. */
+function showPicture(nowMs) {
+  frameRequest = 0;
+  if (isPlaying) advanceInput(nowMs);
+  const startMs = performance.now();
+  updatePage();
   timing.pictures += 1;
-  timing.busy += performance.now() - began;
-  if (playing) wake();
+  timing.busy += performance.now() - startMs;
+  if (isPlaying) wake();
 }
 
-const BUDGET = 9;                          // ms of a picture that curves of other modes may take
+/** Shows at once what waits for the next picture. */
+function updateNow() {
+  if (!frameRequest) return;
+  cancelAnimationFrame(frameRequest);
+  showPicture(performance.now());
+}
 
-// Everything that changed is computed first, then written as fields and numbers, then drawn. An
-// error in one part is shown to the reader and stops no other part.
+// An error in one part of the page is shown to the reader and stops no other part.
 
-const troubles = new Map();                // messages, by the part of the page that they are about
+const messageByPart = new Map();           // of errors, by the part of the page that they are about
 
 function attempt(part, action) {
-  try { action(); troubles.delete(part); } catch (error) {
-    if (!troubles.has(part)) console.error(error);
-    troubles.set(part, error.message);
+  try {
+    action();
+    messageByPart.delete(part);
+  } catch (error) {
+    if (!messageByPart.has(part)) console.error(error);
+    messageByPart.set(part, error.message);
   }
 }
 
-function showTroubles() {
-  const lines = [...troubles].map(([part, message]) => `${part} cannot be shown for these numbers (${message})`);
-  element("trouble").textContent = lines.length ? `${lines.join("; ")}. Fields and numbers are those of this state.` : "";
+function showErrors() {
+  const lines = [...messageByPart].map(([part, message]) => `${part} cannot be shown for these numbers (${message})`);
+  elementById("trouble").textContent = lines.length ? `${lines.join("; ")}. Fields and numbers are those of this state.` : "";
 }
 
-function renew() {
-  const began = performance.now();
-  const does = (...names) => names.some(name => changed.has(name)), all = does("all");
-  const now = toKernelSizes(state.sizes);
-  if (all || does("theme")) showTheme();
-  if (all || does("sizes") || (several && does("input"))) for (const mode of modes) mode.stale = true;
-  const chosen = modes[state.mode], computed = modes.some(mode => mode.stale);
-  const moves = all || computed || does("sizes", "input", "mode", "others");
-  for (const mode of [chosen, ...modes])
-    if (mode.stale && (mode === chosen || !mode.curve || performance.now() - began < BUDGET)) {
-      attempt(`The curve of ${mode.name}`, () => { mode.curve = NO_CURVE; mode.curve = sampleCurve(mode, state.over, state.q, now); });
-      mode.stale = false;
+/** Computes everything that changed, then writes it as fields and numbers, then draws it. */
+function updatePage() {
+  const startMs = performance.now();
+  const hasChanged = (...kinds) => changed.has("all") || kinds.some(kind => changed.has(kind));
+  const kernelSizes = toKernelSizes(state.sizes);
+  const chosenMode = modes[state.mode];
+  if (hasChanged("theme")) showTheme();
+
+  // Curves depend on the other inputs, so with several inputs each change of one makes them stale.
+  if (hasChanged("sizes") || (hasSeveralInputs && hasChanged("input")))
+    for (const mode of modes) mode.isStale = true;
+  const hasStaleModes = modes.some(mode => mode.isStale);
+  // The chosen mode is always up to date. Other modes keep an old curve until a picture has time for them.
+  for (const mode of [chosenMode, ...modes]) {
+    const isDue = mode === chosenMode || !mode.curve || performance.now() - startMs < CURVE_BUDGET_MS;
+    if (!mode.isStale || !isDue) continue;
+    attempt(`The curve of ${mode.name}`, () => {
+      mode.curve = EMPTY_CURVE;            // stays if there is an error
+      mode.curve = sampleCurve(mode, state.over, state.q, kernelSizes);
+    });
+    mode.isStale = false;
+  }
+
+  const hasMoved = hasStaleModes || hasChanged("sizes", "input", "mode", "others");
+  if (hasMoved)
+    for (const mode of modes) {
+      Object.assign(mode, {results: null, pictureRow: null, isSingular: false});
+      attempt(`The configuration of ${mode.name}`, () => updateConfiguration(mode, kernelSizes));
     }
-  if (moves) for (const mode of modes) {
-    Object.assign(mode, {here: null, row: null, isSingular: false});
-    attempt(`The configuration of ${mode.name}`, () => locate(mode, now));
+  if (hasMoved || hasChanged("theme")) {
+    showControls();
+    showNumbers();
   }
-  if (moves || does("theme")) { showControls(); showNumbers(); }
-  const maps = several && (all || does("sizes", "mode", "theme", "reach") || inputs.length > 2);
-  if (maps) attempt("The map of inputs", () => survey(chosen, now, does("reach")));
-  attempt("The sphere", draw);
-  if (all || computed || does("theme", "mode")) attempt("A curve", fillCurves);
-  else if (does("input")) attempt("A curve", () => figures.forEach(x => x.plot?.redraw(false)));
-  if (all || does("plan")) attempt("The Table", buildTable);
-  if (all || does("plan", "step")) attempt("A step", showStep);
-  if (several && pad.clientWidth && reach) attempt("The map of inputs", drawPad);
-  showTroubles();
+
+  // The map shows two inputs, so with more of them each change makes it another one.
+  if (hasSeveralInputs && (hasChanged("sizes", "mode", "theme", "survey") || inputs.length > 2))
+    attempt("The map of inputs", () => updateSurvey(chosenMode, kernelSizes, changed.has("survey")));
+  attempt("The sphere", drawSphere);
+  if (hasStaleModes || hasChanged("theme", "mode")) attempt("A curve", fillCurves);
+  else if (hasChanged("input")) attempt("A curve", () => figures.forEach(figure => figure.plot?.redraw(false)));
+  if (hasChanged("plan")) attempt("The Table", buildTable);
+  if (hasChanged("plan", "step")) attempt("A step", showStep);
+  if (hasSeveralInputs && pad.clientWidth && inputSurvey) attempt("The map of inputs", drawPad);
+  showErrors();
+
   changed.clear();
-  clearTimeout(renew.later);
-  if (!playing) renew.later = setTimeout(keepLink, 400);
-  if (modes.some(mode => mode.stale)) wake();
+  clearTimeout(linkTimer);
+  if (!isPlaying) linkTimer = setTimeout(keepLink, LINK_DELAY_MS);
+  if (modes.some(mode => mode.isStale)) wake();
 }
 
-function showNow() {                       // what waits for the next picture, at once
-  if (!pending) return;
-  cancelAnimationFrame(pending);
-  next(performance.now());
+/** Surveys the inputs again: with few nodes while changes follow each other, and then with all. */
+function updateSurvey(mode, kernelSizes, mustBeFine) {
+  const isQuick = !mustBeFine && performance.now() - lastSurveyMs < SURVEY_PAUSE_MS;
+  inputSurvey = surveyInputs(mode, kernelSizes, isQuick ? QUICK_NODE_COUNT : FINE_NODE_COUNT);
+  lastSurveyMs = performance.now();
+  clearTimeout(surveyTimer);
+  if (isQuick) surveyTimer = setTimeout(() => change("survey"), FINE_SURVEY_DELAY_MS);
 }
 
-function survey(mode, now, fine) {         // quick while changes follow each other, then fine
-  const moves = !fine && performance.now() - survey.last < 400;
-  reach = surveyed(mode, now, moves ? QUICK : FINE);
-  survey.last = performance.now();
-  clearTimeout(survey.later);
-  if (moves) survey.later = setTimeout(() => change("reach"), 250);
+// Configurations at the cursor
+
+/** Computes the results of a mode at the inputs, and its picture if it is drawn. */
+function updateConfiguration(mode, kernelSizes) {
+  const configuration = mode.state(state.q, kernelSizes) ?? findBesideMeeting(mode, state.q, kernelSizes);
+  if (!configuration) return;
+  mode.isSingular = isSingular(mode, configuration.row);
+  const row = withTurns(mode, state.q, kernelSizes, configuration.row, mode.curve);
+  mode.results = mode.isSingular ? row.map(() => NaN) : signedAt(mode, state.q, kernelSizes, row);
+  const isDrawn = state.others || modes[state.mode] === mode;
+  mode.pictureRow = isDrawn ? evaluateKernel(picture, configuration.q ?? state.q, configuration.places, kernelSizes) : null;
 }
 
-function locate(mode, now) {               // where a mode is at the inputs, and what is drawn of it
-  const closed = mode.state(state.q, now) ?? besideMeeting(mode, state.q, now);
-  if (!closed) return;
-  mode.isSingular = isSingular(mode, closed.row);
-  const row = withTurns(mode, state.q, now, closed.row, mode.curve);
-  mode.here = mode.isSingular ? row.map(() => NaN) : signedAt(mode, state.q, now, row);
-  const drawn = state.others || modes[state.mode] === mode;
-  mode.row = drawn ? evaluateKernel(picture, closed.q ?? state.q, closed.places, now) : null;
-}
-
-// Rates divide by the square of a dyad, or by the determinant of the loops. Near a dead centre,
-// or where modes meet, rounding is a large part of these, and the page has no numbers.
-
-const USABLE_SQUARE = 1e-10;               // part of the largest; rates are then right to 1e-6
-
+/**
+ * Returns whether the page has no numbers in a row of a mode. Rates divide by the square of a dyad, or
+ * by the determinant of the loops. Near a dead centre, or where modes meet, rounding is a large part
+ * of these.
+ */
 function isSingular({curve}, row) {
   return closures.some((closure, k) => row[closure] < USABLE_SQUARE * curve.largestSquares[k]);
 }
 
-// Where modes meet, rounding decides whether a dyad in line closes. The links are drawn a little
-// farther on.
-
-const BESIDE_RAD = 3e-8;                   // links are then drawn within 1e-7 of their places
-
-function besideMeeting(mode, q, sizes) {
+/**
+ * Returns the configuration {q, places, row} a little beside a meeting of modes, null if the inputs
+ * are at none. Where modes meet, rounding decides whether a dyad in line closes, so the links are
+ * drawn a little farther on.
+ */
+function findBesideMeeting(mode, q, kernelSizes) {
   const {meets, over} = mode.curve;
   if (!meets.some(x => Math.abs(x - q[over]) < BESIDE_RAD)) return null;
-  for (const aside of [BESIDE_RAD, -BESIDE_RAD]) {
-    const beside = q.with(over, q[over] + aside), closed = mode.state(beside, sizes);
-    if (closed) return {...closed, q: beside};
+  for (const offset of [BESIDE_RAD, -BESIDE_RAD]) {
+    const besideInputs = q.with(over, q[over] + offset);
+    const configuration = mode.state(besideInputs, kernelSizes);
+    if (configuration) return {...configuration, q: besideInputs};
   }
   return null;
 }
 
-function ghost() {                         // where the chosen mode is lost: it closes there last
-  const {curve} = modes[state.mode], now = toKernelSizes(state.sizes), at = state.q[curve.over];
+/** Returns the drawn configuration where the chosen mode is lost: the nearest one along its curve. */
+function findNearestConfiguration() {
+  const mode = modes[state.mode];
+  const {curve} = mode;
+  const kernelSizes = toKernelSizes(state.sizes);
+  const input = state.q[curve.over];
   let nearest = null;
   curve.x.forEach((x, k) => {
-    if (curve.values[k] && (nearest === null || Math.abs(x - at) < Math.abs(nearest - at))) nearest = x;
+    if (!curve.values[k]) return;
+    if (nearest === null || Math.abs(x - input) < Math.abs(nearest - input)) nearest = x;
   });
   if (nearest === null) return null;
-  const q = state.q.with(curve.over, nearest), closed = modes[state.mode].state(q, now);
-  return closed && {q, row: evaluateKernel(picture, q, closed.places, now)};
+  const q = state.q.with(curve.over, nearest);
+  const configuration = mode.state(q, kernelSizes);
+  return configuration && {q, row: evaluateKernel(picture, q, configuration.places, kernelSizes)};
 }
 
-function draw() {
-  look();
-  drawn = []; words = []; taken = [];
-  graticule();
-  strokes(false);
-  drawn = [];
-  drawReach();
-  const {row} = modes[state.mode];
-  shown = row ? {q: state.q, row} : ghost();
-  let poles = [];
-  if (shown) {
-    drawPaths();
-    inputs.forEach((input, k) => drawTrack(k));
-    if (state.others) drawOthers();
-    drawLinks(shown.row);
-    if (row) poles = drawPoles(row);
+// Drawing
+
+/** Draws the sphere: the hemisphere behind, the ball, the hemisphere in front, discs, and labels. */
+function drawSphere() {
+  updateProjection();
+  sphereLines = [];
+  labels = [];
+  occupiedBoxes = [];
+  addGraticule();
+  drawLines(false);
+
+  sphereLines = [];
+  drawWorkspace();
+  const {pictureRow} = modes[state.mode];
+  const isLost = !pictureRow;
+  drawnConfiguration = isLost ? findNearestConfiguration() : {q: state.q, row: pictureRow};
+  let poleMarks = [];
+  if (drawnConfiguration) {
+    addPaths();
+    inputs.forEach((input, k) => addTrack(k));
+    if (state.others) addOtherModes();
+    addLinks(drawnConfiguration.row);
+    if (!isLost) poleMarks = addPoleCircles(pictureRow);
   }
-  if (!row) for (const one of drawn) one.alpha = 0.35 * (one.alpha ?? 1);
-  strokes(false);
-  ball();
-  const front = drawn;
-  drawn = [];
-  graticule();
-  strokes(true);
-  drawn = front;
-  strokes(true);
-  if (!shown) return;
-  drawPairs(shown.row);
-  inputs.forEach((input, k) => disc(knobOf(k).far, 6.5, row ? colour("--accent") : colour("--warn"), colour("--card"), {ring: 12}));
-  markPoles(poles);
-  writeNames();
+  if (isLost)
+    for (const sphereLine of sphereLines) sphereLine.alpha = LOST_ALPHA * (sphereLine.alpha ?? 1);
+  drawLines(false);
+  drawBall();
+
+  // The graticule is below the mechanism in front, too.
+  const mechanismLines = sphereLines;
+  sphereLines = [];
+  addGraticule();
+  drawLines(true);
+  sphereLines = mechanismLines;
+  drawLines(true);
+  if (!drawnConfiguration) return;
+  drawPairs(drawnConfiguration.row);
+  const knobColour = themeColour(isLost ? "--warn" : "--accent");
+  inputs.forEach((input, k) => drawDisc(knobGeometry(k).knob, 6.5, knobColour, themeColour("--card"), {ring: 12}));
+  drawPoles(poleMarks);
+  drawLabels();
 }
 
+/** Sets the colours of the page: those of the state, else those of the system. */
 function showTheme() {
-  const wanted = state.theme || (system.matches ? "dark" : "light");
-  document.documentElement.dataset.theme = wanted;
+  const theme = state.theme || (systemTheme.matches ? "dark" : "light");
+  document.documentElement.dataset.theme = theme;
   palette.clear();
   document.body.classList.toggle("alone", state.alone);
-  element("theme").setAttribute("aria-pressed", wanted === "dark");
-  element("reach").hidden = !several;
+  elementById("theme").setAttribute("aria-pressed", theme === "dark");
+  elementById("reach").hidden = !hasSeveralInputs;
 }
 
+/** Writes the state to the address of the page, without a new entry of the history. */
 function keepLink() {
-  const words = link(), now = location.hash.slice(1);
-  if (words !== now) history.replaceState(null, "", words ? `#${words}` : location.pathname + location.search);
+  const fragment = link();
+  if (fragment === location.hash.slice(1)) return;
+  history.replaceState(null, "", fragment ? `#${fragment}` : location.pathname + location.search);
 }
 
-window.addEventListener("hashchange", () => { if (location.hash.slice(1) !== link()) followLink(); });
-window.addEventListener("resize", () => { resizeCurves(); change("view"); });
-system.addEventListener("change", () => change("theme"));
-function knobPlace(k) {                    // in the window, for who drives this page by program
-  const box = canvas.getBoundingClientRect(), [x, y] = seen(knobOf(k).far);
+/** Returns the pixel [x, y] of a knob in the window, for programs that drive this page. */
+function knobPlace(k) {
+  const box = canvas.getBoundingClientRect();
+  const [x, y] = projectPoint(knobGeometry(k).knob);
   return [box.left + x, box.top + y];
 }
 
+window.addEventListener("hashchange", () => {
+  if (location.hash.slice(1) !== link()) followLink();
+});
+window.addEventListener("resize", () => {
+  resizeCurves();
+  change("view");
+});
+systemTheme.addEventListener("change", () => change("theme"));
+
 window.spherekit = {
-  state, change, modes, timing, toml, link, knobPlace, figures, modeColour,
+  state, change, modes, timing, link, knobPlace, figures, modeColour,
+  toml: writeToml,
   resultNames: [...rows.place.keys()],
   modeNumbers: rows.about.modes.map(({number}) => number),
 };
