@@ -126,6 +126,10 @@ class CollocationStep:
 
     def find_sign_changes(self, series: Floats) -> list[float]:
         """Return the times after the start at which a series (k,) changes its sign."""
+        # Legendre polynomials are between -1 and 1 on the step. If the constant term
+        # exceeds all others together, there is no zero, and no search is needed.
+        if abs(series[0]) > np.sum(np.abs(series[1:])):
+            return []
         zeros = find_zeros(self._function(series), self.times)
         changes_sign = (zeros.places > self.start) & ~zeros.double
         return zeros.places[changes_sign].tolist()

@@ -18,6 +18,7 @@ from spherekit.dynamics.inertia import need_inertia, need_moving_inertia
 from spherekit.errors import ModelError, SolveError
 from spherekit.files.study import Start
 from spherekit.geometry.vectors import all_finite, max_abs
+from spherekit.mechanism.cache import MechanismCache
 from spherekit.mechanism.joint_construction import make_joints
 from spherekit.mechanism.load import TorqueFunction, TorqueTable
 from spherekit.mechanism.load_kinds import DRIVE_LOAD_NAME, PairTorque
@@ -54,6 +55,15 @@ MIN_START_RATE = 1e-9
 Larger: starts near dead centres are refused. Smaller: the speed of the mechanism is
 computed from rounding errors.
 """
+
+MAX_KEPT_STARTS = 8
+"""Configurations at starts that are kept for later simulations.
+
+Larger: more memory. Smaller: a simulation from one of the same few starts searches the
+assembly modes again.
+"""
+
+_START_CONFIGURATIONS = MechanismCache(max_results=MAX_KEPT_STARTS)
 
 Torque = float | str | TorqueFunction
 """A driving torque (N m): a number, an expression, or a function f(t, q, dq)."""
@@ -426,6 +436,22 @@ def _find_configuration(
     if not all_finite(q):
         raise SolveError(f"{name}: the input at the start is {q}, give finite numbers")
     _check_digits(name, q)
+    # The search for the configuration takes longer than a short simulation, and a second
+    # simulation often starts where the first one did.
+    geometry = kinematics_only(mechanism)
+    values, turns = _START_CONFIGURATIONS.get(
+        geometry,
+        f"assembly mode {assembly_mode} at {q.tolist()}",
+        lambda: _compute_configuration(geometry, q, assembly_mode),
+    )
+    return values.copy(), turns.copy()
+
+
+def _compute_configuration(
+    mechanism: Mechanism, q: Floats, assembly_mode: int
+) -> tuple[Floats, Floats]:
+    """Return what `_find_configuration` returns, from the same arguments."""
+    name = mechanism.name
     if len(q) == 1:
         position_analysis, motion = compute_modes_at_inputs(
             position_analysis_of(mechanism), q[None]
@@ -433,9 +459,7 @@ def _find_configuration(
     else:
         # Contacts can make a configuration depend on whole turns of the inputs.
         inputs = q if mechanism.has_contacts else wrap_to_pi(q)
-        position_analysis, motion = compute_modes_at_inputs(
-            kinematics_only(mechanism), inputs[None]
-        )
+        position_analysis, motion = compute_modes_at_inputs(mechanism, inputs[None])
     row = position_analysis.find_mode_index(assembly_mode)
     status = Status(int(motion.status[row]))
     if status not in (Status.OK, Status.AT_SINGULARITY):
