@@ -234,7 +234,7 @@ def test_exports_without_comments_do_not_depend_on_the_citation(
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("what", TEXTS)
+@pytest.mark.parametrize("title", TEXTS)
 def test_hostile_texts_come_back_from_files(title, tmp_path):
     """A hostile citation is the same after writing and reading, also from a page.
 
@@ -265,7 +265,7 @@ def test_hostile_files_fill_every_free_text_field():
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("what", sorted(TEXTS))
+@pytest.mark.parametrize("title", sorted(TEXTS))
 def test_names_and_expressions_are_refused_in_visible_letters(title, tmp_path, capsys):
     """Names and expressions take no such text, and the message is safe to print."""
     text = TEXTS[title]
@@ -316,7 +316,7 @@ def test_a_citation_on_the_terminal_is_visible(monkeypatch, capsys):
     assert json.loads(output)[0]["source"] == hostile.source.citation
 
 
-@pytest.mark.parametrize("what", TEXTS)
+@pytest.mark.parametrize("title", TEXTS)
 def test_markdown_prints_hostile_texts_as_they_are(title):
     """Escaped texts are one plain paragraph to a parser of CommonMark with tables."""
     parser = pytest.importorskip("markdown_it", reason="it reads Markdown").MarkdownIt()
@@ -341,7 +341,7 @@ def test_texts_of_recordings_have_the_citation_in_markdown():
     assert plan.markdown.endswith(source)
 
 
-@pytest.mark.parametrize("what", TEXTS)
+@pytest.mark.parametrize("title", TEXTS)
 def test_texts_of_plots_are_no_formulas(title):
     """Matplotlib takes what is between two dollar signs for a formula; escaped texts have
     none.
@@ -361,7 +361,7 @@ def test_curves_of_names_with_an_underscore_are_in_legends():
     assert [label.strip() for label in labels] == ["_p", "__p", "_", "p_"]
 
 
-@pytest.mark.parametrize("what", TEXTS)
+@pytest.mark.parametrize("title", TEXTS)
 def test_literals_of_json_html_and_julia_are_read_as_the_same_text(title):
     """JSON, HTML and Julia literals of a text are read as the same text.
 
