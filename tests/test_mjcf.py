@@ -20,33 +20,43 @@ from spherekit.positions.loop_closure import Closure
 mujoco = pytest.importorskip("mujoco")
 
 
-def started(text):
+def load_model(text):
+    """Return the MuJoCo model of a text, and its data in the reference pose."""
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     return model, data
 
 
-def closed_at(mechanism, values, inputs):
-    """Return all links' rotations at other inputs, the loops closed from given values."""
-    held = [mechanism.angles[item.pair] for item in mechanism.inputs]
+def close_loops(mechanism, values, inputs):
+    """Close the loops at other inputs by Newton's method, from given joint angles.
+
+    Returns
+    -------
+    values
+        (variables,) joint angles.
+    rotations
+        (links, 3, 3) rotations of all links.
+    """
+    driven = [mechanism.angles[item.pair] for item in mechanism.inputs]
     values = values.copy()
-    values[held] = inputs
+    values[driven] = inputs
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
-    found = closure.solve(values[None], held)
-    assert found.closure_residual[0] < 1e-12
-    return found.values[0], closure.at(found.values).rotations[0]
+    solution = closure.solve(values[None], driven)
+    assert solution.closure_residual[0] < 1e-12
+    return solution.values[0], closure.at(solution.values).rotations[0]
 
 
-def apart(mechanism, data, placed):
+def largest_rotation_gap(mechanism, data, rotations):
+    """Return the largest difference of any entry of a link's rotation from MuJoCo's."""
     return max(
-        np.max(np.abs(data.body(link).xmat.reshape(3, 3) - placed[k]))
+        np.max(np.abs(data.body(link).xmat.reshape(3, 3) - rotations[k]))
         for k, link in enumerate(mechanism.links)
     )
 
 
 @pytest.mark.parametrize(
-    ("name", "at"),
+    ("name", "inputs"),
     [
         ("two_dof_spm", [0.4, 0.3]),
         ("three_rrr", None),
@@ -54,52 +64,63 @@ def apart(mechanism, data, placed):
         ("bevel_differential", [0.3, 0.2]),
     ],
 )
-def test_the_pose_is_the_mechanisms_and_motors_sit_at_inputs_alone(name, at):
-    mechanism, values = find_pose(replace(sk.load(name), loads=()), inputs=at)
-    model, data = started(MujocoModel(mechanism, values).text)
+def test_a_model_has_the_pose_of_the_mechanism_and_motors_at_its_inputs(name, inputs):
+    """Rotations of all links at `inputs` (rad) are equal, and MuJoCo's loops are closed.
+
+    Every link has a geometry that can be seen; motors are at the inputs alone.
+    """
+    mechanism, values = find_pose(replace(sk.load(name), loads=()), inputs=inputs)
+    model, data = load_model(MujocoModel(mechanism, values).text)
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
-    assert apart(mechanism, data, closure.at(values[None]).rotations[0]) < 1e-14
+    rotations = closure.at(values[None]).rotations[0]
+    assert largest_rotation_gap(mechanism, data, rotations) < 1e-14
     assert np.max(np.abs(data.efc_pos), initial=0.0) < 1e-14
     motors = [model.actuator(k).name for k in range(model.nu)]
     assert motors == [item.pair for item in mechanism.inputs]
-    seen = {model.geom_bodyid[k] for k in range(model.ngeom)}
-    assert seen >= {model.body(link).id for link in mechanism.links}
+    bodies_with_geometry = {model.geom_bodyid[k] for k in range(model.ngeom)}
+    assert bodies_with_geometry >= {model.body(link).id for link in mechanism.links}
 
 
-def prescribed(text, inputs):
-    """Return a model whose inputs are held by constraints as stiff as its loops."""
-    hold = re.search(r'solref="[^"]*" solimp="[^"]*"', text)[0]
-    held = "".join(
-        f'<joint joint1="{pair}" polycoef="0 0 0 0 0" {hold}/>' for pair in inputs
+def with_prescribed_inputs(text, inputs):
+    """Return a model whose inputs are constraints by constraints as stiff as its loops."""
+    stiffness = re.search(r'solref="[^"]*" solimp="[^"]*"', text)[0]
+    constraints = "".join(
+        f'<joint joint1="{pair}" polycoef="0 0 0 0 0" {stiffness}/>' for pair in inputs
     )
-    return text.replace("</equality>", f"{held}</equality>")
+    return text.replace("</equality>", f"{constraints}</equality>")
 
 
 @pytest.mark.parametrize(
     "name", ["four_bar", "stephenson", "five_bar", "bevel_differential"]
 )
 def test_a_motion_of_the_inputs_moves_all_links_as_in_spherekit(name):
+    """While the inputs follow a law, MuJoCo's links have the rotations of spherekit.
+
+    Loops of MuJoCo are soft constraints, which leaves differences below 1e-7. The loops of
+    spherekit are closed at every 60th step.
+    """
     mechanism, values = find_pose(replace(sk.load(name), loads=()))
     inputs = [item.pair for item in mechanism.inputs]
     text = MujocoModel(mechanism, values).text
-    model, data = started(prescribed(text, inputs))
-    loops = model.neq - len(inputs)
-    worst = 0.0
-    here = values
+    model, data = load_model(with_prescribed_inputs(text, inputs))
+    first_input_constraint = model.neq - len(inputs)
+    largest_gap = 0.0
     for step in range(600):
         t = (step + 1) * model.opt.timestep
-        model.eq_data[loops:, 0] = [0.4 * np.sin(3 * t) ** 2, 0.5 * t**2][: len(inputs)]
+        angles = [0.4 * np.sin(3 * t) ** 2, 0.5 * t**2][: len(inputs)]
+        model.eq_data[first_input_constraint:, 0] = angles
         mujoco.mj_step(model, data)
         if step % 60 == 59:
             mujoco.mj_forward(model, data)
             q = [data.joint(pair).qpos[0] for pair in inputs]
-            here, placed = closed_at(mechanism, here, q)
-            worst = max(worst, apart(mechanism, data, placed))
+            values, rotations = close_loops(mechanism, values, q)
+            gap = largest_rotation_gap(mechanism, data, rotations)
+            largest_gap = max(largest_gap, gap)
     assert np.ptp(data.qpos - model.qpos0) > 0.1
-    assert worst < 1e-7
+    assert largest_gap < 1e-7
 
 
-SPRUNG = (
+LOADS = (
     sk.Spring("coil", "32", 3.0, 0.2),
     sk.Spring("second_coil", "32", 4.0, -0.1),
     sk.Damper("damper", "43", 0.1),
@@ -112,45 +133,63 @@ SPRUNG = (
 
 
 def test_loads_have_the_power_that_they_say():
-    """At every pair a load acts, so that one of them is a hinge of a second body."""
-    made = replace(sk.load("four_bar"), loads=SPRUNG)
-    mechanism, values = find_pose(made, inputs=0.7)
-    written = MujocoModel(mechanism, values)
-    assert not [note for note in written.notes if note.startswith("load")]
-    model, data = started(written.text)
+    """MuJoCo's power of all loads is that of their laws, at a random state.
+
+    Power is torque times joint rate, force times velocity of the point, or moment times
+    angular velocity. Loads act at every pair, so that one of them is a hinge of a second
+    body.
+    """
+    loaded = replace(sk.load("four_bar"), loads=LOADS)
+    mujoco_model = MujocoModel(*find_pose(loaded, inputs=0.7))
+    assert not [note for note in mujoco_model.notes if note.startswith("load")]
+    model, data = load_model(mujoco_model.text)
     rng = np.random.default_rng(5)
     data.qvel[:] = rng.uniform(-1.0, 1.0, model.nv)
     data.qpos += rng.uniform(-0.3, 0.3, model.nq)
     mujoco.mj_forward(model, data)
     power = data.qvel @ (data.qfrc_actuator + data.qfrc_passive)
+
     theta = {pair: data.joint(pair).qpos[0] for pair in ("32", "43", "41")}
     rate = {pair: data.joint(pair).qvel[0] for pair in theta}
-    wanted = (
-        -3.0 * (theta["32"] - 0.2) * rate["32"] - 4.0 * (theta["32"] + 0.1) * rate["32"]
-    )
-    wanted -= 0.1 * rate["43"] ** 2
-    wanted += (0.5 - 0.5 * (theta["41"] - 1.0) - 3.0 * rate["41"]) * rate["41"]
+    springs = -3.0 * (theta["32"] - 0.2) - 4.0 * (theta["32"] + 0.1)
+    expected = springs * rate["32"]
+    expected -= 0.1 * rate["43"] ** 2
+    brake = 0.5 - 0.5 * (theta["41"] - 1.0) - 3.0 * rate["41"]
+    expected += brake * rate["41"]
 
-    def turning(link):
-        found = np.zeros(6)
+    def angular_velocity_and_rotation(link):
+        velocity = np.zeros(6)  # angular, then linear
         body = model.body(link).id
-        mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, body, found, 0)
-        return found[:3], data.body(link).xmat.reshape(3, 3)
+        kind = mujoco.mjtObj.mjOBJ_BODY
+        mujoco.mj_objectVelocity(model, data, kind, body, velocity, 0)
+        return velocity[:3], data.body(link).xmat.reshape(3, 3)
 
-    (w, turn), (w4, turn4), (w2, _) = turning("3"), turning("4"), turning("2")
-    wanted += np.cross(w, turn @ [0.1, 0.2, 0.9]) @ [1.0, -2.0, 6.0]
-    wanted += np.cross(w4, turn4 @ [0.3, 0.2, 0.1]) @ (turn4 @ [1.0, 2.0, -1.0])
-    wanted += w2 @ [0.1, 0.2, 0.3] + w @ (turn @ [0.4, -0.2, 0.1])
-    assert power == pytest.approx(wanted, rel=1e-10)
+    w2, _ = angular_velocity_and_rotation("2")
+    w3, rotation3 = angular_velocity_and_rotation("3")
+    w4, rotation4 = angular_velocity_and_rotation("4")
+    push_velocity = np.cross(w3, rotation3 @ [0.1, 0.2, 0.9])
+    expected += push_velocity @ [1.0, -2.0, 6.0]
+    jet_velocity = np.cross(w4, rotation4 @ [0.3, 0.2, 0.1])
+    expected += jet_velocity @ (rotation4 @ [1.0, 2.0, -1.0])
+    expected += w2 @ [0.1, 0.2, 0.3]  # twist
+    expected += w3 @ (rotation3 @ [0.4, -0.2, 0.1])  # spin
+    assert power == pytest.approx(expected, rel=1e-10)
 
 
 def test_second_bodies_share_the_inertia_of_their_link():
-    at_all = tuple(sk.Damper(f"d{pair}", pair, 0.1) for pair in ("21", "32", "43", "41"))
+    """A link that needs a second body for a hinge has the same mass in total."""
+    dampers = tuple(sk.Damper(f"d{pair}", pair, 0.1) for pair in ("21", "32", "43", "41"))
     plain, values = find_pose(replace(sk.load("four_bar"), loads=()), inputs=0.7)
-    model, _ = started(MujocoModel(plain, values).text)
-    twinned, _ = started(MujocoModel(replace(plain, loads=at_all), values).text)
-    assert twinned.nv == model.nv + 1 and np.all(twinned.dof_damping == 0.1)
-    assert np.sum(twinned.body_mass) == pytest.approx(np.sum(model.body_mass), rel=1e-14)
+    model, _ = load_model(MujocoModel(plain, values).text)
+    with_second_body, _ = load_model(
+        MujocoModel(replace(plain, loads=dampers), values).text
+    )
+    assert with_second_body.nv == model.nv + 1 and np.all(
+        with_second_body.dof_damping == 0.1
+    )
+    assert np.sum(with_second_body.body_mass) == pytest.approx(
+        np.sum(model.body_mass), rel=1e-14
+    )
 
 
 MASSLESS = mechanism_text("massless_crank")
@@ -166,24 +205,26 @@ MASSES = {
 
 
 def largest_difference(mechanism, seconds, timestep):
-    """Return how far (rad) MuJoCo's pairs are from a simulation, and the notes."""
-    made, values = find_pose(mechanism)
-    written = MujocoModel(made, values, timestep=timestep)
-    model, data = started(written.text)
+    """Return how far (rad) MuJoCo's pairs are from a simulation from rest, and the notes.
+
+    `seconds` is the duration, `timestep` that of MuJoCo (s).
+    """
+    mechanism, values = find_pose(mechanism)
+    mujoco_model = MujocoModel(mechanism, values, timestep=timestep)
+    model, data = load_model(mujoco_model.text)
     mujoco.mj_step(model, data, round(seconds / timestep))
-    start = tuple(float(values[made.angles[item.pair]]) for item in made.inputs)
-    moved = sk.simulate(
-        made, sk.Start(q=start, dq=(0.0,) * len(start)), seconds, assembly_mode=0
-    ).at([seconds])
+    q = tuple(float(values[mechanism.angles[item.pair]]) for item in mechanism.inputs)
+    start = sk.Start(q=q, dq=(0.0,) * len(q))
+    result = sk.simulate(mechanism, start, seconds, assembly_mode=0)
+    end = result.at([seconds])
+    assert abs(end.inputs[0][0] - q[0]) > 0.05
     joints = {model.joint(k).name for k in range(model.njnt)}
-    differences = {
-        pair: abs(data.joint(pair).qpos[0] - moved.values[0][column])
-        for pair, column in made.angles.items()
-        if pair in joints
-    }
+    differences = []
+    for pair, column in mechanism.angles.items():
+        if pair in joints:
+            differences.append(abs(data.joint(pair).qpos[0] - end.values[0][column]))
     assert len(differences) >= 3
-    assert abs(moved.inputs[0][0] - start[0]) > 0.05
-    return max(differences.values()), written.notes
+    return max(differences), mujoco_model.notes
 
 
 @pytest.mark.parametrize("spring", [True, False])
@@ -223,32 +264,40 @@ HELD = mechanism_text("mjcf_held")
 
 
 def test_an_export_names_each_load_that_it_leaves_out(tmp_path, capsys):
+    """Loads that MuJoCo cannot have are left out and named, on the screen and in the model.
+
+    Friction and joint limits become MuJoCo's own, which are noted as different.
+    """
     path = tmp_path / "held.toml"
     path.write_text(dumps(replace(sk.load("four_bar"), loads=())) + HELD)
     target = tmp_path / "m.xml"
     assert main(["export", str(path), "--to", "mjcf", "-o", str(target)]) == 0
-    told, written = capsys.readouterr().err, target.read_text(encoding="utf-8")
-    for name, why in (
+    messages, text = capsys.readouterr().err, target.read_text(encoding="utf-8")
+    for name, reason in (
         ("motor", "change in time"),
         ("profile", "no tables in time"),
         ("cross", "depends on other pairs"),
         ("swing", "not constant"),
     ):
-        (line,) = re.findall(rf"load {name} left out: .*", told)
-        assert why in line and f"load {name} left out" in written
-    assert "bearing left out" not in told and "load bearing: MuJoCo's dry friction" in told
-    assert "joint limits of 41 are MuJoCo's soft limits" in told
-    model, _ = started(written)
+        (line,) = re.findall(rf"load {name} left out: .*", messages)
+        assert reason in line and f"load {name} left out" in text
+    assert (
+        "bearing left out" not in messages
+        and "load bearing: MuJoCo's dry friction" in messages
+    )
+    assert "joint limits of 41 are MuJoCo's soft limits" in messages
+    model, _ = load_model(text)
     joint = model.joint("32")
     assert joint.frictionloss[0] == 0.2 and joint.damping[0] == 0.3
     assert model.joint("41").range == pytest.approx([-np.pi / 2, np.pi / 2])
 
 
 def test_a_mechanism_without_masses_is_held_by_servos():
+    """Without masses, servos move the inputs: after a step of 0.3 rad input 12 is there."""
     mechanism, values = find_pose(load_without_loads("stephenson"), inputs=0.5)
     written = MujocoModel(mechanism, values)
     assert "kinematics only" in written.notes[0]
-    model, data = started(written.text)
+    model, data = load_model(written.text)
     mujoco.mj_resetDataKeyframe(model, data, 0)
     data.ctrl[0] += 0.3
     mujoco.mj_step(model, data, 1500)
@@ -259,12 +308,13 @@ def test_poses_take_an_input_for_each_freedom(tmp_path):
     target = tmp_path / "m.xml"
     arguments = ["export", "five_bar", "--to", "mjcf", "-o", str(target), "--at=80,80"]
     assert main(arguments) == 0
-    _, data = started(target.read_text())
+    _, data = load_model(target.read_text())
     found = [data.joint(pair).qpos[0] for pair in ("21", "51")]
     assert found == pytest.approx(np.radians([80.0, 80.0]), abs=1e-15)
 
 
 @pytest.mark.parametrize("call", TABLES["exports"])
 def test_what_cannot_be_exported_is_refused(call, tmp_path, monkeypatch):
+    """Each call of the table "exports" of `refusals.toml` raises the error stated there."""
     monkeypatch.chdir(tmp_path)
     check_call(call, globals(), TABLES["exports"][call])

@@ -26,16 +26,20 @@ CASES = ("flatfold_through", "parallelogram", "folding", "ff_default", "cp2")
 TOLERANCE_RAD = 1e-8
 
 
-def case(name):
+def load_case(name):
+    """Return the mechanism of a file of `tests/files`."""
     return sk.load(str(FILES / f"{name}.toml"))
 
 
 @pytest.fixture
 def open_page(browser, tmp_path):
-    """Opens the page of a mechanism; nothing may be said in the console."""
+    """Return a function that opens the page of a mechanism whose modes pass crossings.
+
+    After the test the browser's console must be empty.
+    """
     messages = []
 
-    def opener(mechanism, fragment="", **options):
+    def open_tab(mechanism, fragment="", **options):
         path = tmp_path / "page.html"
         options = {"quantities": ["theta_*"], "crossings": "pass", **options}
         sk.page(mechanism, path, **options)
@@ -46,14 +50,17 @@ def open_page(browser, tmp_path):
         tab.wait_for_timeout(300)
         return tab
 
-    yield opener
+    yield open_tab
     assert not messages
 
 
 def angles_on_page(tab, mechanism, q):
-    """Return the angles (modes, pairs, n) of a page at inputs q (n,), and its numbers."""
+    """Return the angles (modes, pairs, n) on a page at inputs q (n,), and the mode numbers.
+
+    An angle is NaN where the mode does not close.
+    """
     names = [f"theta_{pair}" for pair in mechanism.angles]
-    found = tab.evaluate(
+    rows = tab.evaluate(
         """([names, q]) => {
           const columns = names.map(name => spherekit.resultNames.indexOf(name));
           const sizes = spherekit.modes[0].sizes;
@@ -64,30 +71,36 @@ def angles_on_page(tab, mechanism, q):
         }""",
         [names, q.tolist()],
     )
-    return np.array(found, dtype=float).swapaxes(1, 2), tab.evaluate(
-        "spherekit.modeNumbers"
-    )
+    return np.array(rows, dtype=float).swapaxes(1, 2), tab.evaluate("spherekit.modeNumbers")
 
 
 def compare_page(tab, mechanism, crossings="pass", seed=0):
-    """Compare all modes of a page with `sk.evaluate`; return how many rows are equal."""
+    """Compare the angles of all modes of a page with `sk.evaluate`.
+
+    Inputs are 20 random ones in the range, and four beside each crossing.
+
+    Returns
+    -------
+    int
+        Number of compared configurations.
+    """
     random = np.random.default_rng(seed)
     low, high = mechanism.with_inputs(mechanism.input_pairs[0]).inputs[0].range
-    passed = tab.evaluate("spherekit.modes.flatMap(mode => mode.passed)")
-    beside = [x + d for x in passed for d in (-1e-2, -1e-3, 1e-3, 1e-2)]
+    crossing_inputs = tab.evaluate("spherekit.modes.flatMap(mode => mode.passed)")
+    beside = [x + d for x in crossing_inputs for d in (-1e-2, -1e-3, 1e-3, 1e-2)]
     q = np.concatenate([random.uniform(low, high, 20), beside])
-    found, numbers = angles_on_page(tab, mechanism, q)
+    mode_angles, numbers = angles_on_page(tab, mechanism, q)
     compared = 0
-    for angles, number in zip(found, numbers, strict=True):
-        there = sk.evaluate(
+    for angles, number in zip(mode_angles, numbers, strict=True):
+        rows = sk.evaluate(
             mechanism, q, poles=[], assembly_mode=number, crossings=crossings
         )
-        is_known = (there.status == sk.Status.OK) & (there.configuration_error < 1e-10)
-        compared += np.sum(is_known)
+        is_accurate = (rows.status == sk.Status.OK) & (rows.configuration_error < 1e-10)
+        compared += np.sum(is_accurate)
         for pair, values in zip(mechanism.angles, angles, strict=True):
-            expected = there.variable(pair)[is_known]
-            off = np.abs(np.exp(1j * values[is_known]) - np.exp(1j * expected))
-            assert np.all(off < TOLERANCE_RAD), (number, pair, np.max(off))
+            expected = rows.variable(pair)[is_accurate]
+            gap = np.abs(np.exp(1j * values[is_accurate]) - np.exp(1j * expected))
+            assert np.all(gap < TOLERANCE_RAD), (number, pair, np.max(gap))
     return compared
 
 
@@ -96,14 +109,18 @@ def compare_page(tab, mechanism, crossings="pass", seed=0):
     ["cp2", *(pytest.param(x, marks=pytest.mark.slow) for x in CASES if x != "cp2")],
 )
 def test_modes_of_a_page_are_those_of_evaluate(open_page, name):
-    tab = open_page(case(name))
-    mechanism = case(name)
+    """Modes on a page follow the smooth curves of `sk.evaluate` through the crossing.
+
+    The page says where it is. No mode has a gap within its range.
+    """
+    tab = open_page(load_case(name))
+    mechanism = load_case(name)
     if not mechanism.inputs:
         mechanism = mechanism.with_inputs(mechanism.pairs[0].name)
     assert compare_page(tab, mechanism) >= 40
     crossing = "0" if name == "flatfold_through" else "180"
-    said = f"Modes follow their smooth curves through crossings at {crossing}°."
-    assert tab.inner_text("#crossings") == said
+    sentence = f"Modes follow their smooth curves through crossings at {crossing}°."
+    assert tab.inner_text("#crossings") == sentence
     # Nowhere along the curve of a mode there is a gap, except at the ends of the range.
     assert tab.evaluate(
         "spherekit.modes.every(({curve}) => curve.values.slice(1, -1).every(Boolean))"
@@ -113,6 +130,7 @@ def test_modes_of_a_page_are_those_of_evaluate(open_page, name):
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_modes_of_random_pages(open_page, seed):
+    """Pages of random four-bars with crossings have the modes of `sk.evaluate`."""
     random = np.random.default_rng(seed + 300)
     arcs = random_crossing_arcs(random, KINDS[seed % len(KINDS)])
     low = int(random.choice([-180, -60, 0]))
@@ -131,7 +149,9 @@ def test_several_dyads_change_at_once_on_a_page(open_page):
 
 @pytest.mark.slow
 def test_crossings_are_those_of_the_sizes_on_the_page(open_page):
-    """They vanish with one size, and another vertex that folds flat has some again."""
+    """Crossings follow the sizes on the page: one other arc has none, another vertex has
+    one.
+    """
     mechanism = loaded(four_bar_text((100, 60, 80, 120), -40, 40))
     tab = open_page(mechanism, "links.s3.arc=83")
     assert tab.inner_text("#crossings").startswith("With these sizes no curves cross")
@@ -144,8 +164,14 @@ def test_crossings_are_those_of_the_sizes_on_the_page(open_page):
 
 
 def bends_along_drag(tab, inputs):
-    """Drag the knob along inputs; return how much steps of drawn directions change."""
-    places = []
+    """Drag the knob of the input with the mouse along inputs (rad), in equal steps.
+
+    Returns
+    -------
+    bends
+        (steps - 1, results) second differences of all results of mode 0.
+    """
+    places = []  # where the knob is drawn at each input
     for q in inputs:
         tab.evaluate(f"spherekit.change('input', {{q: [{q}]}})")
         tab.wait_for_timeout(30)
@@ -154,38 +180,47 @@ def bends_along_drag(tab, inputs):
     tab.wait_for_timeout(30)
     tab.mouse.move(*places[0])
     tab.mouse.down()
-    rows, reached = [], []
+    rows = []
+    reached_inputs = []
     for place in places:
         tab.mouse.move(*place)
         tab.wait_for_timeout(30)
         rows.append(tab.evaluate("[...spherekit.modes[0].pictureRow]"))
-        reached.append(tab.evaluate("spherekit.state.q[0]"))
+        reached_inputs.append(tab.evaluate("spherekit.state.q[0]"))
     tab.mouse.up()
-    assert np.allclose(reached, inputs, atol=0.02)
+    assert np.allclose(reached_inputs, inputs, atol=0.02)
     return np.abs(np.diff(np.array(rows, dtype=float), 2, axis=0))
 
 
 @pytest.mark.slow
 def test_a_knob_is_dragged_through_a_crossing(open_page):
-    """Drawn axes of pairs move on evenly; with "end" they turn back at the crossing."""
+    """Dragged through a crossing, axes of pairs move on evenly with `crossings="pass"`.
+
+    With "end" they turn back there. Evenly means second differences below 0.01.
+    """
     inputs = np.linspace(2.9, 3.4, 10)
-    mechanism = case("cp2")
-    largest = {}
+    mechanism = load_case("cp2")
+    largest_bends = {}
     for crossings in ("pass", "end"):
         tab = open_page(mechanism, "q=2.9", crossings=crossings)
         axes_of_pairs = slice(0, 3 * len(mechanism.pairs))
         bends = bends_along_drag(tab, inputs)
-        largest[crossings] = np.max(bends[:, axes_of_pairs])
-    assert largest["pass"] < 0.01 < 0.03 < largest["end"]
+        largest_bends[crossings] = np.max(bends[:, axes_of_pairs])
+    assert largest_bends["pass"] < 0.01 < 0.03 < largest_bends["end"]
 
 
 @pytest.mark.slow
 def test_a_curve_that_needs_two_turns_goes_on_in_the_other_mode(open_page):
-    tab = open_page(case("cp2"), "q=6.25")
+    """A curve that closes after two turns of the input changes the mode at the end of a
+    turn.
+
+    The knob is dragged from 6.25 rad over 2 pi, first in mode 0 and then in mode 1.
+    """
+    tab = open_page(load_case("cp2"), "q=6.25")
     for mode in (0, 1):
         assert tab.evaluate("spherekit.state.mode") == mode
         place = tab.evaluate("spherekit.knobPlace(0)")
-        ahead = tab.evaluate(
+        place_ahead = tab.evaluate(
             """async () => {
               const now = spherekit.state.q;
               spherekit.change("input", {q: [0.05]});
@@ -198,7 +233,7 @@ def test_a_curve_that_needs_two_turns_goes_on_in_the_other_mode(open_page):
         )
         tab.mouse.move(*place)
         tab.mouse.down()
-        tab.mouse.move(*ahead, steps=6)
+        tab.mouse.move(*place_ahead, steps=6)
         tab.mouse.up()
         tab.wait_for_timeout(150)
         assert tab.evaluate("spherekit.state.q[0]") < 0.2
@@ -209,10 +244,10 @@ def test_a_curve_that_needs_two_turns_goes_on_in_the_other_mode(open_page):
 
 def test_command_and_default(tmp_path, capsys):
     path = tmp_path / "x.html"
-    words = ["page", str(FILES / "cp2.toml"), "-o", str(path)]
-    assert main([*words, "--crossings", "pass"]) == 0
+    arguments = ["page", str(FILES / "cp2.toml"), "-o", str(path)]
+    assert main([*arguments, "--crossings", "pass"]) == 0
     assert '"crossings": {"anchor": null}' in path.read_text()
-    assert main(words) == 0
+    assert main(arguments) == 0
     assert '"crossings": null' in path.read_text()
     assert "a page with" in capsys.readouterr().err
 
@@ -236,7 +271,7 @@ def test_wound_springs_leave_out_the_torque(tmp_path):
 
 @pytest.mark.slow
 def test_a_parallelogram_by_sizes(open_page):
-    """The four-bar as shipped has no crossing; as a parallelogram it has one inside."""
+    """The four-bar as shipped has no crossing; as a parallelogram it has one at 180 deg."""
     tab = open_page("four_bar")
     assert tab.inner_text("#crossings").startswith("With these sizes no curves cross")
     tab.evaluate("spherekit.change('sizes', {sizes: [60, 30, 60, 30]})")

@@ -23,54 +23,83 @@ from spherekit.planning.pole_planner import plan
 
 
 @pytest.mark.slow
-def test_plan_for_one_pole_holds_only_its_ancestors():
+def test_steps_of_a_plan_are_those_of_the_lecture_table():
+    """Poles of the Stephenson chain come in the rounds and cases of the lecture's table."""
     planned = sk.plan(sk.load("stephenson"))
     lines = [describe(planned, step) for step in planned.steps]
     assert "I    P31 case (a) = (P21 P32) x (P41 P43)" in lines
     assert "II   P51 case (a) = (P31 P53) x (P61 P65)" in lines
     assert "III  P62 case (a) = (P21 P61) x (P32 P63)" in lines
+
+
+@pytest.mark.slow
+def test_a_plan_for_one_pole_has_only_its_ancestors():
+    """Each step of a plan for one pole uses earlier poles, and is used by a later step.
+
+    A step intersects great circles through pairs of poles (Aronhold-Kennedy); all eight-
+    bars and all of their poles are planned.
+    """
     planned = sk.plan(sk.load("stephenson"), ["5/2"])
-    secondary = [step.pole for step in planned.steps if isinstance(step, LinePole)]
-    assert secondary == [(0, 2), (0, 4), (1, 4)]
-    assert len(planned.steps) == 7 + 3
+    intersections = [step.pole for step in planned.steps if isinstance(step, LinePole)]
+    assert intersections == [(0, 2), (0, 4), (1, 4)]
+    primary_poles = 7
+    assert len(planned.steps) == primary_poles + 3
     for chain in EIGHT_BARS:
-        whole = plan(mechanism_from_chain(chain, random_axes(np.random.default_rng(1), 10)))
+        axes = random_axes(np.random.default_rng(1), 10)
+        mechanism = mechanism_from_chain(chain, axes)
         for pole in all_poles(8):
-            known, used, by_line = set(), {pole}, set()
-            for step in plan(whole.mechanism, [pole]).steps:
+            available = set()
+            used = {pole}
+            intersected = set()
+            for step in plan(mechanism, [pole]).steps:
                 if isinstance(step, LinePole):
-                    assert len(step.via) >= 2 and set(step.sources) <= known
+                    assert len(step.via) >= 2
+                    assert set(step.sources) <= available
                     used |= set(step.sources)
-                    by_line.add(step.pole)
-                known |= set(step.poles) if hasattr(step, "poles") else {step.pole}
-            assert pole in known and by_line <= used
+                    intersected.add(step.pole)
+                available |= set(step.poles) if hasattr(step, "poles") else {step.pole}
+            assert pole in available
+            assert intersected <= used
 
 
-def test_two_eight_bars_are_indeterminate_and_completed():
-    names = [f"eight_bar_{k:02d}" for k in range(1, 17) if k not in (6, 9)]
-    names[5:5] = ["single_flier"]
-    names[8:8] = ["double_butterfly"]
+def test_shipped_eight_bars_are_the_sixteen_chains():
+    """The files of eight-bars have the graphs of the list of all chains, in its order.
+
+    Two of them have names: the single flier (6) and the double butterfly (9).
+    """
+    names = [f"eight_bar_{k:02d}" for k in range(1, 17)]
+    names[5] = "single_flier"
+    names[8] = "double_butterfly"
     for name, chain in zip(names, EIGHT_BARS, strict=True):
-        assert nx.is_isomorphic(
-            nx.Graph(sk.load(name).ends), nx.Graph(parse_chain(chain))
-        ), name
-    stuck = []
+        file_graph = nx.Graph(sk.load(name).ends)
+        assert nx.is_isomorphic(file_graph, nx.Graph(parse_chain(chain))), name
+
+
+def test_two_eight_bars_need_a_pole_from_rates():
+    """Great circles give all poles of 14 eight-bars, none or two of the other two.
+
+    The double butterfly has no pole by Aronhold-Kennedy and the single flier two of 18. A
+    block of their plan gets one opening pole from rates; then great circles give the
+    others.
+    """
+    blocks = []
     for number, chain in enumerate(EIGHT_BARS, start=1):
-        planned = plan(
-            mechanism_from_chain(chain, random_axes(np.random.default_rng(number), 10))
-        )
+        axes = random_axes(np.random.default_rng(number), 10)
+        planned = plan(mechanism_from_chain(chain, axes))
         assert set(planned.rounds) == set(all_poles(8))
-        if planned.blocks:
-            (block,) = planned.blocks
-            stuck.append((number, len(block.poles)))
-            known = {step.pole for step in planned.steps if hasattr(step, "pole")}
-            known = {p for p in known if planned.rounds[p] < block.round} | {block.opening}
-            for step in block.passes:  # with one pole more, two lines give each other one
-                assert len(step.via) >= 2 and set(step.sources) <= known
-                known.add(step.pole)
-            assert set(block.poles) <= known
-    # the double butterfly (no pole by A-K) and the single flier (two of 18)
-    assert stuck == [(6, 16), (9, 18)]
+        if not planned.blocks:
+            continue
+        (block,) = planned.blocks
+        blocks.append((number, len(block.poles)))
+        poles = {step.pole for step in planned.steps if hasattr(step, "pole")}
+        available = {pole for pole in poles if planned.rounds[pole] < block.round}
+        available.add(block.opening)
+        for step in block.passes:
+            assert len(step.via) >= 2
+            assert set(step.sources) <= available
+            available.add(step.pole)
+        assert set(block.poles) <= available
+    assert blocks == [(6, 16), (9, 18)]
 
 
 def test_groups_of_every_input_of_the_eight_bars():
@@ -113,6 +142,11 @@ def test_unknown_pole_and_input():
 
 
 def test_mechanism_with_contact_pairs_uses_contact_lines():
+    """The pole of a disc cam and its follower is on the contact plane and on the line of
+    pivots.
+
+    The cam (1-2 R, 2-3 Cs, 1-3 R) has mobility 1.
+    """
     # a disc cam (1-2 R, 2-3 Cs, 1-3 R) has mobility 1, P23 by A-K and the contact plane
     circle = Profile("circle", (0.0, 0.0, 1.0), 0.3)
     pairs = [Pair(name, "R", tuple(name)) for name in ("12", "13")]
@@ -125,17 +159,24 @@ def test_mechanism_with_contact_pairs_uses_contact_lines():
 
 
 def test_pruned_plans_do_not_take_one_circle_twice():
-    """A second planet: its great circles through the coaxial gears are all the same one."""
+    """A plan for one pole never intersects a great circle with itself.
+
+    In a train with two planets the great circles through the coaxial gears are all the same
+    one. Results must be well conditioned.
+    """
     up, down, first, second = (0, 0, 1.0), (0, 0, -1.0), (1.0, 0, 0), (0, 1.0, 0)
-    side = np.arctan(2.0)
+    gear_half_angle = np.arctan(2.0)
 
     def mesh(name, gear, axis, planet, at):
-        circles = (Profile("circle", axis, side), Profile("circle", at, np.pi / 2 - side))
+        circles = (
+            Profile("circle", axis, gear_half_angle),
+            Profile("circle", at, np.pi / 2 - gear_half_angle),
+        )
         return Pair(name, "Cr", (gear, planet), circles)
 
     axles = dict.fromkeys(("left", "right", "carrier", "extra"), up)
     planets = {"one": first, "two": second}
-    made = Mechanism(
+    train = Mechanism(
         "train",
         "frame",
         ("frame", *axles, "one", "two"),
@@ -151,6 +192,6 @@ def test_pruned_plans_do_not_take_one_circle_twice():
         inputs=(Input("a_left", 0.1, 1.0), Input("a_right", 0.1, 0.5)),
     )
     for text in ("two/frame", "one/extra"):
-        frame = sk.run(made, f"poles:only={text}", samples=3).frame()
+        frame = sk.run(train, f"poles:only={text}", samples=3).frame()
         assert (frame["status"] == "OK").all()
         assert frame["conditioning"].min() > 0.1

@@ -50,14 +50,14 @@ class Swing(MinimalAnalysis):
     def compute(self, batch: Batch):
         values = batch.pair_value(self.pair)
         rows = batch.assembly_mode_rows()
-        swing = np.array([np.ptp(values[own]) for own in rows.values()])
+        swing = np.array([np.ptp(values[mode_rows]) for mode_rows in rows.values()])
         return {"swing": {"assembly_mode": np.array([*rows]), "swing": swing}}
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Greedy(MinimalAnalysis):
-    """Reads what it has not declared."""
+class AnalysisWithUndeclaredReads(MinimalAnalysis):
+    """An analysis that reads `what` without having declared that it needs it."""
 
     name: ClassVar = "greedy"
     rowwise: ClassVar = True
@@ -85,7 +85,10 @@ class Greedy(MinimalAnalysis):
 @final
 @dataclass(frozen=True, kw_only=True)
 class Ranges(MinimalAnalysis):
-    """Inputs by name, how often they were gathered, and words to whoever runs it."""
+    """An analysis with the inputs by name, findings, a warning and a remark.
+
+    `batch.once` computes a value once per batch.
+    """
 
     name: ClassVar = "ranges"
     tables: ClassVar = (Table("ranges", "one row per sample", (SAMPLE, INPUTS, STATUS)),)
@@ -106,13 +109,16 @@ class Ranges(MinimalAnalysis):
 
 
 def test_columns_for_each_input_and_findings_in_the_summary():
+    """Inputs have a column each (only `q` if there is one), and findings are in the
+    summary.
+    """
     result = sk.run("five_bar", Ranges(), samples=3)
     assert list(result.frame()) == ["sample", "q_21", "q_51", "status"]
     result = sk.run("four_bar", Ranges(), samples=3)
     assert list(result.frame()) == ["sample", "q", "status"]
-    (own,) = result.summary["analyses"]
-    assert own["findings"]["modes"] == 2
-    assert own["findings"]["widest"] == pytest.approx(2 * np.pi, abs=1e-12)
+    (entry,) = result.summary["analyses"]
+    assert entry["findings"]["modes"] == 2
+    assert entry["findings"]["widest"] == pytest.approx(2 * np.pi, abs=1e-12)
     assert result.summary["warnings"] == ["ranges: So."]
     assert result.summary["remarks"] == ["ranges: Yes."]
 
@@ -150,7 +156,11 @@ def test_an_analysis_of_whole_batches():
     ],
 )
 def test_faults_of_one_analysis_do_not_touch_the_others(what, words):
-    with registered(Greedy):
+    """An analysis that fails is named with what it lacks; others have their results.
+
+    `what` is what it reads without declaring it, `words` is part of the message.
+    """
+    with registered(AnalysisWithUndeclaredReads):
         result = sk.run(sk.load("four_bar"), [f"greedy:what={what}", "poles"], samples=5)
     assert words in result.failures["greedy"]
     assert len(result.frame("poles")) == 2 * 5 * 6

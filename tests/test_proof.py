@@ -36,7 +36,11 @@ CASES = [
 ]
 
 
-def proven(name, pair, inputs, tolerance=0.0):
+def certified_modes_of(name, pair, inputs, tolerance=0.0):
+    """Certify the modes of a shipped mechanism at inputs (deg, as texts).
+
+    `tolerance` (rad) is that of all sizes for which the proof is valid.
+    """
     mechanism = driven_at(sk.load(name), pair)
     return certify_modes(read_decimals(mechanism, tolerance=tolerance), inputs)
 
@@ -46,88 +50,113 @@ def proven(name, pair, inputs, tolerance=0.0):
 def test_all_complex_modes_are_proven_and_the_real_ones_are_those_found(
     name, pair, inputs, bound
 ):
-    modes = proven(name, pair, inputs)
+    """All complex modes are proven, and the real ones are those assemblies by elimination.
+
+    `bound` is the number of complex modes. The proven angles are balls (intervals about a
+    centre) of less than 1e-15 rad. An independent checker accepts the certificate.
+    """
+    modes = certified_modes_of(name, pair, inputs)
     assert modes.mode_bound == bound == len(modes.roots) and modes.is_complete
     assert modes.completeness.guarantee is Guarantee.CERTIFIED
     mechanism = modes.decimal_mechanism.mechanism
     solver = PositionSolver(mechanism, plan_assembly(mechanism))
-    found = enumerate_assemblies(solver, np.radians([float(value) for value in inputs]))
-    assert len(found.values) == len(modes.real)
+    assemblies = enumerate_assemblies(
+        solver, np.radians([float(value) for value in inputs])
+    )
+    assert len(assemblies.values) == len(modes.real)
     balls = np.array(modes.angles())
     assert max(map(upper_magnitude, (balls - exact_centres(balls)).flat)) < 1e-15
-    places = centre_floats(balls)
-    for values in found.values:
-        assert sum(np.max(np.abs(wrap(row - values))) < 1e-9 for row in places) == 1
+    centres = centre_floats(balls)
+    for values in assemblies.values:
+        assert sum(np.max(np.abs(wrap(row - values))) < 1e-9 for row in centres) == 1
     check(recorded(modes_certificate(modes)))
 
 
 def test_every_pair_of_every_chain_can_drive_it_by_the_construction():
+    """Driven at any pair, the eight-bars have a construction with three unknowns.
+
+    It bounds the number of modes, by 8 to 32.
+    """
     for number in (1, 2, 4, 7, 10, 15):
         mechanism = sk.load(f"eight_bar_{number:02d}")
         for pair in mechanism.pairs:
-            made = find_construction(extract_structure(driven_at(mechanism, pair.name)))
+            construction = find_construction(
+                extract_structure(driven_at(mechanism, pair.name))
+            )
             assert (
-                8 <= made.mode_bound <= 32
-                and len(made.equation_steps) == made.unknown_count == 3
+                8 <= construction.mode_bound <= 32
+                and len(construction.equation_steps) == construction.unknown_count == 3
             )
 
 
 def test_sizes_within_a_tolerance_have_the_modes_that_are_proven_for_all_of_them():
-    modes = proven("four_bar", None, ("40",), 1e-6)
-    assert modes.is_complete and len(modes.real) == 2
-    balls = modes.angles()
-    moves = random.Random(5)
+    """Modes proven for all arcs within 1e-6 rad enclose those of five random such sizes."""
+    modes = certified_modes_of("four_bar", None, ("40",), 1e-6)
+    assert modes.is_complete
+    assert len(modes.real) == 2
+    enclosures = modes.angles()
+    random_numbers = random.Random(5)
     mechanism = modes.decimal_mechanism.mechanism
     for _ in range(5):
-        moved = mechanism.with_sizes(
-            angle_unit="rad",
-            arcs={
-                link: [arc + moves.uniform(-1e-6, 1e-6) for arc in sizes.arcs]
-                for link, sizes in mechanism.geometry.links.items()
-            },
-        )
-        for row in certify_modes(read_decimals(moved), ("40",)).angles():
+        arcs = {}
+        for link, sizes in mechanism.geometry.links.items():
+            arcs[link] = [arc + random_numbers.uniform(-1e-6, 1e-6) for arc in sizes.arcs]
+        changed = mechanism.with_sizes(angle_unit="rad", arcs=arcs)
+        for angles in certify_modes(read_decimals(changed), ("40",)).angles():
             assert any(
-                all(a.overlaps(b) for a, b in zip(row, each, strict=True)) for each in balls
+                all(a.overlaps(b) for a, b in zip(angles, enclosure, strict=True))
+                for enclosure in enclosures
             )
 
 
 def tampered(certificate, moves):
-    """Return a certificate changed so that what it says is not so, or not shown."""
+    """Return a certificate with one random change, so that it is false or proves nothing.
+
+    `moves` is the random generator.
+    """
     changed = copy.deepcopy(certificate)
-    roots, text = changed["roots"], changed["mechanism"]
-    root, step = moves.choice(roots), moves.choice(changed["construction"]["steps"])
-    part = moves.choice(root["centre"])
-    ((key, value),) = list(changed["inputs"].items())[:1]
-    mantissa, exponent = part[0]
+    roots = changed["roots"]
+    text = changed["mechanism"]
+    root = moves.choice(roots)
+    step = moves.choice(changed["construction"]["steps"])
+    coordinate = moves.choice(root["centre"])
+    mantissa, exponent = coordinate[0]
     shift = 1 << max(mantissa.bit_length() - moves.randrange(2, 30), 1)
-    other = moves.choice([each for each in roots if each is not root])
-    place = moves.choice([k for k in range(len(text)) if text.startswith("arcs = [", k)])
-    by = step["by"][::-1] if len(step["by"]) == 2 else 2 * step["by"]
-    off = 10.0 ** -moves.randrange(1, 9)
-    owner, key, value = moves.choice(
+    other_roots = [x for x in roots if x is not root]
+    other_root = moves.choice(other_roots)
+    arc_places = [k for k in range(len(text)) if text.startswith("arcs = [", k)]
+    place = moves.choice(arc_places) + len("arcs = [")
+    changed_text = f"{text[:place]}0.001{text[place + 1 :]}"
+    sources = step["by"][::-1] if len(step["by"]) == 2 else 2 * step["by"]
+    input_pair, input_value = next(iter(changed["inputs"].items()))
+    changed_input = repr(float(input_value) + 10.0 ** -moves.randrange(1, 9))
+    # (table or list, key or index, new value)
+    container, key, value = moves.choice(
         [
-            (part, 0, [mantissa + shift, exponent]),
+            (coordinate, 0, [mantissa + shift, exponent]),
             (root, "real", not root["real"]),
-            (changed, "roots", [each for each in roots if each is not root]),
+            (changed, "roots", other_roots),
             (changed, "bound", changed["bound"] + moves.choice((-1, 1, 8))),
             (changed, "modes", changed["modes"] + moves.choice((-1, 1, 2))),
-            (roots, roots.index(root), copy.deepcopy(other)),
+            (roots, roots.index(root), copy.deepcopy(other_root)),
             (root, "radius", root["radius"] * 2.0 ** -moves.randrange(20, 60)),
-            (changed["inputs"], key, repr(float(value) + off)),
-            (step, "by", by),
-            (changed, "mechanism", f"{text[: place + 8]}0.001{text[place + 9 :]}"),
+            (changed["inputs"], input_pair, changed_input),
+            (step, "by", sources),
+            (changed, "mechanism", changed_text),
         ]
     )
-    owner[key] = value
+    container[key] = value
     return changed
 
 
 @pytest.mark.slow
 def test_the_checker_refuses_a_hundred_tampered_certificates():
+    """An independent checker refuses 100 randomly falsified certificates of three
+    mechanisms.
+    """
     moves = random.Random(17)
-    whole = [
-        recorded(modes_certificate(proven(*case)))
+    certificates = [
+        recorded(modes_certificate(certified_modes_of(*case)))
         for case in (
             ("four_bar", None, ("40",)),
             ("stephenson", "16", ("30",)),
@@ -135,8 +164,8 @@ def test_the_checker_refuses_a_hundred_tampered_certificates():
         )
     ]
     for number in range(100):
-        changed = tampered(whole[number % 3], moves)
-        assert changed not in whole
+        changed = tampered(certificates[number % 3], moves)
+        assert changed not in certificates
         refuse(changed)
 
 
@@ -150,13 +179,19 @@ def stretched(coupler):
 @pytest.mark.many
 @pytest.mark.parametrize("digits", (6, 12, 28))
 def test_modes_however_close_are_told_apart_and_a_double_one_is_never_certified(digits):
-    far = certify_modes(stretched("9." + "9" * digits), ("0",))
-    assert far.is_complete and not far.real
-    near = certify_modes(stretched("10." + "0" * digits + "1"), ("0",))
-    assert near.is_complete and len(near.real) == 2
-    check(recorded(modes_certificate(near)))
-    half = [0.5 * (a.mid() - b.mid()) for a, b in zip(*near.angles(), strict=True)]
-    assert 0 < max(2.0 * abs(each.sin()) for each in half) < 30 * 10.0 ** (-digits / 2)
+    """Near a double mode, two or no modes are certified; the double one itself is not.
+
+    At the input 0 a dyad of 30 deg and a coupler of nearly 10 deg spans 40 deg. `digits` is
+    the number of decimal digits after which the coupler differs from 10 deg. The half angle
+    between both modes falls with the square root of the difference.
+    """
+    too_short = certify_modes(stretched("9." + "9" * digits), ("0",))
+    assert too_short.is_complete and not too_short.real
+    longer = certify_modes(stretched("10." + "0" * digits + "1"), ("0",))
+    assert longer.is_complete and len(longer.real) == 2
+    check(recorded(modes_certificate(longer)))
+    half = [0.5 * (a.mid() - b.mid()) for a, b in zip(*longer.angles(), strict=True)]
+    assert 0 < max(2.0 * abs(angle.sin()) for angle in half) < 30 * 10.0 ** (-digits / 2)
     double = certify_modes(stretched("10"), ("0",))
     assert (
         not double.is_complete and double.completeness.guarantee is not Guarantee.CERTIFIED
@@ -164,6 +199,8 @@ def test_modes_however_close_are_told_apart_and_a_double_one_is_never_certified(
 
 
 def test_a_platform_with_eight_real_modes_has_exactly_eight():
+    """All eight complex modes of a 3-RRR platform with these arcs are real and different.
+    """
     arcs = {"base": [82.0, 63.0], "platform": [108.0, 75.0]}
     arcs |= {"crank1": [87.0], "crank2": [106.0], "crank3": [72.0]}
     arcs |= {"coupler1": [98.0], "coupler2": [111.0], "coupler3": [95.0]}
@@ -193,16 +230,19 @@ def test_a_curve_of_modes_at_one_input_is_a_cluster_and_beside_it_modes_are_cert
 
 @pytest.mark.slow
 def test_the_checker_repeats_that_nothing_else_is_there():
-    whole = recorded(modes_certificate(certify_modes(stretched("10"), ("0",))))
-    assert whole["undecided_rad"] and not whole["complete"]
-    check(whole)
+    """The checker repeats the proof that no mode is outside the undecided box of a double
+    one.
+    """
+    certificate = recorded(modes_certificate(certify_modes(stretched("10"), ("0",))))
+    assert certificate["undecided_rad"] and not certificate["complete"]
+    check(certificate)
     for change in (
         {"undecided_rad": [], "complete": True},
         {"complete": True},
         {"undecided_rad": [{"centre": [0.1], "half": [1e-3]}]},
         {"counted": True},
     ):
-        refuse({**whole, **change})
+        refuse({**certificate, **change})
 
 
 def test_the_command_prints_modes_and_writes_a_certificate(tmp_path, capsys):

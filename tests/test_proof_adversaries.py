@@ -17,40 +17,52 @@ BASE, TIP = 40, 75
 
 
 def tripod(plate):
-    """A platform on three equal legs, all in line at inputs of zero.
+    """Return a platform on three equal legs, all of which are in line at inputs of zero.
 
-    Turning it about the axis of symmetry by D takes cos(link) = cos(tip) cos(plate) +
-    sin(tip) sin(plate) cos(D): at zero D is a double root.
+    `plate` is the angle (deg) from the axis of symmetry to the plate's axes. Turning the
+    plate about the axis by D takes cos(link) = cos(tip) cos(plate) + sin(tip) sin(plate)
+    cos(D), so that at zero D is a double root.
     """
     text = 'format = 1\nname = "tripod"\nangle_unit = "deg"\nground = "base"\n'
     text += "[links.base]\n[links.plate]\n"
     for leg, longitude in zip("abc", (0, 120, 240), strict=True):
         text += f"[links.crank{leg}]\n[links.bar{leg}]\n"
-        for name, one, other, angle in (
+        for name, first_link, second_link, angle in (
             (f"base_{leg}", "base", f"crank{leg}", BASE),
             (f"tip_{leg}", f"crank{leg}", f"bar{leg}", TIP),
             (f"plate_{leg}", f"bar{leg}", "plate", plate),
         ):
-            text += f'[pairs.{name}]\ntype = "R"\nlinks = ["{one}", "{other}"]\n'
+            text += (
+                f'[pairs.{name}]\ntype = "R"\nlinks = ["{first_link}", "{second_link}"]\n'
+            )
             text += f"lonlat = [{longitude}, {90 - angle}]\n"
     text += "".join(f"[inputs.base_{leg}]\nfrom = 0\nto = 360\n" for leg in "abc")
     return decimal_mechanism(text)
 
 
-def turned(plate, digits):
-    """Half the angle between both modes next to the double one, in 200 bits.
+def half_angle_between_modes(plate, digits):
+    """Compute half the angle between the two modes beside the double one, in 200 bits.
 
-    The cosine is one less its square over two; below zero there are none.
+    All inputs are 10 ** -digits degrees. The cosine of the half angle follows from the
+    spherical law of cosines, and its square from 2 (1 - cosine).
+
+    Returns
+    -------
+    half_angle
+        In radians.
+    is_real
+        Whether there are two modes; otherwise there is none.
     """
     with working_precision(200):
         degree = pi_ball() / 180
         base, tip, top = (degree * exact_ball(float(a)) for a in (BASE, TIP, plate))
         step = degree * exact_ball(10.0) ** -digits
-        near = (
-            base.cos() * (tip - base).cos() - base.sin() * (tip - base).sin() * step.cos()
-        )
-        far = (1 - near * near).sqrt()
-        cosine = ((tip - top).cos() - near * top.cos()) / (far * top.sin())
+        # Arc from the axis of symmetry to a crank's end
+        crank = tip - base
+        cosine_of_end = base.cos() * crank.cos() - base.sin() * crank.sin() * step.cos()
+        sine_of_end = (1 - cosine_of_end * cosine_of_end).sqrt()
+        numerator = (tip - top).cos() - cosine_of_end * top.cos()
+        cosine = numerator / (sine_of_end * top.sin())
         square = 2 * (1 - cosine)
         return float(abs(square).sqrt().mid()), bool(square > 0)
 
@@ -63,21 +75,25 @@ def modes_beside(plate, digits):
 @pytest.mark.many
 @pytest.mark.parametrize("digits", range(4, 13))
 def test_modes_of_a_triad_from_a_millionth_to_1e_14_apart_are_told_apart(digits):
-    gap, real = turned(50, digits)
-    assert real and 0.5 < gap * 10.0 ** (digits + 2) < 1.0
+    """Two modes of a platform that are 1e-6 to 1e-14 rad distance are both certified.
+
+    Their distance is computed independently in 200 bits.
+    """
+    half_angle, is_real = half_angle_between_modes(50, digits)
+    assert is_real and 0.5 < half_angle * 10.0 ** (digits + 2) < 1.0
     modes = modes_beside(50, digits)
     assert modes.is_counted and modes.mode_bound == 8
     rows = np.array([[centre_float(angle) for angle in row] for row in modes.angles()])
     first, second = sorted(rows, key=lambda row: np.sum(1 - np.cos(row)))[:2]
-    apart = np.max(np.abs(first - second))
-    assert 0.1 * gap < apart < 10 * gap
+    distance = np.max(np.abs(first - second))
+    assert 0.1 * half_angle < distance < 10 * half_angle
     if digits == 12:
         check(recorded(modes_certificate(modes)))
 
 
 @pytest.mark.parametrize("digits", (5, 12))
 def test_modes_of_a_triad_that_just_miss_each_other_are_none(digits):
-    _, real = turned(100, digits)
+    _, real = half_angle_between_modes(100, digits)
     assert not real
     none = modes_beside(100, digits)
     assert none.is_counted and len(none.real) == 0
@@ -98,7 +114,11 @@ JOINTS = {"a": "12", "b": "14", "c": "16", "d": "23", "e": "25", "f": "34", "h":
 
 
 def two_dyads(ground, crank, turn, coupler, rocker):
-    """Two four-bars side by side on one crank."""
+    """Return a six-bar of two four-bars side by side on one crank; sizes in degrees.
+
+    The first has the arcs 60, 50, 40 and 35; the arguments are those of the second, whose
+    crank is at the angle `turn` from the first's.
+    """
     sizes = {"coupler": coupler, "rocker": rocker}
     text = TWO_DYADS.format(ground=ground, crank=crank, turn=turn, **sizes)
     for name, (one, other) in JOINTS.items():
@@ -106,7 +126,7 @@ def two_dyads(ground, crank, turn, coupler, rocker):
     return decimal_mechanism(text + "[inputs.a]\nfrom = 0\nto = 360\n")
 
 
-DEAD = np.arccos(
+STRETCHED_INPUT = np.arccos(
     (np.cos(np.radians(75.0)) - np.cos(np.radians(60.0)) * np.cos(np.radians(50.0)))
     / (np.sin(np.radians(60.0)) * np.sin(np.radians(50.0)))
 )
@@ -114,30 +134,38 @@ DEAD = np.arccos(
 
 
 def test_dead_centres_at_one_input_in_different_modes_are_each_certified():
+    """A dead centre of the first dyad is certified once in either mode of the second one.
+    """
     curves = certify_curves(two_dyads(50, 20, 70, 60, 55), ("80", "110"))
     assert curves.completeness.guarantee is Guarantee.CERTIFIED
     # the second dyad closes in two modes, so that the first one's dead centre comes twice
-    found = np.array(curves.turning_points)
-    assert len(found) == 2 and np.max(np.abs(found - DEAD)) < 1e-7
+    turning_inputs = np.array(curves.turning_points)
+    assert (
+        len(turning_inputs) == 2 and np.max(np.abs(turning_inputs - STRETCHED_INPUT)) < 1e-7
+    )
     assert [count for _, _, count in curves.intervals] == [4, 0]
 
 
 @pytest.mark.slow
 def test_two_equal_dyads_that_fold_together_leave_one_small_part_undecided():
-    # both are in line in one configuration, where two curves cross, or nearly: that they
-    # do follows from no loop in line, and is told apart in no number of bits
-    curves = certify_curves(two_dyads(60, 50, 140, 40, 35), ("80", "110"))
-    assert (
-        curves.completeness.guarantee is Guarantee.TO_BOX and curves.completeness.box < 1e-4
-    )
+    """Where two equal dyads are stretched at one input, no precision decides the outcome.
+
+    A saddle of the configuration curves is a place where two curves cross or pass at a
+    small distance; the sign of its level tells which. Here it is zero, but no loop in line
+    proves it, so that the sign stays open in any number of bits. A small range about the
+    input is left undecided, with 4 modes before and none after it.
+    """
+    mechanism = two_dyads(ground=60, crank=50, turn=140, coupler=40, rocker=35)
+    curves = certify_curves(mechanism, ("80", "110"))
+    assert curves.completeness.guarantee is Guarantee.TO_BOX
+    assert curves.completeness.box < 1e-4
     ((low, high),) = curves.undecided_ranges
-    assert low < DEAD < high
+    assert low < STRETCHED_INPUT < high
     (saddle,) = curves.saddles
-    assert saddle.level_sign is None and saddle.gap < 1e-90
-    assert (
-        curves.count_modes_at(np.radians(85.0)) == 4
-        and curves.count_modes_at(np.radians(105)) == 0
-    )
+    assert saddle.level_sign is None
+    assert saddle.gap < 1e-90
+    assert curves.count_modes_at(np.radians(85.0)) == 4
+    assert curves.count_modes_at(np.radians(105)) == 0
 
 
 FOUR_BAR = mechanism_text("four_bar_proof_adversaries")
@@ -159,6 +187,12 @@ FOUR_BAR = mechanism_text("four_bar_proof_adversaries")
     ],
 )
 def test_special_four_bars_have_the_modes_of_the_closed_form(arcs, crossings, still):
+    """Proven intervals with two modes are those in which the triangle inequality holds.
+
+    `arcs` are those of ground, crank, coupler and rocker (deg), `crossings` the number of
+    crossings of curves, and `still` the inputs (deg) at which links may turn while the
+    input rests.
+    """
     curves = certify_curves(decimal_mechanism(FOUR_BAR.format(*arcs)), ("0", "360"))
     assert curves.completeness.guarantee is Guarantee.CERTIFIED
     assert [saddle.level_sign for saddle in curves.saddles] == [0] * crossings

@@ -32,13 +32,33 @@ from spherekit.proof.structure import extract_structure
 TURN = ("0", "360")
 
 
-def over(name, pair=None, ends=TURN, tolerance=0.0, wanted=()):
+def curves_over_range(name, pair=None, ends=TURN, tolerance=0.0, wanted=()):
+    """Return the proven configuration curves of a mechanism over a range of its input.
+
+    Parameters
+    ----------
+    name
+        A shipped mechanism's name, or a mechanism.
+    pair
+        Input pair; None leaves that of the mechanism.
+    ends
+        Ends of the range in degrees, as texts.
+    tolerance
+        Tolerance (rad) of all sizes for which the proof is valid.
+    wanted
+        Pairs whose singularities are proven as well.
+    """
     mechanism = driven_at(sk.load(name), pair) if isinstance(name, str) else name
-    made = find_construction(extract_structure(mechanism), wanted)
-    return certify_curves(read_decimals(mechanism, tolerance=tolerance), ends, made)
+    construction = find_construction(extract_structure(mechanism), wanted)
+    decimals = read_decimals(mechanism, tolerance=tolerance)
+    return certify_curves(decimals, ends, construction)
 
 
 def check_counts(curves, intervals):
+    """Assert that proven counts of modes in intervals are those certified at their middles.
+
+    An interval is (low, high, count) in rad; between turning points the count is constant.
+    """
     for low, high, count in intervals:
         middle = repr(float(np.round(np.degrees(0.5 * (low + high)), 6)))
         modes = certify_modes(curves.decimal_mechanism, (middle,))
@@ -59,7 +79,12 @@ def check_counts(curves, intervals):
 def test_modes_between_turning_points_are_as_many_as_at_one_input(
     name, pair, ends, turning
 ):
-    curves = over(name, pair, ends)
+    """Curves are proven over a range, with all dead centres of the input (turning points).
+
+    `turning` is their number. Between them, the number of modes is that certified at one
+    input by elimination.
+    """
+    curves = curves_over_range(name, pair, ends)
     assert curves.completeness.guarantee is Guarantee.CERTIFIED, curves.completeness
     assert len(curves.turning_points) == turning
     check_counts(curves, curves.intervals[:4])
@@ -68,17 +93,23 @@ def test_modes_between_turning_points_are_as_many_as_at_one_input(
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [62, 82])
 def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
-    """Where a piece is all but too long to prove, its bounds are those of the piece."""
+    """A turning point beside a long piece of a curve is proven.
+
+    The eight-bars have pieces that are almost too long to prove; their bounds of rates must
+    be in order on every fraction of a piece.
+    """
     chain = EIGHT_BARS[0]
     axes = random_axes(np.random.default_rng(seed), len(chain.split()))
-    made = mechanism_from_chain(chain, axes)
-    made = replace(made, inputs=(Input(made.pairs[0].name, 0.0, 2.0 * np.pi),))
-    curves = over(made)
+    mechanism = mechanism_from_chain(chain, axes)
+    mechanism = replace(
+        mechanism, inputs=(Input(mechanism.pairs[0].name, 0.0, 2.0 * np.pi),)
+    )
+    curves = curves_over_range(mechanism)
     assert curves.completeness.guarantee is Guarantee.CERTIFIED, curves.completeness
     for chain in curves.chains:
         for piece in chain.pieces:
-            for part in (0.25, 0.5, 0.9, 1.0):
-                bounds = bound_rates(piece, part * piece.half_length)
+            for fraction in (0.25, 0.5, 0.9, 1.0):
+                bounds = bound_rates(piece, fraction * piece.half_length)
                 assert np.all(bounds.rate_low <= bounds.rate_high)
                 assert np.all(bounds.derivative_low <= bounds.derivative_high)
     check_counts(curves, curves.intervals)
@@ -87,15 +118,20 @@ def test_a_long_piece_beside_a_turning_point_does_not_hide_it(seed):
 @pytest.mark.slow
 def test_a_tolerance_loses_no_stop_where_its_sign_is_open_at_a_centre(capsys):
     assert main(["certify", "watt", "--tolerance", "1e-6"]) == 0
-    told = capsys.readouterr().out
-    assert told.count("type I at") == 10 and "undecided" not in told
+    output = capsys.readouterr().out
+    assert output.count("type I at") == 10 and "undecided" not in output
 
 
 @pytest.mark.many
 @pytest.mark.parametrize(("name", "pair"), [("four_bar", None), ("stephenson", "35")])
 def test_singularities_proven_are_those_that_a_run_reports(name, pair):
+    """Proven singularities of types I and II are those of the analysis `singularities`.
+
+    Type I is a dead centre of an output, type II one at which the input does not hold it.
+    The analysis finds them in floating point, to 1e-7 rad.
+    """
     mechanism = driven_at(sk.load(name), pair)
-    curves = over(
+    curves = curves_over_range(
         mechanism,
         wanted=find_output_pairs(read_decimals(mechanism)).values(),
     )
@@ -105,44 +141,55 @@ def test_singularities_proven_are_those_that_a_run_reports(name, pair):
     assert len(frame) == len(proven.singularities)
     for kind in ("I", "II"):
         inputs = np.sort(frame["q"][frame["kind"] == kind].to_numpy())
-        found = np.sort([x.q for x in proven.singularities if x.type == kind])
-        assert len(inputs) == len(found)
-        assert np.all(np.abs(inputs - found) < 1e-7)
+        proven_inputs = np.sort([x.q for x in proven.singularities if x.type == kind])
+        assert len(inputs) == len(proven_inputs)
+        assert np.all(np.abs(inputs - proven_inputs) < 1e-7)
 
 
 def test_all_sizes_within_a_tolerance_have_the_curves_proven(monkeypatch):
-    curves = over("four_bar", "41", TURN, tolerance=1e-7)
+    """Curves are proven for all sizes within 1e-7 rad; with 1e-5 rad only between dead
+    centres.
+
+    Beside a dead centre such sizes leave open where the input stops. With 0.03 rad and few
+    boxes nothing is certified.
+    """
+    curves = curves_over_range("four_bar", "41", TURN, tolerance=1e-7)
     assert curves.completeness.guarantee is Guarantee.CERTIFIED
     assert len(curves.turning_points) == 4
     # beside dead centres the sizes leave open where the input stops
-    parts = over("four_bar", "41", TURN, tolerance=1e-5)
-    assert parts.completeness.box < 0.022 and len(parts.undecided_ranges) == 4
-    assert [count for _, _, count in parts.intervals] == [0, 2, 0, 2, 0]
-    wide = read_decimals(driven_at(sk.load("four_bar"), "41"), tolerance=0.03)
+    coarse = curves_over_range("four_bar", "41", TURN, tolerance=1e-5)
+    assert coarse.completeness.box < 0.022 and len(coarse.undecided_ranges) == 4
+    assert [count for _, _, count in coarse.intervals] == [0, 2, 0, 2, 0]
+    decimals = read_decimals(driven_at(sk.load("four_bar"), "41"), tolerance=0.03)
     monkeypatch.setattr("spherekit.proof.configuration_curves.MAX_CURVE_BOXES", 3000)
-    undecided = certify_curves(wide, TURN)
+    undecided = certify_curves(decimals, TURN)
     assert undecided.completeness.guarantee is not Guarantee.CERTIFIED
 
 
 def tampered(certificate, moves):
+    """Return a certificate of curves with one random falsification, chosen by `moves`."""
     changed = copy.deepcopy(certificate)
     curves = changed["curves"]
-    pieces = (curve := moves.choice(curves))["pieces"]
-    piece, at = moves.choice(pieces), moves.randrange(len(pieces) - 1)
-    kind, side = moves.randrange(6), moves.randrange(2)
+    curve = moves.choice(curves)
+    pieces = curve["pieces"]
+    piece = moves.choice(pieces)
+    index = moves.randrange(len(pieces) - 1)  # not the last, which has no successor
+    kind = moves.randrange(6)
+    coordinate = moves.randrange(2)
     if kind == 0:
         curves.remove(curve)
     elif kind == 1:
-        piece["centre"][side] += (-1) ** side * 10 ** -moves.randrange(1, 7)
+        shift = (-1) ** coordinate * 10 ** -moves.randrange(1, 7)
+        piece["centre"][coordinate] += shift
     elif kind == 2:
         piece["radius"] *= 30.0
     elif kind == 3:
-        del pieces[at : at + 3]
+        del pieces[index : index + 3]
     elif kind == 4:
         curves.append(copy.deepcopy(curve))
     else:
-        # any but the last, after which none comes
-        pieces[at]["frame"][0] = [-each for each in pieces[at]["frame"][0]]
+        tangent = pieces[index]["frame"][0]
+        pieces[index]["frame"][0] = [-component for component in tangent]
     return changed
 
 
@@ -150,16 +197,22 @@ def tampered(certificate, moves):
 @pytest.mark.many
 @pytest.mark.parametrize("count", [4, 24])
 def test_the_checker_proves_curves_again_and_refuses_tampered_ones(count):
-    whole = recorded(curves_certificate(over("four_bar", "41", ("-50", "-45"))))
-    check(whole)
+    """An independent checker accepts a certificate of curves, and refuses `count` falsified
+    ones.
+    """
+    certificate = recorded(
+        curves_certificate(curves_over_range("four_bar", "41", ("-50", "-45")))
+    )
+    check(certificate)
     moves = random.Random(23)
     for _ in range(count):
-        refuse(tampered(whole, moves))
+        refuse(tampered(certificate, moves))
 
 
-def with_singularities(name, pair, ends):
+def singularities_certificate(name, pair, ends):
+    """Return the recorded certificate of curves and singularities over a range (deg)."""
     mechanism = driven_at(sk.load(name), pair)
-    curves = over(
+    curves = curves_over_range(
         mechanism,
         ends=ends,
         wanted=find_output_pairs(read_decimals(mechanism)).values(),
@@ -170,74 +223,88 @@ def with_singularities(name, pair, ends):
 
 @pytest.mark.slow
 def test_the_checker_repeats_turning_points_and_singularities():
-    whole = with_singularities("four_bar", "21", ("26", "30"))
-    stops = [stop for curve in whole["curves"] for stop in curve["input_stops"]]
-    assert not stops and len(whole["singularities"]["found"]) == 1
-    check(whole)
-    without = copy.deepcopy(whole)
+    """The checker accepts a certificate with one singularity, and refuses it without that.
+    """
+    certificate = singularities_certificate("four_bar", "21", ("26", "30"))
+    stops = [stop for curve in certificate["curves"] for stop in curve["input_stops"]]
+    assert not stops and len(certificate["singularities"]["found"]) == 1
+    check(certificate)
+    without = copy.deepcopy(certificate)
     without["singularities"]["found"].clear()
     refuse(without)
 
 
 @pytest.mark.long
 def test_the_checker_repeats_dead_centres_and_refuses_those_left_out():
-    dead = with_singularities("four_bar", "41", ("45.5", "47.5"))
-    check(dead)
-    for curve in dead["curves"]:
+    """The checker accepts a certificate with dead centres, and refuses it without them."""
+    certificate = singularities_certificate("four_bar", "41", ("45.5", "47.5"))
+    check(certificate)
+    for curve in certificate["curves"]:
         assert len(curve["input_stops"]) == 1
         curve["input_stops"].clear()
-    refuse(dead)
+    refuse(certificate)
 
 
 def test_the_input_is_clear_of_singularities_as_far_as_is_said():
+    """The proven clearance of an input is the distance (rad) to the nearest singularity.
+
+    It is compared with the analysis `singularities`. It never exceeds the proven range.
+    """
     mechanism = driven_at(sk.load("four_bar"), "41")
-    curves = over(
+    curves = curves_over_range(
         mechanism,
         wanted=find_output_pairs(read_decimals(mechanism)).values(),
     )
-    found = locate_singularities(curves)
+    proven = locate_singularities(curves)
     frame = sk.run(mechanism, "singularities", samples=3).frame("singularities")
     for q in np.radians([-100.0, 77.7]):
         gaps = np.abs(wrap(frame["q"].to_numpy() - q))
-        assert np.min(gaps) - 1e-6 < found.clearance(q) <= np.min(gaps)
-    part = locate_singularities(over(mechanism, ends=("70", "80")))
-    assert part.clearance(np.radians(71.0)) <= np.radians(1.0)
+        assert np.min(gaps) - 1e-6 < proven.clearance(q) <= np.min(gaps)
+    narrow = locate_singularities(curves_over_range(mechanism, ends=("70", "80")))
+    assert narrow.clearance(np.radians(71.0)) <= np.radians(1.0)
 
 
 @pytest.mark.parametrize(("name", "tolerance"), [("stephenson", 0.0), ("watt", 1e-6)])
 def test_equations_by_coefficients_are_off_by_less_than_is_said(name, tolerance):
-    # placing the links in balls is the other way to the same values
+    """Derivatives of arc equations from their coefficients have the stated error at most.
+
+    The expected values place the links in ball arithmetic, another way to the same
+    equations. An error is multiplied by the degree in each variable of the derivative.
+    """
     mechanism = sk.load(name)
     with working_precision(80):
-        wide = read_decimals(mechanism, tolerance=tolerance)
-        made = find_construction(wide.structure)
-        real, exactly = (
-            ArcEquations(wide, made).harmonics,
-            ArcEquations(read_decimals(mechanism), made),
-        )
-        degrees = made.degrees
-        for place in np.random.default_rng(6).uniform(-3.0, 3.0, (5, len(made.pairs))):
-            balls_of = exactly.evaluate([exact_ball(q) for q in place], 2)
-            made_of = real.derivatives(cosines_and_sines(place)[None], 2)
-            for balls, (got,) in zip(balls_of, made_of, strict=True):
-                for (k, *key), ball in np.ndenumerate(balls):
-                    off = abs(float(ball) - got[(k, *key)])
-                    assert off <= real.error[k] * np.prod([degrees[k, j] for j in key])
-        assert np.all(real.error < 100.0 * tolerance + 1e-12)
+        with_tolerance = read_decimals(mechanism, tolerance=tolerance)
+        construction = find_construction(with_tolerance.structure)
+        harmonics = ArcEquations(with_tolerance, construction).harmonics
+        exact = ArcEquations(read_decimals(mechanism), construction)
+        degrees = construction.degrees
+        random_angles = np.random.default_rng(6).uniform
+        for angles in random_angles(-3.0, 3.0, (5, len(construction.pairs))):
+            exact_derivatives = exact.evaluate([exact_ball(q) for q in angles], 2)
+            derivatives = harmonics.derivatives(cosines_and_sines(angles)[None], 2)
+            for expected, (values,) in zip(exact_derivatives, derivatives, strict=True):
+                for (equation, *variables), ball in np.ndenumerate(expected):
+                    error = abs(float(ball) - values[(equation, *variables)])
+                    factor = np.prod([degrees[equation, j] for j in variables])
+                    assert error <= harmonics.error[equation] * factor
+        assert np.all(harmonics.error < 100.0 * tolerance + 1e-12)
 
 
 @pytest.mark.slow
 def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
-    """The text in the certificate has the two links of the pair as one."""
+    """The certificate with a locked input has the modes of both inputs at those values.
+
+    In the certificate's text the two links of the locked pair are one.
+    """
     path = tmp_path / "certificate.json"
     assert main(["certify", "five_bar", "--lock", "51=80", "-o", str(path)]) == 0
     certificate = json.loads(path.read_text())
     assert certificate["complete"] and certificate["tolerance_rad"] == 1e-14
     check(certificate)
     five_bar = sk.load("five_bar")
-    written = read_decimals(five_bar)
+    decimals = read_decimals(five_bar)
     for q in ("60", "100", "130"):
-        held = certify_modes(written, (q, "80"))
+        held = certify_modes(decimals, (q, "80"))
         locked = loads(certificate["mechanism"], "locked")
         alone = certify_modes(read_decimals(locked), (q,))
         assert held.is_complete and alone.is_complete
@@ -245,24 +312,32 @@ def test_curves_with_an_input_locked_are_those_with_it_held(tmp_path):
 
 
 def test_rates_along_pieces_are_within_their_bounds():
-    curves = over("stephenson", "16", ("0", "60"))
-    moves = np.random.default_rng(3)
-    for piece in [piece for chain in curves.chains for piece in chain.pieces][::5]:
+    """First and second derivatives along curves are within the bounds of their pieces.
+
+    A piece is parametrized by the length s along its tangent t; its points are
+    centre + s t + N y with normals N. y(s) is found by Newton's method from the equations,
+    and differentiated implicitly.
+    """
+    curves = curves_over_range("stephenson", "16", ("0", "60"))
+    random = np.random.default_rng(3)
+    pieces = [piece for chain in curves.chains for piece in chain.pieces]
+    for piece in pieces[::5]:
         bounds = bound_rates(piece, piece.half_length)
-        t, normals = piece.frame[:, 0], piece.frame[:, 1:]
-        for s in moves.uniform(-piece.half_length, piece.half_length, 3):
+        tangent = piece.frame[:, 0]
+        normals = piece.frame[:, 1:]
+        for s in random.uniform(-piece.half_length, piece.half_length, 3):
             y = np.zeros(normals.shape[1])
             for _ in range(8):
-                place = cosines_and_sines(piece.centre + s * t + normals @ y)
-                made = curves.equations.harmonics.derivatives(place[None], 2)
-                values, slopes, curvatures = (part[0] for part in made)
-                y -= np.linalg.solve(slopes @ normals, values)
+                point = cosines_and_sines(piece.centre + s * tangent + normals @ y)
+                derivatives = curves.equations.harmonics.derivatives(point[None], 2)
+                values, jacobian, hessian = (part[0] for part in derivatives)
+                y -= np.linalg.solve(jacobian @ normals, values)
             assert np.max(np.abs(y)) <= piece.distance_bound
-            rate = t - normals @ np.linalg.solve(slopes @ normals, slopes @ t)
-            bent = np.einsum("ijl,j,l->i", curvatures, rate, rate)
-            bend = -normals @ np.linalg.solve(slopes @ normals, bent)
-            for value, low, high in (
-                (rate, bounds.rate_low, bounds.rate_high),
-                (bend, bounds.derivative_low, bounds.derivative_high),
-            ):
-                assert np.all(low <= value + 1e-12) and np.all(value <= high + 1e-12)
+            slope = np.linalg.solve(jacobian @ normals, jacobian @ tangent)
+            rate = tangent - normals @ slope
+            curvature = np.einsum("ijl,j,l->i", hessian, rate, rate)
+            second = -normals @ np.linalg.solve(jacobian @ normals, curvature)
+            assert np.all(bounds.rate_low <= rate + 1e-12)
+            assert np.all(rate <= bounds.rate_high + 1e-12)
+            assert np.all(bounds.derivative_low <= second + 1e-12)
+            assert np.all(second <= bounds.derivative_high + 1e-12)
