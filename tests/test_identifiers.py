@@ -55,7 +55,8 @@ def angle():
     return formulas("four_bar", ["theta_41"])
 
 
-def called(name, made=None):
+def named(name, made=None):
+    """Return formulas (by default of one angle) of a mechanism with another name."""
     made = made or angle()
     return replace(made, mechanism=replace(made.mechanism, name=name))
 
@@ -63,8 +64,8 @@ def called(name, made=None):
 POINT = ([1.0], [1.0], [])
 
 
-def expected():
-    """Return the results at one input in the mode of sign +1, by `evaluate`."""
+def expected_angle():
+    """Return the angle at one input in the mode of sign +1, by `sk.evaluate`."""
     modes = {mode.values: mode.number for mode in angle().modes}
     here = sk.evaluate("four_bar", 1.0, assembly_mode=modes[1.0,])
     return np.ravel(here.variable("theta_41"))[0]
@@ -74,17 +75,21 @@ def includes(*headers):
     return "".join(f"#include <{header}.h>\n" for header in headers)
 
 
-def distinct(rules, names=NAMES):
-    """Return names by what they are in a language: one file can hold them all."""
+def names_by_identifier(rules, names=NAMES):
+    """Return names by their identifiers, so that one file can hold all of them."""
     return {rules.identifier(name): name for name in names}
 
 
 @pytest.mark.skipif(not GCC, reason="there is no gcc")
 def test_sources_of_c_compile_beside_every_header(tmp_path):
-    """ISO C and POSIX come first, in the GNU dialect, which knows the most functions."""
+    """Sources of mechanisms with troublesome names compile beside standard headers.
+
+    ISO C and POSIX come first, in the GNU dialect, which knows the most functions. A
+    renamed mechanism is named in the comment; harmless names are kept.
+    """
     texts = []
-    for safe, name in distinct(identifiers.C_NAME_RULES).items():
-        texts.append(source(called(name), "c"))
+    for safe, name in names_by_identifier(identifiers.C_NAME_RULES).items():
+        texts.append(source(named(name), "c"))
         assert f"\nvoid {safe}(const double motion[], " in texts[-1]
         said = f"The mechanism {name} is called {safe} here" in words_of(texts[-1])
         assert said == (safe != name), name
@@ -103,9 +108,10 @@ def words_of(comment):
 @pytest.mark.slow
 @pytest.mark.skipif(not GPP, reason="there is no g++")
 def test_sources_of_cpp_compile_with_each_name(tmp_path):
+    """C++ sources of mechanisms with troublesome names compile in one file."""
     texts, calls = [], []
-    for safe, name in distinct(identifiers.CPP_NAME_RULES).items():
-        texts.append(source(called(name), "cpp"))
+    for safe, name in names_by_identifier(identifiers.CPP_NAME_RULES).items():
+        texts.append(source(named(name), "cpp"))
         calls.append(f"    {safe}_formulas::{safe}(q, m, q, r);")
         assert safe == name or name not in KEPT, name
     path = tmp_path / "x.cpp"
@@ -121,6 +127,9 @@ def test_sources_of_cpp_compile_with_each_name(tmp_path):
 
 @pytest.mark.skipif(not GCC, reason="there is no gcc")
 def test_every_function_and_macro_that_the_compiler_knows_is_renamed(tmp_path):
+    """No function or macro of GCC's headers is used as a name. GCC itself lists more than
+    1200.
+    """
     path, info = tmp_path / "all.c", tmp_path / "all.info"
     path.write_text(includes(*ISO, *POSIX))
     words = [GCC, "-std=c17", "-D_XOPEN_SOURCE=700"]
@@ -138,7 +147,10 @@ def test_every_function_and_macro_that_the_compiler_knows_is_renamed(tmp_path):
 
 @pytest.mark.skipif(not NODE, reason="there is no node")
 def test_modules_of_javascript_run_with_each_name(tmp_path):
-    """All names of a list, and whatever the interpreter has of its own."""
+    """JavaScript modules of mechanisms with troublesome names give the angle.
+
+    No global name of the interpreter, which lists them itself, is used.
+    """
     asked = (
         "const {runInNewContext} = require('vm');"
         "const own = runInNewContext('Object.getOwnPropertyNames(globalThis)');"
@@ -154,7 +166,7 @@ def test_modules_of_javascript_run_with_each_name(tmp_path):
     names = [*NAMES[::3], "then", "Math", "NaN", "undefined", "await", "let", *KEPT]
     functions = []
     for k, name in enumerate(names):
-        text = source(called(name), "js")
+        text = source(named(name), "js")
         functions += re.findall(r"^export function (\w+)\(", text, re.M)
         (tmp_path / f"m{k}.mjs").write_text(text)
     program = tmp_path / "run.mjs"
@@ -165,35 +177,36 @@ def test_modules_of_javascript_run_with_each_name(tmp_path):
         "  all.push(made[name]([1], [1], [])[0]);\n}\nconsole.log(JSON.stringify(all));\n"
     )
     done = subprocess.run([NODE, str(program)], check=True, capture_output=True, text=True)
-    np.testing.assert_allclose(json.loads(done.stdout), expected(), atol=1e-12)
+    np.testing.assert_allclose(json.loads(done.stdout), expected_angle(), atol=1e-12)
 
 
 def test_modules_of_python_run_with_each_name():
+    """Keywords and builtins are renamed; sources with troublesome names give the angle."""
     public = [name for name in dir(builtins) if not name.startswith("_")]
     for name in {*keyword.kwlist, *keyword.softkwlist, *public, "__import__", "__name__"}:
         assert identifiers.PYTHON_NAME_RULES.identifier(name) == f"m_{name}"
     for name in ("None", "lambda", "np", "zip", "MODES", "__name__", "4bar", *KEPT):
         space = {}
-        exec(compile(source(called(name), "python"), name, "exec"), space)
+        exec(compile(source(named(name), "python"), name, "exec"), space)
         function = space[identifiers.PYTHON_NAME_RULES.identifier(name)]
-        np.testing.assert_allclose(function(*POINT)[0], expected(), atol=1e-12)
+        np.testing.assert_allclose(function(*POINT)[0], expected_angle(), atol=1e-12)
         assert space["np"] is np and isinstance(space["MODES"], dict)
 
 
 def test_functions_of_casadi_have_names_that_casadi_allows():
-    """They are names that C has free, as CasADi writes C of the same names."""
+    """CasADi functions have names that CasADi and C allow, as CasADi writes C of them."""
     ca = pytest.importorskip("casadi", reason="it reads the source")
     for name in NAMES:
         safe = identifiers.CASADI_NAME_RULES.identifier(name)
         assert ca.Function.check_name(safe) and not identifiers.C_NAME_RULES.is_taken(safe)
     for name in ("int", "jac", "ca", "a__b", "_x", "lambda", "t0", "4bar", *KEPT):
         space = {}
-        exec(compile(source(called(name), "casadi"), name, "exec"), space)
+        exec(compile(source(named(name), "casadi"), name, "exec"), space)
         safe = identifiers.CASADI_NAME_RULES.identifier(name)
         function = space[safe]()
         assert function.name() == safe
         made = float(function(*POINT)[0])
-        np.testing.assert_allclose(made, expected(), atol=1e-12)
+        np.testing.assert_allclose(made, expected_angle(), atol=1e-12)
 
 
 @pytest.mark.parametrize("language", ["c", "js", "python"])
@@ -202,10 +215,13 @@ def test_functions_of_casadi_have_names_that_casadi_allows():
     ["shaped_cam", pytest.param("double_butterfly", marks=pytest.mark.slow)],
 )
 def test_sources_of_newtons_method_and_tables_take_any_name(mechanism, language, tmp_path):
-    """Three functions and the tables of a profile call each other by these names."""
+    """Sources with a step function or tables of profiles work with any name.
+
+    Their three functions call each other by names made from that of the mechanism.
+    """
     quick = {"c": "int sign_of", "js": "Math t0", "python": "np range"}[language]
     for name in quick.split():
-        text = source(called(name, tabled(mechanism)), language)
+        text = source(named(name, tabled(mechanism)), language)
         path = tmp_path / f"x.{language}"
         path.write_text(text)
         if language == "python":
@@ -230,7 +246,7 @@ def tabled(name):
 def test_reserved_words_of_julia_are_renamed():
     """Of the manual's list of keywords, and of the functions that a source calls."""
     words = re.findall(r"\w+", JULIA)
-    text = source(called("four_bar", tabled("shaped_cam")), "julia")
+    text = source(named("four_bar", tabled("shaped_cam")), "julia")
     functions = set(re.findall(r"\b([a-z]\w+)\(", text))
     own = {x for x in functions if x.startswith("four_bar")}
     for word in {*words, *functions} - own:
@@ -248,7 +264,7 @@ abstract mutable primitive type where
 def test_tables_of_controllers_compile_with_each_name(tmp_path):
     table = sk.coupling_table("four_bar", assembly_mode=0, samples=9, tolerance=0.5)
     path = tmp_path / "x.c"
-    names = distinct(
+    names = names_by_identifier(
         identifiers.C_NAME_RULES, [*NAMES[::4], "X", "r", "W", "f", "2", "émile"]
     )
     texts = [header(replace(table, mechanism=name)) for name in names.values()]
@@ -260,6 +276,7 @@ def test_tables_of_controllers_compile_with_each_name(tmp_path):
 
 
 def test_equal_names_are_told_apart_in_their_order():
+    """Repeated names get the suffixes _2, _3, ..., which avoid names in use."""
     assert unique_names(["a", "b", "a"]) == ["a", "b", "a_2"]
     assert unique_names(["a", "a", "a_2"]) == ["a", "a_3", "a_2"]
     assert unique_names(["a_2", "a", "a", "a"]) == ["a_2", "a", "a_3", "a_4"]
@@ -314,7 +331,11 @@ last = {{ kind = "spring", pair = "last", stiffness = 1.0 }}
 
 @pytest.mark.parametrize("ground, coupler", [("1", "world"), ("world", "3")])
 def test_models_of_equal_names_load_in_mujoco(ground, coupler, tmp_path):
-    """A link `world`, an output called as a load, loads called as an input."""
+    """A link "world" and equal names of outputs, loads and inputs get names of their own in
+    MJCF.
+
+    `ground` and `coupler` are the names of two links. The import gives the names again.
+    """
     mujoco = pytest.importorskip("mujoco", reason="it reads the model")
     file, path = tmp_path / "x.toml", tmp_path / "x.xml"
     file.write_text(FILE.format(name="crank", ground=ground, coupler=coupler))
@@ -331,6 +352,7 @@ def test_models_of_equal_names_load_in_mujoco(ground, coupler, tmp_path):
 
 @pytest.mark.slow
 def test_pages_of_reserved_names_move(browser, tmp_path):
+    """Pages of mechanisms named like JavaScript's own objects move without a message."""
     said = []
     tab = browser.new_page()
     tab.on("console", lambda message: said.append(message.text))

@@ -44,12 +44,12 @@ def scalar(text):
 
 
 def rows_of(text):
-    """Return what stands in the rows of a column or matrix, None if it is no such."""
+    """Return the rows of a printed column or matrix; None if a text is neither."""
     inside = re.fullmatch(r"\\begin\{pmatrix\}(.*)\\end\{pmatrix\}", text)
     return None if inside is None else inside[1].split(r" \\ ")
 
 
-def values(text):
+def printed_values(text):
     """Return the printed values of symbols: angles (rad), vectors and tensors."""
     found = {}
     for symbol, value, _ in VALUE.findall(text):
@@ -64,14 +64,14 @@ def values(text):
 
 
 @functools.cache
-def tree(text):
-    """Return what SymPy reads in a text of numbered symbols."""
+def parse_formula(text):
+    """Return the tree that SymPy reads from a formula of numbered symbols."""
     text = text.replace(r" \, ", r" \cdot ").replace(r"\times", r"\div")
     text = re.sub(r"\\(sin|cos|arctan) (x_\{\d+\})", r"\\\1\\left(\2\\right)", text)
     return parse_latex(re.sub(r"\\(left|right)\\?\|", "|", text))
 
 
-def cross(a, b):
+def cross_product(a, b):
     places = (1, 2), (2, 0), (0, 1)
     return mpmath.matrix([a[i] * b[j] - a[j] * b[i] for i, j in places])
 
@@ -84,8 +84,12 @@ def is_vector(x):
     return isinstance(x, mpmath.matrix)
 
 
-def evaluated(node, at):
-    """Return a tree's value: a number or a vector."""
+def evaluate_tree(node, at):
+    """Return the value of a tree, a number or a vector, for values of its symbols.
+
+    Between vectors a division stands for the cross product (see the module docstring), and
+    a product for the scalar one.
+    """
     if node.is_Symbol:
         return at[node.name]
     if node.is_Number:
@@ -94,7 +98,7 @@ def evaluated(node, at):
         made = mpmath.mpf(1)
         for factor in node.args:
             inverse = factor.is_Pow and factor.exp == -1
-            part = evaluated(factor.base if inverse else factor, at)
+            part = evaluate_tree(factor.base if inverse else factor, at)
             if is_vector(made) and made.cols == 3:
                 made = made * part
             elif is_vector(part):
@@ -102,11 +106,11 @@ def evaluated(node, at):
                 if both and not inverse:
                     made = (made.T * part)[0]
                 else:
-                    made = cross(made, part) if both else made * part
+                    made = cross_product(made, part) if both else made * part
             else:
                 made = made / part if inverse else made * part
         return made
-    parts = [evaluated(x, at) for x in node.args]
+    parts = [evaluate_tree(x, at) for x in node.args]
     if node.is_Add:
         return functools.reduce(lambda a, b: a + b, parts)
     if node.is_Pow:
@@ -118,10 +122,14 @@ def evaluated(node, at):
     )
 
 
-def computed(text, given):
-    """Return all symbols of a document with their values, from what it is given."""
+def evaluate_document(text, given):
+    """Return the values of all symbols of a document, by symbol.
+
+    `given` holds the values that are not printed: inputs, their rates, time and signs. The
+    printed formulas are evaluated in their order, in 40 digits.
+    """
     with mpmath.workdps(40):
-        known = {**values(text), **given}
+        known = {**printed_values(text), **given}
     rows = formulas(text)
     every = sorted({*known, *rows}, key=len, reverse=True)
     symbols = re.compile(
@@ -134,7 +142,7 @@ def computed(text, given):
             lambda found: names.setdefault(found[0], f"x_{{{len(names) + 1}}}"), right
         )
         at = {mark: known[symbol] for symbol, mark in names.items()}
-        return evaluated(tree(marked), at)
+        return evaluate_tree(parse_formula(marked), at)
 
     with mpmath.workdps(40):
         for left, right in rows.items():
@@ -161,8 +169,8 @@ LOADS = (
 RUBBING = ("crankshaft", "driving", "driven", "pin_32", "pin_43")
 
 
-def shaken(made, rng):
-    """Return a mechanism of other sizes, by a few degrees."""
+def with_random_sizes(made, rng):
+    """Return a mechanism whose sizes differ by up to 3 degrees."""
     sizes = made.geometry.links
 
     def other(numbers):
@@ -180,14 +188,16 @@ def mechanisms(rng):
         made = sk.load(name)
         made = made.with_loads(without=[x.name for x in made.loads if x.name in RUBBING])
         yield made
-        yield shaken(made, rng)
+        yield with_random_sizes(made, rng)
         if name == "stephenson":
-            yield shaken(made.with_loads(*LOADS), rng)
+            yield with_random_sizes(made.with_loads(*LOADS), rng)
     yield sk.load("eight_bar_12")
 
 
 def printed_poles(known):
-    """Yield what is printed of poles and coefficients, with their names and inputs."""
+    """Yield symbol, name of the pole, index of the moving input, and value of what is
+    printed.
+    """
     for symbol, value in known.items():
         found = POLE.fullmatch(symbol)
         if found:
@@ -197,8 +207,12 @@ def printed_poles(known):
             yield symbol, pole, int(moving or 1) - 1, value
 
 
-def compare(made, text, here, found, row):
-    """Hold what a document says at a row against the engine's poles and torques."""
+def largest_deviation(made, text, here, found, row):
+    """Return the largest deviation of a document's values from the engine's, at one row.
+
+    Angles of pairs, poles, coefficients and their derivatives, and torques are compared. A
+    pole and its coefficient may change sign together.
+    """
     inputs = here.input_pairs
     one = len(inputs) == 1
     ends = [""] if one else [f"_{{{k + 1}}}" for k in range(len(inputs))]
@@ -211,7 +225,7 @@ def compare(made, text, here, found, row):
         names = ("/".join(filter(None, x[1:5])) for x in POLE.findall(axes))
         triple = [here.direction(name, inputs[0])[row] for name in names]
         given[sign] = int(np.sign(np.linalg.det(triple)))
-    known = computed(text, given)
+    known = evaluate_document(text, given)
     off = []
     for pair, (a, b) in zip(made.pairs, made.ends, strict=True):
         both = (made.links[b], made.links[a])
@@ -246,6 +260,11 @@ def compare(made, text, here, found, row):
 @pytest.mark.many
 @pytest.mark.parametrize("number", range(12))
 def test_printed_formulas_give_what_the_engine_gives(number):
+    """Printed formulas, read by SymPy and evaluated in 40 digits, give the engine's
+    numbers.
+
+    The mechanisms (see `mechanisms`) are chains of dyads, as shipped and with other sizes.
+    """
     made = [*mechanisms(np.random.default_rng(number))][number]
     text = latex(made)
     several = len(made.inputs) > 1
@@ -255,12 +274,17 @@ def test_printed_formulas_give_what_the_engine_gives(number):
     here = sk.evaluate(made, inputs if several else inputs[:, 0])
     rows = np.flatnonzero(here.status == sk.Status.OK)
     assert len(rows) >= 4
-    off = [compare(made, text, here, found, row) for row in rows]
+    off = [largest_deviation(made, text, here, found, row) for row in rows]
     assert max(off) < 1e-12
 
 
 def four_bar_of_the_paper(q, p):
-    """Return what Di Gregorio 2024 prints of its four-bar, eqs. (22) to (26) and (15)."""
+    """Return the quantities of the four-bar that Di Gregorio 2024 prints, eqs. (15),
+    (22)-(26).
+
+    `q` is the input (rad), `p` (0 or 1) the assembly mode. Returned are theta_41, unit
+    vectors, velocity coefficients, and the parts of the effective inertia by link.
+    """
     a1, a2, a3, a4 = (mpmath.pi / x for x in (3, 9, mpmath.mpf(18) / 7, mpmath.mpf(9) / 2))
     sin, cos = mpmath.sin, mpmath.cos
     i1, j1, k1 = (mpmath.matrix(row) for row in np.eye(3).tolist())
@@ -273,15 +297,23 @@ def four_bar_of_the_paper(q, p):
     j2 = sin(q) * i1 + cos(q) * (sin(a1) * k1 - cos(a1) * j1)
     u32 = cos(a2) * u21 + sin(a2) * j2
     u43 = cos(a4) * k1 + sin(a4) * (sin(theta) * i1 - cos(theta) * j1)
-    i3, i4 = cross(u43, u32) / sin(a3), cross(u41, u43) / sin(a4)
-    poles = cross(cross(u41, u43), cross(u21, u32)), cross(cross(u21, u41), cross(u32, u43))
+    i3, i4 = cross_product(u43, u32) / sin(a3), cross_product(u41, u43) / sin(a4)
+    poles = (
+        cross_product(cross_product(u41, u43), cross_product(u21, u32)),
+        cross_product(cross_product(u21, u41), cross_product(u32, u43)),
+    )
     u31, u42 = (pole / mpmath.norm(pole) for pole in poles)
     dot = mpmath.fdot
     m3, m4 = (
-        dot(cross(u, u21), cross(v, u21)) / dot(cross(u, u21), cross(v, u))
+        dot(cross_product(u, u21), cross_product(v, u21))
+        / dot(cross_product(u, u21), cross_product(v, u))
         for u, v in ((u31, u32), (u41, u42))
     )
-    frames = (cross(j2, u21), j2, u21), (i3, cross(u32, i3), u32), (i4, cross(u43, i4), u43)
+    frames = (
+        (cross_product(j2, u21), j2, u21),
+        (i3, cross_product(u32, i3), u32),
+        (i4, cross_product(u43, i4), u43),
+    )
     masses = {mass.link: mpmath.matrix(mass.tensor) for mass in sk.load("four_bar").masses}
     parts = []
     for frame, m, u, tensor in zip(
@@ -296,10 +328,14 @@ def four_bar_of_the_paper(q, p):
 
 @pytest.mark.parametrize("p", [0, 1])
 def test_the_four_bar_of_the_paper_term_by_term(p):
+    """Each printed quantity of the four-bar has the value of the paper's formula.
+
+    Derivatives are numerical, in 40 digits. The torque is that of Eksergian's equation.
+    """
     text = latex(sk.load("four_bar"))
     q, dq, ddq = map(mpmath.mpf, ("0.9", "1.3", "-0.7"))
     given = {"q": q, r"\dot{q}": dq, r"\ddot{q}": ddq, "s_{1}": -((-1) ** p)}
-    known = computed(text, given)
+    known = evaluate_document(text, given)
     with mpmath.workdps(40):
         theta, vectors, ratios, parts = four_bar_of_the_paper(q, p)
         assert abs(mpmath.sin((theta - known[r"\theta_{41}"]) / 2)) < 1e-15
@@ -329,6 +365,9 @@ def test_the_four_bar_of_the_paper_term_by_term(p):
 
 
 def test_only_what_is_asked_for_is_printed():
+    """A document for one quantity has those of the formulas that it needs, in the same
+    words.
+    """
     made = sk.load("stephenson")
     whole, few = (formulas(latex(made, x)) for x in (None, ["velocity_coefficient_4_1"]))
     assert len(few) < 0.3 * len(whole) and set(few.items()) <= set(whole.items())
@@ -338,6 +377,8 @@ def test_only_what_is_asked_for_is_printed():
 
 
 def test_sizes_that_vary_stay_symbols():
+    """Sizes named in `vary` are symbols; with other values they give the changed mechanism.
+    """
     made = sk.load("universal_joint")
     keys = ["links.3.arc", "links.4.arc", "mass.3.tensor.0.0"]
     with pytest.raises(sk.SpherekitError, match="not a symbol"):
@@ -347,7 +388,7 @@ def test_sizes_that_vary_stay_symbols():
     other = made.with_sizes(angle_unit="deg", arcs={"3": 80.0, "4": 75.0})
     given = {"q": mpmath.mpf("0.4"), "s_{1}": -1, r"\dot{q}": 0, r"\ddot{q}": 1}
     arcs = {rf"\alpha_{{{k}}}": mpmath.radians(x) for k, x in ((3, 80), (4, 75))}
-    known = computed(text, given | arcs)
+    known = evaluate_document(text, given | arcs)
     here = sk.evaluate(other, 0.4)
     assert np.min(np.abs(here.variable("41") - float(known[r"\theta_{41}"]))) < 1e-12
     assert r"\cos \alpha_{3}" in text and r"\cos \alpha_{2}" not in text
