@@ -91,15 +91,16 @@ class SensitivityResult:
     Attributes
     ----------
     sensitivity
-        The quantities and sizes.
+        The names of the quantities and sizes, and the functions that compute them.
     values
         (c, n) values of the quantities.
     gradients
         (sizes, c, n) derivatives of the quantities by the sizes.
     shares
-        (sizes, c, n) parts of the variance that the sizes cause.
+        (sizes, c, n) fraction of the variance of a quantity that the deviation of a size
+        causes; all fractions add up to 1. NaN if the quantity depends on no size.
     tolerances
-        The deviations of the quantities.
+        Standard deviations and worst cases of the quantities.
     """
 
     sensitivity: Sensitivity

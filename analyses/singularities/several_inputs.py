@@ -175,21 +175,25 @@ class SeveralInputs:
     def first_edge_and_halvings(self) -> tuple[float, int]:
         """Edge length (rad) of the first mesh of surfaces, and number of its halvings.
 
-        The edges of the first mesh are halved so often that they have the length `mesh` at
-        the end. The length 0 means that no surfaces are computed.
+        The singular configurations of a mechanism with three inputs are surfaces in the
+        space of its pair variables. Each is covered by a coarse mesh of triangles, whose
+        edges are then halved. If the analysis has a length `mesh`, edges have this length
+        after the last halving. By default the first mesh is as coarse as is allowed, and is
+        halved as often as is allowed. The length 0 means that no surfaces are computed.
         """
-        # Ranges of the inputs (rad).
+        edge_length = self.mesh
+        if edge_length == 0.0:
+            return 0.0, 0
+        # Ranges of the inputs (rad). The narrowest one has to contain several edges.
         widths = [
             abs(driven_input.stop - driven_input.start)
             for driven_input in self.batch.mechanism.inputs
         ]
         longest = min(LONGEST_EDGE_RAD, min(widths) / EDGES_PER_RANGE)
-        if self.mesh is None:
+        if edge_length is None:
             return longest, MAX_EDGE_HALVINGS
-        if not self.mesh:
-            return 0.0, 0
-        halvings = int(np.clip(np.log2(longest / self.mesh), 0, MAX_EDGE_HALVINGS))
-        return self.mesh * 2**halvings, halvings
+        halvings = int(np.clip(np.log2(longest / edge_length), 0, MAX_EDGE_HALVINGS))
+        return edge_length * 2**halvings, halvings
 
     @cached_property
     def points(self) -> Columns:

@@ -52,12 +52,24 @@ class ImportedFile:
     def __init__(
         self, where: str, foreign_model: ForeignModel, max_distance: float | None
     ) -> None:
-        """Find links, pairs, masses and loads, and write all tables and comments."""
+        """Find links, pairs, masses and loads, and make all tables and comments.
+
+        Parameters
+        ----------
+        where
+            The file of the model, for messages.
+        foreign_model
+            The model.
+        max_distance
+            Distance (m) by which axes may miss the centre of the sphere, None for the
+            default.
+        """
         self._where = where
         self._foreign_model = foreign_model
         self._linkage = ImportedLinkage(where, foreign_model, max_distance)
-        self._contact_comments: dict[str, str] = {}
         self._dynamics = ImportedDynamics(self._linkage)
+        # Comments on rolling contacts, which `_make_tables` adds.
+        self._contact_comments: dict[str, str] = {}
         tables = self._make_tables()
         self.content = {name: table for name, table in tables.items() if table}
         pair_comments = self._linkage.pair_comments | self._contact_comments

@@ -217,7 +217,7 @@ class BisectedMesh:
 
 
 def bisect_triangles(points: Floats, triangles: Indices, is_marked: Bools) -> BisectedMesh:
-    """Return the mesh in which marked triangles are cut into four.
+    """Return the mesh on the unit sphere in which marked triangles are cut into four.
 
     Their neighbours are cut into two to four, so that no vertex is in the middle of an edge
     (newest vertex bisection, W. F. Mitchell 1989, in the array form of S. Funken,
@@ -226,11 +226,12 @@ def bisect_triangles(points: Floats, triangles: Indices, is_marked: Bools) -> Bi
     Parameters
     ----------
     points, triangles
-        (V, 3) vertices and (T, 3) triangles. The first edge of each triangle is the one
-        that is cut first.
+        (V, 3) vertices, which are unit vectors, and (T, 3) triangles. The first edge of
+        each triangle is the one that is cut first.
     is_marked
         (T,) triangles to cut.
     """
+    # (E, 2) vertices of each edge, and (T, 3) numbers of the edges of each triangle.
     edges, sides = list_edges(triangles)
     is_cut = np.zeros(len(edges), dtype=bool)
     is_cut[sides[is_marked]] = True
@@ -238,12 +239,22 @@ def bisect_triangles(points: Floats, triangles: Indices, is_marked: Bools) -> Bi
     # neighbours until nothing changes.
     while np.any(must_cut := is_cut[sides].any(axis=1) & ~is_cut[sides[:, 0]]):
         is_cut[sides[must_cut, 0]] = True
+    # Numbers (E,) of the new vertices. Those of edges that are not cut have no meaning, and
+    # are not used.
     midpoint_of_edge = len(points) - 1 + np.cumsum(is_cut)
+    # The middles of the arcs over the edges.
     midpoints = unit_rows(points[edges[is_cut]].sum(axis=1))
     points = np.concatenate([points, midpoints])
 
-    # Vertices n1, n2, n3 and midpoints m1, m2, m3 of the edges 12, 23, 31. The first edge
-    # of every child is opposite to its newest vertex.
+    # Vertices n1, n2, n3 and midpoints m1, m2, m3 of the edges 12, 23, 31:
+    #
+    #            n3
+    #           /  \
+    #         m3    m2
+    #         /      \
+    #       n1 - m1 - n2
+    #
+    # The vertices of a child are in the order of its first edge, then its newest vertex.
     n1, n2, n3 = triangles.T
     m1, m2, m3 = midpoint_of_edge[sides].T
     first_cut, second_cut, third_cut = is_cut[sides].T
@@ -264,6 +275,7 @@ def bisect_triangles(points: Floats, triangles: Indices, is_marked: Bools) -> Bi
         child(second_cut, n3, m1, m2),
     ]
     triangles = np.concatenate(parts)
+    # The number of the old triangle, or -1 for the parts of triangles that were cut.
     origin = np.full(len(triangles), -1)
     origin[: len(uncut)] = uncut
     return BisectedMesh(points, triangles, origin)

@@ -85,17 +85,21 @@ class DyadPlacement:
 
 @dataclass(frozen=True)
 class AxisSource:
-    """The pair and link from which the axis of a pair is known first.
+    """Where the axis of a requested pair of a link is known first, as links are placed.
 
-    The axes of several pairs of a link can coincide. One of these pairs may join the link
-    to a link that is placed earlier, from which the axis is already known.
+    The axes of two pairs of a link can coincide. If the other pair joins this link to a
+    link that was placed before, the axis is known from there.
 
     Attributes
     ----------
-    pair, link
-        Numbers of the pair and of its link.
+    pair
+        Number of the pair whose axis is known: the requested one, or one whose axis
+        coincides with it.
+    link
+        Number of the link, one of the two that this pair joins, that is placed first.
     sense
-        1 if both axes point in the same direction, -1 if they are opposite.
+        1 if the axis of this pair has the direction of the requested axis, -1 if it has the
+        opposite direction.
     """
 
     pair: int

@@ -456,16 +456,19 @@ class MidPlaneArchitecture:
     def rotation_about(
         self, start: Floats, axis: Floats, angle: float, modes: Floats
     ) -> FollowedRotation:
-        """Return the rotation of the end effector about an axis in its mid-plane.
+        """Return the rotation of the end effector about an axis in the mid-plane.
 
-        If the start is singular, the path begins shortly before it.
+        The end effector is the mirror image of the base in the mid-plane. If this plane
+        turns about an axis in itself, the image turns about the same axis by twice the
+        angle. If the start is singular, the path begins shortly before it.
 
         Parameters
         ----------
         start
-            (3,) unit normal of the mid-plane at the start, in mirror axes.
+            (3,) unit normal of the mid-plane at the start, in mirror axes: the axes of the
+            base in which the formulas of the mid-plane are simplest.
         axis
-            (3,) unit vector in the axes of the base.
+            (3,) unit vector in the axes of the base, at right angles to the normal.
         angle
             Angle of the rotation (rad).
         modes
@@ -483,9 +486,14 @@ class MidPlaneArchitecture:
             rotation = rotation_about_axis(self.frame.T @ axis, [-0.5 * lead])
             # (1, 3) normal of the mid-plane at the beginning of the path.
             normals = rotation @ start
-            (values,), _ = self.values(self.place(normals, modes))
+            (start_values,), _ = self.values(self.place(normals, modes))
             return follow_rotation(
-                self.mechanism, values, axis, angle, output=self.output.name, lead=lead
+                self.mechanism,
+                start_values,
+                axis,
+                angle,
+                output=self.output.name,
+                lead=lead,
             )
 
         try:

@@ -439,9 +439,11 @@ class TargetDeviation:
     def rates(self, axis: Floats) -> TargetRates:
         """Return the derivatives of the variables while the target turns about an axis.
 
-        If the output link follows the target exactly, its rotation gives three equations in
-        addition to those of the loops. They may determine the links even where the loops
-        alone do not.
+        The target orientation turns about the axis by the angle theta. The derivatives are
+        those by theta. If the output link follows the target exactly, its rotation gives
+        three equations in addition to those of the loops. They may determine the links even
+        where the loops alone do not. Otherwise the configurations remain those with the
+        smallest angle between the output link and its target (nearest configurations).
 
         Parameters
         ----------
@@ -450,13 +452,15 @@ class TargetDeviation:
             ones.
         """
         # 1. Velocity equations: the loops stay closed, and the output link turns at 1
-        # rad per rad of theta about the axis.
+        # rad per rad of theta about the axis. The pseudo-inverse gives the rates with the
+        # smallest misfit.
         velocity_right = np.zeros(self.system.shape[:2])
         velocity_right[:, -3:] = axis
         first = np.matvec(self.system_inverse, velocity_right)
         velocity_misfit = np.matvec(self.system, first) - velocity_right
 
-        # 2. Acceleration equations: system @ second + (its change) @ first = 0.
+        # 2. Acceleration equations: system @ second + system_change @ first = 0. The second
+        # term is known: system_change is the change of both Jacobians at the rates `first`.
         loop_bias, output_bias = self._velocity_biases(first, self._vector_rates(first))
         acceleration_right = -np.concatenate([loop_bias, output_bias], axis=1)
         second = np.matvec(self.system_inverse, acceleration_right)
@@ -465,7 +469,8 @@ class TargetDeviation:
         # therefore taken relative to their size.
         acceleration_misfit /= 1.0 + max_abs(acceleration_right, axis=1)[:, None]
 
-        # 3. Where these equations have no solution, the nearest configurations move.
+        # 3. The output link follows the target if both equations have a solution. Elsewhere
+        # the derivatives are those of the nearest configurations.
         misfit = max_abs(np.hstack([velocity_misfit, acceleration_misfit]), axis=1)
         follows = ~self._is_off_target & (misfit < ON_TARGET_RAD)
         if not np.all(follows):

@@ -98,8 +98,8 @@ class _Bodies:
     Attributes
     ----------
     within
-        (n, 3, 3) for each link: rotations from its axes to those of its body, in quad
-        precision.
+        For each link the rotations (n, 3, 3) from its axes to those of its body, in quad
+        precision. A body has the axes of one of its links.
     values
         (n, variables) pair variables (rad) in quad precision, NaN as long as they are
         unknown.
@@ -220,24 +220,29 @@ class QuadAssembly:
         )
 
     def _place_input_bodies(self, q: Floats) -> _Bodies:
-        """Return the bodies before any group is placed.
+        """Return the bodies before any group of links is placed.
 
-        Links that input pairs join are one body, because the inputs q (n, inputs), in rad,
-        fix their relative orientations.
+        Groups are placed one after another. At the beginning, links that input pairs join
+        are one body, because the inputs q (n, inputs), in rad, fix their relative
+        orientations. All numbers are computed in quad precision (33 digits).
         """
         n = len(q)
         mechanism = self.mechanism
-        identity = np.broadcast_to(np.eye(3).astype(quad()), (n, 3, 3))
+        quad_type = quad()
+        # Rotations from the axes of each link to those of its body. A body has the axes of
+        # its first link.
+        identity = np.broadcast_to(np.eye(3).astype(quad_type), (n, 3, 3))
         within = dict.fromkeys(range(len(mechanism.links)), identity)
-        values = np.full((n, len(mechanism.variable_owners)), np.nan).astype(quad())
+        values = np.full((n, len(mechanism.variable_owners)), np.nan).astype(quad_type)
         # An R pair has one variable.
         for pair, input_values in zip(self.assembly.inputs, q.T, strict=True):
             (variable,) = mechanism.variables_of(pair)
-            values[:, variable] = input_values.astype(quad())
-        # Each branch of the tree is an input pair, a link that is placed in its body, and
-        # the link that the pair adds to it.
+            values[:, variable] = input_values.astype(quad_type)
+        # The tree begins at the first link of each body. Each of its branches is an input
+        # pair, a link that is placed in its body, and the link that the pair adds to it.
+        first_link_of_body = self.assembly.bodies
         branches = find_spanning_tree(
-            mechanism.ends, start=self.assembly.bodies, pairs=self.assembly.inputs
+            mechanism.ends, start=first_link_of_body, pairs=self.assembly.inputs
         )
         for pair, parent, child in branches:
             # R_second = R_first F_first Z(angle) F_second^T.
@@ -251,6 +256,8 @@ class QuadAssembly:
                 within[parent],
                 first_from_second if is_forward else transpose_matrices(first_from_second),
             )
+        # `error` is the error of the rotations if the inputs are exact, `rounding` that of
+        # the inputs, which are float64 numbers.
         return _Bodies(
             within=within,
             values=values,

@@ -206,7 +206,7 @@ class DecimalMechanism(DecimalGeometry):
                 columns[coupler_pair] = name, sense / centre_float(radius.sin())
         return columns
 
-    def with_meshes(self) -> "DecimalMechanism":
+    def with_gear_meshes(self) -> "DecimalMechanism":
         """Return the mechanism with its meshes of wheels and with the followers.
 
         A mesh is a rolling contact of two wheels, with the link that carries both. The
@@ -348,7 +348,11 @@ class DecimalMechanism(DecimalGeometry):
 def read_decimals(
     mechanism: Mechanism, document: Document | None = None, tolerance: float = 0.0
 ) -> DecimalMechanism:
-    """Return a mechanism with the decimal sizes of its file.
+    """Return a mechanism whose sizes are the decimal numbers that its file has.
+
+    A size such as 0.1 is not a float64 number. Proofs are for the mechanism as its file is
+    written, so sizes are read as exact decimals. If the mechanism has wheels, the contacts
+    in which they roll on each other (meshes) are added.
 
     Parameters
     ----------
@@ -358,21 +362,24 @@ def read_decimals(
         The parsed file of the mechanism. By default the mechanism is written as a file and
         read again.
     tolerance
-        Bound (rad) of the error of all sizes.
+        Bound (rad) of the difference between true sizes and those of the file.
 
     Raises
     ------
     PlanError
-        If a contact is not one of circles, if circles roll by amounts that do not follow
-        from the inputs, or if the tolerance is negative or large.
+        If a profile of a contact is not a circle, if circles roll by amounts that do not
+        follow from the inputs, or if the tolerance is negative or large.
     """
     structure = extract_structure(mechanism)
     if not 0.0 <= tolerance < 0.1:
         raise PlanError(f"a tolerance of {tolerance} rad makes no sense; give 1e-9, say")
     if document is None:
         document = parse(dumps(mechanism), mechanism.name)
-        # The written file describes the same mechanism. A mechanism with data of the user
-        # may compare as different.
-        assert read(document) == mechanism or mechanism.user
+        # The written file has to describe the same mechanism. A mechanism with data of the
+        # user may compare as different, so it is not compared.
+        has_user_data = bool(mechanism.user)
+        assert has_user_data or read(document) == mechanism
     decimal_mechanism = DecimalMechanism(mechanism, document, tolerance, structure)
-    return decimal_mechanism.with_meshes() if structure.wheels else decimal_mechanism
+    if structure.wheels:
+        return decimal_mechanism.with_gear_meshes()
+    return decimal_mechanism

@@ -553,16 +553,18 @@ def solve_one_unknown(polynomials: Polynomials) -> ChartRoots:
 def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) -> Bools:
     """Return for which rows all roots are good and proven different from each other.
 
-    A row is one choice of the given variables. A root is written as a fraction a / b, so
-    that a root at infinity has b = 0 and is like any other. Two roots a / b and c / d
-    differ if |a d - b c| exceeds its largest change within the error radii.
+    A row is one choice of the given variables. A coordinate of a root, z or 1 / z, is
+    written as a fraction a / b: as z / 1 or 1 / z with |z| <= 1. A root at infinity has
+    b = 0 and is like any other. Two roots a / b and c / d differ if |a d - b c|, their
+    gap, exceeds its largest change within the error radii.
 
     Parameters
     ----------
     roots
-        The approximate roots, `count` of each row, one row after the other.
+        The n = m count approximate roots of m rows, one row after the other.
     radius
-        (n,) distance bound of each root from its approximation.
+        (n,) bound of the distance of the coordinates z of each root from those of its
+        approximation.
     is_good
         (n,) whether a root counts.
     count
@@ -575,7 +577,10 @@ def are_distinct(roots: ChartRoots, radius: Floats, is_good: Bools, count: int) 
     radii = radius.reshape(-1, count)
     first = radii[:, :, None]
     second = radii[:, None]
-    # Change of the homogeneous difference |a d - b c| within both radii.
+    # One of a and b is 1 and exact, the other has an error of at most its radius r, and
+    # neither is larger than 1. The same is true of c and d, with the radius s. The gap
+    # therefore changes by at most r + s + r s. The factor 1.5 is more than necessary, and
+    # 1e-14 is more than the rounding error of a gap.
     limit = 1.5 * (first + second + first * second) * ROUND_UP + 1e-14
     is_apart = (roots.pairwise_gaps(count) > limit) | np.eye(count, dtype=bool)
     return np.all(is_apart, axis=(1, 2)) & np.all(is_good.reshape(radii.shape), axis=1)

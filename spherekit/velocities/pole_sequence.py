@@ -116,9 +116,13 @@ class PlannedPoles:
 
         The pole of bodies i and j lies on the great circle through the poles of i and k and
         of j and k, for any third body k. It also lies in the contact plane of a sliding
-        pair between i and j. The route "first" takes the first two great circles. Otherwise
-        the circle with the smallest error is chosen at each row, and then the circle that
-        has the most accurate intersection with it.
+        pair between i and j, which contains the point of contact and is at right angles to
+        the common tangent of the profiles. The route "first" takes the first two great
+        circles. Otherwise the circle with the smallest error is chosen at each row, and
+        then the circle that has the most accurate intersection with it.
+
+        The error of an intersection is the sum of the errors of both normals, divided by
+        the sine of the angle between them.
 
         Parameters
         ----------
@@ -128,12 +132,15 @@ class PlannedPoles:
         i, j = step.pole
         n = len(self.motion)
         rows = np.arange(n)
-        known_poles = [(pole_of(i, k), pole_of(j, k)) for k in step.via]
+        # Two known poles on each great circle: P_ik and P_jk.
+        known_pole_pairs = [(pole_of(i, k), pole_of(j, k)) for k in step.via]
         normals = [
-            cross_columns(self.directions[a], self.directions[b]) for a, b in known_poles
+            cross_columns(self.directions[a], self.directions[b])
+            for a, b in known_pole_pairs
         ]
+        # The axis of a sliding pair is the common tangent, the normal of the contact plane.
         normals += [self._pair_axis(pair) for pair in step.contacts]
-        normal_errors = [self.errors[a] + self.errors[b] for a, b in known_poles]
+        normal_errors = [self.errors[a] + self.errors[b] for a, b in known_pole_pairs]
         normal_errors += [np.zeros(n)] * len(step.contacts)
 
         count = 2 if self.route == "first" else len(normals)
@@ -142,9 +149,12 @@ class PlannedPoles:
         circles = np.stack(normals[:count])
         length = norm_columns(circles)
         errors = (np.stack(normal_errors[:count]) + EPS) / np.maximum(length, EPS)
-        # (n,) index of the first circle. If there are only two circles, they keep their
-        # order. The sense of the pole is then that of the plan.
-        first = np.argmin(errors, axis=0) * (len(errors) > 2)
+        # (n,) index of the first circle. Two circles keep their order in all rows, because
+        # their order decides the sign of the pole, their cross product.
+        first = np.zeros(n, dtype=np.intp)
+        if count > 2:
+            first = np.argmin(errors, axis=0)
+        # An index array beside `rows` gives (n, 3), which is transposed.
         first_normal = circles[first, :, rows].T
         # The sines of the angles between the first circle and all circles.
         sine = norm_columns(cross_columns(first_normal, circles))
