@@ -285,17 +285,21 @@ class DesignEvaluator:
         computes all of them at once.
         """
         links_of_four_bar = four_bar_links(self.mechanism)
+        # Without a kernel, designs are analysed one by one.
         if links_of_four_bar is None or self.kernel is None:
             return None
         varied_mechanism = self.varied_mechanism
+        # `compute_arcs` is a function of the sizes (sizes, n) of n designs. It returns the
+        # arcs (links, n), in rad, of all links with two axes.
         links, compute_arcs = arc_function(varied_mechanism.make_expressions())
         values_in_rad_and_si = values * varied_mechanism.unit_scales[:, None]
         # `size_variables` lists which variables are sizes of links.
         link_sizes = values_in_rad_and_si[varied_mechanism.size_variables]
-        # The function takes all sizes of the kernel: those of links, and then numbers of
-        # masses and loads. Arcs do not depend on the latter, so that zeros stand for them.
+        # Its first arguments are the sizes of links. The others, numbers of masses and
+        # loads, have no influence on arcs, and are zero here.
         other_count = len(varied_mechanism.nominal_sizes) - len(link_sizes)
-        sizes = np.pad(link_sizes, ((0, other_count), (0, 0)))
+        other_sizes = np.zeros((other_count, values.shape[1]))
+        sizes = np.concatenate([link_sizes, other_sizes])
         arc_of_link = dict(zip(links, compute_arcs(sizes), strict=True))
         # The arcs of fixed link, input, coupler and output.
         return class_of(*(arc_of_link[link] for link in links_of_four_bar))

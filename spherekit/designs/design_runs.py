@@ -485,7 +485,9 @@ class DesignRuns:
         if "status" in rows:
             overflows = rows["status"] == Status.OVERFLOW.name
             if np.any(np.isnan(values) & overflows):
-                # A figure of the other rows would be wrong. A kernel gives infinity, too.
+                # A row with this status is NaN, because a number in it is too large for
+                # float64. Its true value may be the largest one of all rows, which the
+                # other rows do not tell. A figure that a kernel computes is infinite, too.
                 return np.inf
         input_columns = ["q", *(f"q_{item.pair}" for item in self.study.mechanism.inputs)]
         present_columns = [name for name in input_columns if name in rows]
@@ -498,12 +500,14 @@ class DesignRuns:
                 f"{merit.name}: at needs {counted(q.shape[1], 'input')}, not "
                 f"{len(merit.point)}"
             )
-        # "argmin" and "argmax" return the value of the input that the user has named.
+        # "argmin" and "argmax" return the value of an input where the expression is
+        # smallest or largest. Of several inputs the user has named one (`place`).
         input_index = 0
-        if f"q_{merit.place}" in present_columns:
-            input_index = present_columns.index(f"q_{merit.place}")
+        place_column = f"q_{merit.place}"
+        if place_column in present_columns:
+            input_index = present_columns.index(place_column)
         is_closed_path = len(q) > 0 and return_after_revolutions(q[0], q[-1])
-        # A figure at given inputs uses only the row at these inputs.
+        # "at" returns the value at given inputs (`point`), so it uses only their row.
         is_used = np.ones(len(q), bool)
         if merit.point:
             is_used = max_abs(q - merit.point, axis=1) < SAME_ANGLE_RAD

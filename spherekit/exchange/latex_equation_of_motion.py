@@ -241,6 +241,9 @@ class EquationOfMotion:
     ) -> Expr:
         """Write a vector by its components along axes of a link, and return their symbol.
 
+        The equation of motion is a list of formulas, to which this adds one: a symbol and
+        the three components.
+
         Parameters
         ----------
         letter
@@ -254,8 +257,10 @@ class EquationOfMotion:
         """
         if vector == 0.0:
             return 0.0
+        # The symbols of the axes i, j, k of the link.
         frame = self._positions.link_frames[link]
         if any(axis is vector for axis in frame):
+            # The vector is the symbol of an axis: one component is 1, the others are 0.
             components: list[Expr] = [float(axis is vector) for axis in frame]
         else:
             components = [inner_product(axis, vector) for axis in frame]

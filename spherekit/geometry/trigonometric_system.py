@@ -452,22 +452,25 @@ def _eliminate(
     systems: Indices,
     starts_per_root: int,
 ) -> None:
-    """Solve some systems by elimination and store complete solutions in `angles`.
+    """Solve some systems by elimination, and store the solutions of those that succeed.
 
     The eliminant is a polynomial in e^(ix), x the first angle. Each of its roots gives the
-    first angle of a solution, and starts of Newton's method for the others.
+    first angle of a solution, and starts of Newton's method for the others. A system
+    succeeds if Newton's method leads to as many different solutions as there are roots.
 
     Parameters
     ----------
     angles
-        (n, 2 degree, t) array that is changed in place.
+        (n, 2 degree, t) angles (rad) of the solutions of n systems, changed in place. The
+        degree is that of the eliminant, which has twice as many roots.
     equations, incidence
         The systems, and which of their equations contain which angles, as in
         `find_all_angles`.
     systems
         (k,) indices of the systems to solve.
     starts_per_root
-        Starts of Newton's method for each root, those with the smallest residuals.
+        Number of starts of Newton's method for each root. Of all possible starts, those
+        with the smallest residuals are taken.
     """
     if len(systems):
         roots = _find_eliminant_roots(equations[systems], incidence).roots

@@ -89,7 +89,9 @@ class Gravity(Load):
 
     kind = "gravity"
     field_kinds = MappingProxyType({"acceleration": "vector"})
-    velocity_unit = "N m"  # of the moments of the weights; the magnitude is the number 1
+    # A load is a magnitude times moments on links. Here the magnitude is the number 1, and
+    # the moments of the weights have the unit.
+    velocity_unit = "N m"
 
     name: str
     acceleration: Vector
@@ -97,8 +99,9 @@ class Gravity(Load):
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
         """Check the acceleration, and that all moving links with inertia have a weight.
 
-        `key` is the key of the load in the file of the mechanism, for messages. A moving
-        link without mass and centre of mass raises a `ModelError`.
+        `key` is the key of the load in the file of the mechanism, for messages. A
+        `ModelError` is raised if no moving link has an inertia, or if one has a tensor of
+        inertia without mass and centre of mass.
         """
         super().check(key, mechanism)
         moving = [mass for mass in mechanism.masses if mass.link != mechanism.ground]
@@ -115,7 +118,11 @@ class Gravity(Load):
             )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return one component: the weights of all moving links as moments on the links."""
+        """Return one component: the weights of all moving links as moments on the links.
+
+        A component is an expression for its magnitude, here "1", with moments that are
+        multiplied by it.
+        """
         weights = []
         for mass in mechanism.masses:
             if mass.link != mechanism.ground:

@@ -701,8 +701,9 @@ def _close_mode(
     near
         (n, 3, 3) orientations of the output link from whose turns Newton's method starts.
     signs
-        The sign of each dyad, then that of the closing link. Poses at which the method
-        arrives at the other sign have the status MODE_LOST.
+        The sign of each dyad, then that of the closing link. The latter is the sign of the
+        slope of the residual at the root: its derivative by the turn. Poses at which the
+        method arrives at a root with the other sign have the status MODE_LOST.
     """
     dyad_signs = signs[:-1]
     link_sign = signs[-1]
@@ -714,14 +715,20 @@ def _close_mode(
 
     status = mode.status.copy()
     is_in_reach = status != Status.OUT_OF_REACH
-    # Later statuses replace earlier ones.
-    status[is_in_reach & (np.abs(slope) < SINGULAR_DYAD_SINE)] = Status.AT_SINGULARITY
-    status[is_in_reach & (slope * link_sign <= 0.0)] = Status.MODE_LOST
+    # Later statuses replace earlier ones. Where the slope is almost 0, two roots are about
+    # to meet. It has no unit, and the limit for the sine of a dyad applies to it as well.
+    is_singular = np.abs(slope) < SINGULAR_DYAD_SINE
+    has_other_sign = slope * link_sign <= 0.0
+    status[is_in_reach & is_singular] = Status.AT_SINGULARITY
+    status[is_in_reach & has_other_sign] = Status.MODE_LOST
     # The residual divided by the slope is the next step of Newton's method (rad), an
     # estimate of the error of the turn.
     is_closed = (residual < CLOSING_RESIDUAL) & (
         residual < TURN_STEP_TOLERANCE_RAD * np.abs(slope)
     )
     status[is_in_reach & ~is_closed] = Status.NOT_CONVERGED
-    state = ClosingLinkState(closing_link.residual_rate(mode), directions, status)
+    # The slope is the rate of the residual for a turn alone. Rates of the inputs need the
+    # rate of the residual for any angular velocity of the output.
+    residual_rate = closing_link.residual_rate(mode)
+    state = ClosingLinkState(residual_rate, directions, status)
     return replace(mode, closing_link=state)

@@ -195,15 +195,18 @@ class TargetDeviation:
     def _jacobian_split(self) -> JacobianSplit:
         """The closure Jacobian J, split by its singular value decomposition.
 
-        At a regular configuration J has the rank r = variables - degrees of freedom. The
-        pseudo-inverse uses the r largest singular values. The right singular vectors of the
-        others are the motions that keep the loops closed (null space).
+        At a regular configuration J has the rank r = variables - degrees of freedom of the
+        mechanism, which are as many as its inputs. The pseudo-inverse uses the r largest
+        singular values. The right singular vectors of the others are the motions that keep
+        the loops closed (null space).
         """
-        rank = self.values.shape[1] - self.output_link.degrees_of_freedom
+        variable_count = self.values.shape[1]
+        rank = variable_count - self.output_link.degrees_of_freedom
         left_vectors, singular_values, right_vectors = np.linalg.svd(
             self.linearisation.jacobian
         )
         regular = singular_values[:, :rank]
+        # At singular configurations some of these are zero, and quotients not finite.
         with np.errstate(all="ignore"):
             inverse = transpose(right_vectors[:, :rank]) / regular[:, None]
             inverse = inverse @ transpose(left_vectors)[:, :rank]

@@ -299,7 +299,8 @@ def ordered_pole(
     mechanism
         The mechanism.
     pole
-        Text such as ``3/1``, or the numbers or names of two links, in this order.
+        Text such as ``3/1``, or the numbers or names of two links, in this order. The slash
+        of a text may be left out if only one pole can be meant: ``31``.
 
     Raises
     ------
@@ -307,15 +308,19 @@ def ordered_pole(
         If a link is unknown, or both are the same.
     """
     names = mechanism.links
-    if isinstance(pole, str):
-        # `parse_pole` returns the smaller number first. The text shows the order.
-        link_a, link_b = parse_pole(mechanism, pole)
-        rising_texts = names[link_a] + names[link_b], f"{names[link_a]}/{names[link_b]}"
-        return (link_a, link_b) if pole in rising_texts else (link_b, link_a)
-    # Two numbers or names become a text. Numbers that are no links stay in it, and are
-    # reported by `parse_pole`.
-    words = [names[k] if isinstance(k, int) and 0 <= k < len(names) else k for k in pole]
-    return ordered_pole(mechanism, "/".join(map(str, words)))
+    if not isinstance(pole, str):
+        # Two numbers or names become a text. Numbers that are no links stay in it, and are
+        # reported by `parse_pole`.
+        words = [
+            names[k] if isinstance(k, int) and 0 <= k < len(names) else k for k in pole
+        ]
+        pole = "/".join(map(str, words))
+    # `parse_pole` returns the smaller number first. The text shows the order.
+    smaller, larger = parse_pole(mechanism, pole)
+    smaller_name = names[smaller]
+    larger_name = names[larger]
+    is_rising = pole in (f"{smaller_name}/{larger_name}", smaller_name + larger_name)
+    return (smaller, larger) if is_rising else (larger, smaller)
 
 
 def roman_numeral(number: int) -> str:

@@ -75,7 +75,9 @@ class Batch:
     _pole_fields: PoleFields = field(repr=False)
     _angles: ContinuedAngles = field(default_factory=dict, repr=False)
     timed: bool = False
+    # The position analysis of the run, which `tracer` gives to analyses.
     _tracer: PositionAnalysis | None = field(default=None, repr=False)
+    # Lowest and highest inputs, and input rates, of the whole run.
     _run_extents: list[Floats] | None = field(default=None, repr=False)
     _results: dict[Hashable, Any] = field(default_factory=dict, repr=False)
 

@@ -206,7 +206,8 @@ class RunPlan:
         motion
             The configurations of the block.
         pole_fields
-            The poles of the block, for each input that moves while the others are locked.
+            The poles of the block. With several inputs, poles are those of motions in which
+            one input moves while the others are locked: one field for each moving input.
         continued_angles
             Variables (rad) without jumps of whole revolutions, by pair.
         """

@@ -296,12 +296,15 @@ def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) ->
 
     Returns
     -------
-    (n, 3) unit vectors, NaN if all three axes are on one line. Each vector points to the
-    side of that of the row before, so that they are continuous along a curve of
-    configurations.
+    (n, 3) unit vectors, NaN if all three axes are on one line. Each plane has two opposite
+    normals. The one at an acute angle with the normal of the row before is taken, so that
+    the vectors are continuous along a curve of configurations.
     """
+    # "ir" is the axis of the input: that of link i relative to its reference r. `sine` is
+    # that of the largest angle between two of the three axes.
     normals, sine = poles.plane((output_name, "ir", third_name))
     normals[~(sine > ONE_LINE_SINE)] = np.nan
+    # Rows without a plane are passed over.
     rows = np.flatnonzero(all_finite(normals, 1))
     cosines = np.vecdot(normals[rows[1:]], normals[rows[:-1]])
     reversals = np.where(cosines < 0.0, -1.0, 1.0)

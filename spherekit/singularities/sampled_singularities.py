@@ -236,10 +236,13 @@ class SampledSingularities:
             The input (rad).
         """
         arc_curve = self.curves[curve]
-        # If the range consists of k whole periods, inputs that differ by k periods count as
-        # the same. Otherwise (k infinite) only q itself counts. The range of a simulation
-        # is not the range of the pieces, so that any number of periods is allowed (k = 1).
-        periods_of_range = 1 if self.is_simulation else self.whole_range(curve) or np.inf
+        # If the range consists of k whole periods, inputs that differ by a multiple of k
+        # periods count as the same. If it is no whole number of periods, only q itself
+        # counts, so k is infinite: n % inf is 0 only for n = 0. A simulation has no range,
+        # so any number of periods is allowed (k = 1).
+        periods_of_range: float = 1
+        if not self.is_simulation:
+            periods_of_range = self.whole_range(curve) or np.inf
         input_offset = float(arc_curve.at(s).values[0, self._driven]) - q
         # A piece of a closed curve may begin in the lap before and end in the lap after.
         laps = (0, 1, -1) if arc_curve.closed else (0,)

@@ -174,12 +174,14 @@ def _ground_moment(
     components
         (3,) the force or the moment.
     """
-    # The moment of a force is the cross product of its arm and the force.
+    # The moment of a force is the cross product of its arm and the force. The rotation from
+    # link axes to ground axes is the product basis @ within.
     if axes != "ground":
         moment = components if arm is None else cross(vector(list(arm)), components)
         return orientation.basis @ (constants(orientation.within) @ moment)
     if arm is None:
         return components
+    # An arm with a size that varies is an expression, whose length is no number.
     if not all(isinstance(entry, float) for entry in arm):
         return cross(orientation.direction(vector(list(arm))), components)
     # `direction` makes entries of a unit vector exact that differ from 0 or 1 by rounding,

@@ -337,12 +337,16 @@ class PageMaker:
         return [pair for pair in wound_pairs(self._mechanism) if pair not in self._inputs]
 
     def _turn_facts(self, pair: str) -> Facts:
-        """Return the input at which the whole turns of a passive pair are zero.
+        """Return what the page needs to count the whole turns of a passive pair.
+
+        The angle of a pair is computed in (-pi, pi] and continued along a mode by whole
+        turns. They are counted from the input at which they are zero by definition, the
+        anchor. The anchor and the period are the same for all passive pairs.
 
         Returns
         -------
-        The name of the pair, this input (rad) as `anchor`, and the `period` (rad) of the
-        input after which all configurations return, None if they never do.
+        The name of the pair, the `anchor` (rad), and the `period` (rad) of the input after
+        which all configurations return, None if they never do.
         """
         solver = PositionSolver(self._mechanism, assembly_by_count_or_rank(self._mechanism))
         (anchor,) = solver.anchor
