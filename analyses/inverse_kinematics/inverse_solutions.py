@@ -282,7 +282,7 @@ class InverseSolutions:
 
         The first page shows the poses on the sphere, coloured by their number of solutions,
         and the mechanism in each solution. The second one shows the poses coloured by the
-        angle to a singularity.
+        angle to a singularity. It is left out if no pose has a solution.
         """
         solutions = self.solutions
         legend = self._legend()

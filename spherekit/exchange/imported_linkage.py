@@ -67,7 +67,8 @@ class ImportedLinkage:
     Attributes
     ----------
     link_by_body
-        Link of each body of the model, then the added links themselves.
+        Number of the link of each body of the model, then the numbers of added links. The
+        number of a link is that of one of its bodies; the ground is 0.
     links
         Numbers of the links that have pairs, the ground first.
     pairs
@@ -134,6 +135,7 @@ class ImportedLinkage:
         one. Otherwise it is called ground.
         """
         if link not in self._name_by_link:  # names are chosen at the first call and kept
+            # The number of a link is that of one of its bodies.
             text = self.foreign_model.body_names[link]
             if link == 0:
                 # Bodies of the file that are fixed to the world, without their own

@@ -230,7 +230,7 @@ class MidPlane:
         modes = np.ones(len(self.arcs))
         for driven_modes in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
             modes[self.driven] = driven_modes
-            elbows, _ = self.elbows(normals, modes)
+            elbows, _heights = self.elbows(normals, modes)
             inputs_by_mode[driven_modes] = self.readings(elbows)[:, self.driven]
         return inputs_by_mode
 

@@ -287,7 +287,7 @@ class MidPlaneArchitecture:
         -------
         (n, links, 3, 3) rotations from the axes of each link to those of the base.
         """
-        elbows, _ = self.plane.elbows(normals, modes)
+        elbows, _heights = self.plane.elbows(normals, modes)
         link_count = len(self.mechanism.links)
         rotations = nans((len(normals), link_count, 3, 3))
         rotations[:, 0] = np.eye(3)
@@ -411,7 +411,7 @@ class MidPlaneArchitecture:
         The message names the nearest mid-plane inside.
         """
         # The reach does not depend on the mode, so all signs are 1.
-        elbows, _ = self.plane.elbows(normal[None], np.ones(len(self.legs)))
+        elbows, _heights = self.plane.elbows(normal[None], np.ones(len(self.legs)))
         short_legs = np.flatnonzero(np.isnan(elbows[0, :, 0])).tolist()
         if short_legs:
             nearest_normal = self.plane.nearest(normal, SUGGESTION_MARGIN_RAD)
@@ -486,7 +486,7 @@ class MidPlaneArchitecture:
             rotation = rotation_about_axis(self.frame.T @ axis, [-0.5 * lead])
             # (1, 3) normal of the mid-plane at the beginning of the path.
             normals = rotation @ start
-            (start_values,), _ = self.values(self.place(normals, modes))
+            (start_values,), _residuals = self.values(self.place(normals, modes))
             return follow_rotation(
                 self.mechanism,
                 start_values,

@@ -331,7 +331,7 @@ class _MidPlaneCurveSearch:
         -------
         (n,) determinants, NaN where a leg does not reach.
         """
-        values, _ = self.form.values(self.form.place(normals, signs))
+        values, _residuals = self.form.values(self.form.place(normals, signs))
         determinants = nans(len(normals))
         rows = np.flatnonzero(all_finite(values, 1))
         jacobian = self.locus.closure.at(values[rows]).jacobian
@@ -362,7 +362,7 @@ class _MidPlaneCurveSearch:
             Why the curve is singular, as text.
         """
         # Pair variables (n, pairs) of the configurations with these mid-planes.
-        values, _ = self.form.values(self.form.place(normals, signs))
+        values, _residuals = self.form.values(self.form.place(normals, signs))
         linearisation = self.locus.tangent_space(values).linearisation
         constraint = self.locus.constraint.equations(linearisation)
         equations = np.hstack([linearisation.jacobian, constraint])

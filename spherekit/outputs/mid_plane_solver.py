@@ -104,7 +104,7 @@ class MidPlaneKinematics(ClosedKinematics):
         modes = np.array(self.modes)
         is_mode = driven_signs[:, None] == modes[:, plane.driven]
         row, mode = np.nonzero(np.all(is_mode, axis=2))
-        values, _ = form.values(form.place(normals[row], modes[mode]))
+        values, _residuals = form.values(form.place(normals[row], modes[mode]))
         is_closed = np.isfinite(values).all(axis=1)
         row = row[is_closed]
         mode = mode[is_closed]
@@ -145,7 +145,7 @@ class _MidPlaneMode:
 
     def cosine(self, one: int, other: int) -> Floats:
         """Return the cosine (n,) of the angle between the axes of two pairs."""
-        elbows, _ = self._elbows
+        elbows, _heights = self._elbows
         one_axis = self.form.axis(one, self.normals, elbows)
         other_axis = self.form.axis(other, self.normals, elbows)
         return np.broadcast_to(np.vecdot(one_axis, other_axis), len(self.directions))
@@ -161,7 +161,7 @@ class _MidPlaneMode:
     @property
     def inputs(self) -> Floats:
         """(n, inputs) rad in (-pi, pi], NaN out of reach."""
-        elbows, _ = self._elbows
+        elbows, _heights = self._elbows
         return self.form.plane.readings(elbows)[:, self.driven]
 
     @property
@@ -208,7 +208,7 @@ class _MidPlaneMode:
     @property
     def type_2(self) -> Floats:
         """(n,) measure of type II, 0 where the output can move with locked inputs."""
-        elbows, _ = self._elbows
+        elbows, _heights = self._elbows
         return self.form.transmission(self.normals, elbows)
 
     @cached_property

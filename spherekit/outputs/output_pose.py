@@ -401,7 +401,7 @@ class PoseFinder:
         ]
         values = []
         for mode in modes:
-            mode_values, _ = form.values(form.place(normals, mode))
+            mode_values, _residuals = form.values(form.place(normals, mode))
             values.append(mode_values)
         labels = [label_of(mode) for mode in modes]
         return self._make_candidates(np.concatenate(values), labels)

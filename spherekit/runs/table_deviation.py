@@ -109,7 +109,7 @@ def compute_deviations(
             scale = 1.0
             if not is_absolute(column):
                 scale = _find_scale(largest_by_unit, column.unit)
-            differences, compared = _subtract(
+            differences, reference_count = _subtract(
                 column, columns[column.name], reference_columns[column.name]
             )
             deviations.append(
@@ -117,8 +117,8 @@ def compute_deviations(
                     column=f"{table.name}.{column.name}",
                     error=max(max_abs(differences) / scale, EPS),
                     scale=scale,
-                    compared=compared,
-                    missing=compared - len(differences),
+                    compared=reference_count,
+                    missing=reference_count - len(differences),
                 )
             )
     return deviations
@@ -167,16 +167,18 @@ def _subtract(column: Column, values: Floats, reference: Floats) -> tuple[Floats
     differences
         (k,) differences in the rows in which both are finite. Empty if the numbers of rows
         differ.
-    compared
+    reference_count
         Number of finite reference values.
     """
     has_reference = np.isfinite(reference)
-    compared = int(np.sum(has_reference))
+    reference_count = int(np.sum(has_reference))
     if len(values) != len(reference):
-        return np.zeros(0), compared
+        return np.zeros(0), reference_count
     has_both = has_reference & np.isfinite(values)
     differences = values[has_both] - reference[has_both]
-    return wrap(differences) if column.unit == "rad" else differences, compared
+    if column.unit == "rad":
+        differences = wrap(differences)
+    return differences, reference_count
 
 
 def find_largest_deviation(deviations: Sequence[Deviation]) -> Deviation | None:

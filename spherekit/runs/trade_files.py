@@ -24,8 +24,9 @@ TRADE_FILE = "trade.json"
 def describe_run(study: Study, analysis: AbstractAnalysis) -> Facts:
     """Return the facts about a run on which the measured times and errors depend.
 
-    They are stored with measurements for the run (a trade), so that these are not used for
-    another run. All values can be written as JSON.
+    A trade is a set of measurements: the time and the error of each setting of a run. The
+    facts are stored with it, so that it is not used for another run. All values can be
+    written as JSON.
 
     Parameters
     ----------

@@ -303,7 +303,8 @@ class DesignExpressions:
                 f"{nearest(name, table) or '.'} Quantities: {listing(table)}"
             )
         # The table has the name and the arguments of the method of this class that returns
-        # the quantity, and the index of a component if that is a vector.
+        # the quantity, and the index of a component if that is a vector. The method of an
+        # ambiguous name is `refuse_ambiguous_name`.
         row_quantity = table[name]
         value = getattr(self, row_quantity.method)(*row_quantity.arguments)
         if row_quantity.component is None:
