@@ -51,24 +51,32 @@ the limit of the reach are lost because of rounding errors.
 # ---- AT_SINGULARITY: whether the inputs determine the motion
 
 SINGULAR_RATIO = 1e-11
-"""Smallest relative singular value of the closure Jacobian of a row with rates.
+"""Smallest relative singular value of the closure Jacobian with which rates are accepted
+that are computed from sizes rounded to float64.
 
-Rows with a smaller one are AT_SINGULARITY. The error of rates is about the rounding
-error 2e-16 divided by this value. Ten times larger: rows whose rates have four correct
-digits lose them. Ten times smaller: rates with three correct digits are returned,
-unless `MAX_RATE_ERROR` excludes them.
+Mechanisms of R pairs without redundant constraints: rows with a smaller value are
+computed again from the decimal sizes, and `MAX_RATE_SENSITIVITY` decides. Other
+mechanisms: such rows are AT_SINGULARITY. The error of rates is about the rounding error
+2e-16 divided by this value. Larger: rates with more correct digits are rejected.
+Smaller: rates with fewer correct digits are returned, unless `MAX_RATE_ERROR` excludes
+them.
 """
 
 SINGULAR_DYAD_SINE = 1e-6
 """Sine of a dyad at its dead centre below which half of the digits are lost.
 
-Such rows are solved in quad precision and are AT_SINGULARITY. Larger: more rows near
-dead centres have this status, and no rates. Smaller: rates with fewer correct digits
-are returned.
+Mechanisms of R pairs without redundant constraints: such rows are solved again in quad
+precision. They are OK unless the rounding error of the inputs reaches the dead centre.
+Larger: more rows are solved again, with the same status. Smaller: angles with fewer
+correct digits are returned. Other mechanisms and inverse kinematics: such rows are
+AT_SINGULARITY. Larger: more rows have this status, and no rates.
 """
 
 SINGULAR_GROUP_CONDITION = 1e-6
 """The same for the reciprocal condition number of a group that is not a dyad.
+
+Its rows, too, are solved again in quad precision if all pairs are R pairs and no
+constraint is redundant.
 
 It is a number of its own because the sine of a dyad is known in closed form, with its
 error, while a condition number is computed from the Jacobian.
@@ -133,16 +141,28 @@ singular. Smaller: rows in that gap are MODE_LOST.
 MAX_RATE_RESIDUAL = 1e-10
 """Largest residual of solved velocity or acceleration equations, relative to their terms.
 
-Equations with a larger residual contradict each other, and their rows are
-AT_SINGULARITY. Larger: rows with contradicting equations are accepted. Smaller:
-rounding counts as a contradiction.
+Equations with a larger residual contradict each other. Mechanisms of R pairs without
+redundant constraints: their rows are computed again from the decimal sizes. Other
+mechanisms: they are AT_SINGULARITY. Larger: rows with contradicting equations are
+accepted. Smaller: rounding counts as a contradiction.
 """
 
 MAX_RATE_ERROR = 1e-2
 """Largest relative error bound of angular velocities and their derivatives in an OK row.
 
-Rows with a larger bound are AT_SINGULARITY. Larger: rates are returned nearer to
-singularities, with fewer correct digits.
+Rows with a larger bound from float64 sizes are computed again from the decimal sizes,
+if all pairs are R pairs and no constraint is redundant. They are AT_SINGULARITY if that
+bound is larger too. Larger: rates are returned nearer to singularities, with fewer
+correct digits. Smaller: rows of other mechanisms are AT_SINGULARITY.
+"""
+
+MAX_RATE_SENSITIVITY = 1e12
+"""Largest norm of the inverse velocity equations (rad of a variable per rad by which
+loops open) of a row whose rates are computed from the decimal sizes.
+
+Rows with a larger norm are AT_SINGULARITY. At a dead centre, the norm is about the
+reciprocal of the distance in the pair variables. Larger: rows nearer to a singularity
+have rates. Smaller: more rows are AT_SINGULARITY.
 """
 
 # ---- Reasons for the end of a path: AT_SINGULARITY, CURVATURE, OFF_PROFILE or MODE_LOST

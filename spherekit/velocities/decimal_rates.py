@@ -25,14 +25,11 @@ from spherekit.positions.motion import Motion
 from spherekit.positions.quad_positions import QuadAssembly
 from spherekit.positions.quad_rotations import rotate_vectors
 from spherekit.status import Status
-from spherekit.tolerances import EPS
+from spherekit.tolerances import EPS, MAX_RATE_SENSITIVITY
 
 PLACEMENT_ERROR_RAD = 1e-30
 """Error bound of the orientation of a link in quad precision: some thousand rounding
 errors."""
-LARGEST_SENSITIVITY = 1e12
-"""Largest norm of the inverse velocity equations, in rad of a variable per rad by which
-loops open. Rates of rows with a larger norm are not known."""
 
 
 @dataclass(frozen=True)
@@ -282,7 +279,7 @@ def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> D
         Number of the input pair that moves at unit rate.
     is_known
         (n,) whether the configuration of a row is known. Rows whose velocity equations are
-        nearly singular (`LARGEST_SENSITIVITY`) become unknown in the result.
+        nearly singular (`MAX_RATE_SENSITIVITY`) become unknown in the result.
     axes
         (n, pairs, 3) unit axes of all pairs in ground axes, in quad precision.
     """
@@ -325,7 +322,7 @@ def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> D
     # error. These bounds are much too large, but with 33 digits that does no harm.
     inverse = left_inverse(passive_equations.astype(float))
     sensitivity = np.linalg.norm(inverse, axis=(1, 2))
-    is_known = is_known & (sensitivity < LARGEST_SENSITIVITY)
+    is_known = is_known & (sensitivity < MAX_RATE_SENSITIVITY)
     largest_rate = np.max(np.abs(rates.astype(float)), axis=1)
     largest_change = np.max(np.abs(changes.astype(float)), axis=1)
     axis_error = 2.0 * count**2 * sensitivity * PLACEMENT_ERROR_RAD + PLACEMENT_ERROR_RAD
