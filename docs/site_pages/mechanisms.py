@@ -73,7 +73,7 @@ Drag the sphere to turn it and the ringed knob to drive the input; what else mov
 
 ## Table
 
-Which pole axis is found in which pass ([how the planner thinks](../../planner.md)):
+Which pole axis is found in which pass ([the planner](../../planner.md)):
 
 ```text
 {table}
