@@ -8,6 +8,8 @@ const CLOSED = 1e-9;                       // closure residual (rad); after one 
 const FARTHEST = 0.35;                     // largest change (rad) of a variable in one step along a mode
 const LARGEST_RESIDUAL = 4;                // closure residual (rad) beyond which Newton's method has failed
 const NEWTON_STEPS = 12;
+const MAX_ZERO_STEPS = 24;                 // of false position
+const ZERO_TOLERANCE = 1e-12;              // width of the interval around a zero, in the unit of its ends
 const START_HALVINGS = 7;                  // of the way to other inputs or sizes, from a known configuration
 const CURVE_HALVINGS = 5;                  // of the step between samples of a curve
 
@@ -18,23 +20,30 @@ function evaluateKernel(kernel, q, places, sizes, result = new Float64Array(kern
   return kernel.at(kernel.motion(q, turns), places, sizes, result);
 }
 
-// The last number with a property between one that has it and one that has not, by bisection.
-
+/** Returns the last number with a property between one that has it and one that has not, by bisection. */
 function bisect(good, bad, hasProperty, halvings = 40) {
   for (let k = 0; k < halvings; k++) {
     const middle = 0.5 * (good + bad);
-    if (hasProperty(middle)) good = middle; else bad = middle;
+    if (hasProperty(middle)) good = middle;
+    else bad = middle;
   }
   return good;
 }
 
-// A zero of a function f between a and b, at which it has the values fa and fb of unlike signs. This
-// is false position with Illinois' rule: the value at an end that remains is halved.
-
+/**
+ * Returns a zero of a function f between a and b, at which it has the values fa and fb of unlike signs.
+ * This is false position with Illinois' rule: the value at an end that remains is halved.
+ */
 function findZero(a, b, fa, fb, f) {
-  for (let k = 0; k < 24 && Math.abs(b - a) > 1e-12; k++) {
-    const x = (a * fb - b * fa) / (fb - fa), fx = f(x);
-    if (!(fx * fb > 0)) { a = b; fa = fb; } else fa *= 0.5;
+  for (let k = 0; k < MAX_ZERO_STEPS && Math.abs(b - a) > ZERO_TOLERANCE; k++) {
+    const x = (a * fb - b * fa) / (fb - fa);
+    const fx = f(x);
+    if (fx * fb > 0) {
+      fa *= 0.5;
+    } else {
+      a = b;
+      fa = fb;
+    }
     b = x;
     fb = fx;
     if (fx === 0) break;
@@ -72,11 +81,13 @@ class SignedMode {
 
 // Other modes are followed by Newton's steps, from a known configuration.
 
+/** Returns the numbers a part (0 to 1) of the way from a to b. */
 function interpolate(a, b, part) {
   return a.map((x, k) => x + part * (b[k] - x));
 }
 
-function closeLoops(q, places, sizes) {    // changes the places; whether Newton's method converges
+/** Changes the places so that the loops close. Returns whether Newton's method converges. */
+function closeLoops(q, places, sizes) {
   const motion = rows.motion(q);
   for (let k = 0; k < NEWTON_STEPS; k++) {
     const residual = rows.step(motion, places, sizes);
@@ -86,10 +97,11 @@ function closeLoops(q, places, sizes) {    // changes the places; whether Newton
   return false;
 }
 
-// The state {q, places, sizes, row} at other inputs and sizes that continues a known one; null if
-// there is none. The way is halved up to `halvings` times if variables change by too much. A change
-// of sign of the determinant would be another mode.
-
+/**
+ * Returns the state {q, places, sizes, row} at other inputs and sizes that continues a known one; null
+ * if there is none. The way is halved up to `halvings` times if variables change by too much. A change
+ * of sign of the determinant would be another mode.
+ */
 function followState(known, q, sizes, halvings = CURVE_HALVINGS) {
   const places = Float64Array.from(known.places);
   const isNear = () => places.every((x, k) => Math.abs(x - known.places[k]) < FARTHEST);
@@ -98,7 +110,8 @@ function followState(known, q, sizes, halvings = CURVE_HALVINGS) {
     if (determinant === undefined || row[determinant] * known.row[determinant] > 0) return {q, places, sizes, row};
   }
   if (!halvings) return null;
-  const middleInputs = interpolate(known.q, q, 0.5), middleSizes = interpolate(known.sizes, sizes, 0.5);
+  const middleInputs = interpolate(known.q, q, 0.5);
+  const middleSizes = interpolate(known.sizes, sizes, 0.5);
   const middle = followState(known, middleInputs, middleSizes, halvings - 1);
   return middle && followState(middle, q, sizes, halvings - 1);
 }
@@ -145,7 +158,8 @@ class FollowedMode {
   }
   sample(over, inputsAlong, q, sizes) {    // as sampleFeasibleRanges, with a point at each end of the mode
     const states = this.along(over, inputsAlong, q, sizes);
-    const points = [], ends = [];
+    const points = [];
+    const ends = [];
     states.forEach((state, k) => {
       const isBorder = k && !state !== !states[k - 1];
       if (isBorder) {
@@ -169,24 +183,33 @@ class FollowedMode {
   }
 }
 
-function modeTitle({number, name}) {       // the name in the file, or the number and the signs of the dyads
+/** Returns the name of a mode in the file, or its number and the signs of its dyads. */
+function modeTitle({number, name}) {
   const lastPart = name.split(", ").at(-1);
   const isSigns = /^[-+~]*$/.test(lastPart);
   return isSigns ? `mode ${number} ${lastPart.replaceAll("-", "−").replaceAll("~", "")}`.trim() : lastPart;
 }
 
 const KindOfMode = !rows.about.closed_form ? FollowedMode : model.crossings ? SmoothMode : SignedMode;
-const modes = rows.about.modes.map((mode, k) => Object.assign(new KindOfMode(mode), {number: k, name: modeTitle(mode), curve: null}));
+const modes = rows.about.modes.map((modeFacts, number) => {
+  const mode = new KindOfMode(modeFacts);
+  return Object.assign(mode, {number, name: modeTitle(modeFacts), curve: null});
+});
 
-// A curve of a mode: its results at the samples, the ends of its ranges, and the inputs at which
-// its outputs rest.
-
+const POLE_FACTOR = 10;                    // times the median size of a coefficient; larger ones are near infinity
 const SAMPLES = rows.about.closed_form ? 181 : 121;
 
+/** Returns equally spaced inputs (rad) over a range, with both ends. */
 function inputGrid({from, to}, count) {
   return Array.from({length: count}, (_, k) => from + (k * (to - from)) / (count - 1));
 }
 
+/**
+ * Computes the curve of a mode along the input `over`, with the other inputs at `q` (rad).
+ * @returns The curve: rising inputs `x` and rows `values` (null in gaps) of the samples, and the inputs
+ *   at which ranges end (`ends`), modes meet (`meets`) and outputs rest (`rests`), with the ranges
+ *   `beyond` joint limits.
+ */
 function sampleCurve(mode, over, q, sizes) {
   const {points, ...marks} = mode.sample(over, inputGrid(inputs[over], SAMPLES), q, sizes);
   const curve = {over, x: points.map(({x}) => x), values: points.map(({row}) => row), ...marks};
@@ -198,28 +221,33 @@ function sampleCurve(mode, over, q, sizes) {
   return curve;
 }
 
-// Inputs at which the velocity coefficient of an output passes through zero, but not those at which
-// it changes its sign at infinity.
-
+/**
+ * Returns the inputs (rad) at which the velocity coefficient of an output passes through zero, but not
+ * those at which it changes its sign at infinity: near these, it is far larger than usual.
+ */
 function findRests(mode, q, sizes, {over, x, values}) {
   const rests = [];
   for (const name of model.coefficients[over]) {
-    const index = rows.place.get(name), column = values.map(row => (row ? row[index] : NaN));
-    const limit = 10 * medianSize(column) + 1;
+    const index = rows.place.get(name);
+    const column = values.map(row => (row ? row[index] : NaN));
+    const limit = POLE_FACTOR * medianSize(column) + 1;
     const coefficient = value => {
-      const qThere = q.with(over, value), row = mode.state(qThere, sizes)?.row;
-      return row ? signedAt(mode, qThere, sizes, row)[index] : NaN;
+      const inputsThere = q.with(over, value);
+      const row = mode.state(inputsThere, sizes)?.row;
+      return row ? signedAt(mode, inputsThere, sizes, row)[index] : NaN;
     };
     for (let n = 1; n < x.length; n++) {
-      const [a, b] = [column[n - 1], column[n]];
-      const isSmall = Math.max(Math.abs(a), Math.abs(b)) <= limit;
-      if (a * b < 0 && isSmall) rests.push(findZero(x[n - 1], x[n], a, b, coefficient));
+      const before = column[n - 1];
+      const after = column[n];
+      const isSmall = Math.max(Math.abs(before), Math.abs(after)) <= limit;
+      if (before * after < 0 && isSmall) rests.push(findZero(x[n - 1], x[n], before, after, coefficient));
     }
   }
   return rests.filter(Number.isFinite);
 }
 
-function medianSize(numbers) {             // of the absolute values of finite numbers
+/** Returns the median of the absolute values of finite numbers. */
+function medianSize(numbers) {
   const sizes = Float64Array.from(numbers.filter(Number.isFinite), Math.abs).sort();
   return sizes.length ? sizes[sizes.length >> 1] : 0;
 }

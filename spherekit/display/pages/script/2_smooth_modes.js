@@ -5,10 +5,10 @@
 // on the sizes: they are found again for the sizes on the page. A piece is {from, places}: the
 // signs from an input on.
 
-const COMPARED_AT = 1e-3;                  // rad from a crossing at which curves are compared
-const LONGEST_COMPARISON = 0.1;            // the same as a part of the way to the crossing
-const CLEARLY = 0.1;                       // part of the next best deviation that the best one may be
-const SAME_PLACE = 1e-9;                   // components of directions that differ by less are equal
+const COMPARISON_STEP_RAD = 1e-3;          // from a crossing at which curves are compared
+const LARGEST_STEP_PART = 0.1;             // the same at most, as a part of the way to the crossing
+const CLEAR_PART = 0.1;                    // part of the next best deviation that the best one may be
+const SAME_COMPONENT = 1e-9;               // components of directions that differ by less are equal
 const MAY_BE_IN_LINE = 1e-3;               // the squared triple product of a dyad beside a crossing is less
 
 const placeColumns = [...picture.place].filter(([name]) => /^(axis|orientation)_/.test(name)).map(([, k]) => k);
@@ -21,11 +21,14 @@ class SmoothMode {
     this.passed = [];                      // inputs at which the mode goes on along its smooth curve
     this.unclear = [];                     // inputs at which it keeps its signs, as the curve is not clear
   }
+  /** Finds the pieces again if the sizes have changed. */
   settle(sizes) {
     if (sizes === this.sizes) return;
-    if (sizes.length !== this.sizes.length || !this.pieces.length || sizes.some((x, k) => x !== this.sizes[k])) this.findPieces(sizes);
+    const hasSameSizes = sizes.length === this.sizes.length && sizes.every((size, k) => size === this.sizes[k]);
+    if (!hasSameSizes || !this.pieces.length) this.findPieces(sizes);
     this.sizes = sizes;
   }
+  /** Returns the signs of the mode at an input (rad). */
   placesAt(x, sizes) {
     this.settle(sizes);
     return this.pieces.findLast(({from}) => !(x < from)).places;  // of an input NaN, any
@@ -41,44 +44,57 @@ class SmoothMode {
     this.settle(sizes);
     return sampleFeasibleRanges(x => this.rowAt(q.with(over, x), sizes), inputs, this.passed);
   }
+  /** Finds the inputs at which the signs change, from the one of the given signs up and down. */
   findPieces(sizes) {
-    const {from, to} = inputs[0], start = numberingInput(sizes);
-    Object.assign(this, {passed: [], unclear: []});
-    const up = this.changesTowards(start, to, sizes), down = this.changesTowards(start, from, sizes);
+    const {from, to} = inputs[0];
+    const start = numberingInput(sizes);
+    this.passed = [];
+    this.unclear = [];
+    const above = this.changesTowards(start, to, sizes);
+    const below = this.changesTowards(start, from, sizes);
     // The signs that a change leads to are those on its far side, seen from the start.
-    const below = down.map(({x}, k) => ({from: x, places: k ? down[k - 1].places : this.places})).reverse();
-    const lowest = down.length ? down.at(-1).places : this.places;
-    this.pieces = [{from: -Infinity, places: lowest}, ...below, ...up.map(({x, places}) => ({from: x, places}))];
+    const lowest = below.length ? below.at(-1).places : this.places;
+    const piecesBelow = below.map(({x}, k) => ({from: x, places: k ? below[k - 1].places : this.places})).reverse();
+    const piecesAbove = above.map(({x, places}) => ({from: x, places}));
+    this.pieces = [{from: -Infinity, places: lowest}, ...piecesBelow, ...piecesAbove];
   }
-  changesTowards(start, goal, sizes) {     // [{x, places}] in the order in which they are met
-    const way = Math.sign(goal - start) || 1, changes = [];
-    let last = start, places = this.places;
+  /** Returns the changes [{x, places}] of signs between two inputs, in the order in which they are met. */
+  changesTowards(start, goal, sizes) {
+    const direction = Math.sign(goal - start) || 1;
+    const changes = [];
+    let last = start;
+    let places = this.places;
     for (;;) {
-      const ahead = meetingsOf(places, sizes).filter(x => way * (x - last) > SAME_INPUT && way * (goal - x) > SAME_INPUT);
+      const isAhead = x => direction * (x - last) > SAME_INPUT_RAD && direction * (goal - x) > SAME_INPUT_RAD;
+      const ahead = meetingsOf(places, sizes).filter(isAhead);
       if (!ahead.length) return changes;
-      const x = way > 0 ? Math.min(...ahead) : Math.max(...ahead);
-      const after = continuedPlaces(x, places, way, sizes, LONGEST_COMPARISON * Math.abs(x - last));
-      (after ? this.passed : this.unclear).push(x);
-      places = after ?? places;
+      const x = direction > 0 ? Math.min(...ahead) : Math.max(...ahead);
+      const placesBeyond = continuedPlaces(x, places, direction, sizes, LARGEST_STEP_PART * Math.abs(x - last));
+      if (placesBeyond) this.passed.push(x);
+      else this.unclear.push(x);
+      places = placesBeyond ?? places;
       changes.push({x, places});
       last = x;
     }
   }
 }
 
-// The input at which a curve has the number and the signs of a mode: that of the reference pose, if
-// no curves cross there, and otherwise the least one.
-
+/**
+ * Returns the input (rad) at which a curve has the number and the signs of a mode: that of the
+ * reference pose, if no curves cross there, and otherwise the least one.
+ */
 function numberingInput(sizes) {
-  const {anchor} = model.crossings, {from} = inputs[0];
-  const isCrossing = anchor !== null && modes.some(({places}) => meetingsOf(places, sizes).some(x => Math.abs(x - anchor) < SAME_INPUT));
-  return anchor === null || isCrossing ? from : anchor;
+  const {anchor} = model.crossings;
+  const {from} = inputs[0];
+  if (anchor === null) return from;
+  const isAnchor = x => Math.abs(x - anchor) < SAME_INPUT_RAD;
+  const isCrossing = modes.some(({places}) => meetingsOf(places, sizes).some(isAnchor));
+  return isCrossing ? from : anchor;
 }
 
-// Inputs at which modes with these signs meet others.
+const meetings = {sizes: [], bySigns: new Map()};  // computed for some sizes
 
-const meetings = {sizes: [], bySigns: new Map()};
-
+/** Returns the inputs (rad) at which modes with these signs meet others. */
 function meetingsOf(places, sizes) {
   if (sizes !== meetings.sizes && String(sizes) !== String(meetings.sizes)) meetings.bySigns.clear();
   meetings.sizes = sizes;
@@ -90,54 +106,74 @@ function meetingsOf(places, sizes) {
   return meetings.bySigns.get(signs);
 }
 
-// The signs with which a smooth curve goes on beyond an input; null where it is not clear. Directions
-// before the input are continued by a parabola, and compared with those that all signs of the dyads
-// near zero give beyond it.
-
-function continuedPlaces(x, places, way, sizes, longest = COMPARED_AT) {
-  const step = way * Math.min(COMPARED_AT, longest);
-  const directions = (input, signs) => {
-    const all = evaluateKernel(picture, [input], signs, sizes);
-    return placeColumns.map(k => all[k]);
+/**
+ * Returns the signs with which a smooth curve goes on beyond an input; null where it is not clear.
+ * Directions before the input are continued by a parabola, and compared with those that all signs of
+ * the dyads near zero give beyond it.
+ * @param x - Input (rad) at which dyads are in line.
+ * @param places - Signs before it.
+ * @param direction - 1 if the input rises, -1 if it falls.
+ * @param largestStep - Largest distance (rad) from the input at which directions are compared.
+ */
+function continuedPlaces(x, places, direction, sizes, largestStep = COMPARISON_STEP_RAD) {
+  const step = direction * Math.min(COMPARISON_STEP_RAD, largestStep);
+  const directionsAt = (input, signs) => {
+    const row = evaluateKernel(picture, [input], signs, sizes);
+    return placeColumns.map(column => row[column]);
   };
-  const [third, second, first] = [3, 2, 1].map(k => directions(x - k * step, places));
-  const continued = first.map((value, k) => 6 * value - 8 * second[k] + 3 * third[k]);
+  const third = directionsAt(x - 3 * step, places);
+  const second = directionsAt(x - 2 * step, places);
+  const nearest = directionsAt(x - step, places);
+  // The parabola through the values at -3, -2 and -1 steps has this value at +1 step.
+  const continued = nearest.map((value, k) => 6 * value - 8 * second[k] + 3 * third[k]);
   const candidates = signsNear(x - step, places, sizes).map(signs => {
-    const beyond = directions(x + step, signs);
-    const miss = Math.max(...beyond.map((value, k) => Math.abs(value - continued[k])));
-    return {signs, beyond, miss: Number.isNaN(miss) ? Infinity : miss};
+    const beyond = directionsAt(x + step, signs);
+    const deviation = Math.max(...beyond.map((value, k) => Math.abs(value - continued[k])));
+    return {signs, beyond, deviation: Number.isNaN(deviation) ? Infinity : deviation};
   });
-  const best = candidates.reduce((least, one) => (one.miss < least.miss ? one : least));
-  const isSame = ({beyond}) => beyond.every((value, k) => Math.abs(value - best.beyond[k]) < SAME_PLACE);
-  const isClear = candidates.every(one => one === best || best.miss < CLEARLY * one.miss || isSame(one));
-  return best.miss < Infinity && isClear ? best.signs : null;
+  const best = candidates.reduce((least, candidate) => (candidate.deviation < least.deviation ? candidate : least));
+  const isEqual = ({beyond}) => beyond.every((value, k) => Math.abs(value - best.beyond[k]) < SAME_COMPONENT);
+  const isClear = candidates.every(candidate =>
+    candidate === best || best.deviation < CLEAR_PART * candidate.deviation || isEqual(candidate));
+  return best.deviation < Infinity && isClear ? best.signs : null;
 }
 
-function signsNear(x, places, sizes) {     // all signs of the dyads that may be in line beside an input
+/** Returns all combinations of signs of the dyads that may be in line beside an input. */
+function signsNear(x, places, sizes) {
   const row = evaluateKernel(rows, [x], places, sizes);
-  let signs = [Array.from(places)];
+  let combinations = [Array.from(places)];
   closures.forEach((closure, k) => {
-    if (row[closure] < MAY_BE_IN_LINE) signs = signs.flatMap(one => [one, one.with(k, -one[k])]);
+    if (row[closure] < MAY_BE_IN_LINE) combinations = combinations.flatMap(signs => [signs, signs.with(k, -signs[k])]);
   });
-  return signs;
+  return combinations;
 }
 
-// The mode that goes on where the input passes from one end of a whole turn to the other.
-
-function modeAfterTurn(mode, way, sizes) {
+/**
+ * Returns the number of the mode that goes on where the input passes from one end of a whole turn to
+ * the other. `direction` is 1 if the input rises.
+ */
+function modeAfterTurn(mode, direction, sizes) {
   if (!model.crossings) return mode.number;
-  const {from, to} = inputs[0], [leaving, arriving] = way > 0 ? [to, from] : [from, to];
-  const places = mode.placesAt(leaving, sizes), after = String(continuedPlaces(arriving, places, way, sizes) ?? places);
-  const next = modes.find(other => String(Array.from(other.placesAt(arriving, sizes))) === after);
-  return next ? next.number : mode.number;
+  const {from, to} = inputs[0];
+  const [leaving, arriving] = direction > 0 ? [to, from] : [from, to];
+  const places = mode.placesAt(leaving, sizes);
+  const placesBeyond = String(continuedPlaces(arriving, places, direction, sizes) ?? places);
+  const nextMode = modes.find(other => String(Array.from(other.placesAt(arriving, sizes))) === placesBeyond);
+  return nextMode ? nextMode.number : mode.number;
 }
 
-function crossingsText() {                 // what modes do where curves cross, for the sizes on the page
-  const inputsOf = key => [...new Set(modes.flatMap(mode => mode[key]).sort((a, b) => a - b).map(x => formatNumber(x / UNIT, false)))];
-  const [passed, unclear] = [inputsOf("passed"), inputsOf("unclear")], unit = SIGN === "°" ? SIGN : ` ${SIGN}`;
-  const list = numbers => numbers.map(x => x + unit).join(", ");
+/** Returns in words what modes do where curves cross, for the sizes on the page. */
+function crossingsText() {
+  const unit = SIGN === "°" ? SIGN : ` ${SIGN}`;
+  const inputsText = key => {
+    const rising = modes.flatMap(mode => mode[key]).sort((a, b) => a - b);
+    const numbers = [...new Set(rising.map(x => formatNumber(x / UNIT, false)))];
+    return numbers.map(number => number + unit).join(", ");
+  };
+  const passed = inputsText("passed");
+  const unclear = inputsText("unclear");
   const lines = [];
-  if (passed.length) lines.push(`Modes follow their smooth curves through crossings at ${list(passed)}.`);
-  if (unclear.length) lines.push(`At ${list(unclear)} it is not clear how curves go on: modes keep the signs of their dyads.`);
+  if (passed) lines.push(`Modes follow their smooth curves through crossings at ${passed}.`);
+  if (unclear) lines.push(`At ${unclear} it is not clear how curves go on: modes keep the signs of their dyads.`);
   return lines.join(" ") || "With these sizes no curves cross inside the range: modes keep the signs of their dyads.";
 }

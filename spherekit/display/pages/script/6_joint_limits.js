@@ -11,11 +11,14 @@ const limits = model.limits.map(({pair, low, high}) => {
   return {pair, low, high, isPassive, angle: (row, q) => (isPassive ? row[column] : q[inputIndex])};
 });
 
-function angleNearLimits({low, high, isPassive, angle}, row, q) {  // rad; of a passive pair by the turn nearest to the limits
-  const middle = 0.5 * (low + high), difference = angle(row, q) - middle;
+/** Returns the angle (rad) of a limited pair; of a passive one with the turns that bring it nearest to the limits. */
+function angleNearLimits({low, high, isPassive, angle}, row, q) {
+  const middle = 0.5 * (low + high);
+  const difference = angle(row, q) - middle;
   return middle + (isPassive ? Math.atan2(Math.sin(difference), Math.cos(difference)) : difference);
 }
 
+/** Returns the margin of a limit: results `row` at the inputs `q` (rad). */
 function marginOf(limit, row, q) {
   const angle = angleNearLimits(limit, row, q);
   return Math.min(angle - limit.low, limit.high - angle);
@@ -23,8 +26,7 @@ function marginOf(limit, row, q) {
 
 const leastMargin = (row, q) => limits.reduce((least, limit) => Math.min(least, marginOf(limit, row, q)), Infinity);
 
-// The ranges {from, to} of the input of a curve in which the mode is beyond a limit.
-
+/** Returns the ranges {from, to} (rad) of the input of a curve in which the mode is beyond a limit. */
 function rangesBeyondLimits(mode, q, sizes, {over, x, values}) {
   if (!limits.length) return [];
   const inputsAt = value => q.with(over, value);
@@ -39,23 +41,28 @@ function rangesBeyondLimits(mode, q, sizes, {over, x, values}) {
   const ranges = [];
   let from = margins[0] < 0 ? x[0] : null;
   for (let n = 0; n + 1 < x.length; n++) {
-    const [margin, nextMargin] = [margins[n], margins[n + 1]];
+    const margin = margins[n];
+    const nextMargin = margins[n + 1];
     if (from !== null && !(nextMargin < 0)) {
       // In a gap of the mode, whose margin is NaN, the range ends at the sample before.
       ranges.push({from, to: nextMargin >= 0 ? borderAfter(n) : x[n]});
       from = null;
-    } else if (from === null && nextMargin < 0) from = margin >= 0 ? borderAfter(n) : x[n + 1];
+    } else if (from === null && nextMargin < 0) {
+      from = margin >= 0 ? borderAfter(n) : x[n + 1];
+    }
   }
   if (from !== null) ranges.push({from, to: x.at(-1)});
   return ranges;
 }
 
+/** Returns a limit in words, such as "41 may go from 0° to 90°". */
 function limitText({pair, low, high}) {
   const angleText = angle => `${formatNumber(angle / UNIT, false)}${SIGN === "°" ? SIGN : " rad"}`;
   return `${pair} may go from ${angleText(low)} to ${angleText(high)}`;
 }
 
-function beyondText(row, q) {              // the limits that a configuration is beyond, empty if none
+/** Returns in words the limits that a configuration is beyond, empty if there are none. */
+function beyondText(row, q) {
   const exceeded = limits.filter(limit => marginOf(limit, row, q) < 0);
   return exceeded.length ? `beyond a joint limit: ${exceeded.map(limitText).join("; ")}` : "";
 }

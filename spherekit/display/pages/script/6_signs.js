@@ -11,17 +11,22 @@ const REVERSAL_HALVINGS = 24;              // of a step between samples in which
 // For each pole the columns of a row with the angular velocities of its two links (null for the
 // ground), and the columns that get the sign.
 
-const signedPoles = model.signed.map(({links, end, names}) => ({
-  velocities: links.map(link => (linkNumber.get(link) ? ["x", "y", "z"].map(x => rows.place.get(`angular_velocity_${link}_${x}${end}`)) : null)),
-  columns: names.map(name => rows.place.get(name)),
-}));
+const signedPoles = model.signed.map(({links, end, names}) => {
+  const velocityColumns = link => XYZ.map(letter => rows.place.get(`angular_velocity_${link}_${letter}${end}`));
+  return {
+    velocities: links.map(link => (isGround(link) ? null : velocityColumns(link))),
+    columns: names.map(name => rows.place.get(name)),
+  };
+});
 
+/** Returns the angular velocity (rad/s, ground frame) of the first link of a pole relative to the second. */
 function relativeVelocity({velocities: [link, reference]}, row) {
   const velocityOf = columns => (columns ? columns.map(k => row[k]) : [0, 0, 0]);
   return add(velocityOf(link), scale(velocityOf(reference), -1));
 }
 
-function signCurve(mode, q, sizes, curve) {  // finds the signs of all poles at the samples, and puts them into the rows
+/** Finds the signs of all poles at the samples of a curve, and puts them into its rows. */
+function signCurve(mode, q, sizes, curve) {
   const {x, values, over} = curve;
   curve.signs = values.map(row => (row ? signedPoles.map(() => 1) : null));
   if (!signedPoles.length) return;
@@ -30,8 +35,9 @@ function signCurve(mode, q, sizes, curve) {  // finds the signs of all poles at 
     values.forEach((row, n) => {
       if (!row) return;
       const velocity = relativeVelocity(pole, row);
-      if (lastSample >= 0) curve.signs[n][j] = continuedSign(mode, q, sizes, curve, j, lastSample, x[n], row);
-      else if (isDirection(velocity)) {
+      if (lastSample >= 0) {
+        curve.signs[n][j] = continuedSign(mode, q, sizes, curve, j, lastSample, x[n], row);
+      } else if (isDirection(velocity)) {
         const side = sumOfAxes(mode, q.with(over, x[n]), sizes);
         curve.signs[n][j] = dot(side, velocity) < 0 ? -1 : 1;
       }
@@ -41,8 +47,7 @@ function signCurve(mode, q, sizes, curve) {  // finds the signs of all poles at 
   curve.values = values.map((row, n) => (row ? withSigns(row, curve.signs[n]) : row));
 }
 
-// The sign of the pole j at an input with a row, continued from the sample n of a curve.
-
+/** Returns the sign of the pole j at an input with a row, continued from the sample n of a curve. */
 function continuedSign(mode, q, sizes, {over, x, values, signs}, j, n, input, row) {
   const pole = signedPoles[j];
   const velocityAt = value => {
@@ -54,13 +59,15 @@ function continuedSign(mode, q, sizes, {over, x, values, signs}, j, n, input, ro
   return reversesBetween(velocityAt, start, end, REVERSAL_HALVINGS) ? -signs[n][j] : signs[n][j];
 }
 
-// Whether the velocity of a pole passes through zero between two points {x, velocity}. If its
-// direction turns by more than a right angle, the step is halved: the axis may have turned without
-// passing zero.
-
+/**
+ * Returns whether the velocity of a pole passes through zero between two points {x, velocity}. If its
+ * direction turns by more than a right angle, the step is halved: the axis may have turned without
+ * passing zero.
+ */
 function reversesBetween(velocityAt, start, end, halvings) {
   if (!isDirection(end.velocity) || !(dot(start.velocity, end.velocity) < 0)) return false;
-  const x = 0.5 * (start.x + end.x), middle = {x, velocity: velocityAt(x)};
+  const x = 0.5 * (start.x + end.x);
+  const middle = {x, velocity: velocityAt(x)};
   if (!middle.velocity) return false;      // a gap of the mode: the coefficient keeps its sign
   if (!halvings || !isDirection(middle.velocity)) return true;
   const reversesBefore = reversesBetween(velocityAt, start, middle, halvings - 1);
@@ -69,6 +76,7 @@ function reversesBetween(velocityAt, start, end, halvings) {
 
 const isDirection = vector => Number.isFinite(vector[0]) && Math.hypot(...vector) > AT_REST;
 
+/** Returns a copy of a row with the signs of all poles. */
 function withSigns(row, signs) {
   const signedRow = row.slice();
   signedPoles.forEach(({columns}, j) => {
@@ -77,7 +85,8 @@ function withSigns(row, signs) {
   return signedRow;
 }
 
-function signedAt(mode, q, sizes, row) {   // a row with signs anywhere along the curve of a mode
+/** Returns a row with its signs, anywhere along the curve of a mode. */
+function signedAt(mode, q, sizes, row) {
   const {curve} = mode;
   if (!signedPoles.length || !curve?.signs.some(Boolean)) return row;
   const input = q[curve.over];
@@ -86,8 +95,13 @@ function signedAt(mode, q, sizes, row) {   // a row with signs anywhere along th
   return withSigns(row, signedPoles.map((_, j) => continuedSign(mode, q, sizes, curve, j, nearest, input, row)));
 }
 
-function sumOfAxes(mode, q, sizes) {       // of all pairs, with the points of contact; each as often as it has variables
-  const {places} = mode.state(q, sizes), row = evaluateKernel(picture, q, places, sizes);
-  const directions = model.pairs.map(({name, axis, variables}) => scale(axis ? pairAxis(row, name) : contactPoint(row, name), variables));
+/** Returns the sum of the axes or contact points of all pairs, each as often as it has variables. */
+function sumOfAxes(mode, q, sizes) {
+  const {places} = mode.state(q, sizes);
+  const row = evaluateKernel(picture, q, places, sizes);
+  const directions = model.pairs.map(({name, axis: hasAxis, variables}) => {
+    const direction = hasAxis ? pairAxis(row, name) : contactPoint(row, name);
+    return scale(direction, variables);
+  });
   return directions.reduce(add, [0, 0, 0]);
 }

@@ -16,18 +16,22 @@ const woundPairs = model.wound.map(({pair, anchor, period}) => ({
   column: rows.place.get(`theta_${pair}`), argument: `turns_of_${pair}`,
 }));
 
+/** Returns an angle (rad) without whole turns, in (-180, 180] degrees. */
 const reduceAngle = angle => angle - TURN_RAD * Math.ceil((angle - HALF_TURN_RAD) / TURN_RAD);
 
-// The angles of a wound pair along a whole period of the input, with all their turns: the runs of
-// the mode, and the growth of the angle in a period.
-
+/**
+ * Follows the angle of a wound pair along a whole period of the input.
+ * @returns {runs, growth} - The runs of the mode, with all turns, and the growth of the angle (rad) in
+ *   a period.
+ */
 function followAngles(mode, q, sizes, {anchor, period, column}, {over, x}) {
   const isPeriodic = Number.isFinite(period);
   const from = isPeriodic ? anchor : Math.min(anchor, x[0]);
   const to = isPeriodic ? anchor + period : Math.max(anchor, x.at(-1));
   const {points} = mode.sample(over, inputGrid({from, to}, SAMPLES), q, sizes);
   const runs = splitIntoRuns(points, column);
-  const firstRun = runs[0], lastRun = runs.at(-1);
+  const firstRun = runs[0];
+  const lastRun = runs.at(-1);
   const isWholePeriod = run => isPeriodic && run.x[0] === from && run.x.at(-1) === to;
   // The last run of a period may continue over the anchor into the first one.
   const isJoined = isPeriodic && runs.length > 1 && firstRun.x[0] === from && lastRun.x.at(-1) === to;
@@ -43,6 +47,7 @@ function followAngles(mode, q, sizes, {anchor, period, column}, {over, x}) {
   return {runs, growth};
 }
 
+/** Returns the runs of points without gaps, with the angles of one column as they are. */
 function splitIntoRuns(points, column) {
   const runs = [];
   let run = null;
@@ -61,23 +66,29 @@ function splitIntoRuns(points, column) {
   return runs;
 }
 
-function unwrapAngles({x, angles}, angleAt) {  // changes the angles; `angleAt` gives them up to whole turns
-  for (let k = 1; k < angles.length; k++)
-    angles[k] = angles[k - 1] + angleChange(angleAt, [x[k - 1], angles[k - 1]], [x[k], angles[k]], STEP_HALVINGS);
+/** Makes the angles of a run continuous. `angleAt` gives them up to whole turns at any input. */
+function unwrapAngles({x, angles}, angleAt) {
+  for (let k = 1; k < angles.length; k++) {
+    const before = [x[k - 1], angles[k - 1]];
+    angles[k] = angles[k - 1] + angleChange(angleAt, before, [x[k], angles[k]], STEP_HALVINGS);
+  }
 }
 
-// The change of an angle between two points [input, angle up to whole turns]. Long steps are halved,
-// since they may contain whole turns.
-
+/**
+ * Returns the change of an angle (rad) between two points [input, angle up to whole turns]. Long steps
+ * are halved, since they may contain whole turns.
+ */
 function angleChange(angleAt, start, end, halvings) {
   const difference = end[1] - start[1];
   const change = difference - TURN_RAD * Math.round(difference / TURN_RAD);
   if (!(Math.abs(change) > CERTAIN_STEP_RAD) || !halvings) return change;
-  const middleInput = 0.5 * (start[0] + end[0]), middle = [middleInput, angleAt(middleInput)];
+  const middleInput = 0.5 * (start[0] + end[0]);
+  const middle = [middleInput, angleAt(middleInput)];
   if (Number.isNaN(middle[1])) return change;
   return angleChange(angleAt, start, middle, halvings - 1) + angleChange(angleAt, middle, end, halvings - 1);
 }
 
+/** Returns the index of the number that is nearest to a target. */
 function nearestIndex(numbers, target) {
   let best = 0;
   for (let k = 1; k < numbers.length; k++)
@@ -85,19 +96,21 @@ function nearestIndex(numbers, target) {
   return best;
 }
 
-function countTurns(mode, q, sizes, curve) {  // computes the rows of a curve again, with turns
+/** Computes the rows of a curve again with the whole turns of passive pairs. With several inputs there are none. */
+function countTurns(mode, q, sizes, curve) {
   curve.followed = inputs.length === 1 ? woundPairs.map(pair => followAngles(mode, q, sizes, pair, curve)) : [];
   curve.values = curve.values.map((row, n) => row && withTurns(mode, q.with(curve.over, curve.x[n]), sizes, row, curve));
 }
 
-// The whole turns (rad) that the kernel's angle of a pair lacks at an input.
-
+/** Returns the whole turns (rad) that the kernel's angle of a pair lacks at an input. */
 function turnsAt({anchor, period, column}, {runs, growth}, input, row) {
   const periods = Number.isFinite(period) ? Math.floor((input - anchor) / period) : 0;
   const inputInPeriod = input - (periods ? periods * period : 0);
-  let nearestAngle = NaN, leastDistance = Infinity;
+  let nearestAngle = NaN;
+  let leastDistance = Infinity;
   for (const run of runs) {
-    const k = nearestIndex(run.x, inputInPeriod), distance = Math.abs(run.x[k] - inputInPeriod);
+    const k = nearestIndex(run.x, inputInPeriod);
+    const distance = Math.abs(run.x[k] - inputInPeriod);
     if (distance < leastDistance) {
       leastDistance = distance;
       nearestAngle = run.angles[k];
@@ -106,7 +119,8 @@ function turnsAt({anchor, period, column}, {runs, growth}, input, row) {
   return TURN_RAD * Math.round((nearestAngle - row[column]) / TURN_RAD) + periods * growth;
 }
 
-function withTurns(mode, q, sizes, row, {over, followed}) {  // a row, evaluated again with its turns if there are any
+/** Returns a row, evaluated again with its whole turns if there are any. */
+function withTurns(mode, q, sizes, row, {over, followed}) {
   if (!followed?.length) return row;
   const turns = new Map(woundPairs.map((pair, j) => [pair.argument, turnsAt(pair, followed[j], q[over], row)]));
   if ([...turns.values()].every(value => value === 0)) return row;
