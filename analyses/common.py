@@ -127,7 +127,8 @@ def plot_series(
     link
         Number of a link, if the curve is to have the colour of this link.
     """
-    # The path must not have other characters than letters, digits and hyphens.
+    # The name contains only letters, digits, hyphens and underscores. An underscore
+    # replaces each run of other characters.
     file_name = re.sub(r"[^A-Za-z0-9-]+", "_", label)
     return Series(f"plots/{group}/{file_name}", label, title, values, unit, link)
 

@@ -494,14 +494,16 @@ class OneInput:
         Each drawing has the links, six pole axes and two planes. The relation c y' = d q'
         between the rates of output and input concerns four links. Each two of them turn
         about a pole axis relative to each other. At a singularity the plane through three
-        of the axes coincides with the plane through three others. Singularities that are
-        whole curves, which have no arc length, are left out.
+        of the axes coincides with the plane through three others. A singularity that
+        extends over a whole curve has no single configuration to draw, and is left out.
         """
         sampled = self.sampled
+        # A point on a curve has an arc length s. A whole curve has NaN.
         has_point = np.isfinite(self.points["s"])
         points = {name: column[has_point] for name, column in self.points.items()}
         curves = points["curve"].tolist()
-        # The last relation is that of form ii if there is one, otherwise of form i.
+        # The coefficients c and d are computed in up to two forms, which differ in their
+        # four links. The last one is form ii if it exists, otherwise form i.
         six_poles: list[SixPoles] = []
         for curve, s, name in zip(curves, points["s"], points["output"], strict=True):
             output = self.names.index(name)
@@ -526,10 +528,10 @@ class OneInput:
         for number, (label, axes_of_plane) in enumerate(
             (("one triplet", AXES_OF_FIRST_PLANE), ("the other", AXES_OF_SECOND_PLANE))
         ):
-            normals = [
-                poles.plane(axes_of_plane[kind])[0]
-                for poles, kind in zip(six_poles, types, strict=True)
-            ]
+            normals = []
+            for poles, kind in zip(six_poles, types, strict=True):
+                normal, _ = poles.plane(axes_of_plane[kind])
+                normals.append(normal)
             path = f"plane/{number}"
             parts.append(GreatCircle(path, f"plane of {label}", np.concatenate(normals)))
         parts.append(Text("list", "Singularities", _gallery_text(points)))

@@ -27,8 +27,9 @@ class PlottedColumn:
     """The appearance of one column of the table of relations in plots.
 
     The table has two kinds of columns for each row of the motion: the coefficients of the
-    relation c y' = d q' between the rates of an output and of one input that moves while
-    the others are locked; and angles that measure how near singularities are.
+    relation c y' = d q', where y' is the rate of an output and q' that of the one input
+    that moves while the others are locked; and angles that measure how near singularities
+    are.
 
     Attributes
     ----------
@@ -37,13 +38,17 @@ class PlottedColumn:
     group
         Plots of one group are drawn together.
     unit
-        Unit of the quantity. It is empty for the coefficients c and d, which depend on the
-        moving input. Angles have a unit and do not depend on it.
+        Unit of the quantity, empty for the coefficients c and d.
     """
 
     label: str
     group: str
     unit: str
+
+    @property
+    def depends_on_input(self) -> bool:
+        """Whether the column has other values for each moving input: c and d do."""
+        return not self.unit
 
 
 PLOTTED_COLUMNS = {
@@ -142,7 +147,7 @@ def relation_plots(
         for name, column in PLOTTED_COLUMNS.items():
             # Angles are the same for all moving inputs: the last ones replace the others.
             by_input = ""
-            if has_several_inputs and not column.unit:
+            if has_several_inputs and column.depends_on_input:
                 by_input = f" by {moving_input}"
             values = relation[name][table_rows]
             file_name = (name + by_input).replace(" ", "_")

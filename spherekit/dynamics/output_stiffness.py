@@ -1,4 +1,4 @@
-"""The stiffness of an output link if the inputs that hold it yield."""
+"""The stiffness of an output link if the inputs that hold it yield like springs."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,10 @@ Larger: stiff axes count as rigid. Smaller: rounding errors count as compliance.
 
 @dataclass(frozen=True)
 class Stiffness:
-    """The effect of the inputs on a link, relative to another link, at n rows.
+    """The effect of the inputs on a link, relative to another link.
+
+    The link is held by the inputs, each of which yields like a spring; all other parts are
+    rigid. The arrays have n rows, one for each configuration.
 
     Attributes
     ----------
@@ -46,7 +49,7 @@ class Stiffness:
 def output_stiffness(
     solution: InverseSolution, link: str, relative_to: str, stiffness: Floats
 ) -> Stiffness:
-    """Return the stiffness of a link if each input yields by its own stiffness.
+    """Return the stiffness of a link if each input yields like a spring.
 
     Parameters
     ----------

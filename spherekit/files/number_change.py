@@ -121,7 +121,8 @@ def number_path(document: Document, key: str) -> KeyPath:
     """
     # The first two parts are a table and an entry. If the key has one part only, the name
     # of the entry is empty.
-    table, name, *_ = *key.split("."), ""
+    table, _, path_in_table = key.partition(".")
+    name, _, _ = path_in_table.partition(".")
     path_by_key = _number_paths(document, table, name)
     if key in path_by_key:
         return path_by_key[key]
@@ -140,6 +141,8 @@ def number_path(document: Document, key: str) -> KeyPath:
         if not isinstance(value, Mapping):
             value = {}
     prefix = ".".join(map(str, path))
+    # Of the keys of a number the shortest, such as "links.2.arc", was added last. It comes
+    # first in the message.
     alternatives = [
         other_key for other_key in reversed(path_by_key) if other_key.startswith(prefix)
     ]
@@ -169,7 +172,7 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
         entry = document.data[table][name]
     # By the parts of the key within the entry. A key of one part is a tuple (part,).
     path_by_parts: dict[KeyPath, KeyPath] = {}
-    # Numbers of pairs that the file need not contain.
+    # Angles of pairs that are 0 if the file does not contain them.
     if table == "pairs" and entry:
         for part in _OPTIONAL_PAIR_KEYS:
             path_by_parts[part,] = (table, name, part)
@@ -179,7 +182,9 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
         # The key that is the location itself.
         path = (table, name, *inner_path)
         path_by_parts.setdefault(inner_path, path)
-        # Further keys. An array of two numbers is a direction: longitude and latitude.
+        # Further keys. An array of two numbers may be a direction, so they can be called
+        # longitude and latitude. (Two arcs get these keys too.) Of the direction of a pair
+        # or output, the key "lonlat" may be left out: "pairs.41.longitude".
         *outer, last = inner_path
         if isinstance(last, int) and len(reduce(getitem, outer, entry)) == 2:
             path_by_parts[*outer, _LONLAT_NAMES[last]] = path
@@ -187,7 +192,9 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
                 path_by_parts[*outer[:-1], _LONLAT_NAMES[last]] = path
         match table, inner_path:
             case "links", ("arcs" | "angles" as sizes, int(index)):
-                # arcs[k] leads to axis k + 1 of the link, angles[k] to axis k + 2.
+                # All arcs start at axis 0 of the link: arcs[k] leads from there to axis
+                # k + 1. The arc to axis 1 is the zero direction of the angles: angles[k] is
+                # the angle to the arc to axis k + 2. `axes` has the names of the pairs.
                 axis = index + (1 if sizes == "arcs" else 2)
                 axes = entry.get("axes", ())
                 if axis < len(axes):

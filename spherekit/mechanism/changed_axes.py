@@ -93,14 +93,17 @@ def redescribe(
         )
 
     def redescribe_part(part: Any) -> Any:
-        """Return a pair, output, mass or load in the new description."""
+        """Return a pair, output, mass or load with the new names and in the new axes."""
         # Vectors of a part that belongs to a link are in the axes of this link, except the
-        # components of a force or moment in ground axes.
+        # components of a force or moment in ground axes. Vectors of other parts, such as
+        # the acceleration of gravity, are in ground axes. A rotation is None if the axes
+        # stay as they are.
         link = getattr(part, "link", None)
         rotation = ground_rotation if link is None else rotations.get(link)
         is_in_link_axes = getattr(part, "axes", "ground") == "link"
         component_rotation = rotation if is_in_link_axes else ground_rotation
-        # Fields that change, by their kind: names, profiles, vectors, tensors, expressions.
+        # Fields that change, by their kind: names, profiles, vectors, tensors, and
+        # expressions: "texts" of the three components of a vector, or one "text".
         changes: dict[str, Any] = {}
         for name, kind in field_kinds(part).items():
             match kind, getattr(part, name):
@@ -109,6 +112,7 @@ def redescribe(
                 case "links", links:
                     changes[name] = tuple(link_names.get(link, link) for link in links)
                 case "profiles", (_, _) as profiles:
+                    # The profile on each link of a contact pair is in the axes of the link.
                     changes[name] = tuple(
                         rotate_pair_profile(profile, rotations[link], part)
                         if link in rotations

@@ -166,10 +166,11 @@ class PoseCandidates(ArrayRows):
 
 @dataclass(frozen=True)
 class EndOrientation:
-    """The orientation of the output link at the end of a rotation.
+    """The orientation of the output link at the end of a rotation from a start pose.
 
-    The mechanism may have several configurations at the end pose, with different
-    orientations. One of them was chosen.
+    The user requests the rotation by a pose at its start and another at its end. The
+    mechanism may have several configurations at the end pose, with different orientations.
+    One of them was chosen.
 
     Attributes
     ----------
@@ -181,7 +182,8 @@ class EndOrientation:
         pose.
     has_start_mode
         Whether the configuration was chosen because its dyads have the same signs as those
-        of the start.
+        of the start. A dyad is two links that can be placed in two ways, which its sign
+        distinguishes.
     """
 
     orientation: Floats
@@ -425,7 +427,8 @@ class PoseFinder:
         mode
             The configuration to choose at the end: its signs such as ``+-+``, or its
             number. If it is empty, the nearest one with the same signs of dyads as the
-            start is chosen, or the nearest of all if none has these signs.
+            start is chosen (see `EndOrientation.has_start_mode`), or the nearest of all if
+            none has these signs.
 
         Raises
         ------

@@ -110,16 +110,20 @@ def _list_possible_lengths(
     (n, m) rolled lengths, those with the smallest sum of absolute lengths first.
     """
     tree = held_solver.closure.tree
-    joints = [held_solver.closure.joints[tree.owners[v]] for v in gear_phases.variables]
+    # The contacts whose rolled lengths these are. `owners` has the pair of each variable.
+    contacts = [tree.owners[v] for v in gear_phases.variables]
+    joints = [held_solver.closure.joints[contact] for contact in contacts]
     # For each contact the lengths that differ by whole revolutions, then combinations of
     # one length for each contact.
     choices = map(list_equivalent_lengths, joints, map(float, lengths))
     combinations = np.array(list(islice(product(*choices), MAX_LENGTH_COMBINATIONS)))
-    # The change of the lengths is ratios @ inputs. A change is possible if its projection
-    # onto the range of the matrix `ratios` does not alter it.
+    # At the inputs `anchor` of the gear phases the wheels have rolled `reference_lengths`.
+    # From there, the inputs change the lengths by ratios @ (change of the inputs). A change
+    # is possible if its projection onto the range of the matrix `ratios` does not alter it.
+    reference_lengths = gear_phases.lengths
     ratios = gear_phases.ratios
     projection = ratios @ np.linalg.pinv(ratios)
-    change = combinations - gear_phases.lengths
+    change = combinations - reference_lengths
     misfit = max_abs(change - change @ projection.T, axis=1)
     combinations = combinations[misfit < SAME_ROLLED_LENGTH_RAD]
     order = np.argsort(np.sum(np.abs(combinations), axis=1), kind="stable")

@@ -24,10 +24,10 @@ class CommonAxis(NamedTuple):
     links
         Numbers of these links.
     pair
-        Number of an R pair about this axis, the smallest.
+        Lowest number of an R pair about this axis.
     is_exact
-        Whether the axes of all pairs have equal coordinates in the links that they share.
-        Otherwise they agree up to rounding.
+        Whether any two pairs about this axis have equal coordinates in the axes of a link
+        that both belong to. Otherwise the coordinates agree up to rounding.
     """
 
     links: frozenset[int]

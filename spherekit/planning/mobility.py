@@ -338,9 +338,12 @@ def play_on_bodies(
 def _play_with_locked_inputs(
     mechanism: Mechanism, driven: Sequence[int], locked: Sequence[int]
 ) -> tuple[tuple[int, ...], PebbleGame]:
-    """Play the pebble game with locked inputs, and merge the parts that are rigid then.
+    """Merge the links that cannot move relative to each other while inputs are locked.
 
-    The game counts degrees of freedom of all parts of the chain.
+    A body is a set of links that are rigidly joined. First, locked pairs join links to
+    bodies. The pebble game (`PebbleGame`) counts degrees of freedom of any set of bodies,
+    from the graph alone. It finds further sets that the other pairs make rigid. Each of
+    these sets is merged to one body.
 
     Parameters
     ----------
@@ -355,7 +358,7 @@ def _play_with_locked_inputs(
         For each link the smallest link of its rigid body while the locked inputs stand
         still.
     pebble_game
-        The game on these bodies, for questions about parts of the chain.
+        The game on these bodies, which can be asked for the freedoms of sets of them.
 
     Raises
     ------
@@ -364,16 +367,19 @@ def _play_with_locked_inputs(
     """
     body_of_link = merge_locked_links(mechanism, locked)
     open_pairs = [k for k in range(len(mechanism.pairs)) if k not in locked]
+    # If a constraint of the open pairs is redundant, the locked inputs are not independent.
     pebble_game, is_independent = play_on_bodies(mechanism, body_of_link, open_pairs)
-    # Merge each rigid part to the body with the smallest number.
+    # Merge each rigid set of bodies to the one with the smallest number.
     for number in open_pairs:
         link_a, link_b = mechanism.ends[number]
-        part = pebble_game.find_rigid_part(body_of_link[link_a], body_of_link[link_b])
-        if part is not None:
-            merged_body = min(part)
-            pebble_game.merge_bodies(part, merged_body)
+        rigid_bodies = pebble_game.find_rigid_part(
+            body_of_link[link_a], body_of_link[link_b]
+        )
+        if rigid_bodies is not None:
+            merged_body = min(rigid_bodies)
+            pebble_game.merge_bodies(rigid_bodies, merged_body)
             body_of_link = tuple(
-                merged_body if body in part else body for body in body_of_link
+                merged_body if body in rigid_bodies else body for body in body_of_link
             )
 
     # An input that is not locked is stuck if both its links are in one body.

@@ -193,11 +193,17 @@ class GroupGeometry:
 
         Returns
         -------
-        (solutions, pairs) angles in (-pi, pi] (rad).
+        (solutions, pairs) angles in (-pi, pi] (rad), about the z axis of each pair from the
+        x axis of its frame in the first body to that of its frame in the second body.
         """
         first_bodies, second_bodies = np.transpose(self.group.ends)
-        first_frames = orientations[0][:, first_bodies] @ self.pair_frames[0][:, 0]
-        second_frames = orientations[0][:, second_bodies] @ self.pair_frames[1][:, 0]
+        # Rotations (pairs, 3, 3) from the frame of each pair to the axes of its first and
+        # of its second body. Index 0 is the first sample.
+        first_in_body = self.pair_frames[0][:, 0]
+        second_in_body = self.pair_frames[1][:, 0]
+        # The same frames in the axes of the first body of the group, for each solution.
+        first_frames = orientations[0][:, first_bodies] @ first_in_body
+        second_frames = orientations[0][:, second_bodies] @ second_in_body
         return pair_angle(first_frames, second_frames)
 
     def measure_pair_angles_at(self, orientations: Floats, samples: Indices) -> Floats:
@@ -213,7 +219,7 @@ class GroupGeometry:
 
         Returns
         -------
-        (k, pairs) angles in (-pi, pi] (rad).
+        (k, pairs) angles in (-pi, pi] (rad), as in `measure_pair_angles`.
         """
         first_bodies, second_bodies = np.transpose(self.group.ends)
         # Indexing by samples gives (pairs, k, 3, 3), but orientations have k first.

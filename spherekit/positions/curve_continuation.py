@@ -445,9 +445,10 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
 
         The middle and the end of a step are predicted by the tangent and the second
         derivative, and corrected by Newton's method in planes normal to the tangent. The
-        step is verified if the corrections, the change of the equations (the bordered
-        Jacobian), and the turn of the tangent are small, and if both ends predict the
-        middle.
+        step is verified if the corrections, the change of the equations, and the turn of
+        the tangent are small, and if a curve interpolated between both ends passes through
+        the middle (`verify_steps`). The equations are the closure Jacobian, bordered by the
+        tangent: with the tangent as a further row.
 
         Parameters
         ----------
@@ -459,7 +460,8 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
             (k,) lengths of the steps (rad), measured along the tangents at the nodes.
         """
         # Two points for each step: its middle and its end, one after the other. They are
-        # corrected in the planes tangent . values = target, at the distances `parts`.
+        # corrected in the planes tangent . values = target, at the distances `parts`, which
+        # are half the step and the whole step.
         closure = self.closure.take(np.repeat(rows, 2))
         parts = distances[:, None] * STEP_PARTS
         prediction = extrapolate(nodes.values, nodes.tangents, nodes.bends, parts)
@@ -474,7 +476,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         points, linearisation = curve_points(closure, values, borders)
         is_good &= points.residual < CLOSURE_TOLERANCE
         # The change of the bordered Jacobian A from the node, relative to it: the norm of
-        # A(node)^-1 (A - A(node)).
+        # A(node)^-1 (A - A(node)). The node stores A as `equations`, with its inverse.
         node_equations = np.repeat(nodes.equations, 2, axis=0)
         change = bordered(linearisation.jacobian, borders) - node_equations
         inverse = np.repeat(nodes.inverse, 2, axis=0)
@@ -485,13 +487,15 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         new_nodes = _ArcNodes.of(
             linearisation, points, self.limits, chosen=slice(1, None, 2)
         )
+        # Rounding errors of corrected points grow with the condition number.
+        rounding_errors = POINT_ROUNDING_FACTOR * EPS / nodes.reciprocal_condition
         is_verified = self.verify_steps(
             starts=nodes,
             stops=new_nodes,
             middles=values[::2],
             distances=distances,
             is_good=is_good,
-            rounding=POINT_ROUNDING_FACTOR * EPS / nodes.reciprocal_condition,
+            rounding=rounding_errors,
         )
         changes = np.max(relative_change.reshape(-1, 2), axis=1)
         return TriedSteps(new_nodes, is_verified, changes)

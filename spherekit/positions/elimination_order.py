@@ -83,7 +83,8 @@ class EliminationOrder(NamedTuple):
     def root_count(self) -> int:
         """Number of complex solutions with multiplicity; 0 if this order cannot be solved.
 
-        A polynomial in cos and sin of the first angle has twice as many complex roots as
+        It follows from the graph alone: from which equation contains which angle. A
+        polynomial in cos and sin of the first angle has twice as many complex roots as
         its degree.
         """
         return 2 * eliminant_degree(self.incidence)
@@ -120,10 +121,11 @@ def find_binary_links(group: Group) -> tuple[BinaryLink, ...]:
 def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
     """Return the elimination orders with the fewest complex solutions.
 
-    An order consists of links with two pairs, one for each loop, whose removal makes the
-    group a tree, and of the sequence in which their equations are solved for the angles of
-    the tree. At most `MAX_ORDERS` are returned, the same ones each time; none if the group
-    has no elimination.
+    A group is cut open by removing one link with two pairs for each of its loops, which
+    leaves a tree. Each removed link gives one equation in the angles of the tree. An
+    elimination order states which links are removed, in which sequence all angles but one
+    are eliminated, and in which sequence the equations are used. At most `MAX_ORDERS` are
+    returned, the same ones each time; none if the group has no elimination.
     """
     orders = []
     for removed_links in combinations(find_binary_links(group), group.loops):
@@ -146,8 +148,8 @@ def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
         # All sequences of the unknown angles, and of the equations of the removed links.
         for ordered_pairs in permutations(tree_pairs):
             for ordered_links in permutations(removed_links):
-                # The elimination treats the last two equations alike, so only one of their
-                # two orders is needed.
+                # The last angle is eliminated from the last two equations together. Their
+                # sequence makes no difference, so one of the two is enough.
                 last_bodies = [link.body for link in ordered_links[-2:]]
                 if last_bodies != sorted(last_bodies):
                     continue
@@ -157,7 +159,8 @@ def find_elimination_orders(group: Group) -> tuple[EliminationOrder, ...]:
                     removed_links=ordered_links,
                     spanned_pairs=tuple(path_by_link[link] for link in ordered_links),
                 )
-                if order.root_count:
+                can_be_solved = order.root_count > 0
+                if can_be_solved:
                     orders.append(order)
     fewest_roots = min((order.root_count for order in orders), default=0)
     best_orders = [order for order in orders if order.root_count == fewest_roots]

@@ -144,9 +144,10 @@ class ModesOverRange:
         """
         self.solver = solver
         self.input_grid = input_grid
-        # Results. `claim` states how complete the modes are, `methods` by which method the
-        # configurations of each group (a set of links that are placed together) were
-        # computed, and `probes` at how many inputs. Curves cross at `crossings`.
+        # Results. `claim` states how complete the modes are. `methods` has the method by
+        # which the configurations of each group were computed; a group is a set of links
+        # that are placed together. `probes` counts the inputs at which they were computed.
+        # At `crossings` curves of configurations cross.
         self.groups = solver.assembly.groups
         self.assembly_modes: list[AssemblyMode] = []
         self.methods: list[SolutionMethod | None] = [None] * len(self.groups)
@@ -154,20 +155,22 @@ class ModesOverRange:
         self.probes = 0
         self.crossings: tuple[Crossing, ...] = ()
         # A mode that ends inside the range continues as another one on the same curve of
-        # configurations. All modes on one curve are a family: its number for each mode, and
-        # the curves that were followed.
+        # configurations. All modes on one curve are a family. `_families` has the number of
+        # the family of each mode, and `_curves` the curves that were followed.
         self._families: list[int] = []
         self._curves: list[ArcCurve] = []
-        # Mobility by rank at each start, if a group has redundant constraints.
+        # The number of degrees of freedom at each start, from the rank of the closure
+        # Jacobian. Only needed, and otherwise empty, if a group has redundant constraints.
         self._mobilities: list[int] = []
         self._steps_along_modes = 0
-        # The curves of so many modes were followed beyond the ends of the mode.
+        # Number of modes whose curves were followed beyond the ends of the mode.
         self._extended_modes = 0
         self._progress = ProgressReporter("searching the assembly modes")
 
         self._add_reference()
         if search or not self.assembly_modes:
             self.claim = self._search_all_modes()
+        # If there is no mode, the reason may be that the mobility is not 1.
         if not self.assembly_modes:
             check_mobility(solver, min(self._mobilities, default=1))
         if self._is_full:

@@ -315,8 +315,13 @@ def _make_spline(spline_path: SplinePath) -> Path:
     spline_knots: Floats = spline_path.spline.t
 
     def path(parameter: Array) -> tuple[Array, Array]:
-        """Return projected points (n, 3) and their derivatives by the parameter (n,)."""
+        """Return projected points (n, 3) and their derivatives by the parameter (n,).
+
+        The parameter is an array of balls (intervals with a centre and a radius), or of
+        power series with such coefficients. The results are of the same kind.
+        """
         inner_knots = spline_knots[degree + 1 : len(control_points)]
+        # The interval between knots is chosen by the constant coefficient, as a float.
         parameter_floats = centre_floats(series_coefficient(parameter, 0))
         # Number of the interval between knots in which each parameter is.
         first = np.searchsorted(inner_knots, parameter_floats, side="right")
@@ -326,19 +331,21 @@ def _make_spline(spline_path: SplinePath) -> Path:
         knots = exact_balls(
             spline_knots[first + np.arange(1, 2 * degree + 1)[:, None], None]
         )
-        # Each level interpolates between neighbouring points, until one point is left.
+        # Each level interpolates between neighbouring points, from a knot `low` to a knot
+        # `high`, until one point is left. The slope of the last level, times the degree, is
+        # the derivative of the spline.
         for level in range(degree):
             low = knots[level:degree]
             high = knots[degree : 2 * degree - level]
             slope = np.diff(points, axis=0) / (high - low)
             points = points[:-1] + (parameter[:, None] - low) * slope
         (x,) = points
-        (last_slope,) = degree * slope
+        (derivative,) = degree * slope
         # Projection: the part of the derivative across the radius, over the radius.
         size = vector_lengths(x)[:, None]
         point = x / size
-        radial_rate = np.sum(point * last_slope, axis=1, keepdims=True)
-        return point, (last_slope - radial_rate * point) / size
+        radial_rate = np.sum(point * derivative, axis=1, keepdims=True)
+        return point, (derivative - radial_rate * point) / size
 
     return path
 

@@ -335,8 +335,9 @@ class SampledSingularities:
 
         At type I the output rests while the input moves. The tangent of the angle is the
         absolute value of the velocity coefficient y'/q', the rate of the output divided by
-        that of the input. At type II the input rests while the output moves. The sine is
-        the transmission measure. The angles vanish at these singularities and nowhere else.
+        that of the input. Primes are derivatives by the arc length of the curve. At type II
+        the input rests while the output moves. The sine of the angle is the transmission
+        measure. The angles vanish at these singularities and nowhere else.
 
         Parameters
         ----------
@@ -353,15 +354,17 @@ class SampledSingularities:
         """
         curve_motion = self.report.curve_motions[curve]
         output_links = self.report.outputs[output]
-        links = curve_motion.links_at(s)
+        link_motion = curve_motion.links_at(s)
         if kind is Type.I:
-            output_speed, _ = links.speeds(output_links)
-            input_speed, _ = links.speeds(self.report.input)
+            # Absolute rates by the arc length. Their derivatives are not needed.
+            output_speed, _ = link_motion.speeds(output_links)
+            input_speed, _ = link_motion.speeds(self.report.input)
             is_moving = np.hypot(output_speed, input_speed) > MIN_OUTPUT_MOTION
             return np.where(is_moving, np.arctan2(output_speed, input_speed), np.nan)
         tree = curve_motion.curve.closure.tree
         transmission = Transmission(tree, (self._driven,), *output_links)
-        return np.arcsin(transmission.measure(links.motion.vectors))
+        # `vectors` has the angular velocity per unit rate of each variable.
+        return np.arcsin(transmission.measure(link_motion.motion.vectors))
 
     def measures(self) -> dict[tuple[int, Form], dict[str, Floats]]:
         """Return how near the rows are to singularities, for each output.

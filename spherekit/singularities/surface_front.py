@@ -21,24 +21,26 @@ from spherekit.singularities.curve_starts import LocusPointSearch
 from spherekit.singularities.locus import LocusPoints
 
 EQUILATERAL_HEIGHT = 0.75**0.5
-"""Height of an equilateral triangle of side 1."""
+"""Height of an equilateral triangle of side 1. Other lengths with the unit "edge lengths"
+are relative to `SurfaceFront.edge_length`."""
 MERGING_DISTANCE = 0.75
-"""A vertex of the front within this distance (sides) of the ideal apex is used instead of a
-new vertex. Larger: fewer and less regular triangles."""
+"""A vertex of the front within this distance (edge lengths) of the ideal apex is used
+instead of a new vertex. Larger: fewer and less regular triangles."""
 MIN_VERTEX_DISTANCE = 0.5
-"""Least distance (sides) of a new vertex from all others. Smaller: narrower triangles."""
+"""Least distance (edge lengths) of a new vertex from all others. Smaller: narrower
+triangles."""
 MAX_EDGE_LENGTH = 1.5
-"""Longest edge (sides). Larger: remaining gaps are closed by longer triangles."""
+"""Longest edge (edge lengths). Larger: remaining gaps are closed by longer triangles."""
 MIN_TRIANGLE_HEIGHT = 0.2
-"""Least height (sides) of a triangle. Smaller: flat triangles appear, whose overlaps are
-decided by rounding."""
+"""Least height (edge lengths) of a triangle. Smaller: flat triangles appear, whose overlaps
+are decided by rounding."""
 SAME_SHEET_COSINE = 0.8
 """Least cosine of the angles between tangent planes, and between singular motions, of
 vertices on the same sheet of the surface. Larger: smaller edges are needed where it bends;
 smaller: sheets that pass each other are connected."""
 RANGE_MARGIN = 0.25
-"""Distance (sides) beyond the ranges within which a vertex still counts as inside. The
-surface may curve back across the end of a range between vertices beyond it."""
+"""Distance (edge lengths) beyond the ranges within which a vertex still counts as inside.
+The surface may curve back across the end of a range between vertices beyond it."""
 VERTICES_COMPUTED_TOGETHER = 32
 """New vertices of successive edges that Newton's method computes at once, for speed."""
 MAX_FRONT_VERTICES = 20_000
@@ -56,15 +58,17 @@ Edge = tuple[int, int]
 class SurfaceFront:
     """A mesh of triangles on surfaces of singular configurations.
 
-    The mesh grows at its open edges, which have a triangle on one side only. Positions in
-    the tangent plane of the surface at a vertex are complex numbers.
+    The mesh grows at its open edges, which have a triangle on one side only. The next
+    triangle on an open edge should be equilateral: its third vertex should be at the ideal
+    apex, a position in the tangent plane at the first end of the edge. Positions in the
+    tangent plane at a vertex are complex numbers.
 
     Attributes
     ----------
     search, report
         Source of singular configurations, and the type of singularity with the ranges of
         the inputs.
-    side
+    edge_length
         Length of the edges aimed at (rad, in the space of the variables).
     periods
         (V,) growth of each variable (rad) that leaves the configuration unchanged.
@@ -85,11 +89,11 @@ class SurfaceFront:
         reached.
     """
 
-    def __init__(self, search: LocusPointSearch, side: float) -> None:
+    def __init__(self, search: LocusPointSearch, edge_length: float) -> None:
         """Make an empty mesh; the class explains the parameters."""
         self.search = search
         self.report = search.report
-        self.side = side
+        self.edge_length = edge_length
         self.periods = variable_periods(self.report.locus.closure)
         self.vertices = self.report.locus.project(np.zeros((0, len(self.periods))))
         self.triangles: list[tuple[int, int, int]] = []
@@ -163,12 +167,14 @@ class SurfaceFront:
         Whether the mesh was extended.
         """
         is_crossing = seed.reciprocal_condition[0] < SURFACE_CROSSING_CONDITION
-        covering = self.find_vertices_near(seed.values[0], seed.motions[0], self.side)
+        covering = self.find_vertices_near(
+            seed.values[0], seed.motions[0], self.edge_length
+        )
         if is_crossing or len(covering) or not self._may_add_vertex():
             return False
         first = self._add_vertex(seed)
         # The other two corners, as complex numbers in the tangent plane at the seed.
-        equilateral = [self.side, self.side * (0.5 + 1j * EQUILATERAL_HEIGHT)]
+        equilateral = [self.edge_length, self.edge_length * (0.5 + 1j * EQUILATERAL_HEIGHT)]
         neighbours = self._compute_vertices([first, first], equilateral)
         corners = [self._add_vertex(point) for point in neighbours if point is not None]
         if len(corners) == 2:
@@ -188,7 +194,7 @@ class SurfaceFront:
         """Add one point of the locus as a vertex; return its number."""
         self.vertices = LocusPoints.joined([self.vertices, point])
         low, high = self.report.ranges
-        margin = RANGE_MARGIN * self.side
+        margin = RANGE_MARGIN * self.edge_length
         inputs = self.report.inputs_in_range(point.values)
         is_inside = in_range(inputs, low - margin, high + margin)
         self.is_inside.append(bool(np.all(is_inside)))
@@ -256,7 +262,7 @@ class SurfaceFront:
             is_regular
             & (plane_cosine >= SAME_SHEET_COSINE)
             & (motion_cosine >= SAME_SHEET_COSINE)
-            & (distance <= 0.5 * self.side)
+            & (distance <= 0.5 * self.edge_length)
         )
         return [
             points.rows(slice(row, row + 1)) if accepted else None
@@ -276,17 +282,19 @@ class SurfaceFront:
         """
         opposite = self.open_edges[edge]
         end, opposite_position = self._project(edge[0], [edge[1], opposite])
-        height = EQUILATERAL_HEIGHT * self.side * end / abs(end)
+        height = EQUILATERAL_HEIGHT * self.edge_length * end / abs(end)
         is_opposite_left = _twice_area(0.0, end, opposite_position) > 0.0
         # The new triangle is on the other side: a factor of -i turns to the right.
         return 0.5 * end + height * (-1j if is_opposite_left else 1j)
 
     def _new_vertex(self, edge: Edge) -> LocusPoints | None:
-        """Return the new vertex for an open edge, None if Newton's method finds none.
+        """Return the new vertex that completes an equilateral triangle on an open edge.
 
-        To save time, the vertices for the next waiting edges are computed at once and
-        stored in `computed_vertices`. They only depend on their edges and on the triangles
-        at these edges, which do not change.
+        An open edge has a triangle on one side only. The new vertex is the singular
+        configuration that Newton's method reaches from the ideal apex on the other side;
+        None if it reaches none. To save time, the vertices for the next waiting edges are
+        computed at once and stored in `computed_vertices`. They only depend on their edges
+        and on the triangles at these edges, which do not change.
         """
         if edge not in self.computed_vertices:
             edges = [edge]
@@ -296,6 +304,7 @@ class SurfaceFront:
                 is_computed = waiting_edge in self.computed_vertices
                 if self._needs_triangle(waiting_edge) and not is_computed:
                     edges.append(waiting_edge)
+            # An ideal apex is a position in the tangent plane at the first end of its edge.
             first_ends = [first for first, _ in edges]
             apexes = [self._ideal_apex(open_edge) for open_edge in edges]
             vertices = self._compute_vertices(first_ends, apexes)
@@ -316,7 +325,7 @@ class SurfaceFront:
         neighbours = self.find_vertices_near(
             self.vertices.values[a] + ideal_offset,
             self.vertices.motions[a],
-            2.5 * self.side,
+            2.5 * self.edge_length,
         )
         # Positions of vertices in the tangent plane at a, as complex numbers.
         positions = dict(
@@ -332,9 +341,9 @@ class SurfaceFront:
         ]
         front_vertices = _ends_of(nearby_open_edges) - {a, b}
         # Vertices by their distance from the ideal apex, relative to the length of the
-        # sides, the nearest one first.
+        # edges, the nearest one first.
         distances = sorted(
-            (abs(positions[vertex] - ideal) / self.side, vertex)
+            (abs(positions[vertex] - ideal) / self.edge_length, vertex)
             for vertex in front_vertices
         )
         merging = [k for distance, k in distances if distance < MERGING_DISTANCE]
@@ -354,7 +363,7 @@ class SurfaceFront:
 
     def _is_crowded(self, point: LocusPoints) -> bool:
         """Return whether a point is too near to a vertex to become a vertex itself."""
-        radius = MIN_VERTEX_DISTANCE * self.side
+        radius = MIN_VERTEX_DISTANCE * self.edge_length
         neighbours = self.find_vertices_near(point.values[0], point.motions[0], radius)
         return len(neighbours) > 0
 
@@ -368,14 +377,16 @@ class SurfaceFront:
         """Return whether a triangle on an edge has a good shape and overlaps no other.
 
         Its height and sides have to be within limits, its new sides may not cross an open
-        edge, and no vertex of an open edge may be inside it.
+        edge, and no vertex of an open edge may be inside it. An open edge has a triangle on
+        one side only.
 
         Parameters
         ----------
         edge
             The open edge.
         apex
-            Number of the third vertex, or `NEW_VERTEX` for a new one at the ideal apex.
+            Number of the third vertex, or `NEW_VERTEX` for a new one at the ideal apex,
+            which makes the triangle equilateral.
         positions
             Positions of the vertices around, and of `NEW_VERTEX`, in the tangent plane at
             the first vertex of the edge, as complex numbers (rad).
@@ -389,18 +400,18 @@ class SurfaceFront:
         outward_sense = np.sign(_twice_area(a, b, positions[NEW_VERTEX]))
         twice_area = outward_sense * _twice_area(a, b, apex_position)
         # Twice the area is the height times the length of the edge.
-        if twice_area < MIN_TRIANGLE_HEIGHT * self.side * abs(b - a):
+        if twice_area < MIN_TRIANGLE_HEIGHT * self.edge_length * abs(b - a):
             return False
         # The two new sides, from each end of the edge to the apex.
         for end in edge:
-            side = _sorted_edge(end, apex)
-            is_closed = side not in self.open_edges and (
-                side in self.directed_edges or side[::-1] in self.directed_edges
+            new_edge = _sorted_edge(end, apex)
+            has_triangle = (
+                new_edge in self.directed_edges or new_edge[::-1] in self.directed_edges
             )
-            if is_closed:
-                # This edge has two triangles already.
+            has_two_triangles = has_triangle and new_edge not in self.open_edges
+            if has_two_triangles:
                 return False
-            if abs(apex_position - positions[end]) > MAX_EDGE_LENGTH * self.side:
+            if abs(apex_position - positions[end]) > MAX_EDGE_LENGTH * self.edge_length:
                 return False
             # Edges with a common vertex cannot cross.
             for first, second in nearby_open_edges:

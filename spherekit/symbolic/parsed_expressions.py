@@ -66,9 +66,15 @@ def convert_to_graph(
     }
 
     def convert_operation(name: str, parts: list[tuple[Expr, Expr]]) -> tuple[Expr, Expr]:
-        """Return the full and reduced value of an operation, from those of its parts."""
+        """Return the full and reduced value of an operation, from those of its parts.
+
+        A reduced value differs from the full value by a number of whole revolutions. An
+        angle of many revolutions has fewer exact digits, so periodic functions take the
+        reduced value, at which they have the same value.
+        """
         full_arguments, reduced_arguments = zip(*parts, strict=True)
         if name == "/" and full_arguments[1] == 0.0:
+            # The text of the whole expression, for the message.
             what = f'"{expression.text}"' if expression.text else "a load"
             raise EngineError(f"{what} divides by what is zero everywhere")
         is_periodic = name in PERIODIC_FUNCTIONS

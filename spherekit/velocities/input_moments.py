@@ -67,7 +67,11 @@ class InputMoments:
         tensors: Mapping[int, Entries],
         unit: float = 0.0,
     ) -> None:
-        """Write velocities and momenta of the links.
+        """Derive expressions of the velocities and momenta of the links.
+
+        For each link and input these are the angular velocity and the angular momentum of
+        the link while this input moves alone. Their components are along the basis of the
+        link (`LinkOrientation`), three unit vectors that are fixed in the link.
 
         Parameters
         ----------
@@ -80,10 +84,13 @@ class InputMoments:
         """
         self._coordinate_rates = coordinate_rates
         # Expressions of sizes that are nearly zero become exact zeros, so numbers should
-        # have sizes near one.
+        # have sizes near one. The unit is 1 if all numbers in the tensors are zero.
         entries = (x for tensor in tensors.values() for x in tensor.flat)
         sizes = (abs(float(x)) for x in entries if not isinstance(x, ExpressionNode))
-        self.unit = unit or max(sizes, default=1.0) or 1.0
+        largest_size = max(sizes, default=0.0)
+        self.unit = unit or largest_size or 1.0
+        # `tau` has the homogeneous rates by each input.
+        input_count = len(coordinate_rates.tau)
         self._links: list[MovingLink] = []
         for link, tensor in tensors.items():
             # The ground does not move.
@@ -91,9 +98,9 @@ class InputMoments:
                 continue
             orientation = coordinate_rates.placed[link]
             velocities = [
-                coordinate_rates.link_velocity(i, link)
-                for i in range(len(coordinate_rates.tau))
+                coordinate_rates.link_velocity(i, link) for i in range(input_count)
             ]
+            # The inertia tensor in the axes of the basis, in the unit of inertia.
             inertia = constants(orientation.basis_tensor(tensor / self.unit))
             momenta = [inertia @ velocity for velocity in velocities]
             self._links.append(MovingLink(link, orientation, velocities, momenta))

@@ -56,10 +56,13 @@ def replace_numbers(part: Any, replace_number: Callable[[Any], Any]) -> Any:
         return replace_number(part)
     if isinstance(part, int | float):
         return replace_number(float(part))
-    # Dataclasses: the fields that contain numbers.
+    # Dataclasses: the fields that contain numbers. All other parts, such as names of links,
+    # and functions and tables of torques, stay as they are. (Masses are not dataclasses
+    # here, but tuples of a link and its inertia tensor.)
     fields_with_numbers: dict[str, Any] = {}
     if isinstance(part, LoadComponent):
         fields_with_numbers = {"magnitude": part.magnitude, "moments": part.moments}
+        # This object describes the load again, with the old numbers.
         part = replace(part, bearing_friction=None)
     elif isinstance(part, LinkMoment):
         fields_with_numbers = {"direction": part.direction, "arm": part.arm}

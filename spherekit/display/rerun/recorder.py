@@ -508,7 +508,9 @@ class RerunRecorder:
         has_findings: bool = True,
         names: Sequence[Name] = (),
     ) -> bool:
-        """Log the static data of a primitive and add it to the layout, if it is new.
+        """Write the static data of a primitive to the recording, if it is new.
+
+        It is also added to the layout, the arrangement of the window of the viewer.
 
         Parameters
         ----------
@@ -517,9 +519,10 @@ class RerunRecorder:
         primitive
             Something to draw. It is identified by its page and its own path.
         has_findings
-            Whether it shows results of an analysis, and not only the motion.
+            Whether it shows results of an analysis, and not only the motion. Plots that do
+            come first on a page.
         names
-            The names that a link shows, with their places.
+            The texts to draw on a link, with their positions.
 
         Returns
         -------
@@ -547,7 +550,8 @@ class RerunRecorder:
         path
             Path of the primitive in the recording.
         has_findings
-            Whether it shows results of an analysis, and not only the motion.
+            Whether it shows results of an analysis, and not only the motion. Plots that do
+            come first on a page.
         """
         layout = self._open_charts.layout
         if page is not None:

@@ -205,7 +205,8 @@ def _visible_views(blueprint: Mapping[str, Any]) -> Iterator[str]:
     Parameters
     ----------
     blueprint
-        The components of the layout, by path (such as ``/container/ID``) and archetype.
+        The layout of the window: by the path of a part (such as ``/container/ID``), and by
+        the type of its data (such as ``ContainerBlueprint``), its settings by name.
     """
     root = blueprint["/viewport"]["ViewportBlueprint"]["root_container"]
     pending = [f"container/{root}"]
@@ -244,18 +245,20 @@ def _activate_tabs(client: ViewerClient, recording: Path, titles: Sequence[str])
     OutputError
         If there is no tab with one of the titles.
     """
+    # The viewer calls the layout of its window a blueprint. It is a nested dictionary:
+    # blueprint[path of a part][type of its data][name of a setting].
     blueprint = client.get_blueprint().blueprint
     # Find the title of every part of the layout, and the containers that show tabs.
     paths_of_title: dict[str, list[str]] = {}
-    for path, archetypes in blueprint.items():
-        for components in archetypes.values():
-            if "display_name" in components:
-                title = components["display_name"]
+    for path, settings_by_type in blueprint.items():
+        for settings in settings_by_type.values():
+            if "display_name" in settings:
+                title = settings["display_name"]
                 paths_of_title.setdefault(title, []).append(path.strip("/"))
     tab_containers = [
-        archetypes["ContainerBlueprint"]
-        for archetypes in blueprint.values()
-        if archetypes.get("ContainerBlueprint", {}).get("container_kind") == "Tabs"
+        settings_by_type["ContainerBlueprint"]
+        for settings_by_type in blueprint.values()
+        if settings_by_type.get("ContainerBlueprint", {}).get("container_kind") == "Tabs"
     ]
     tab_paths = {path for tabs in tab_containers for path in tabs["contents"]}
     for title in titles:
