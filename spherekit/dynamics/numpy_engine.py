@@ -219,8 +219,9 @@ class Collocation:
         The largest size so far of the determinant whose sign changes where curves of
         configurations cross, with the sign that it has at the last node.
     is_near_crossing
-        Whether a crossing of curves may be near. Steps are then made with a tolerance of at
-        most `MAX_CROSSING_TOLERANCE_RAD`.
+        Whether a crossing may be near: a singularity in which two curves of configurations
+        intersect. Steps are then made with a tolerance of at most
+        `MAX_CROSSING_TOLERANCE_RAD`.
     max_closure_residual
         Largest closure residual that was removed between steps, rad.
     noisy_steps

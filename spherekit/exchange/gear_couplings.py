@@ -427,11 +427,12 @@ def construct_bevel_gears(
 def _find_bevel_equations(
     hinges: Sequence[ImportedPair], equations: Floats
 ) -> Iterator[BevelEquation]:
-    """Yield the equations of bevel gears between any two links that couplings imply.
+    """Yield the equations of bevel gears that follow from the couplings of joints.
 
-    The path between the two links has to have two axes, which are the axes of both gears on
-    their carrier. If the couplings imply u x + v y = 0 for the rotations x and y about both
-    axes, bevel gears on the two links have the same equation.
+    All pairs of links are tried. The path of hinges between them has to have two axes,
+    which are the axes of both gears on their carrier. If the couplings imply u x + v y = 0
+    for the rotations x and y about both axes, bevel gears on the two links have the same
+    equation.
 
     Parameters
     ----------

@@ -255,8 +255,10 @@ class _OrientationCells:
             width=np.full(count, width),
         )
         # The whole volume of an uncertain cell is its first error.
-        self.volume, is_certain = self._measure(self.boxes)
-        self.error = np.where(is_certain, 0.0, _step_volumes(self.boxes).sum(axis=1))
+        self.volume, has_certain_volume = self._measure(self.boxes)
+        self.error = np.where(
+            has_certain_volume, 0.0, _step_volumes(self.boxes).sum(axis=1)
+        )
 
     def halve(self, selected: Indices) -> None:
         """Replace some cells (k,) by their eight parts, and measure the parts.
@@ -272,11 +274,11 @@ class _OrientationCells:
         offsets = np.tile(_CORNERS_OF_CUBE, (len(selected), 1)) * half_width[:, None]
         parts = _Boxes(cube=whole.cube, corner=whole.corner + offsets, width=half_width)
         # A volume is certain if the part belongs to the set as a whole or not at all.
-        volume, is_certain = self._measure(parts)
+        volume, has_certain_volume = self._measure(parts)
 
         # The change of the volume is divided among the parts that are not certain.
         change = np.abs(volume.reshape(-1, 8).sum(axis=1) - self.volume[selected])
-        is_uncertain = ~is_certain.reshape(-1, 8)
+        is_uncertain = ~has_certain_volume.reshape(-1, 8)
         share = change / np.maximum(np.count_nonzero(is_uncertain, axis=1), 1)
         error = np.where(is_uncertain, share[:, None], 0.0).ravel()
 
@@ -298,7 +300,7 @@ class _OrientationCells:
         -------
         volumes
             (n,) volume of the set in each box, of 8 pi^2 for all orientations.
-        is_certain
+        has_certain_volume
             (n,) whether the volume is certain: all of the box or nothing.
         """
         # Bounds of each margin: those of its polynomial, widened by the slack. This is the
@@ -311,12 +313,12 @@ class _OrientationCells:
         slack = VALUE_SAFETY_FACTOR * max_abs(at_checks - checks, axis=0)
         bernstein = np.tensordot(_CUBE_BERNSTEIN, samples, axes=1)
         is_outside = (bernstein.max(axis=0) + slack < 0.0).any(axis=1)
-        is_certain = is_outside | (bernstein.min(axis=0) >= slack).all(axis=1)
+        has_certain_volume = is_outside | (bernstein.min(axis=0) >= slack).all(axis=1)
 
         # (n, steps) volumes of the steps of each cell. In uncertain cells they are reduced
         # to the part in which all margins are positive.
         volumes = _step_volumes(boxes) * ~is_outside[:, None]
-        uncertain = np.flatnonzero(~is_certain)
+        uncertain = np.flatnonzero(~has_certain_volume)
         # Chunks limit the memory.
         chunk_count = len(uncertain) * margin_count // VALUES_PER_CHUNK + 1
         for chunk in np.array_split(uncertain, chunk_count):
@@ -324,7 +326,7 @@ class _OrientationCells:
             filled = filled.reshape(STEPS_PER_CELL**3, len(chunk), margin_count)
             # The margin that excludes most of a step decides about it.
             volumes[chunk] *= filled.min(axis=2).T
-        return volumes.sum(axis=1), is_certain
+        return volumes.sum(axis=1), has_certain_volume
 
     def _sample(self, boxes: _Boxes) -> tuple[Floats, Floats]:
         """Return the margins at the samples and check points of n boxes.

@@ -249,7 +249,11 @@ def eliminant_degree(incidence: Bools) -> int:
 
 
 def _resultant_degree(incidence: Bools) -> int:
-    """Return the degree of the resultant in the second of three angles; else 0."""
+    """Return the degree in y of the resultant of the last two of three equations.
+
+    The resultant is what remains if the last of the angles x, y, z is eliminated from both.
+    Systems of two equations have no angle y, and the degree is 0.
+    """
     return 2 * int(np.sum(incidence[1:, 1])) if len(incidence) == 3 else 0
 
 

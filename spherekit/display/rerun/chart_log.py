@@ -19,7 +19,7 @@ from spherekit.display.rerun.charts import (
     legend_style,
     legend_texts,
 )
-from spherekit.display.rerun.destination import Output, Outputs
+from spherekit.display.rerun.destination import ENTITY_ITSELF, Output, Outputs
 from spherekit.display.rerun.rerun_sdk import rr
 from spherekit.scenes.scene import Axis, InputMarks, Scene, Series
 
@@ -111,13 +111,15 @@ class Charts:
         for chart_path, series_paths in changed_paths.items():
             chart = self.charts[chart_path]
             cursor_path = f"{chart_path}/cursor"
-            self.outputs.log_first(cursor_path, [("", cursor_style(chart))])
+            self.outputs.log_first(cursor_path, [(ENTITY_ITSELF, cursor_style(chart))])
             cursor = chart.cursor_columns(axis_values)
             self.outputs.log_rows(cursor_path, timelines, cursor, row_count)
 
             legend_path = f"{chart_path}/legend"
             places, tints = chart.legend(series_paths)
-            self.outputs.log_first(legend_path, [("", legend_style(places, tints))])
+            self.outputs.log_first(
+                legend_path, [(ENTITY_ITSELF, legend_style(places, tints))]
+            )
             texts = legend_texts([chart.curves[path][-1].series for path in series_paths])
             # The texts of all rows are one list. Each row has one text for each series.
             legend = rr.Points2D.columns(labels=texts).partition(

@@ -333,6 +333,9 @@ def _reason(error: BaseException) -> str:
 Still = tuple[str, rr.AsComponents]
 """Path below the path of an entity, and the data that are logged there once."""
 
+ENTITY_ITSELF = ""
+"""The path below the path of an entity at which data of the entity itself are logged."""
+
 Stills = Iterator[Still]
 
 Columns = Iterable[rr.ComponentColumn]

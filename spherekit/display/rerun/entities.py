@@ -15,7 +15,7 @@ from spherekit.arrays import Bools, Floats
 from spherekit.display.rerun import diagrams, portraits, shapes
 from spherekit.display.rerun.chart_frame import place_in_frame
 from spherekit.display.rerun.charts import dot_style
-from spherekit.display.rerun.destination import Columns, Stills
+from spherekit.display.rerun.destination import ENTITY_ITSELF, Columns, Stills
 from spherekit.display.rerun.labels import Name
 from spherekit.display.rerun.rerun_sdk import rr
 from spherekit.geometry.rotation import quaternion
@@ -118,7 +118,7 @@ def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
             yield from _arrow_style(primitive)
         case GreatCircle():
             yield (
-                "",
+                ENTITY_ITSELF,
                 rr.LineStrips3D(
                     [shapes.unit_circle()],
                     colors=colours.VIOLET,
@@ -143,7 +143,10 @@ def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
         case Graph():
             yield from _draw_graph(primitive)
         case Text():
-            yield "", rr.TextDocument(primitive.markdown, media_type="text/markdown")
+            yield (
+                ENTITY_ITSELF,
+                rr.TextDocument(primitive.markdown, media_type="text/markdown"),
+            )
         case _:
             assert_never(primitive)
 
@@ -165,25 +168,25 @@ def moving_columns(
     """
     match primitive:
         case Trace(quaternions=quaternions) if quaternions is not None:
-            yield "", _rotation_columns(quaternions)
+            yield ENTITY_ITSELF, _rotation_columns(quaternions)
         case Diagram():
             yield from diagrams.moving_columns(primitive)
         case Body(quaternions=quaternions) if quaternions is not None:
-            yield "", _rotation_columns(quaternions)
+            yield ENTITY_ITSELF, _rotation_columns(quaternions)
             yield "labels", rr.Points3D.columns(show_labels=all_finite(quaternions, 1))
         case Arrow():
             yield from _arrow_columns(primitive, labels)
         case GreatCircle(normals=normals):
             # The static circle is about z, so z is turned to the normal of the plane.
             rotations = frame_from(normals, perpendicular(normals))
-            yield "", _rotation_columns(quaternion(rotations))
+            yield ENTITY_ITSELF, _rotation_columns(quaternion(rotations))
         case Portrait():
             points = place_in_frame(primitive.placed())
             is_valid = all_finite(points, 1)
             columns = rr.Points2D.columns(positions=points[is_valid])
             yield "mark", columns.partition(is_valid)
         case Series(values=values):
-            yield "", rr.Scalars.columns(scalars=values)
+            yield ENTITY_ITSELF, rr.Scalars.columns(scalars=values)
         case _:
             return
 
@@ -196,9 +199,9 @@ def _arrow_style(arrow: Arrow) -> Stills:
     pole was in the last samples.
     """
     if arrow.primary:
-        yield "", rr.Arrows3D.from_fields(colors=colours.SILVER, radii=0.006)
+        yield ENTITY_ITSELF, rr.Arrows3D.from_fields(colors=colours.SILVER, radii=0.006)
         return
-    yield "", rr.Arrows3D.from_fields(colors=colours.GOLD, radii=0.014)
+    yield ENTITY_ITSELF, rr.Arrows3D.from_fields(colors=colours.GOLD, radii=0.014)
     yield (
         "label",
         rr.Points3D.from_fields(show_labels=True, colors=colours.GOLD, radii=LABEL_RADIUS),
@@ -224,7 +227,10 @@ def _arrow_columns(arrow: Arrow, labels: NDArray[np.object_] | None) -> Iterator
     is_valid = all_finite(arrow.directions, 1)
     directions = arrow.directions[is_valid]
     length = PAIR_ARROW_LENGTH if arrow.primary else POLE_ARROW_LENGTH
-    yield "", rr.Arrows3D.columns(vectors=length * directions).partition(is_valid)
+    yield (
+        ENTITY_ITSELF,
+        rr.Arrows3D.columns(vectors=length * directions).partition(is_valid),
+    )
     if arrow.primary:
         return
     if labels is None:
@@ -371,7 +377,7 @@ def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
     scale = 1.0 + SHELL_DISTANCE * (1 + body.number % SHELL_COUNT)
     if len(body.curves):
         curves = [scale * np.asarray(curve) for curve in body.curves]
-        yield "", rr.LineStrips3D(curves, colors=colour, radii=LINK_RADIUS)
+        yield ENTITY_ITSELF, rr.LineStrips3D(curves, colors=colour, radii=LINK_RADIUS)
     if len(body.joints):
         yield (
             "joints",
@@ -394,7 +400,10 @@ def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
 def _draw_sphere_curves(item: SphereCurves) -> Stills:
     """Yield curves and marks on the sphere; marks with different labels show them."""
     if item.curves:
-        yield "", _curves(item.curves, CURVE_SCALE, colours.tone_colour(item.tone), 1.6)
+        yield (
+            ENTITY_ITSELF,
+            _curves(item.curves, CURVE_SCALE, colours.tone_colour(item.tone), 1.6),
+        )
     if item.marks:
         labels = [mark.label for mark in item.marks]
         yield (
@@ -417,7 +426,7 @@ def _draw_sphere_map(item: SphereMap) -> Stills:
     positions = MAP_SCALE * item.vertices
     if len(item.triangles):
         yield (
-            "",
+            ENTITY_ITSELF,
             rr.Mesh3D(
                 vertex_positions=positions,
                 triangle_indices=item.triangles,
@@ -426,7 +435,10 @@ def _draw_sphere_map(item: SphereMap) -> Stills:
             ),
         )
     else:
-        yield "", rr.Points3D(positions, colors=tints, radii=rr.Radius.ui_points(4.0))
+        yield (
+            ENTITY_ITSELF,
+            rr.Points3D(positions, colors=tints, radii=rr.Radius.ui_points(4.0)),
+        )
 
 
 def _draw_surface(surface: Surface) -> Stills:
@@ -442,7 +454,7 @@ def _draw_surface(surface: Surface) -> Stills:
     positions = (surface.vertices - middle) * scale
     if len(surface.triangles):
         yield (
-            "",
+            ENTITY_ITSELF,
             rr.Mesh3D(
                 vertex_positions=positions,
                 triangle_indices=surface.triangles,
@@ -455,7 +467,10 @@ def _draw_surface(surface: Surface) -> Stills:
         if surface.values is not None:
             value_range = choose_map_range(surface.values, surface.values_unit)
             tints = colours.heat_colours(surface.values, *value_range)
-        yield "", rr.Points3D(positions, colors=tints, radii=rr.Radius.ui_points(3.0))
+        yield (
+            ENTITY_ITSELF,
+            rr.Points3D(positions, colors=tints, radii=rr.Radius.ui_points(3.0)),
+        )
     low_corner = (low - middle) * scale
     high_corner = (high - middle) * scale
     box = shapes.box(low_corner, high_corner)
@@ -499,6 +514,9 @@ def _draw_graph(graph: Graph) -> Stills:
         for number in link_numbers
     ]
     positions = np.array(GRAPH_SIZE) * np.reshape(graph.positions, (-1, 2))
-    yield "", rr.GraphNodes(names, labels=labels, colors=tints, positions=positions)
+    yield (
+        ENTITY_ITSELF,
+        rr.GraphNodes(names, labels=labels, colors=tints, positions=positions),
+    )
     if graph.edges:
-        yield "", rr.GraphEdges(graph.edges, graph_type="undirected")
+        yield ENTITY_ITSELF, rr.GraphEdges(graph.edges, graph_type="undirected")

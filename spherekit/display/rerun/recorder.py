@@ -31,6 +31,7 @@ from spherekit.display.rerun.blueprint import (
 from spherekit.display.rerun.chart_frame import CHART_BOUNDS, draw_colour_scale
 from spherekit.display.rerun.chart_log import Charts
 from spherekit.display.rerun.destination import (
+    ENTITY_ITSELF,
     FileOutput,
     LiveOutput,
     Output,
@@ -214,7 +215,8 @@ class RerunRecorder:
         self._names[None] = Names(sight)
         self._outputs.send_name(self.name, head.properties)
         self._outputs.log_static(
-            self.root, [("", rr.ViewCoordinates.RIGHT_HAND_Z_UP), *entities.draw_sphere()]
+            self.root,
+            [(ENTITY_ITSELF, rr.ViewCoordinates.RIGHT_HAND_Z_UP), *entities.draw_sphere()],
         )
         for scene in map(convert_to_degrees, head.scenes):
             names = self._names_of_new_links(scene)
@@ -399,9 +401,7 @@ class RerunRecorder:
             if body.quaternions is not None:
                 is_failed |= ~all_finite(body.quaternions, 1)
         path = f"{layout.base(scene.page)}/status"
-        # What does not change from row to row. An empty name means the path itself.
-        label_by_name = [("", entities.failure_label())]
-        is_new = self._outputs.log_first(path, label_by_name)
+        is_new = self._outputs.log_first(path, [(ENTITY_ITSELF, entities.failure_label())])
         if is_new:
             layout.sphere_view_paths.append((scene.page, path))
         columns = entities.failure_columns(is_failed)
