@@ -9,6 +9,7 @@ from oracles.newton_euler import with_masses_and_loads
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.dynamics.reduced_model_maker import reduced_grid_model
+from spherekit.dynamics.reduced_model_samples import BoxSampler
 from spherekit.errors import ModelError, SolveError
 from spherekit.mechanism.elements import Input
 from spherekit.positions.position_analysis import PositionAnalysis
@@ -113,3 +114,17 @@ def test_the_command_writes_it(tmp_path, capsys):
     said = capsys.readouterr().err
     assert "functions of 21, 51, errors up to" in said and "no inertia" not in said
     assert sk.load_reduced(target).heading.inputs == ("21", "51")
+
+
+def test_samples_outside_of_the_reach_are_nan():
+    """If the assembly mode exists at none of the inputs, all functions are NaN there."""
+    mechanism = sk.load("five_bar")
+    position_analysis = PositionAnalysis(mechanism, None, 0, samples=5, grid=True)
+    sampler = BoxSampler(position_analysis, ())
+    function_count = len(sampler.label_functions(sampler.make_heading(0)))
+    out_of_reach = np.array([[1.5, 1.5], [1.5, 2.0]])
+    motion = PositionAnalysis(mechanism, None, 0, path=out_of_reach).motion()
+    assert np.all(motion.status == Status.OUT_OF_REACH)
+    functions = sampler.evaluate(out_of_reach, function_count)
+    assert functions.shape == (2, function_count)
+    assert np.all(np.isnan(functions))

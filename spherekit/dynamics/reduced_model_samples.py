@@ -643,8 +643,7 @@ class BoxSampler(Sampler):
         inputs
             (n, m) values of the m inputs, in rad.
         function_count
-            Number of the labels. Without a valid configuration it could not be told from
-            the values.
+            Number of the labels. Without a valid configuration no values tell it.
 
         Returns
         -------
@@ -672,9 +671,10 @@ class BoxSampler(Sampler):
             is_valid &= determinacy(motion.rates) >= MIN_DETERMINACY
             is_valid &= motion.status == Status.OK
         functions = nans((len(inputs), function_count))
-        functions[is_valid] = self.evaluate_motion(
-            motion_by_variables(self.closure, values[is_valid], self.driven)
-        )
+        if np.any(is_valid):
+            functions[is_valid] = self.evaluate_motion(
+                motion_by_variables(self.closure, values[is_valid], self.driven)
+            )
         return functions
 
     def evaluate_motion(self, motion: CoordinateMotion) -> Floats:
