@@ -34,21 +34,25 @@ from spherekit.velocities.pole_request import request
 
 MIURA = Path(__file__).parent / "files" / "miura_2x2v.toml"
 RATE_TOLERANCE = 1e-9
-"""Largest deviation of link rates, over the largest rate, from the null space."""
+"""Largest deviation of link rates from the null space, as part of the largest rate."""
 LEAST_SINGULAR_VALUE = 1e-9
-"""Where the closure equations have a smaller one the input does not say the motion."""
+"""Below this singular value of the closure equations, the input does not determine the
+motion, and rows have the status AT_SINGULARITY."""
 FIRST_SEEDS = [0, 1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 6))]
-"""Seeds of random mechanisms, of which two are quick."""
+"""Seeds of random mechanisms; the first two take less than a second."""
 
 
-def miura(rows=2, columns=2, driven="z00", span=(10.0, 170.0)):
-    """Return a folded sheet of Miura-ori with so many vertices, as its spherical image.
+def miura_sheet(rows=2, columns=2, driven_pair="z00", range_deg=(10.0, 170.0)):
+    """Return a folded Miura-ori sheet as a spherical mechanism.
 
-    The axes of creases repeat every other row and column, the fold angles change sign.
+    The sheet has `rows` times `columns` vertices. Facet (i, j) is the link `fij`. Crease
+    `zij` joins it to the next facet of its row, crease `hij` to the next of its column.
+    The directions of creases repeat in every other row and column, and fold angles change
+    sign from crease to crease. One fold angle is driven through `range_deg`.
     """
-    small = sk.load(MIURA)
+    sheet_of_four = sk.load(MIURA)
     axes = {}
-    values = {}
+    fold_angles = {}
     pairs = []
     links = [f"f{i}{j}" for i in range(rows + 1) for j in range(columns + 1)]
     for i in range(rows + 1):
@@ -56,62 +60,74 @@ def miura(rows=2, columns=2, driven="z00", span=(10.0, 170.0)):
             if j < columns:
                 name = f"z{i}{j}"
                 pairs.append(Pair(name, "R", (f"f{i}{j}", f"f{i}{j + 1}")))
-                axes[name] = small.geometry.axes[f"z{i % 2}0"]
-                values[name] = np.radians(60.0) * (-1.0) ** j
+                axes[name] = sheet_of_four.geometry.axes[f"z{i % 2}0"]
+                fold_angles[name] = np.radians(60.0) * (-1.0) ** j
             if i < rows:
                 name = f"h{i}{j}"
                 pairs.append(Pair(name, "R", (f"f{i}{j}", f"f{i + 1}{j}")))
-                axes[name] = small.geometry.axes[f"h0{j % 2}"]
-                values[name] = small.geometry.values["h00"] * (-1.0) ** (i + j)
-    low, high = np.radians(span)
+                axes[name] = sheet_of_four.geometry.axes[f"h0{j % 2}"]
+                sign = (-1.0) ** (i + j)
+                fold_angles[name] = sign * sheet_of_four.geometry.values["h00"]
+    start, stop = np.radians(range_deg)
     return replace(
-        small,
+        sheet_of_four,
         links=tuple(links),
         pairs=tuple(pairs),
-        geometry=replace(small.geometry, axes=axes, values=values),
-        inputs=(Input(driven, low, high),),
+        geometry=replace(sheet_of_four.geometry, axes=axes, values=fold_angles),
+        inputs=(Input(driven_pair, start, stop),),
     )
 
 
-def doubled_coupler(random):
-    """Return a four-bar whose coupler has a twin on the same two axes."""
-    made = mechanism_from_chain(
-        ((1, 2), (2, 3), (3, 4), (1, 4), (2, 5), (4, 5)), random_axes(random, 6)
-    )
-    axes = dict(made.geometry.axes)
+def four_bar_with_two_equal_couplers(random):
+    """Return a four-bar with random axes whose coupler (link 3) has an equal one (link 5).
+
+    Both couplers turn about the same two axes, so one of them is redundant.
+    """
+    joined_links = ((1, 2), (2, 3), (3, 4), (1, 4), (2, 5), (4, 5))
+    mechanism = mechanism_from_chain(joined_links, random_axes(random, 6))
+    axes = dict(mechanism.geometry.axes)
     axes["p2_5"] = axes["p2_3"]
     axes["p4_5"] = axes["p3_4"]
-    return replace(made, geometry=replace(made.geometry, axes=axes))
+    return replace(mechanism, geometry=replace(mechanism.geometry, axes=axes))
 
 
-def check_against_null_space(made, samples=9):
-    """Compare all rows of a motion with the null space; return how many were compared."""
-    position_analysis = PositionAnalysis(made, samples=samples)
+def check_rates_against_null_space(mechanism, samples=9):
+    """Compare the angular velocities of all links with the null space; count the rows.
+
+    The reference is the null space of the velocity equations (one equation for each pair,
+    without elimination), scaled to a rate of 1 rad/rad of the driven pair. A row must have
+    the status AT_SINGULARITY exactly if the closure Jacobian with the input locked has a
+    singular value below `LEAST_SINGULAR_VALUE`. The result is the number of compared rows.
+    """
+    position_analysis = PositionAnalysis(mechanism, samples=samples)
     motion = position_analysis.motion()
-    poles = all_poles(len(made.links))
-    (driven_pair,) = made.input_pairs
-    wanted = request(made, driven_pair, poles, poles, by_rank=position_analysis.by_rank)
-    field = evaluate(motion, wanted)
-    driven = made.pair_number[driven_pair]
-    a, b = made.ends[driven]
-    compared = 0
+    poles = all_poles(len(mechanism.links))
+    (driven_pair,) = mechanism.input_pairs
+    pole_request = request(
+        mechanism, driven_pair, poles, poles, by_rank=position_analysis.by_rank
+    )
+    field = evaluate(motion, pole_request)
+    driven = mechanism.pair_number[driven_pair]
+    first_link, second_link = mechanism.ends[driven]
+    compared_rows = 0
     for row in np.flatnonzero(~motion.failed):
-        least = np.linalg.svd(motion.passive_jacobian[row], compute_uv=False)[-1]
+        singular_values = np.linalg.svd(motion.passive_jacobian[row], compute_uv=False)
+        smallest = singular_values[-1]
         is_singular = field.status[row] == sk.Status.AT_SINGULARITY
-        assert is_singular == (least < LEAST_SINGULAR_VALUE), (row, least)
-        if least < 1e-3:
+        assert is_singular == (smallest < LEAST_SINGULAR_VALUE), (row, smallest)
+        if smallest < 1e-3:  # the null space itself has too few digits
             continue
-        w, _ = null_space(len(made.links), made.ends, motion.axes[row])
-        w /= (w[b] - w[a]) @ motion.axes[row, driven]
-        for link, rates in enumerate(w):
-            off = np.max(np.abs(field.w[link][row] - rates))
-            assert off < RATE_TOLERANCE * np.max(np.abs(w)), (row, link, off)
-        compared += 1
-    return compared
+        w, _ = null_space(len(mechanism.links), mechanism.ends, motion.axes[row])
+        w /= (w[second_link] - w[first_link]) @ motion.axes[row, driven]
+        for link, link_rates in enumerate(w):
+            error = np.max(np.abs(field.w[link][row] - link_rates))
+            assert error < RATE_TOLERANCE * np.max(np.abs(w)), (row, link, error)
+        compared_rows += 1
+    return compared_rows
 
 
-def test_command_gives_rates_in_every_mode(capsys, tmp_path):
-    """Modes 1 and 4 were AT_SINGULARITY at all samples; alone they were OK."""
+def test_run_prints_ok_for_every_assembly_mode_of_the_folded_sheet(capsys, tmp_path):
+    """A single order of elimination is singular in modes 1 and 4 at all samples."""
     assert main(["run", str(MIURA), "--samples", "17", "-o", str(tmp_path)]) == 0
     out = capsys.readouterr().out
     assert "assembly modes 0 (~), 1 (~), 2 (~), 3 (~), 4 (~), 5 (~): each 17 OK" in out
@@ -120,7 +136,7 @@ def test_command_gives_rates_in_every_mode(capsys, tmp_path):
 
 @pytest.mark.many
 @pytest.mark.parametrize(
-    ("driven", "span"),
+    ("driven_pair", "range_deg"),
     [
         ("z00", (10.0, 170.0)),
         pytest.param("z00", (20.0, 80.0), marks=pytest.mark.slow),
@@ -129,89 +145,122 @@ def test_command_gives_rates_in_every_mode(capsys, tmp_path):
         ("z11", (-150.0, -20.0)),
     ],
 )
-def test_folded_sheet_of_four_vertices(driven, span):
-    """Which modes lost their rates depended on the range and on the input."""
-    assert check_against_null_space(miura(driven=driven, span=span)) > 9
+def test_rates_of_a_sheet_of_four_vertices_match_the_null_space(driven_pair, range_deg):
+    """The modes in which one order of elimination fails depend on range and input."""
+    sheet = miura_sheet(driven_pair=driven_pair, range_deg=range_deg)
+    assert check_rates_against_null_space(sheet) > 9
 
 
 @pytest.mark.slow
-def test_folded_sheet_of_six_vertices():
-    """More loops repeat equations of others."""
-    assert check_against_null_space(miura(2, 3), samples=5) > 9
+def test_rates_of_a_sheet_of_six_vertices_match_the_null_space():
+    """This sheet has more redundant loops than the sheet of four vertices."""
+    assert check_rates_against_null_space(miura_sheet(2, 3), samples=5) > 9
 
 
 @pytest.mark.slow
-def test_long_run_by_a_kernel_agrees_with_a_short_one():
-    """A long run uses one order for all modes; rows of others get theirs."""
-    long = sk.run(MIURA, "poles:only=f01/f00+f12/f00", samples=2801)
-    short = sk.run(MIURA, "poles:only=f01/f00+f12/f00", samples=5)
+def test_compiled_rows_of_a_long_run_equal_those_of_a_short_run():
+    """The compiled row kernel of a long run eliminates in one order for all modes.
+
+    Rows where this order is singular are computed again with an order of their own. The
+    short run (5 samples) is not compiled. Its sample k is sample 700 k of the long run.
+    """
+    long_run = sk.run(MIURA, "poles:only=f01/f00+f12/f00", samples=2801)
+    short_run = sk.run(MIURA, "poles:only=f01/f00+f12/f00", samples=5)
+    long_rows = long_run.frame()
+    short_rows = short_run.frame()
+    assert (short_rows.status != "AT_SINGULARITY").all()
+    assert (long_rows.status != "AT_SINGULARITY").all()
     columns = ["velocity_coefficient", "acceleration_coefficient", "ux", "uy", "uz"]
-    every = long.frame().set_index(["assembly_mode", "sample", "link", "relative_to"])
-    some = short.frame()
-    assert (some.status != "AT_SINGULARITY").all()
-    assert (long.frame().status != "AT_SINGULARITY").all()
-    for _, row in some.iterrows():
-        at = every.loc[row.assembly_mode, 700 * row["sample"], row.link, row.relative_to]
-        one, other = (x[columns].to_numpy(dtype=float) for x in (at, row))
-        # Links that rest relative to each other have no direction in either.
-        assert np.allclose(one, other, rtol=0.0, atol=1e-8, equal_nan=True)
+    long_rows = long_rows.set_index(["assembly_mode", "sample", "link", "relative_to"])
+    for _, short_row in short_rows.iterrows():
+        long_row = long_rows.loc[
+            short_row.assembly_mode,
+            700 * short_row["sample"],
+            short_row.link,
+            short_row.relative_to,
+        ]
+        # Directions are NaN in both runs where a link rests relative to the other.
+        assert np.allclose(
+            long_row[columns].to_numpy(dtype=float),
+            short_row[columns].to_numpy(dtype=float),
+            rtol=0.0,
+            atol=1e-8,
+            equal_nan=True,
+        )
 
 
 @pytest.mark.parametrize("seed", FIRST_SEEDS)
-def test_coupler_with_a_twin(seed):
-    """A link that repeats another one makes the mechanism over-constrained."""
-    made = doubled_coupler(np.random.default_rng(seed))
-    assert check_against_null_space(made, samples=3) > 0
+def test_rates_of_a_four_bar_with_two_equal_couplers_match_the_null_space(seed):
+    """The second coupler makes the mechanism over-constrained."""
+    mechanism = four_bar_with_two_equal_couplers(np.random.default_rng(seed))
+    assert check_rates_against_null_space(mechanism, samples=3) > 0
 
 
 @pytest.mark.parametrize("seed", FIRST_SEEDS)
-def test_ordinary_mechanisms(seed):
-    """One order serves dyads, triads and eight-bars; nothing changes for them."""
+def test_rates_of_mechanisms_without_redundant_loops_match_the_null_space(seed):
+    """One order of elimination serves all modes of an eight-bar and of a dyad chain."""
     random = np.random.default_rng(seed)
-    chain = EIGHT_BARS[seed]
-    made = mechanism_from_chain(chain, random_axes(random, 10), span=(-0.3, 0.3))
-    assert check_against_null_space(made, samples=3) > 0
-    assert (
-        check_against_null_space(grow_dyad_chain(random, 8, seed % 2 == 0), samples=3) > 0
+    eight_bar = mechanism_from_chain(
+        EIGHT_BARS[seed], random_axes(random, 10), span=(-0.3, 0.3)
     )
+    assert check_rates_against_null_space(eight_bar, samples=3) > 0
+    dyad_chain = grow_dyad_chain(random, 8, seed % 2 == 0)
+    assert check_rates_against_null_space(dyad_chain, samples=3) > 0
 
 
 @pytest.mark.slow
-def test_evaluate_one_mode_at_one_input():
-    """The expressions of floats are made with the order of their own mode."""
+def test_evaluating_one_configuration_uses_the_order_of_its_own_mode():
+    """The velocity coefficient of f12/f00 equals that of the null space in modes 1 and 4.
+
+    Both modes are singular in the order of the other modes. Links are numbered as in the
+    file: 0 is f00 (ground), 1 is f01 (driven about pair 0), 5 is f12.
+    """
     mechanism = sk.load(MIURA)
+    input_rad = 0.9
     for mode in (1, 4):
-        at = sk.evaluate(mechanism, 0.9, assembly_mode=mode)
-        motion = PositionAnalysis(mechanism).at(np.array([0.9])).rows([mode])
+        configuration = sk.evaluate(mechanism, input_rad, assembly_mode=mode)
+        motion = PositionAnalysis(mechanism).at(np.array([input_rad])).rows([mode])
         w, _ = null_space(9, mechanism.ends, motion.axes[0])
         w /= (w[1] - w[0]) @ motion.axes[0, 0]
         expected = np.linalg.norm(w[5])
-        assert abs(abs(at.velocity_coefficient("f12/f00")) - expected) < 1e-9
+        coefficient = abs(configuration.velocity_coefficient("f12/f00"))
+        assert abs(coefficient - expected) < 1e-9
 
 
-def test_each_configuration_gets_an_order_that_is_regular_there():
-    """The assignment covers all configurations, and its norms are those of a matrix."""
+def test_each_configuration_gets_an_order_that_is_regular_at_it():
+    """Every configuration is assigned one order, and elimination amplifies little with it.
+
+    The measure is the norm of the inverse by elimination, which may exceed that of the
+    pseudo-inverse by the factor `MAX_AMPLIFICATION` at most.
+    """
     motion = PositionAnalysis(sk.load(MIURA), samples=17).motion()
     jacobians = motion.linearisation.jacobian
     assigned = assign_elimination_orders(jacobians, motion.passive_variables)
-    rows = np.sort(np.concatenate([some for _, some in assigned]))
-    assert np.array_equal(rows, np.arange(len(jacobians))) and len(assigned) > 1
-    for order, some in assigned:
-        sizes = eliminated_inverse_sizes(jacobians[some], order)
-        least = inverse_sizes(motion.passive_jacobian[some])
-        assert np.all(sizes <= MAX_AMPLIFICATION * least)
-    # A square system has one inverse, whatever the order.
-    four_bar = PositionAnalysis(sk.load("four_bar"), samples=5).motion()
-    order = choose_elimination_order(
-        four_bar.linearisation.jacobian, four_bar.passive_variables
-    )
-    sizes = eliminated_inverse_sizes(four_bar.linearisation.jacobian, order)
-    inverse = np.linalg.inv(four_bar.passive_jacobian)
+    all_rows = np.sort(np.concatenate([rows for _, rows in assigned]))
+    assert np.array_equal(all_rows, np.arange(len(jacobians)))
+    assert len(assigned) > 1
+    for order, rows in assigned:
+        sizes = eliminated_inverse_sizes(jacobians[rows], order)
+        least_sizes = inverse_sizes(motion.passive_jacobian[rows])
+        assert np.all(sizes <= MAX_AMPLIFICATION * least_sizes)
+
+
+def test_size_of_the_inverse_by_elimination_is_the_norm_of_a_square_inverse():
+    """The Jacobian of a four-bar is square, so its inverse does not depend on the order."""
+    motion = PositionAnalysis(sk.load("four_bar"), samples=5).motion()
+    jacobians = motion.linearisation.jacobian
+    order = choose_elimination_order(jacobians, motion.passive_variables)
+    sizes = eliminated_inverse_sizes(jacobians, order)
+    inverse = np.linalg.inv(motion.passive_jacobian)
     assert np.allclose(sizes, np.linalg.norm(inverse, axis=(1, 2)), rtol=1e-12)
 
 
 def miura_jacobians():
-    """Return closure Jacobians that need several orders, and their passive variables."""
+    """Return closure Jacobians (n, equations, variables) and the passive variables.
+
+    The n configurations are those of the folded sheet in all modes at 17 inputs. They need
+    several orders of elimination.
+    """
     motion = PositionAnalysis(sk.load(MIURA), samples=17).motion()
     return motion.linearisation.jacobian, motion.passive_variables
 
@@ -219,38 +268,47 @@ def miura_jacobians():
 @pytest.mark.many
 @pytest.mark.parametrize("position", ["first", "between", "last"])
 @pytest.mark.parametrize("kind", ["zero", "two equal columns"])
-def test_singular_configurations_take_no_order_from_others(position, kind):
-    """The limit on orders is spent on configurations at which an order can be regular."""
-    jacobians, passive = miura_jacobians()
-    expected = assign_elimination_orders(jacobians, passive)
-    singular = 0.0 * jacobians
-    if kind != "zero":
+def test_singular_configurations_do_not_change_the_orders_of_regular_ones(position, kind):
+    """Regular configurations get the same orders with and without singular ones.
+
+    The number of orders is limited, so none may be spent on a singular configuration. As
+    many singular Jacobians as regular ones are placed before, between or after them.
+    """
+    jacobians, passive_variables = miura_jacobians()
+    expected = assign_elimination_orders(jacobians, passive_variables)
+    if kind == "zero":
+        singular = 0.0 * jacobians
+    else:
+        # All passive variables but the first have zero columns.
         singular = jacobians.copy()
-        # No variable but the first moves anything.
-        singular[:, :, list(passive)[1:]] = 0.0
+        singular[:, :, list(passive_variables)[1:]] = 0.0
     n = len(jacobians)
-    mixed = np.concatenate([jacobians, singular])
-    places = {
+    # Configuration k of `arranged` is number sources[k] of regular + singular.
+    sources = {
         "first": np.r_[n : 2 * n, 0:n],
         "between": np.arange(2 * n).reshape(2, n).T.ravel(),
         "last": np.arange(2 * n),
     }[position]
-    assigned = assign_elimination_orders(mixed[places], passive)
+    arranged = np.concatenate([jacobians, singular])[sources]
+
+    assigned = assign_elimination_orders(arranged, passive_variables)
+
     assert [order for order, _ in assigned] == [order for order, _ in expected]
-    rows = np.sort(np.concatenate([some for _, some in assigned]))
-    assert np.array_equal(rows, np.arange(2 * n))
-    for order, some in assigned:
-        regular = some[places[some] < n]
-        sizes = eliminated_inverse_sizes(mixed[places][regular], order)
-        least = inverse_sizes(mixed[places][regular][:, :, list(passive)])
-        assert np.all(sizes <= MAX_AMPLIFICATION * least)
+    all_rows = np.sort(np.concatenate([rows for _, rows in assigned]))
+    assert np.array_equal(all_rows, np.arange(2 * n))
+    for order, rows in assigned:
+        regular = arranged[rows[sources[rows] < n]]
+        sizes = eliminated_inverse_sizes(regular, order)
+        least_sizes = inverse_sizes(regular[:, :, list(passive_variables)])
+        assert np.all(sizes <= MAX_AMPLIFICATION * least_sizes)
 
 
-def test_singular_configurations_alone_have_one_order():
-    """Flat Jacobians: both loops of a four-bar whose axes all lie in one plane."""
-    jacobians, passive = miura_jacobians()
-    flat = jacobians.copy()
-    flat[:, 2::3] = 0.0
-    assigned = assign_elimination_orders(flat, passive)
+def test_singular_configurations_alone_share_one_order():
+    """All axes in one plane make every Jacobian singular: its z components are zero."""
+    jacobians, passive_variables = miura_jacobians()
+    flat_jacobians = jacobians.copy()
+    flat_jacobians[:, 2::3] = 0.0
+    assigned = assign_elimination_orders(flat_jacobians, passive_variables)
     assert len(assigned) <= 1
-    assert all(np.array_equal(rows, np.arange(len(flat))) for _, rows in assigned)
+    for _, rows in assigned:
+        assert np.array_equal(rows, np.arange(len(flat_jacobians)))

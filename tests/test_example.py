@@ -14,26 +14,29 @@ from spherekit.cli.new import distribution_files
 
 ROOT = Path(__file__).parent.parent
 EXAMPLE = ROOT / "examples" / "torque_ratio"
-BUILD = "import setuptools.build_meta as b; print(b.build_wheel('dist'))"
+BUILD_WHEEL_CODE = "import setuptools.build_meta as b; print(b.build_wheel('dist'))"
 
 
-def installed(source: Path, target: Path) -> None:
-    """Build a distribution with the setuptools that is there, and unpack its wheel."""
+def install(source: Path, target: Path) -> None:
+    """Build the wheel of the distribution in `source` and unpack it into `target`.
+
+    The setuptools of this environment is used, so nothing is downloaded.
+    """
     pytest.importorskip("setuptools", "77")
-    run = subprocess.run(
-        [sys.executable, "-c", BUILD],
+    build = subprocess.run(
+        [sys.executable, "-c", BUILD_WHEEL_CODE],
         cwd=source,
         capture_output=True,
         text=True,
         check=False,
     )
-    assert run.returncode == 0, run.stderr
+    assert build.returncode == 0, build.stderr
     (wheel,) = (source / "dist").glob("*.whl")
     zipfile.ZipFile(wheel).extractall(target)
 
 
-def called(target: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """Run Python with an installed distribution, in the folder above it."""
+def run_module(target: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """Run `python -m` with words, with the packages in `target`, in the folder above it."""
     environment = {**os.environ, "PYTHONPATH": str(target)}
     return subprocess.run(
         [sys.executable, "-m", *words],
@@ -45,7 +48,14 @@ def called(target: Path, *words: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_the_example_is_what_the_command_writes():
+def read_column(path: Path, name: str) -> list[float]:
+    """Return a column of a CSV file as numbers."""
+    header, *rows = path.read_text().splitlines()
+    position = header.split(",").index(name)
+    return [float(row.split(",")[position]) for row in rows]
+
+
+def test_the_stored_example_is_what_spherekit_new_writes():
     stored = {p.name: p.read_text("utf-8") for p in EXAMPLE.iterdir() if p.is_file()}
     assert stored == distribution_files("torque_ratio"), (
         "run: spherekit new analysis torque_ratio, in examples/ without that folder"
@@ -55,40 +65,50 @@ def test_the_example_is_what_the_command_writes():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["torque_ratio", "my_2nd_swing"])
 def test_a_new_analysis_installs_runs_and_conforms(name, tmp_path, capsys):
-    """The example from its folder, another one from the command."""
-    source, target = tmp_path / name, tmp_path / "site"
+    """The stored example and a new analysis with another name work as installed plugins.
+
+    Both compute the torque on a link per torque at the input. By the balance of power it is
+    the reciprocal of the velocity coefficient of link 41, which the built-in analysis
+    `poles` writes. The tests inside the distribution run spherekit's conformance checks.
+    """
+    source = tmp_path / name
+    target = tmp_path / "site"
     if name == EXAMPLE.name:
-        files = shutil.ignore_patterns("build", "dist", "*.egg-info", "__pycache__")
-        shutil.copytree(EXAMPLE, source, ignore=files)
+        ignored = shutil.ignore_patterns("build", "dist", "*.egg-info", "__pycache__")
+        shutil.copytree(EXAMPLE, source, ignore=ignored)
     else:
         assert main(["new", "analysis", str(source)]) == 0
         assert f"-a {name}" in capsys.readouterr().err
-    installed(source, target)
-    listed = called(target, "spherekit", "analyses")
-    assert f"{name:20s} torque on a link" in listed.stdout, listed.stderr
-    ran = called(target, "spherekit", "run", "four_bar", "--samples", "9", "-a", name,
-                 "-a", "poles:only=41", "-o", "out")  # fmt: skip
-    assert ran.returncode == 0, ran.stderr
-    rows = (tmp_path / "out" / f"{name}.csv").read_text().splitlines()
-    poles = (tmp_path / "out" / "poles.csv").read_text().splitlines()
-    ratio, coefficient = (
-        [float(row.split(",")[table[0].split(",").index(column)]) for row in table[1:]]
-        for table, column in ((rows, "ratio"), (poles, "velocity_coefficient"))
-    )
-    assert len(ratio) == 2 * 9
-    products = [a * b for a, b in zip(ratio, coefficient, strict=True)]
+    install(source, target)
+
+    listing = run_module(target, "spherekit", "analyses")
+    assert f"{name:20s} torque on a link" in listing.stdout, listing.stderr
+
+    run = run_module(target, "spherekit", "run", "four_bar", "--samples", "9", "-a", name,
+                     "-a", "poles:only=41", "-o", "out")  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    ratios = read_column(tmp_path / "out" / f"{name}.csv", "ratio")
+    coefficients = read_column(tmp_path / "out" / "poles.csv", "velocity_coefficient")
+    assert len(ratios) == 2 * 9  # two assembly modes
+    products = [a * b for a, b in zip(ratios, coefficients, strict=True)]
     assert products == pytest.approx([1.0] * 18, abs=1e-12)
-    checked = called(target, "pytest", "-q", "-s", "-p", "no:cacheprovider", str(source))
-    assert checked.returncode == 0, checked.stdout + checked.stderr
-    assert f"installed    holds        from spherekit-{name.replace('_', '-')}" in (
-        checked.stdout
+
+    conformance = run_module(
+        target, "pytest", "-q", "-s", "-p", "no:cacheprovider", str(source)
     )
-    assert "not checked" not in checked.stdout
+    assert conformance.returncode == 0, conformance.stdout + conformance.stderr
+    distribution = f"spherekit-{name.replace('_', '-')}"
+    assert f"installed    holds        from {distribution}" in conformance.stdout
+    assert "not checked" not in conformance.stdout
 
 
 @pytest.mark.parametrize("name", ["Swing", "2nd", "torque-ratio", "poles", "there"])
-def test_no_other_names_are_taken(name, tmp_path, monkeypatch, capsys):
+def test_a_new_analysis_needs_a_free_lower_case_name(
+    name, tmp_path, monkeypatch, capsys
+):
+    """Refused are names in other letters, of an analysis, and of an existing folder."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there").mkdir()
     assert main(["new", "analysis", name]) == 1
-    assert name in capsys.readouterr().err and len(list(tmp_path.iterdir())) == 1
+    assert name in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]

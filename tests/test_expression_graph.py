@@ -29,101 +29,169 @@ from spherekit.symbolic.parsed_expressions import convert_to_graph
 X, Y, Z = symbols(["x", "y", "z"])
 
 
-def test_equal_terms_are_the_same_object():
-    assert X + Y is Y + X and (X + Y) * Z is Z * (X + Y) and X - Y is not Y - X
-    assert function("sin", X * 2.0) is function("sin", 2.0 * X) and symbols(["x"])[0] is X
+def test_equal_expressions_are_the_same_object():
+    """Sums and products are also shared in the other order of their arguments."""
+    assert X + Y is Y + X
+    assert (X + Y) * Z is Z * (X + Y)
+    assert X - Y is not Y - X
+    assert function("sin", X * 2.0) is function("sin", 2.0 * X)
+    assert symbols(["x"])[0] is X
 
 
-def test_signs_move_outwards_and_zeros_and_ones_go():
+def test_sums_and_products_with_zero_and_one_are_simplified():
     assert {0.0 + X, X - 0.0, 1.0 * X, X / 1.0, -(-1.0 * X)} == {X}
-    assert {X * 0.0, X - X, 0.0 / X} == {0.0} and {0.0 - X} == {-X} and {X + -Y} == {X - Y}
-    assert {-X + Y} == {Y - X} and {X - -Y} == {X + Y} and {2.0 * -X} == {-2.0 * X}
-    assert {-X * Y} == {-(X * Y)} and {-X * -Y} == {X * Y}
+    assert {X * 0.0, X - X, 0.0 / X} == {0.0}
+
+
+def test_signs_move_to_the_outside_of_sums_and_products():
+    assert {0.0 - X} == {-X}
+    assert {X + -Y} == {X - Y}
+    assert {-X + Y} == {Y - X}
+    assert {X - -Y} == {X + Y}
+    assert {2.0 * -X} == {-2.0 * X}
+    assert {-X * Y} == {-(X * Y)}
+    assert {-X * -Y} == {X * Y}
+
+
+def count_nodes():
+    """Return the number of expression nodes in memory."""
+    return sum(isinstance(item, ExpressionNode) for item in gc.get_objects())
 
 
 @pytest.mark.slow
-def test_terms_that_nothing_holds_are_forgotten():
+def test_expressions_without_references_are_freed():
+    """The table of shared expressions holds weak references only."""
     gc.collect()
-    count = sum(isinstance(each, ExpressionNode) for each in gc.get_objects())
-    made = sum((X * float(k) for k in range(2, 50)), Y)
-    assert sum(isinstance(each, ExpressionNode) for each in gc.get_objects()) > count + 90
-    del made
+    count_before = count_nodes()
+    expression = sum((X * float(k) for k in range(2, 50)), Y)
+    assert count_nodes() > count_before + 90
+    del expression
     gc.collect()
-    assert sum(isinstance(each, ExpressionNode) for each in gc.get_objects()) == count
+    assert count_nodes() == count_before
 
 
-def test_a_term_comes_after_its_arguments_and_once():
-    item = (X + Y) * function("sqrt", X + Y) - power(X + Y, 3.0)
-    order = list(iterate_nodes([item, X + Y]))
+def test_nodes_are_listed_once_each_after_their_arguments():
+    """The expression has 7 nodes: X, Y, X + Y, its root, its cube, product, difference."""
+    expression = (X + Y) * function("sqrt", X + Y) - power(X + Y, 3.0)
+    order = list(iterate_nodes([expression, X + Y]))
     assert len(order) == len(set(order)) == 7
-    for place, term in enumerate(order):
-        for each in term.arguments:
-            if isinstance(each, ExpressionNode):
-                assert order.index(each) < place
-    assert (
-        has_variables(item)
-        and not has_variables(function("sqrt", 2.0))
-        and not has_variables(2.0)
-    )
+    for position, node in enumerate(order):
+        for argument in node.arguments:
+            if isinstance(argument, ExpressionNode):
+                assert order.index(argument) < position
+
+
+def test_expressions_of_numbers_alone_have_no_variables():
+    assert has_variables((X + Y) * function("sqrt", X + Y) - power(X + Y, 3.0))
+    assert not has_variables(function("sqrt", 2.0))
+    assert not has_variables(2.0)
 
 
 def random_expressions(count):
-    """Return terms and, from the same choices, functions of three numbers."""
+    """Return pairs of a random expression of X, Y, Z and a plain Python function.
+
+    The function takes a point (3,) and computes the same operations on floats. Each of
+    `count` steps adds, subtracts or multiplies two earlier pairs and sometimes appends the
+    sine of the result.
+    """
+
+    def constant_function(value):
+        return lambda point: value
+
+    def combined_function(operation, first, second):
+        return lambda point: operation(first(point), second(point))
+
+    def sine_function(argument):
+        return lambda point: math.sin(argument(point))
+
     random = np.random.default_rng(5)
-    made = [(X, lambda p: p[0]), (Y, lambda p: p[1]), (Z, lambda p: p[2]), (-1.0, None)]
-    made += [(each, None) for each in (0.0, 1.0, 2.5)]
-    values = [f or (lambda p, c=c: c) for c, f in made]
-    terms = [term for term, _ in made]
-    pool = list(zip(terms, values, strict=True))
+    pairs = [
+        (X, lambda point: point[0]),
+        (Y, lambda point: point[1]),
+        (Z, lambda point: point[2]),
+    ]
+    pairs += [(value, constant_function(value)) for value in (-1.0, 0.0, 1.0, 2.5)]
     for _ in range(count):
-        (a, f), (b, g) = (pool[k] for k in random.integers(0, len(pool), 2))
-        which = (operator.add, operator.sub, operator.mul)[random.integers(0, 3)]
-        pool.append((which(a, b), lambda p, f=f, g=g, w=which: w(f(p), g(p))))
-        if isinstance(pool[-1][0], ExpressionNode) and random.random() < 0.2:
-            h = pool[-1][1]
-            pool.append((function("sin", pool[-1][0]), lambda p, h=h: math.sin(h(p))))
-    return pool
+        first_number, second_number = random.integers(0, len(pairs), 2)
+        first, first_function = pairs[first_number]
+        second, second_function = pairs[second_number]
+        operation = (operator.add, operator.sub, operator.mul)[random.integers(0, 3)]
+        result = operation(first, second)
+        result_function = combined_function(operation, first_function, second_function)
+        pairs.append((result, result_function))
+        if isinstance(result, ExpressionNode) and random.random() < 0.2:
+            pairs.append((function("sin", result), sine_function(result_function)))
+    return pairs
 
 
-def test_values_on_arrays_are_those_of_numbers():
-    pool = random_expressions(120)
-    found = array_function([term for term, _ in pool], [X, Y, Z])
+def test_values_of_random_expressions_on_arrays_are_those_of_python_floats():
+    """Arrays are evaluated in blocks, so the samples at the ends of blocks are compared."""
+    pairs = random_expressions(120)
+    evaluate = array_function([expression for expression, _ in pairs], [X, Y, Z])
     points = np.random.default_rng(1).normal(size=(3, BLOCK_SAMPLES + 5))
-    values = found(points)
-    for column in (0, BLOCK_SAMPLES - 1, BLOCK_SAMPLES, BLOCK_SAMPLES + 4):
-        expected = np.array([value(points[:, column]) for _, value in pool])
-        gap = np.abs(values[:, column] - expected)
-        assert np.max(gap / (1.0 + np.abs(expected))) < 1e-14
+    values = evaluate(points)  # (expressions, samples)
+    for sample in (0, BLOCK_SAMPLES - 1, BLOCK_SAMPLES, BLOCK_SAMPLES + 4):
+        expected = np.array([compute(points[:, sample]) for _, compute in pairs])
+        error = np.abs(values[:, sample] - expected)
+        assert np.max(error / (1.0 + np.abs(expected))) < 1e-14
 
 
-def test_terms_of_complex_variables():
-    """Compiled by parts they are NumPy's complex ones, and others stand for variables."""
+def complex_expressions_and_points():
+    """Return three expressions of X, Y (complex) and Z (real), and 50 values of each."""
+    expressions = [
+        function("sin", X * Z) * Y / (function("cos", Y) + 3.0 * Z) - X,
+        (X - 2.0) / (Y * Y + Z),
+        -function("cos", X + Y) + 1.5,
+    ]
+    random = np.random.default_rng(3)
+    x, y = random.normal(size=(2, 50)) + 1j * random.normal(size=(2, 50))
+    z = random.normal(size=50) + 4.0
+    return expressions, x, y, z
+
+
+def test_compiled_expressions_of_complex_variables_have_the_values_of_numpy():
+    """The compiler knows real numbers only: real and imaginary parts are compiled."""
     pytest.importorskip("heyoka")
-    sines = function("sin", X * Z) * Y / (function("cos", Y) + 3.0 * Z) - X
-    made = [sines, (X - 2.0) / (Y * Y + Z), -function("cos", X + Y) + 1.5]
-    rng = np.random.default_rng(3)
-    x, y = rng.normal(size=(2, 50)) + 1j * rng.normal(size=(2, 50))
-    z = rng.normal(size=50) + 4.0
-    given = np.stack([x, y]), z[None]
-    found = complex_function(made, [X, Y], [Z], True)(*given)
-    sines = np.sin(x * z) * y / (np.cos(y) + 3.0 * z) - x
-    expected = [sines, (x - 2.0) / (y * y + z), 1.5 - np.cos(x + y)]
-    assert np.allclose(found, expected, rtol=1e-13, atol=0.0)
-    swapped = array_function(substitute(made, {X: Y * Z, Y: X}), [X, Y, Z], complex)
-    onward = complex_function(made, [X, Y], [Z], True)(np.stack([y * z, x]), z[None])
-    assert np.allclose(swapped(np.stack([x, y, z])), onward, rtol=1e-13, atol=0.0)
+    expressions, x, y, z = complex_expressions_and_points()
+    values = complex_function(expressions, [X, Y], [Z], True)(np.stack([x, y]), z[None])
+    expected = [
+        np.sin(x * z) * y / (np.cos(y) + 3.0 * z) - x,
+        (x - 2.0) / (y * y + z),
+        1.5 - np.cos(x + y),
+    ]
+    assert np.allclose(values, expected, rtol=1e-13, atol=0.0)
 
 
-def test_rates_of_terms_that_stand_for_what_they_are_made_of():
-    # s = sin x and y run at rates of their own, whatever x does; z rests.
+def test_substitution_replaces_all_variables_at_once():
+    """X becomes Y Z while Y becomes X, as if their values were replaced before evaluation.
+    """
+    pytest.importorskip("heyoka")
+    expressions, x, y, z = complex_expressions_and_points()
+    substituted = substitute(expressions, {X: Y * Z, Y: X})
+    values = array_function(substituted, [X, Y, Z], complex)(np.stack([x, y, z]))
+    evaluate = complex_function(expressions, [X, Y], [Z], True)
+    expected = evaluate(np.stack([y * z, x]), z[None])
+    assert np.allclose(values, expected, rtol=1e-13, atol=0.0)
+
+
+def test_expressions_with_a_stated_rate_are_differentiated_like_variables():
+    """The rates of s = sin x (3 y) and of y (z) are stated; x outside of s and z rest.
+
+    The derivatives by hand are compared at x = 0.4, y = 0.7, z = 1.3.
+    """
     s = function("sin", X)
-    items = [s * Y / Z, function("sqrt", s * s + Y), X * s, Z + 2.0]
-    rates = differentiate(items, {s: 3.0 * Y, Y: Z})
-    found = array_function(rates, [X, Y, Z])(np.array([[0.4], [0.7], [1.3]]))[:, 0]
-    sine, y, z = np.sin(0.4), 0.7, 1.3
-    swing = (sine * 3.0 * y + 0.5 * z) / np.sqrt(sine**2 + y)
-    expected = [(3.0 * y * y + sine * z) / z, swing, 0.4 * 3.0 * y, 0.0]
-    assert np.max(np.abs(found - expected)) < 1e-15
+    expressions = [s * Y / Z, function("sqrt", s * s + Y), X * s, Z + 2.0]
+    rates = differentiate(expressions, {s: 3.0 * Y, Y: Z})
+    x, y, z = 0.4, 0.7, 1.3
+    values = array_function(rates, [X, Y, Z])(np.array([[x], [y], [z]]))[:, 0]
+    sine = np.sin(x)
+    expected = [
+        (3.0 * y * y + sine * z) / z,
+        (sine * 3.0 * y + 0.5 * z) / np.sqrt(sine**2 + y),
+        x * 3.0 * y,
+        0.0,
+    ]
+    assert np.max(np.abs(values - expected)) < 1e-15
 
 
 @pytest.mark.parametrize(
@@ -137,20 +205,27 @@ def test_rates_of_terms_that_stand_for_what_they_are_made_of():
     ],
 )
 def test_sines_of_angles_after_many_turns_keep_their_digits(text, turns, expected):
-    """The value is that without the turns, but where parts of angles need them."""
+    """The angle theta_a is 0.7 rad plus whole turns; t is 0.3.
+
+    An angle is passed twice, with its turns and reduced to one turn. Sines of whole
+    multiples use the reduced angle, whose digits are not lost to the turns. Half an angle
+    needs the turns.
+    """
     whole, reduced, t = symbols(["whole", "reduced", "t"])
-    named = {"theta_a": (whole, reduced), "t": (t, t)}
-    value = convert_to_graph(parse(text, load_names(["a"])), named)
-    turned = 0.7 + 2.0 * np.pi * turns
-    run = array_function([value], [whole, reduced, t])
-    assert abs(run(np.array([[turned], [0.7], [0.3]]))[0, 0] - expected) < 1e-14
+    symbols_by_name = {"theta_a": (whole, reduced), "t": (t, t)}
+    expression = convert_to_graph(parse(text, load_names(["a"])), symbols_by_name)
+    evaluate = array_function([expression], [whole, reduced, t])
+    whole_angle = 0.7 + 2.0 * np.pi * turns
+    value = evaluate(np.array([[whole_angle], [0.7], [0.3]]))[0, 0]
+    assert abs(value - expected) < 1e-14
 
 
 @pytest.mark.parametrize("name", ["asin", "acos", "atan", "tanh", "exp"])
-def test_functions_of_floats_and_of_arrays_have_the_same_values(name):
+def test_functions_of_floats_and_of_arrays_have_the_values_of_the_math_module(name):
     outputs = [function(name, X), function("atan2", X, Y), power(Y, 2.0)]
-    of_floats = float_function(outputs, [X, Y])([0.3, -0.4])
-    of_arrays = array_function(outputs, [X, Y])(np.array([[0.3], [-0.4]]))[:, 0]
-    expected = [getattr(math, name)(0.3), math.atan2(0.3, -0.4), 0.16]
-    assert of_floats == pytest.approx(expected, rel=1e-15)
-    assert of_arrays == pytest.approx(expected, rel=1e-15)
+    x, y = 0.3, -0.4
+    float_values = float_function(outputs, [X, Y])([x, y])
+    array_values = array_function(outputs, [X, Y])(np.array([[x], [y]]))[:, 0]
+    expected = [getattr(math, name)(x), math.atan2(x, y), 0.16]
+    assert float_values == pytest.approx(expected, rel=1e-15)
+    assert array_values == pytest.approx(expected, rel=1e-15)

@@ -22,7 +22,7 @@ FAST = {
     *("torque_of_a_huge_load", "torque_of_a_tiny_load", "loads_that_overflow"),
     "motion_under_a_huge_load",
 }
-"""Cases of every family but the long runs; the others are tested with the long sweeps."""
+"""Fast cases, of every family but the long runs. Other cases are marked `long`."""
 
 
 @pytest.mark.many
@@ -34,16 +34,27 @@ FAST = {
         if case.held
     ],
 )
-def test_errors_are_within_what_conditioning_allows(name):
+def test_errors_at_the_extremes_are_within_what_conditioning_allows(name):
+    """No row has a larger error than its condition number explains, unless it says so.
+
+    Every case must also have rows that are trusted, and a condition number in all rows.
+    """
     rows = CASES[name].rows(quick=True)
     assert not [row for row in rows if row.wrong]
     assert any(row.trusted for row in rows)
     assert not any(np.isnan(row.conditioning) for row in rows)
 
 
-def test_a_row_is_wrong_only_if_it_stands_without_a_status():
+def test_the_fast_cases_cover_every_family_but_the_long_runs():
     families = {case.family for case in CASES.values()}
     assert families - {CASES[name].family for name in FAST} == {"long runs"}
+
+
+def test_a_row_is_wrong_if_its_error_exceeds_the_limit_without_a_status():
+    """The limit is the condition number times `ALLOWED` roundings, up to `TRUSTED`.
+
+    The arguments of a row are parameter, quantity, condition number, error and status.
+    """
     limit = ALLOWED * ROUNDOFF
     assert not Row(1.0, "angles", 1e6, 0.9e6 * limit).wrong
     assert Row(1.0, "angles", 1e6, 1.1e6 * limit).wrong
@@ -52,47 +63,77 @@ def test_a_row_is_wrong_only_if_it_stands_without_a_status():
     assert not Row(1.0, "angles", 1e20, np.inf, "AT_SINGULARITY").wrong
 
 
-def test_the_reference_agrees_with_closed_forms():
-    """Angles and coefficients of the four-bar by Di Gregorio's formulas, in doubles."""
-    arcs = np.radians([60.0, 20.0, 70.0, 40.0])
-    made = four_bar(arcs)
+def test_the_reference_refuses_profiles_that_it_does_not_know():
+    """It knows circles and great circles; Fourier cams have another reference."""
     with pytest.raises(
         ModelError, match='link cam is "fourier".*spherekit.proof.reference_rows'
     ):
         Reference(sk.load("shaped_cam"))
     assert Reference(sk.load("flat_cam")).data.radii.shape[0] == 2
+
+
+def test_the_reference_converts_floats_exactly():
+    """The float 0.1 is larger than 1/10 by less than 1e-16 of it."""
     with mp.workdps(DIGITS):
         values = exact([0.1, 3.0])
-        assert float(values[0]) == 0.1 and 0 < values[0] * 10 - 1 < 1e-16
+        assert float(values[0]) == 0.1
+        assert 0 < values[0] * 10 - 1 < 1e-16
         assert length(exact([[3.0, 4.0, 0.0]]))[0] == 5
-    reference, point = point_of(made, 0.0, 0.7)
-    known = truth(reference, point.near)
-    rocker = known.rates[made.link_number["4"]].astype(float)
-    angle = float(point.near[made.variable_names.index("theta_41")])
-    found = [
-        (four_bar_angles(np.array([0.7]), tuple(arcs), mode)[0], mode) for mode in (0, 1)
-    ]
-    gaps = [abs(np.sin(0.5 * (angle + np.pi - theta))) for theta, _ in found]
-    mode = int(np.argmin(gaps))
-    assert gaps[mode] < 1e-14
-    _, coefficient = four_bar_coefficients(np.array([0.7]), tuple(arcs), mode)
-    assert abs(rocker[2] - coefficient[0]) < 1e-13
 
 
-def test_conditioning_is_that_of_a_change_of_the_data():
-    """Near a dead centre of type II angles go as one over the distance, rates squared."""
+def test_the_reference_of_a_four_bar_agrees_with_closed_forms():
+    """Rocker angle and velocity coefficient are those of Di Gregorio's formulas in float64.
+
+    The crank is at 0.7 rad. The formulas measure the rocker angle from the opposite side,
+    so pi is added. The formulas have two assembly modes; one of them must agree.
+    """
+    crank_angle = 0.7
+    arcs = np.radians([60.0, 20.0, 70.0, 40.0])
+    mechanism = four_bar(arcs)
+    with mp.workdps(DIGITS):
+        reference, point = point_of(mechanism, 0.0, crank_angle)
+        exact_values = truth(reference, point.near)
+        rocker_velocity = exact_values.rates[mechanism.link_number["4"]].astype(float)
+        rocker_angle = float(point.near[mechanism.variable_names.index("theta_41")])
+
+    inputs = np.array([crank_angle])
+    differences = []
+    for mode in (0, 1):
+        closed_form_angle = four_bar_angles(inputs, tuple(arcs), mode)[0]
+        half_difference = 0.5 * (rocker_angle + np.pi - closed_form_angle)
+        differences.append(abs(np.sin(half_difference)))
+    mode = int(np.argmin(differences))
+    assert differences[mode] < 1e-14
+    _, coefficient = four_bar_coefficients(inputs, tuple(arcs), mode)
+    assert abs(rocker_velocity[2] - coefficient[0]) < 1e-13
+
+
+def test_condition_numbers_grow_towards_a_dead_centre_as_the_theory_says():
+    """Near a dead centre (type II) that of angles grows as 1/distance, of rates squared.
+
+    From 1e-2 to 1e-4 rad these are factors of 100 and 10000.
+    """
     rows = list(CASES["four_bar_dead_centre"].sweep([1e-2, 1e-4]))
-    by = {(row.parameter, row.quantity): row.conditioning for row in rows}
-    assert 50.0 < by[1e-4, "angles"] / by[1e-2, "angles"] < 200.0
-    assert 5e3 < by[1e-4, "rates"] / by[1e-2, "rates"] < 2e4
+    conditioning = {(row.parameter, row.quantity): row.conditioning for row in rows}
+    growth_of_angles = conditioning[1e-4, "angles"] / conditioning[1e-2, "angles"]
+    growth_of_rates = conditioning[1e-4, "rates"] / conditioning[1e-2, "rates"]
+    assert 50.0 < growth_of_angles < 200.0
+    assert 5e3 < growth_of_rates < 2e4
 
 
-def test_cases_can_be_listed_and_run_alone(capsys):
+def test_the_command_lists_all_cases(capsys):
     assert main(["--list"]) == 0
     assert "four_bar_dead_centre: Type II" in capsys.readouterr().out
+
+
+def test_the_command_runs_a_single_case(capsys):
     assert main(["extremes", "--quick", "--only", "torque_of_a_huge_load"]) == 0
     out = capsys.readouterr().out
-    assert "## Extremes: loads" in out and "## Extremes: torque_of_a_huge_load" in out
+    assert "## Extremes: loads" in out
+    assert "## Extremes: torque_of_a_huge_load" in out
+
+
+def test_the_command_refuses_an_unknown_case(capsys):
     with pytest.raises(SystemExit):
         main(["extremes", "--only", "no_such_case"])
     assert "no case is named no_such_case" in capsys.readouterr().err

@@ -11,24 +11,34 @@ import spherekit as sk
 from spherekit.cli.main import main
 
 SHIPPED = Path(__file__).parent.parent / "mechanisms"
-TORQUES = {
-    **dict.fromkeys(("exp(900 + 0*t)", "t/(0*t)", "log(dtheta_{pair} - 1e9)"), 1.0),
+SHARES_BY_TORQUE = {
+    "exp(900 + 0*t)": 1.0,
+    "t/(0*t)": 1.0,
+    "log(dtheta_{pair} - 1e9)": 1.0,
     "exp(709 + 90*sin(9*theta_{pair}))": None,
     "1/(theta_{pair} - theta_{pair})": 1.0,
     "asin(1e9 + dtheta_{pair}) - exp(1e3 + t)": 1.0,
     "1e300*exp(80*sin(9*theta_{pair}))": None,
 }
+"""Torque expressions without a finite value, and the share of rows in which they fail.
+
+None means some rows, but not all.
+"""
 FORCE = 'link = "{link}"\npoint = [0.1, 0.0, 0.1]\nforce = ["exp(900 + t)", "0", "0"]'
 LOADS = [
-    *((f'pair = "{{pair}}"\ntorque = "{text}"', share) for text, share in TORQUES.items()),
+    *(
+        (f'pair = "{{pair}}"\ntorque = "{text}"', share)
+        for text, share in SHARES_BY_TORQUE.items()
+    ),
     (f'kind = "force"\n{FORCE}', 1.0),
     ('kind = "moment"\nlink = "{link}"\nmoment = ["0", "0", "sqrt(-1 - t)"]', 1.0),
 ]
+"""Texts of a load with the pair and the link left open, and the share of failed rows."""
 
 
 @pytest.mark.slow
 @pytest.mark.many
-@pytest.mark.parametrize(("load", "share"), LOADS)
+@pytest.mark.parametrize(("load_text", "failed_share"), LOADS)
 @pytest.mark.parametrize(
     ("name", "pair", "link", "analysis"),
     [
@@ -37,40 +47,64 @@ LOADS = [
         ("five_bar", "32", "3", "dynamics"),
     ],
 )
-def test_loads_that_are_no_number_leave_inertia_and_the_others(
-    tmp_path, capsys, name, pair, link, analysis, load, share
+def test_a_load_without_finite_values_fails_only_the_rows_that_need_it(
+    tmp_path, capsys, name, pair, link, analysis, load_text, failed_share
 ):
-    plain, path = sk.load(name), tmp_path / "loaded.toml"
-    more = load.format(pair=pair, link=link)
-    text = (SHIPPED / f"{name}.toml").read_text()
-    path.write_text(f"{text}\n[loads.huge]\n{more}\n")
-    made = sk.load(path)
+    """Rows with the load have the status OVERFLOW; all other results are as without it.
+
+    The load is added to a shipped mechanism under the name `huge`. The inertia, the
+    velocity outputs and the powers of the other loads do not depend on it.
+    """
+    plain = sk.load(name)
+    path = tmp_path / "loaded.toml"
+    added_text = load_text.format(pair=pair, link=link)
+    file_text = (SHIPPED / f"{name}.toml").read_text()
+    path.write_text(f"{file_text}\n[loads.huge]\n{added_text}\n")
+    loaded = sk.load(path)
+
+    # On the screen: with --strict failed rows give the exit status 3, else 0.
     words = ["run", str(path), "-a", analysis, "-a", "statics", "--samples", "7"]
     assert main([*words, "--strict"]) == 3
-    said = capsys.readouterr().out
-    assert f"of table {analysis} failed" in said and "OVERFLOW: a load" in said
+    printed = capsys.readouterr().out
+    assert f"of table {analysis} failed" in printed
+    assert "OVERFLOW: a load" in printed
     assert main(words) == 0
-    found = sk.run(made, [analysis, "statics"], samples=7)
-    frame = found.frame(analysis)
-    closed = (found.frame("motion")["status"] == "OK").to_numpy()
-    lost = frame["status"] == "OVERFLOW"
-    assert np.mean(lost[closed]) == share if share else 0.0 < np.mean(lost) < 1.0
-    facts = next(item for item in found.summary["analyses"] if item["name"] == analysis)
-    assert facts["failed_rows"][analysis] == {"OVERFLOW": int(np.sum(lost))}
-    assert "OVERFLOW" in found.summary["status_meaning"]
-    assert f"of table {analysis} failed" in found._repr_html_()
-    json.dumps(found.summary)
-    without = sk.run(plain, [analysis, "statics"], samples=7)
-    for table in ("inertia", "outputs"):
-        of = "statics" if table == "outputs" else analysis
-        one, other = (run.frame(of, table) for run in (found, without))
-        assert np.sum(one["status"] == "OK") == np.sum(closed) * len(one) / len(closed) > 0
-        numbers = one.select_dtypes("number").columns
-        np.testing.assert_allclose(one[numbers], other[numbers], rtol=1e-12, atol=1e-12)
-    parts = found.frame(analysis, "loads")
-    others = parts[parts["load"] != "huge"]
-    assert (others["status"] == "OK").equals(others["power"].notna())
-    assert np.sum(others["power"].notna()) == np.sum(closed) * len(others) / len(closed)
+
+    # In the rows that close, the share of rows that fail.
+    run = sk.run(loaded, [analysis, "statics"], samples=7)
+    is_closed = (run.frame("motion")["status"] == "OK").to_numpy()
+    has_overflow = run.frame(analysis)["status"] == "OVERFLOW"
+    if failed_share:
+        assert np.mean(has_overflow[is_closed]) == failed_share
+    else:
+        assert 0.0 < np.mean(has_overflow) < 1.0
+
+    # In the summary of the run.
+    for summary in run.summary["analyses"]:
+        if summary["name"] == analysis:
+            failed_rows = summary["failed_rows"][analysis]
+            break
+    assert failed_rows == {"OVERFLOW": int(np.sum(has_overflow))}
+    assert "OVERFLOW" in run.summary["status_meaning"]
+    assert f"of table {analysis} failed" in run._repr_html_()
+    json.dumps(run.summary)
+
+    # Results that do not depend on the load.
+    run_without = sk.run(plain, [analysis, "statics"], samples=7)
+    for analysis_name, table in ((analysis, "inertia"), ("statics", "outputs")):
+        rows = run.frame(analysis_name, table)
+        expected = run_without.frame(analysis_name, table)
+        rows_per_configuration = len(rows) / len(is_closed)
+        ok_rows = np.sum(rows["status"] == "OK")
+        assert ok_rows == np.sum(is_closed) * rows_per_configuration > 0
+        numbers = rows.select_dtypes("number").columns
+        np.testing.assert_allclose(rows[numbers], expected[numbers], rtol=1e-12, atol=1e-12)
+    load_rows = run.frame(analysis, "loads")
+    other_loads = load_rows[load_rows["load"] != "huge"]
+    has_power = other_loads["power"].notna()
+    assert (other_loads["status"] == "OK").equals(has_power)
+    rows_per_configuration = len(other_loads) / len(is_closed)
+    assert np.sum(has_power) == np.sum(is_closed) * rows_per_configuration
 
 
 CANCELS = '[loads.x]\npair = "32"\ntorque = "1/(theta_32 - theta_32)"\n'
@@ -107,35 +141,47 @@ REFUSED = [
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize(("more", "words", "said"), REFUSED)
-def test_what_is_no_number_is_refused_in_a_sentence(tmp_path, capsys, more, words, said):
+@pytest.mark.parametrize(("added_text", "words", "fragment"), REFUSED)
+def test_numbers_that_are_never_finite_are_refused_in_one_sentence(
+    tmp_path, capsys, added_text, words, fragment
+):
+    """The text is added to the file of the four-bar; `words` are command and options."""
     path = tmp_path / "loaded.toml"
-    path.write_text((SHIPPED / "four_bar.toml").read_text() + "\n" + more)
-    assert main([words[0], str(path), *words[1:]]) == 1
-    told = capsys.readouterr().err
-    assert said in told and "Traceback" not in told
+    path.write_text((SHIPPED / "four_bar.toml").read_text() + "\n" + added_text)
+    command, *options = words
+    assert main([command, str(path), *options]) == 1
+    printed = capsys.readouterr().err
+    assert fragment in printed
+    assert "Traceback" not in printed
 
 
 @pytest.mark.parametrize(
-    ("name", "analysis", "said"),
+    ("name", "analysis", "sentence"),
     [
         ("bevel_differential", "dynamics", "zero in every row, to rounding"),
         ("five_bar", "statics", "no loads, so there is nothing to hold"),
         ("five_bar", "dynamics", "no loads: the torques are against inertia alone"),
     ],
 )
-def test_torques_below_their_rounding_are_zero_and_what_is_not_given_is_said(
-    capsys, name, analysis, said
+def test_a_run_says_why_torques_are_zero_and_prints_no_rounding_errors(
+    capsys, name, analysis, sentence
 ):
+    """No torque of size 1e-19 N m is printed, nor a bare zero."""
     assert main(["run", name, "-a", analysis, "--samples", "37"]) == 0
-    told = capsys.readouterr().out
-    assert said in told and "e-19" not in told and ": 0 N m" not in told
+    printed = capsys.readouterr().out
+    assert sentence in printed
+    assert "e-19" not in printed
+    assert ": 0 N m" not in printed
 
 
-def test_figures_of_designs_over_rows_that_overflow_are_infinite():
-    """By the table as by the kernel; of the rows that are left it would be a number."""
+def test_the_maximum_of_a_design_is_infinite_if_a_row_overflows():
+    """The maximum over the remaining rows would be a wrong finite number.
+
+    It is computed by a compiled kernel (`torque`) and from a table (`eksergian.eksergian`).
+    """
     load = sk.PairTorque("on_rocker", "41", "exp(700 + 20*sin(3*theta_21))")
-    made = sk.load("four_bar").with_loads(load)
+    mechanism = sk.load("four_bar").with_loads(load)
     reduce = ["kernel=max(abs(torque))", "table=max(eksergian.eksergian: abs(tau))"]
-    found = sk.sweep(made, {"links.2.arc": [20.0]}, reduce, samples=9).frame()
-    assert np.isposinf(found[["kernel", "table"]].to_numpy()).all() and len(found) == 2
+    frame = sk.sweep(mechanism, {"links.2.arc": [20.0]}, reduce, samples=9).frame()
+    assert len(frame) == 2  # assembly modes
+    assert np.isposinf(frame[["kernel", "table"]].to_numpy()).all()

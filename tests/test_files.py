@@ -25,61 +25,84 @@ SIZES = mechanism_text("sizes")
 POSE = mechanism_text("pose")
 
 
-def fault(text):
-    """Return the message with which a text is refused."""
+def refusal_message(text):
+    """Return the message with which the text of a file x.toml is refused."""
     with pytest.raises(FileError) as caught:
         loads(text, "x.toml")
     return str(caught.value)
 
 
-def test_the_files_these_faults_start_from_are_sound():
+def test_the_file_with_sizes_reads_as_it_states():
+    """The other tests of this module damage this file."""
     mechanism = loads(SIZES)
     assert mechanism.links == ("1", "2", "3", "4")
-    assert mechanism.geometry.zeros == {"21": 3.141592653589793}
-    assert mechanism.inputs[0].start == 0.0 and mechanism.outputs[0].relative_to == "1"
+    assert mechanism.geometry.zeros == {"21": 3.141592653589793}  # 180 deg
+    assert mechanism.inputs[0].start == 0.0
+    assert mechanism.outputs[0].relative_to == "1"
     assert mechanism.user == {"note": "free"}
+
+
+def test_the_file_with_axes_in_a_pose_reads_as_it_states():
+    """The other tests of this module damage this file."""
     cam = loads(POSE)
     assert cam.geometry.axes == {"a": (0.0, 0.0, 1.0), "b": (0.0, 1.0, 0.0)}
     assert cam.pairs[2].profiles[1].centre == (0.0, 0.0, 1.0)
 
 
-def test_faults_are_listed_in_the_order_of_the_file():
+def test_a_missing_geometry_is_reported_at_its_pair():
     text = POSE.replace("xyz = [0.0, 0.0, 1.0]\nvalue = 10.0\n", "", 1)
-    message = fault(text.replace("lonlat = [90.0, 0.0]\n", "", 1))
+    text = text.replace("lonlat = [90.0, 0.0]\n", "", 1)
+    message = refusal_message(text)
     assert message.startswith("x.toml:8: pairs.a: no geometry: give axes and arcs")
 
+
+def test_faults_are_listed_in_the_order_of_the_file():
     text = replace_passages(SIZES, 'type = "R"', 'type = "X"')
-    lines = fault(replace_passages(text, "[user]", "[users]")).split("\n")
-    assert [line.split(": ")[0] for line in lines] == ["x.toml:22", "x.toml:44"]
-    many = SIZES + "".join(f"[x{k}]\n" for k in range(20))
-    assert fault(many).endswith("x.toml: and 12 more faults")
+    text = replace_passages(text, "[user]", "[users]")
+    faults = refusal_message(text).split("\n")
+    assert [fault.split(": ")[0] for fault in faults] == ["x.toml:22", "x.toml:44"]
 
 
-def test_windows_line_ends_and_user_data_are_kept():
+def test_many_faults_are_counted_after_the_first_ones():
+    """Of 20 unknown tables, eight are listed."""
+    text = SIZES + "".join(f"[x{k}]\n" for k in range(20))
+    assert refusal_message(text).endswith("x.toml: and 12 more faults")
+
+
+def test_byte_order_marks_and_windows_line_ends_do_not_matter():
+    """Line numbers in messages stay correct."""
     text = "\ufeff" + SIZES.replace("\n", "\r\n")
     assert loads(text) == loads(SIZES)
-    assert fault(replace_passages(text, "70.5", "nan")).startswith("x.toml:16: ")
+    assert refusal_message(replace_passages(text, "70.5", "nan")).startswith("x.toml:16: ")
 
+
+def test_user_data_may_have_any_keys_and_values():
     text = SIZES + "x = nan\nangle_unit = 7\ntype.R = [1979-05-27, {a = 1.5}]\n"
     user = loads(text).user
-    assert user["angle_unit"] == 7 and type(user["type"]["R"][1]["a"]) is float
+    assert user["angle_unit"] == 7
+    assert type(user["type"]["R"][1]["a"]) is float
 
 
-def test_not_utf8(tmp_path):
+def test_a_byte_that_is_not_utf8_is_reported_with_line_and_offset(tmp_path):
     path = tmp_path / "x.toml"
     start = SIZES.encode()
     path.write_bytes(start + b'other = "\xff"\n')
     with pytest.raises(FileError) as caught:
         load(path)
-    assert f"{path}:46: not UTF-8: byte 0xff at offset {len(start) + 9}" in str(
-        caught.value
-    )
+    offset = len(start) + 9
+    expected = f"{path}:46: not UTF-8: byte 0xff at offset {offset}"
+    assert expected in str(caught.value)
+
+
+def test_a_file_in_utf16_is_refused_by_its_encoding(tmp_path):
+    path = tmp_path / "x.toml"
     path.write_bytes(SIZES.encode("utf-16"))
     with pytest.raises(FileError, match="looks like UTF-16; save the file as UTF-8"):
         load(path)
 
 
-def test_a_large_file_is_refused_by_its_size(tmp_path, monkeypatch):
+def test_a_large_file_is_refused_before_it_is_parsed(tmp_path, monkeypatch):
+    """The parser is replaced by None, so that calling it would fail."""
     path = tmp_path / "large.toml"
     with path.open("wb") as stream:
         stream.truncate(50_000_000)
@@ -90,16 +113,24 @@ def test_a_large_file_is_refused_by_its_size(tmp_path, monkeypatch):
         loads("#" * (MAX_BYTES + 1))
 
 
-def test_folders_and_devices(tmp_path):
+def test_a_folder_is_refused(tmp_path):
     with pytest.raises(FileError, match="is a folder"):
         load(tmp_path)
-    if hasattr(os, "mkfifo"):
-        os.mkfifo(tmp_path / "pipe.toml")
-        with pytest.raises(FileError, match="not a regular file"):
-            load(tmp_path / "pipe.toml")
 
 
-def test_lines_of_all_kinds_of_keys():
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+def test_a_pipe_is_refused(tmp_path):
+    os.mkfifo(tmp_path / "pipe.toml")
+    with pytest.raises(FileError, match="not a regular file"):
+        load(tmp_path / "pipe.toml")
+
+
+def test_keys_of_every_toml_syntax_are_located_at_their_line():
+    """The text has keys in quotes, with dots, in inline tables, and in arrays of tables.
+
+    A key path has names and, for arrays, positions. Lines inside a text of several lines
+    look like tables and keys (`x`, `y`) but are none.
+    """
     text = """a = 1 # [not.a.table]
 b."c d".'e' = \"\"\"
 [x]
@@ -117,7 +148,7 @@ i = {a = 1, b.c = [2]}
 w = '''a''''
 z = "\\"[q]"
 """
-    lines = locate_keys(text)
+    line_by_path = locate_keys(text)
     expected = {
         ("a",): 1,
         ("b", "c d", "e"): 2,
@@ -131,52 +162,71 @@ z = "\\"[q]"
         ("s", 1, "v", "w"): 15,
         ("s", 1, "v", "z"): 16,
     }
-    assert {path: lines.get(path) for path in expected} == expected and ("x",) not in lines
-    assert ("y",) not in lines
+    assert {path: line_by_path.get(path) for path in expected} == expected
+    assert ("x",) not in line_by_path
+    assert ("y",) not in line_by_path
 
 
 @pytest.mark.parametrize("kind", ["mechanism", "study", "synthesis"])
-def test_every_key_of_the_schema_is_described(kind):
-    waiting = [schema(kind)]
-    while waiting:
-        part = waiting.pop()
+def test_every_key_of_the_schema_has_a_title_and_a_description(kind):
+    """The schema is also valid JSON Schema and allows no unknown keys in its objects.
+
+    Objects that state only `kind` choose between other objects and may have more keys.
+    """
+    remaining_parts = [schema(kind)]
+    while remaining_parts:
+        part = remaining_parts.pop()
         for key, value in part.get("properties", {}).items():
             assert value.get("title"), key
             assert value.get("description", "").endswith("."), key
         if part.get("type") == "object" and "properties" in part:
-            by_kind = list(part["properties"]) == ["kind"]
-            assert part.get("additionalProperties", not by_kind) is False
-        waiting.extend(part.get("$defs", {}).values())
+            chooses_by_kind = list(part["properties"]) == ["kind"]
+            assert part.get("additionalProperties", not chooses_by_kind) is False
+        remaining_parts.extend(part.get("$defs", {}).values())
     jsonschema.Draft202012Validator.check_schema(schema(kind))
 
 
-def test_the_schema_agrees_with_the_code():
+def test_the_schema_has_the_limits_and_kinds_of_the_code():
     parts = schema()["$defs"]
     assert parts["name"]["maxLength"] == MAX_NAME_LENGTH
+    assert parts["expression"]["maxLength"] == MAX_LENGTH
     assert set(parts["pair"]["properties"]["type"]["enum"]) == {*JOINT_KINDS, "P"}
     assert parts["load"]["properties"]["kind"]["enum"] == [*LOADS]
-    for kind, made in LOADS.items():
-        part = parts[f"load_{kind}"]
-        defaults = {each.name for each in fields(made) if each.default is not MISSING}
-        assert set(part["properties"]) - {"kind"} == set(made.field_kinds)
-        optional = defaults | set(made.defaults_in_files)
-        assert set(part["required"]) - {"kind"} == set(made.field_kinds) - optional
-    assert parts["expression"]["maxLength"] == MAX_LENGTH
 
 
-@pytest.mark.parametrize("signed, turned", [(-30.0, 270.0), (330.0, 270.0), (-330.0, 90.0)])
-def test_signed_arcs_lead_to_the_other_side(signed, turned):
-    """Such an axis is where the shorter arc leads, turned by half a turn."""
+@pytest.mark.parametrize("kind", LOADS)
+def test_the_schema_of_a_load_has_the_fields_of_its_class(kind):
+    """Fields without a default value, in the class or in files, are required."""
+    load_class = LOADS[kind]
+    part = schema()["$defs"][f"load_{kind}"]
+    fields_with_default = {
+        field.name for field in fields(load_class) if field.default is not MISSING
+    }
+    optional = fields_with_default | set(load_class.defaults_in_files)
+    assert set(part["properties"]) - {"kind"} == set(load_class.field_kinds)
+    assert set(part["required"]) - {"kind"} == set(load_class.field_kinds) - optional
+
+
+@pytest.mark.parametrize(
+    "signed_arc, angle", [(-30.0, 270.0), (330.0, 270.0), (-330.0, 90.0)]
+)
+def test_a_signed_arc_means_the_shorter_arc_with_its_angle_turned_by_half_a_turn(
+    signed_arc, angle
+):
+    """The second arc (deg) of the coupler leads from its first axis to its third.
+
+    An arc of -30 or 330 deg at an angle of 90 deg means 30 deg at 270 deg; -330 deg means
+    30 deg at 90 deg. All links must have equal rotations at seven inputs (rad).
+    """
     text = dumps(load("stephenson"))
     coupler = "arcs = [60.0, 30.0]\nangles = [90.0]\n"
     assert text.count(coupler) == 1
-    found, plain = (
-        loads(text.replace(coupler, f"arcs = [60.0, {arc}]\nangles = [{angle}]\n{key}"))
-        for arc, angle, key in [(signed, 90.0, "signed_arcs = true\n"), (30.0, turned, "")]
-    )
-    assert loads(dumps(found)) == found
-    q = np.linspace(0.3, 6.0, 7)
-    one, other = (
-        PositionAnalysis(mechanism).at(q).rotations for mechanism in (found, plain)
-    )
-    assert np.allclose(one, other, rtol=0.0, atol=1e-12)
+    signed_text = f"arcs = [60.0, {signed_arc}]\nangles = [90.0]\nsigned_arcs = true\n"
+    unsigned_text = f"arcs = [60.0, 30.0]\nangles = [{angle}]\n"
+    signed = loads(text.replace(coupler, signed_text))
+    unsigned = loads(text.replace(coupler, unsigned_text))
+    assert loads(dumps(signed)) == signed
+    inputs = np.linspace(0.3, 6.0, 7)
+    rotations = PositionAnalysis(signed).at(inputs).rotations
+    expected = PositionAnalysis(unsigned).at(inputs).rotations
+    assert np.allclose(rotations, expected, rtol=0.0, atol=1e-12)

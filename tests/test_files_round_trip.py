@@ -33,7 +33,7 @@ from spherekit.mechanism.load_kinds import JointLimit
 from spherekit.storage.atomic_write import check_file, make_folder, write_text
 
 UNITS = ("deg", "rad")
-USER = {
+USER_DATA = {
     "note": 'say "x"\\ \t\n\x01\x7f é 😀',
     "a key": {"deep er": {"x": [1, 2.5, True, {"y": "z", "w": []}]}},
     "empty": {},
@@ -42,28 +42,33 @@ USER = {
     "clock": datetime.time(4, 5),
     "rates": [1e-300, -0.0, 1e22, 5e-324, math.inf],
 }
+"""Free data of a user with every type of TOML, control characters and extreme numbers."""
 
 
-def random_pairs(random, links):
-    """Return R pairs along a closed chain with one chord more, in random order."""
-    ends = [(k, (k + 1) % links) for k in range(links)] + [(0, links // 2)]
-    pairs = [
-        Pair(f"p{k}_{a}{b}", "R", (f"L{a}", f"L{b}") if k % 2 else (f"L{b}", f"L{a}"))
-        for k, (a, b) in enumerate(ends)
-    ]
+def random_pairs(random, link_count):
+    """Return revolute pairs of a closed chain of links and a chord across it.
+
+    Links are L0, L1, ...; the order of pairs and of both links of a pair varies.
+    """
+    ends = [(k, (k + 1) % link_count) for k in range(link_count)]
+    ends.append((0, link_count // 2))
+    pairs = []
+    for k, (a, b) in enumerate(ends):
+        links = (f"L{a}", f"L{b}") if k % 2 else (f"L{b}", f"L{a}")
+        pairs.append(Pair(f"p{k}_{a}{b}", "R", links))
     return tuple(pairs[k] for k in random.permutation(len(pairs)))
 
 
 def random_profile(random, kind):
-    """Return a random profile of a kind."""
+    """Return a contact profile of a kind with random sizes (rad) and axes."""
     centre = random_axis(random)
-    angles = tuple(map(float, random.uniform(-1, 1, 3)))
+    coefficients = tuple(map(float, random.uniform(-1, 1, 3)))
     if kind == "circle":
         return Profile(kind, centre, radius=float(random.uniform(0.1, 3)))
     if kind == "great_circle":
         return Profile(kind, centre)
     if kind == "fourier":
-        return Profile(kind, centre, cosines=angles, sines=angles[:2])
+        return Profile(kind, centre, cosines=coefficients, sines=coefficients[:2])
     points = tuple(random_axis(random) for _ in range(7))
     return Profile(kind, points=points, closed=bool(random.integers(2)))
 
@@ -75,74 +80,85 @@ def random_axis(random):
 
 
 def random_masses(random, links):
-    """Return masses of clouds of points, the first without a centre."""
-    found = []
+    """Return a mass for every link but the ground: four unit masses at random points.
+
+    The tensor is the sum of |r|^2 I - r r^T over the points. The first mass has no centre.
+    """
+    masses = []
     for link in links[1:]:
         points = random.normal(size=(4, 3)) * 10.0 ** random.integers(-6, 6)
         inertia = np.sum(points**2) * np.eye(3) - points.T @ points
+        # The mean with the transpose is exactly symmetric.
         tensor = tuple(tuple(map(float, row)) for row in (inertia + inertia.T) / 2)
         centre = tuple(map(float, np.mean(points, axis=0)))
-        found.append(Mass(link, tensor, 4.0, centre) if found else Mass(link, tensor))
-    return tuple(found)
+        masses.append(Mass(link, tensor, 4.0, centre) if masses else Mass(link, tensor))
+    return tuple(masses)
 
 
-def random_loads(random, links, pair, angle):
-    """Return one load of each kind but gravity."""
-    one, other = map(float, random.uniform(0, 1, 2))
-    forces = ("1", f"theta_{pair}", "0.5*t")
+def random_loads(random, links, pair, random_angle):
+    """Return one load of each kind but gravity, at a pair and at the first two links.
+
+    `random_angle` is a function that returns a random angle (rad).
+    """
+    a, b = map(float, random.uniform(0, 1, 2))
+    components = ("1", f"theta_{pair}", "0.5*t")
     return (
         sk.PairTorque("torque", pair, f"-2*theta_{pair}"),
-        sk.PointForce("force", links[0], random_axis(random), forces, "link"),
-        sk.Moment("moment", links[1], forces),
-        sk.Spring("spring", pair, one, angle()),
-        sk.Damper("damper", pair, other),
-        sk.Friction("friction", pair, one, other, abs(angle()) + 1e-9),
-        sk.Bearings("held", pair, (one + 0.1,), other, one, abs(angle()) + 1e-9),
-        sk.TorqueTable("table", pair, (0.0, one, one + 1), (one, other, one), True),
+        sk.PointForce("force", links[0], random_axis(random), components, "link"),
+        sk.Moment("moment", links[1], components),
+        sk.Spring("spring", pair, a, random_angle()),
+        sk.Damper("damper", pair, b),
+        sk.Friction("friction", pair, a, b, abs(random_angle()) + 1e-9),
+        sk.Bearings("held", pair, (a + 0.1,), b, a, abs(random_angle()) + 1e-9),
+        sk.TorqueTable("table", pair, (0.0, a, a + 1), (a, b, a), True),
     )
 
 
 def random_mechanism(seed):
-    """Return a random mechanism: any legal content, not one that moves."""
+    """Return a random mechanism with any content that a file may hold.
+
+    It need not be able to move. Odd seeds state axes in a pose and have a contact, even
+    seeds state arcs and angles on links. The magnitude of angles is between 1e-9 and 10.
+    """
     random = np.random.default_rng(seed)
-    count = int(random.integers(3, 7))
-    links = tuple(f"L{k}" for k in range(count))
-    pairs = random_pairs(random, count)
+    link_count = int(random.integers(3, 7))
+    links = tuple(f"L{k}" for k in range(link_count))
+    pairs = random_pairs(random, link_count)
     scale = 10.0 ** random.integers(-9, 1)
 
-    def angle():
+    def random_angle():
         return float(random.uniform(-2 * math.pi, 2 * math.pi) * scale)
 
     if seed % 2:
-        contact = random.choice(["circle", "great_circle", "fourier", "points"], 2)
-        profiles = tuple(random_profile(random, str(kind)) for kind in contact)
+        kinds = random.choice(["circle", "great_circle", "fourier", "points"], 2)
+        profiles = tuple(random_profile(random, str(kind)) for kind in kinds)
         axes = {pair.name: random_axis(random) for pair in pairs}
-        values = {pair.name: angle() for pair in pairs[1:]}
+        values = {pair.name: random_angle() for pair in pairs[1:]}
         pairs = (*pairs, Pair("contact", "Cr", (links[1], links[0]), profiles))
         geometry = PoseGeometry(axes, values)
     else:
         sizes = {}
         for link in links:
-            on_link = tuple(pair.name for pair in pairs if link in pair.links)
-            arcs = tuple(angle() for _ in on_link[1:])
-            signed = not all(0.0 <= arc <= math.pi for arc in arcs)
-            angles = tuple(angle() for _ in on_link[2:])
-            sizes[link] = LinkSizes(on_link, arcs, angles, signed=signed)
-        geometry = SizeGeometry(sizes, {pairs[0].name: angle()})
-    first = pairs[0].name
+            pair_names = tuple(pair.name for pair in pairs if link in pair.links)
+            arcs = tuple(random_angle() for _ in pair_names[1:])
+            is_signed = not all(0.0 <= arc <= math.pi for arc in arcs)
+            angles = tuple(random_angle() for _ in pair_names[2:])
+            sizes[link] = LinkSizes(pair_names, arcs, angles, signed=is_signed)
+        geometry = SizeGeometry(sizes, {pairs[0].name: random_angle()})
+    input_pair = pairs[0].name
     return sk.Mechanism(
         name=f"random_{seed}",
         ground=links[0],
         links=links,
         pairs=pairs,
         geometry=geometry,
-        inputs=(Input(first, angle(), angle()),),
+        inputs=(Input(input_pair, random_angle(), random_angle()),),
         outputs=(Output("out", links[2], links[1]),),
         masses=random_masses(random, links),
-        loads=random_loads(random, links, first, angle),
-        joint_limits=(JointLimit(first, *sorted((angle(), angle()))),),
+        loads=random_loads(random, links, input_pair, random_angle),
+        joint_limits=(JointLimit(input_pair, *sorted((random_angle(), random_angle()))),),
         source=Source("A, 'B \"C\"', 2024", "nothing\nmuch") if seed % 3 else None,
-        user=USER if seed % 5 == 0 else {},
+        user=USER_DATA if seed % 5 == 0 else {},
     )
 
 
@@ -152,65 +168,88 @@ SEEDS = [*range(10), *(pytest.param(x, marks=pytest.mark.slow) for x in range(10
 @pytest.mark.many
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("seed", SEEDS)
-def test_random_mechanisms(seed, unit, tmp_path):
+def test_random_mechanisms_read_back_exactly_as_written(seed, unit, tmp_path):
+    """Every float, the order of links and the unit of angles survive writing and reading.
+
+    Writing the mechanism that was read gives the same text again.
+    """
     mechanism = random_mechanism(seed)
     path = tmp_path / "written.toml"
     dump(mechanism, path, unit)
-    again = load(path)
-    assert again == mechanism and again.links == mechanism.links
-    assert dumps(again, unit) == path.read_text(encoding="utf-8")
+    from_file = load(path)
+    assert from_file == mechanism
+    assert from_file.links == mechanism.links
+    assert dumps(from_file, unit) == path.read_text(encoding="utf-8")
     assert tomllib.loads(dumps(mechanism, unit))["angle_unit"] == unit
 
 
-def test_every_radian_can_be_written_in_degrees():
+def test_degrees_of_a_file_give_back_every_angle_in_radians_exactly():
+    """Random angles of all magnitudes and both their neighbours, with at most 24 digits.
+
+    More digits than float64 has are needed, since not every radian has a float64 in degrees
+    that converts back to it.
+    """
     random = np.random.default_rng(7)
     angles = [*random.uniform(-13, 13, 2_500), *10.0 ** random.uniform(-300, 1, 1_000)]
-    angles += [5e-324, 1e-310, 2.2250738585072014e-308, -5e-324]
-    longest = 0
+    angles += [5e-324, 1e-310, 2.2250738585072014e-308, -5e-324]  # denormal and smallest
+    most_digits = 0
     for angle in map(float, angles):
-        for near in (angle, math.nextafter(angle, 0), math.nextafter(angle, 99)):
-            text = to_text(near, "deg")
-            assert to_radians(LiteralNumber(text), "deg") == near
+        below = math.nextafter(angle, 0)
+        above = math.nextafter(angle, 99)
+        for radians in (angle, below, above):
+            text = to_text(radians, "deg")
+            assert to_radians(LiteralNumber(text), "deg") == radians
             assert tomllib.loads(f"a = {text}")["a"] == float(text)
-            longest = max(longest, len(text.split("e")[0].strip("-").replace(".", "")))
-    assert longest <= 24
+            digits = text.split("e")[0].strip("-").replace(".", "")
+            most_digits = max(most_digits, len(digits))
+    assert most_digits <= 24
 
 
-def test_short_degrees_stay_short_and_mean_what_programs_compute():
+def test_degrees_with_one_decimal_are_written_with_one_decimal():
+    """All tenths of a degree over two turns to both sides; 0.0 also stands for -0.0."""
     for tenths in range(-7200, 7201):
         degrees = tenths / 10
         assert to_text(math.radians(degrees), "deg") in (repr(degrees), "0.0")
-    assert to_radians(LiteralNumber("60.10000000000000000000000"), "deg") == math.radians(
-        60.1
-    )
-    assert to_radians(45, "deg") == math.pi / 4 and to_text(math.pi, "deg") == "180.0"
+    assert to_text(math.pi, "deg") == "180.0"
     assert to_text(math.radians(1e-9), "deg") == "1e-9"
     assert to_text(5e-324, "rad") == "5e-324"
 
 
-def test_unit_vectors_are_left_alone_once_normalised():
+def test_degrees_are_read_as_math_radians_converts_them():
+    degrees = LiteralNumber("60.10000000000000000000000")
+    assert to_radians(degrees, "deg") == math.radians(60.1)
+    assert to_radians(45, "deg") == math.pi / 4
+
+
+def test_normalising_a_unit_vector_again_changes_no_bit():
     random = np.random.default_rng(3)
     for xyz in random.normal(size=(2000, 3)):
-        nearly = xyz / np.linalg.norm(xyz) * random.uniform(0.9995, 1.0005)
-        once = unit_vector(tuple(map(float, nearly)))
-        assert abs(math.hypot(*once) - 1) < 4e-16 and unit_vector(once) == once
+        nearly_unit = xyz / np.linalg.norm(xyz) * random.uniform(0.9995, 1.0005)
+        once = unit_vector(tuple(map(float, nearly_unit)))
+        assert abs(math.hypot(*once) - 1) < 4e-16
+        assert unit_vector(once) == once
 
 
-def test_a_written_file_is_readable_by_people_in_the_order_of_the_schema():
+def test_written_keys_have_the_order_of_the_schema():
+    """This holds for the tables of a file and for the keys of a contact pair."""
     keys = list(tomllib.loads(dumps(random_mechanism(5))))
     assert keys == [key for key in schema()["properties"] if key in keys]
-    pair = random_mechanism(1).pairs[-1].name
-    written = tomllib.loads(dumps(random_mechanism(1)))["pairs"][pair]
-    order = list(schema()["$defs"]["pair"]["properties"])
-    assert list(written) == sorted(written, key=order.index)
+    contact = random_mechanism(1).pairs[-1].name
+    contact_keys = list(tomllib.loads(dumps(random_mechanism(1)))["pairs"][contact])
+    schema_keys = list(schema()["$defs"]["pair"]["properties"])
+    assert contact_keys == sorted(contact_keys, key=schema_keys.index)
+
+
+def test_written_text_has_short_lines_and_an_empty_line_before_each_table():
     text = dumps(random_mechanism(2))
     assert max(map(len, text.splitlines())) <= 100
     assert text.startswith('format = 1\nname = "random_2"\nangle_unit = "deg"\n')
-    assert "\n\n[source]\n" in text and "\n\n\n" not in text
+    assert "\n\n[source]\n" in text
+    assert "\n\n\n" not in text
 
 
-def square(**changes):
-    """Return a small mechanism with some fields changed."""
+def small_mechanism(**changes):
+    """Return a mechanism of two links and one pair with some fields changed."""
     fields = {
         "name": "small",
         "ground": "1",
@@ -222,11 +261,11 @@ def square(**changes):
 
 
 @pytest.mark.parametrize("call", TABLES["writing"])
-def test_what_the_format_cannot_hold_is_refused(call):
+def test_writing_refuses_content_that_the_format_cannot_hold(call):
     check_call(call, globals(), TABLES["writing"][call])
 
 
-def test_places_that_cannot_be_written(tmp_path):
+def test_paths_that_cannot_be_written_are_refused_with_the_reason(tmp_path):
     (tmp_path / "file").write_text("x")
     for path, words in (
         (tmp_path / "none" / "x.toml", "the folder does not exist"),
@@ -235,22 +274,34 @@ def test_places_that_cannot_be_written(tmp_path):
         (tmp_path / "x\0.toml", "null"),
     ):
         with pytest.raises(OutputError, match=words):
-            dump(square(), path)
+            dump(small_mechanism(), path)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_folders_are_not_made_in_place_of_a_file_or_below_it(tmp_path):
+    (tmp_path / "file").write_text("x")
     with pytest.raises(OutputError, match="is a file, not a folder"):
         make_folder(tmp_path / "file")
     with pytest.raises(OutputError, match="a part of the path is a file"):
         make_folder(tmp_path / "file" / "inner")
-    assert [each.name for each in tmp_path.iterdir()] == ["file"]
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_folder_may_be_made_twice(tmp_path):
     assert make_folder(tmp_path / "a" / "b") == make_folder(tmp_path / "a" / "b")
 
 
-def test_the_canonical_text_exists_also_where_no_file_does():
-    assert math.isnan(loads(dumps(square(user={"x": math.nan}))).user["x"])
-    assert loads(dumps(square(user={"x": (1, 2)}))).user == {"x": [1, 2]}
-    far = square(inputs=(Input("a", 0.0, 20.0),))
-    assert canonical_text(far, "rad") != canonical_text(square(), "rad")
-    assert canonical_text(square(), "deg") == dumps(square(), "deg")
-    assert loads(dumps(far, "deg")) == far
+def test_user_data_may_hold_nan_and_tuples():
+    assert math.isnan(loads(dumps(small_mechanism(user={"x": math.nan}))).user["x"])
+    assert loads(dumps(small_mechanism(user={"x": (1, 2)}))).user == {"x": [1, 2]}
+
+
+def test_canonical_text_exists_for_a_mechanism_that_has_no_file_in_radians():
+    """An input range of 20 rad is refused in a file in radians, but not in degrees."""
+    wide = small_mechanism(inputs=(Input("a", 0.0, 20.0),))
+    assert canonical_text(wide, "rad") != canonical_text(small_mechanism(), "rad")
+    assert canonical_text(small_mechanism(), "deg") == dumps(small_mechanism(), "deg")
+    assert loads(dumps(wide, "deg")) == wide
 
 
 @pytest.mark.parametrize(
@@ -262,25 +313,29 @@ def test_the_canonical_text_exists_also_where_no_file_does():
     ],
 )
 def test_failed_writing_leaves_the_old_file(tmp_path, monkeypatch, function, code, words):
+    """A function of `os` fails with an error code; no temporary file remains either."""
     path = tmp_path / "x.toml"
     path.write_text("old")
+    mechanism = small_mechanism()
 
-    def failing(*_):
+    def fail(*_):
         raise OSError(code, os.strerror(code))
 
-    text = square()
-    monkeypatch.setattr(os, function, failing)
+    monkeypatch.setattr(os, function, fail)
     with pytest.raises(OutputError, match=words):
-        dump(text, path)
+        dump(mechanism, path)
     monkeypatch.undo()
-    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
 
 
-def test_links_to_files_and_permissions_stay(tmp_path):
-    path, link = tmp_path / "x.toml", tmp_path / "link.toml"
-    dump(square(), path)
+def test_writing_to_a_symbolic_link_replaces_the_file_that_it_points_to(tmp_path):
+    """The link stays a link, and the file has the permissions of a new file."""
+    path = tmp_path / "x.toml"
+    link = tmp_path / "link.toml"
+    dump(small_mechanism(), path)
     link.symlink_to(path)
-    dump(square(name="other"), link)
+    dump(small_mechanism(name="other"), link)
     assert link.is_symlink()
     assert load(path).name == "other"
     mask = os.umask(0)
@@ -289,9 +344,10 @@ def test_links_to_files_and_permissions_stay(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
-def test_nothing_takes_the_place_of_a_pipe_or_a_device(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
+def test_writing_does_not_replace_a_pipe(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
     for write in (lambda path: write_text(path, "x"), check_file):
         with pytest.raises(OutputError, match="is a device or a pipe; give the name"):
-            write(tmp_path / "pipe")
-    assert (tmp_path / "pipe").is_fifo()
+            write(pipe)
+    assert pipe.is_fifo()

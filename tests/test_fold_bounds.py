@@ -18,35 +18,42 @@ from spherekit.tolerances import MAX_SINGULAR_ANGLE_ERROR_RAD
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 
 MOST_ROUNDINGS = 8.0
-"""Where nothing closes at the input of a row, something closes so near to it. A row at a
-dead centre can be beyond it by the rounding of the sizes."""
-MOST_ROWS = 60
-"""Rows of one mechanism that are judged."""
+"""Largest distance, in roundings of the input, to the nearest input at which loops close.
+A row at a dead centre can be beyond it by the rounding of the sizes, so that nothing
+closes at the input of the row itself."""
+MAX_JUDGED_ROWS = 60
+"""Rows of one mechanism that are compared with 50 digits."""
 
 
-def judged_rows(made, path):
-    """Check all angles at singularities, and return how many rows (known, left out)."""
-    motion = PositionAnalysis(made, path=path).motion()
+def check_angles_at_singularities(mechanism, path):
+    """Check the angles of rows at singularities against 50 digits; count these rows.
+
+    `path` holds the inputs (rad). Rows with the status AT_SINGULARITY have angles, or NaN
+    if their error bound would be too large. The deviation of angles from the exact solution
+    must not exceed the bound. If the exact equations have no solution at the input of a
+    row, the nearest input with a solution replaces it. The result is the number of rows
+    with angles (at most `MAX_JUDGED_ROWS`).
+    """
+    motion = PositionAnalysis(mechanism, path=path).motion()
     is_singular = motion.status == Status.AT_SINGULARITY
-    left_out = int(np.sum(is_singular & motion.failed))
-    known = np.flatnonzero(is_singular & ~motion.failed)[:MOST_ROWS]
-    if not len(known):
-        return 0, left_out
-    rows = motion.rows(known)
+    row_numbers = np.flatnonzero(is_singular & ~motion.failed)[:MAX_JUDGED_ROWS]
+    if not len(row_numbers):
+        return 0
+    rows = motion.rows(row_numbers)
     bound = rows.configuration_error
     assert np.all(bound <= MAX_SINGULAR_ANGLE_ERROR_RAD)
-    away = deviations(rows)
-    has_root = np.isfinite(away)
-    assert np.all(away[has_root] <= bound[has_root])
+    deviation = deviations(rows)
+    has_root = np.isfinite(deviation)
+    assert np.all(deviation[has_root] <= bound[has_root])
     if not np.all(has_root):
-        away, roundings = deviations_beside(rows.rows(~has_root))
-        assert np.all(away <= bound[~has_root])
+        deviation, roundings = deviations_beside(rows.rows(~has_root))
+        assert np.all(deviation <= bound[~has_root])
         assert np.all(roundings <= MOST_ROUNDINGS)
-    return len(known), left_out
+    return len(row_numbers)
 
 
 @pytest.mark.parametrize(
-    ("seeds", "least"),
+    ("seeds", "least_rows"),
     [
         ((0,), 6),  # a cam
         pytest.param((5, 9, 20), 30, marks=pytest.mark.slow),
@@ -54,30 +61,35 @@ def judged_rows(made, path):
         pytest.param(range(25, 60), 300, marks=pytest.mark.long),
     ],
 )
-def test_angles_at_folds_are_right_or_left_out(seeds, least):
-    known = 0
+def test_angles_at_folds_are_within_their_bounds_or_missing(seeds, least_rows):
+    """Inputs are placed beside folds of random mechanisms, where two modes meet.
+
+    `least_rows` is a lower limit on the number of compared rows, so that the test cannot
+    pass by leaving out all angles.
+    """
+    compared_rows = 0
     for seed in seeds:
-        kind, made = folding_mechanism(seed)
+        kind, mechanism = folding_mechanism(seed)
         if kind == "contact":  # hundreds of modes, most of which are alike
             continue
         try:
-            path = inputs_beside_folds(made, seed)
-            known += judged_rows(made, path)[0]
+            path = inputs_beside_folds(mechanism, seed)
+            compared_rows += check_angles_at_singularities(mechanism, path)
         except SpherekitError:  # arcs that close nowhere
             continue
-    assert known >= least
+    assert compared_rows >= least_rows
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("seed", range(3))
-def test_rows_of_long_chains_stay_ok_within_their_bounds(seed):
-    """A bound in quad precision multiplies over the 28 dyads of a chain of 60 links.
+def test_rows_of_a_chain_of_sixty_links_are_ok_within_their_bounds(seed):
+    """Rows of a long chain are OK by the error bound of the whole mechanism.
 
-    It is then useless, although the loops as a whole are well conditioned in float64. The
-    row is OK by the bound of the whole mechanism.
+    The bounds of its 28 dyads in quad precision multiply and are then useless, although the
+    loops as a whole are well conditioned. The reference is the same chain in 50 digits.
     """
-    made = chains.grow_dyad_chain(np.random.default_rng(seed), 60, False)
-    motion = PositionAnalysis(made, samples=12, search=False).motion()
+    mechanism = chains.grow_dyad_chain(np.random.default_rng(seed), 60, False)
+    motion = PositionAnalysis(mechanism, samples=12, search=False).motion()
     assert not np.any(motion.status == Status.AT_SINGULARITY)
     rows = motion.rows(np.flatnonzero(motion.status == Status.OK)[:2])
     assert len(rows) == 2

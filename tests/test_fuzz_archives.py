@@ -20,76 +20,85 @@ from spherekit.errors import SpherekitError
 from spherekit.exchange.coupling_table import write_npz
 from spherekit.runs.registry import create_analysis
 
-FEW, MANY = 24, 500
-"""Changes of each archive, by default and when there is time."""
+FEW_CHANGES = 24
+"""Changes of each archive in the default tests."""
+MANY_CHANGES = 500
+"""Changes of each archive in slow tests."""
 
 LONGEST_SECONDS = 30
 
 
-def flip(random, data):
-    at = random.integers(len(data))
-    return data[:at] + bytes([data[at] ^ 1 << int(random.integers(8))]) + data[at + 1 :]
+def flip_bit(random, data):
+    position = random.integers(len(data))
+    changed_byte = data[position] ^ 1 << int(random.integers(8))
+    return data[:position] + bytes([changed_byte]) + data[position + 1 :]
 
 
 def set_byte(random, data):
-    at = random.integers(len(data))
-    return data[:at] + random.bytes(1) + data[at + 1 :]
+    position = random.integers(len(data))
+    return data[:position] + random.bytes(1) + data[position + 1 :]
 
 
-def cut(random, data):
+def remove_end(random, data):
     return data[: random.integers(len(data))]
 
 
-def behead(random, data):
+def remove_beginning(random, data):
     return data[random.integers(1, len(data)) :]
 
 
-def remove(random, data):
+def remove_passage(random, data):
     first, last = sorted(random.integers(len(data) + 1, size=2))
     return data[:first] + data[last:]
 
 
-def insert(random, data):
-    at = random.integers(len(data) + 1)
-    return data[:at] + random.bytes(int(random.integers(1, 40))) + data[at:]
+def insert_bytes(random, data):
+    position = random.integers(len(data) + 1)
+    return data[:position] + random.bytes(int(random.integers(1, 40))) + data[position:]
 
 
-def blank(random, data):
+def zero_passage(random, data):
     first, last = sorted(random.integers(len(data) + 1, size=2))
     return data[:first] + bytes(last - first) + data[last:]
 
 
-def double(random, data):
+def repeat_passage(random, data):
     first, last = sorted(random.integers(len(data) + 1, size=2))
     return data[:last] + data[first:last] + data[last:]
 
 
-def swap(random, data):
+def swap_passages(random, data):
     a, b, c = sorted(random.integers(len(data) + 1, size=3))
     return data[:a] + data[b:c] + data[a:b] + data[c:]
 
 
-def append(random, data):
+def append_bytes(random, data):
     return data + random.bytes(int(random.integers(1, 100)))
 
 
-ODD = [None, True, -1, 0, 1e308, -1e308, float("nan"), 2**80, "", "x", [], {}, [[1]], "1e9"]
-"""What a number, a text or a list of a heading may be changed into."""
+ODD_VALUES = [None, True, -1, 0, 1e308, -1e308, float("nan"), 2**80]
+ODD_VALUES += ["", "x", [], {}, [[1]], "1e9"]
+"""Values by which a number, a text or a list in a JSON heading may be replaced."""
 
 
-def change_inside(random, value):
-    """Return a JSON value of which one part, at any depth, is an odd one."""
+def replace_inside(random, value):
+    """Return a JSON value in which one part, at any depth, is an odd value."""
     if isinstance(value, dict) and value and random.random() < 0.85:
         key = list(value)[random.integers(len(value))]
-        return {**value, key: change_inside(random, value[key])}
+        return {**value, key: replace_inside(random, value[key])}
     if isinstance(value, list) and value and random.random() < 0.85:
-        at = int(random.integers(len(value)))
-        return [*value[:at], change_inside(random, value[at]), *value[at + 1 :]]
-    return ODD[random.integers(len(ODD))]
+        position = int(random.integers(len(value)))
+        changed_item = replace_inside(random, value[position])
+        return [*value[:position], changed_item, *value[position + 1 :]]
+    return ODD_VALUES[random.integers(len(ODD_VALUES))]
 
 
-def rewrite(random, data):
-    """Return an archive that NumPy wrote anew with another heading or array."""
+def rewrite_npz(random, data):
+    """Return a valid npz archive with another heading or with one array changed.
+
+    An array may be missing, shortened, filled with an odd number, or made text. The comment
+    of the archive holds the checksum of the old content; half of the archives keep it.
+    """
     with np.load(BytesIO(data)) as archive:
         arrays = dict(archive)
     header = json.loads(str(arrays.pop("header")))
@@ -101,32 +110,44 @@ def rewrite(random, data):
     elif kind == 1:
         arrays[name] = array.ravel()[: random.integers(array.size + 1)]
     elif kind == 2:
-        odd = [np.nan, np.inf, 1e300, -1.0]
+        odd_numbers = [np.nan, np.inf, 1e300, -1.0]
         with np.errstate(invalid="ignore"):  # NaN has no integer
-            arrays[name] = np.full_like(array, odd[random.integers(4)])
+            arrays[name] = np.full_like(array, odd_numbers[random.integers(4)])
     elif kind == 3:
         arrays[name] = array.astype(str)
     else:
-        header = change_inside(random, header)
+        header = replace_inside(random, header)
     stream = BytesIO()
     np.savez_compressed(stream, header=np.array(json.dumps(header)), **arrays)
-    if random.random() < 0.5:  # the comment with the sum of the old content is kept
+    if random.random() < 0.5:
         with zipfile.ZipFile(BytesIO(data)) as old, zipfile.ZipFile(stream, "a") as new:
             new.comment = old.comment
     return stream.getvalue()
 
 
-def change_words(random, data):
-    """Return a file in JSON with a part that is an odd one."""
-    return json.dumps(change_inside(random, json.loads(data))).encode()
+def rewrite_json(random, data):
+    """Return a valid JSON file with one part replaced by an odd value."""
+    return json.dumps(replace_inside(random, json.loads(data))).encode()
 
 
-BYTES = [flip, set_byte, cut, behead, remove, insert, blank, double, swap, append]
+BYTE_CHANGES = [
+    flip_bit,
+    set_byte,
+    remove_end,
+    remove_beginning,
+    remove_passage,
+    insert_bytes,
+    zero_passage,
+    repeat_passage,
+    swap_passages,
+    append_bytes,
+]
+"""Changes that know nothing about the format. Each takes a generator and bytes."""
 
 
 @contextmanager
-def limited(seconds):
-    """Fail where a block takes longer."""
+def time_limit(seconds):
+    """Raise AssertionError if the block takes longer (where the system has SIGALRM)."""
 
     def stop(*_):
         raise AssertionError(f"no end after {seconds} s")
@@ -134,47 +155,52 @@ def limited(seconds):
     if not hasattr(signal, "SIGALRM"):
         yield
         return
-    before = signal.signal(signal.SIGALRM, stop)
+    previous_handler = signal.signal(signal.SIGALRM, stop)
     signal.alarm(seconds)
     try:
         yield
     finally:
         signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGALRM, previous_handler)
 
 
-def judge(path, read, changes, count, seed):
-    """Change a file again and again: it reads as it was, or is refused in a sentence.
+def check_damaged_archive(path, read, changes, count, seed):
+    """Damage a file `count` times: it must read as before or be refused in one sentence.
 
-    `read` gives what can be compared. Return how often it was refused.
+    `read` reads the file and returns content that can be compared. `changes` are functions
+    of a random generator and the bytes, used in turn. A refusal must name the file or its
+    folder and end within `LONGEST_SECONDS`. The result is the number of refusals. The file
+    is restored at the end.
     """
     random = np.random.default_rng(seed)
     data = path.read_bytes()
-    wanted = read()
-    refused = 0
+    expected = read()
+    refusals = 0
     for number in range(count):
         change = changes[number % len(changes)]
-        changed = change(random, data)
-        path.write_bytes(changed)
+        damaged_data = change(random, data)
+        path.write_bytes(damaged_data)
         try:
-            with limited(LONGEST_SECONDS):
-                found = read()
-        except SpherekitError as problem:
-            words = str(problem)
-            names = path.name, str(path.parent)
-            assert "\n" not in words and any(x in words for x in names), (number, words)
-            refused += changed != data
+            with time_limit(LONGEST_SECONDS):
+                content = read()
+        except SpherekitError as error:
+            message = str(error)
+            assert "\n" not in message, (number, message)
+            assert path.name in message or str(path.parent) in message, (number, message)
+            refusals += damaged_data != data
         else:
-            assert found == wanted, (number, change.__name__)
+            assert content == expected, (number, change.__name__)
     path.write_bytes(data)
-    assert read() == wanted
-    return refused
+    assert read() == expected
+    return refusals
 
 
 @pytest.fixture(
-    params=[FEW, pytest.param(MANY, marks=pytest.mark.slow)], ids=["few", "many"]
+    params=[FEW_CHANGES, pytest.param(MANY_CHANGES, marks=pytest.mark.slow)],
+    ids=["few", "many"],
 )
 def count(request):
+    """Number of changes of an archive."""
     return request.param
 
 
@@ -191,50 +217,66 @@ def model(request):
     return MODELS[request.param]()
 
 
-def test_stored_models(model, count, tmp_path):
+def test_damaged_reduced_models_are_refused_or_read_unchanged(model, count, tmp_path):
+    """A checksum is stored, so more than nine in ten changes must be noticed."""
     path = tmp_path / "model.npz"
     model.save(path)
-    refused = judge(
-        path, lambda: load_reduced(path).heading, [*BYTES, rewrite, rewrite], count, 1
+    changes = [*BYTE_CHANGES, rewrite_npz, rewrite_npz]
+    refusals = check_damaged_archive(
+        path, lambda: load_reduced(path).heading, changes, count, seed=1
     )
-    assert refused > 0.9 * count
+    assert refusals > 0.9 * count
 
 
-def test_coupling_tables(count, tmp_path):
+def test_damaged_coupling_tables_are_refused_or_read_unchanged(count, tmp_path):
+    """A checksum is stored, so more than nine in ten changes must be noticed."""
     path = tmp_path / "table.npz"
     write_npz(sk.coupling_table(sk.load("four_bar")), path)
-    refused = judge(
-        path, lambda: sk.load_coupling(path).inputs, [*BYTES, rewrite, rewrite], count, 2
+    changes = [*BYTE_CHANGES, rewrite_npz, rewrite_npz]
+    refusals = check_damaged_archive(
+        path, lambda: sk.load_coupling(path).inputs, changes, count, seed=2
     )
-    assert refused > 0.9 * count
+    assert refusals > 0.9 * count
 
 
 @pytest.fixture(scope="module")
 def sweep():
+    """Sweep of two four-bars with the table of poles."""
     space = DesignSpace.from_variations([parse_variation("links.2.arc", [20.0, 30.0])])
     return sweep_of("four_bar", space, [], [create_analysis("poles")], 3, tables=True)
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("file", ["designs", "tables/poles", "_sweep.json"])
-def test_parts_of_sweeps(sweep, file, count, tmp_path):
-    """Also by a part that other programs have written, with the same notes or none."""
+def test_damaged_files_of_a_finished_sweep_are_refused_or_read_unchanged(
+    sweep, file, count, tmp_path
+):
+    """Tables are stored in Parquet files of several designs, facts in `_sweep.json`.
+
+    Damage includes a Parquet file that another program has written. A sweep over the same
+    folder reads what is stored and computes nothing.
+    """
     run_sweep(sweep, tmp_path)
 
     def read():
-        found = run_sweep(sweep, tmp_path)
-        assert not found.computed
-        return [found.frame().to_csv(), found.table("poles").to_csv()]
+        result = run_sweep(sweep, tmp_path)
+        assert not result.computed
+        return [result.frame().to_csv(), result.table("poles").to_csv()]
 
     if file == "_sweep.json":
-        path, changes = tmp_path / file, [*BYTES, change_words, change_words]
+        path = tmp_path / file
+        changes = [*BYTE_CHANGES, rewrite_json, rewrite_json]
     else:
-        path, changes = tmp_path / file / "part-000000.parquet", [*BYTES, foreign]
-    judge(path, read, changes, count // 2, 3)
+        path = tmp_path / file / "part-000000.parquet"
+        changes = [*BYTE_CHANGES, rewrite_parquet]
+    check_damaged_archive(path, read, changes, count // 2, seed=3)
 
 
-def foreign(random, data):
-    """Return a part as pandas, or a program of Arrow's, writes it."""
+def rewrite_parquet(random, data):
+    """Return a valid Parquet file as another program writes it.
+
+    It has pandas' metadata, no metadata, a column less, or another content.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -252,38 +294,55 @@ def foreign(random, data):
     return stream.getvalue()
 
 
-def stop_after_two(done, total):
+def interrupt_after_four_rows(done, total):
+    """Stop a run of blocks of two samples as Ctrl-C does; a progress function."""
     if done >= 4:
         raise KeyboardInterrupt
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("file", ["journal.json", "poles.poles.000000.parquet"])
-def test_unfinished_runs(file, count, tmp_path):
-    """It goes on to the same rows, or says that it cannot."""
-    stopped = tmp_path / "stopped"
+def test_resuming_from_damaged_files_gives_the_same_rows_or_is_refused(
+    file, count, tmp_path
+):
+    """A run is interrupted, one of its files is damaged, and the run is resumed.
+
+    `journal.json` says which blocks are finished; the Parquet file holds their rows.
+    """
+    stopped_folder = tmp_path / "stopped"
+    resumed_folder = tmp_path / "again"
     options = {"samples": 6, "block": 2}
     with pytest.raises(KeyboardInterrupt):
-        sk.run("four_bar", "poles", folder=stopped, progress=stop_after_two, **options)
-    (path,) = stopped.rglob(file)
-    again = tmp_path / "again"
+        sk.run(
+            "four_bar",
+            "poles",
+            folder=stopped_folder,
+            progress=interrupt_after_four_rows,
+            **options,
+        )
+    (path,) = stopped_folder.rglob(file)
 
     def read():
-        shutil.rmtree(again, ignore_errors=True)
-        shutil.copytree(stopped, again)
+        shutil.rmtree(resumed_folder, ignore_errors=True)
+        shutil.copytree(stopped_folder, resumed_folder)
         try:
-            run = sk.run("four_bar", "poles", folder=again, unfinished="resume", **options)
-        except SpherekitError as problem:
-            problem.args = (f"{problem} {file}",)  # it names the folder
+            run = sk.run(
+                "four_bar", "poles", folder=resumed_folder, unfinished="resume", **options
+            )
+        except SpherekitError as error:
+            # The message names the copied folder; the check looks for the file's name.
+            error.args = (f"{error} {file}",)
             raise
         return run.frame().to_csv()
 
-    changes = [*BYTES, change_words] if file == "journal.json" else BYTES
-    judge(path, read, changes, count // 2, 4)
+    changes = [*BYTE_CHANGES, rewrite_json] if file == "journal.json" else BYTE_CHANGES
+    check_damaged_archive(path, read, changes, count // 2, seed=4)
 
 
-def test_a_device_is_no_archive():
-    for path in ("/dev/zero", "/dev/null"):
-        if Path(path).exists():
-            with limited(5), pytest.raises(SpherekitError, match="pipe or a device"):
-                load_reduced(path)
+@pytest.mark.parametrize("path", ["/dev/zero", "/dev/null"])
+def test_a_device_is_refused_as_an_archive(path):
+    """/dev/zero has no end, so reading it would never finish."""
+    if not Path(path).exists():
+        pytest.skip(f"there is no {path}")
+    with time_limit(5), pytest.raises(SpherekitError, match="pipe or a device"):
+        load_reduced(path)

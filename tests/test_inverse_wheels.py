@@ -13,28 +13,50 @@ from spherekit.outputs.pose_solver import output_kinematics
 from spherekit.plugin.rotations import from_tilt_torsion
 
 RATIO = 1.5
-"""Teeth of a side gear for one of the hand's: half angles atan(1.5) and its complement."""
-SIDE = float(np.degrees(np.arctan(RATIO)))
-POSES = np.random.default_rng(4).uniform([-3.0, 0.2, -3.0], [3.0, 2.9, 3.0], (12, 3))
-"""Tilts and torsions (rad)."""
+"""Ratio of the teeth of a side gear to those of the hand's gear."""
+SIDE_HALF_ANGLE_DEG = float(np.degrees(np.arctan(RATIO)))
+"""Half angle of the cone of a side gear. That of the hand's gear is its complement."""
+TILT_TORSION_RAD = np.random.default_rng(4).uniform(
+    [-3.0, 0.2, -3.0], [3.0, 2.9, 3.0], (12, 3)
+)
+"""(12, 3) azimuth, tilt and torsion of random poses."""
 
 
 @pytest.fixture(scope="module")
 def wrist():
-    """A column that yaws, and on it a bevel differential whose planet is the hand."""
-    axles = {"yaw": ("base", "column", [0.0, 0.0, 1.0])}
-    across = {"left_axle": "left", "right_axle": "right", "pitch": "cage"}
-    axles |= {name: ("column", link, [0.0, 1.0, 0.0]) for name, link in across.items()}
-    axles["roll"] = ("cage", "hand", [1.0, 0.0, 0.0])
-    pairs = {
-        name: {"type": "R", "links": [one, other], "xyz": axis}
-        for name, (one, other, axis) in axles.items()
+    """Return a wrist with a bevel differential whose inputs are yaw and two side gears.
+
+    A column yaws about z on the base. The axles of both side gears and of the cage are the
+    y axis of the column. The hand is the planet of the differential and rolls about the x
+    axis of the cage. All three inputs may count several turns.
+    """
+    pair_ends_and_axes = {
+        "yaw": ("base", "column", [0.0, 0.0, 1.0]),
+        "left_axle": ("column", "left", [0.0, 1.0, 0.0]),
+        "right_axle": ("column", "right", [0.0, 1.0, 0.0]),
+        "pitch": ("column", "cage", [0.0, 1.0, 0.0]),
+        "roll": ("cage", "hand", [1.0, 0.0, 0.0]),
     }
-    hand = {"kind": "circle", "centre_xyz": [1.0, 0.0, 0.0], "radius": 90.0 - SIDE}
-    for gear, way in (("left", 1.0), ("right", -1.0)):
-        circle = {"kind": "circle", "centre_xyz": [0.0, way, 0.0], "radius": SIDE}
-        mesh = {"links": [gear, "hand"], "profiles": {gear: circle, "hand": hand}}
-        pairs[f"{gear}_mesh"] = {"type": "Cr", **mesh}
+    pairs = {
+        name: {"type": "R", "links": [first_link, second_link], "xyz": axis}
+        for name, (first_link, second_link, axis) in pair_ends_and_axes.items()
+    }
+    hand_circle = {
+        "kind": "circle",
+        "centre_xyz": [1.0, 0.0, 0.0],
+        "radius": 90.0 - SIDE_HALF_ANGLE_DEG,
+    }
+    for gear, side in (("left", 1.0), ("right", -1.0)):
+        gear_circle = {
+            "kind": "circle",
+            "centre_xyz": [0.0, side, 0.0],
+            "radius": SIDE_HALF_ANGLE_DEG,
+        }
+        pairs[f"{gear}_mesh"] = {
+            "type": "Cr",
+            "links": [gear, "hand"],
+            "profiles": {gear: gear_circle, "hand": hand_circle},
+        }
     return sk.build(
         "differential_wrist",
         angle_unit="deg",
@@ -46,98 +68,167 @@ def wrist():
     )
 
 
-def by_hand(inputs):
-    """Yaw, then the mean of both side gears, then their difference by the ratio."""
+def hand_rotation(inputs):
+    """Return the rotation (3, 3) of the hand by the formula of a bevel differential.
+
+    `inputs` are yaw, left and right gear angle (rad). The hand pitches by the mean of both
+    side gears and rolls by half their difference times the ratio of teeth.
+    """
     yaw, left, right = inputs
-    angles = yaw, 0.5 * (left + right), -0.5 * RATIO * (left - right)
-    return Rotation.from_euler("ZYX", angles).as_matrix()
+    pitch = 0.5 * (left + right)
+    roll = -0.5 * RATIO * (left - right)
+    return Rotation.from_euler("ZYX", (yaw, pitch, roll)).as_matrix()
 
 
-def test_forward_is_the_formula_of_the_differential(wrist):
+def test_forward_kinematics_of_the_wrist_match_the_formula_of_the_differential(wrist):
+    """Random inputs over three turns have one pose each, that of `hand_rotation`."""
     forward = sk.ForwardKinematics(wrist)
     inputs = np.random.default_rng(3).uniform(-9.0, 9.0, (20, 3))
     poses = forward.solutions(inputs)
     assert np.all(poses.row == np.arange(20))
-    hand = np.array([by_hand(q) for q in inputs])
-    assert np.max(np.abs(poses.rotations - hand)) < 1e-12
+    expected = np.array([hand_rotation(q) for q in inputs])
+    assert np.max(np.abs(poses.rotations - expected)) < 1e-12
 
 
 @pytest.mark.slow
-def test_inputs_of_a_pose_lead_back_to_it_over_all_turns_of_the_wheels(wrist):
-    """Both yaws, each with the side gears turned least of all that have the hand there."""
-    poses = from_tilt_torsion(POSES)
+def test_inverse_kinematics_turn_the_side_gears_as_little_as_possible(wrist):
+    """Each pose has two solutions, one for each yaw, and the formula leads back to it.
+
+    A full turn of pitch adds 2 pi to both gears. A full turn of roll adds 2 pi / ratio to
+    one gear and subtracts it from the other. No combination of up to four such turns has a
+    smaller sum of both gear angles.
+    """
+    poses = from_tilt_torsion(TILT_TORSION_RAD)
     inverse = sk.InverseKinematics(wrist).solutions(poses)
     assert np.all(np.bincount(inverse.row) == 2)
+    turns = np.array(list(product(range(-4, 5), repeat=2))) * 2.0 * np.pi
+    pitch_turn = turns[:, 0]
+    roll_turn = turns[:, 1] / RATIO
     for row, inputs in zip(inverse.row, inverse.inputs, strict=True):
-        assert np.max(np.abs(by_hand(inputs) - poses[row])) < 1e-11
+        assert np.max(np.abs(hand_rotation(inputs) - poses[row])) < 1e-11
         _, left, right = inputs
-        turns = np.array(list(product(range(-4, 5), repeat=2))) * 2.0 * np.pi
-        pitch, roll = turns[:, 0], turns[:, 1] / RATIO
-        others = np.abs(left + pitch + roll) + np.abs(right + pitch - roll)
-        assert abs(left) + abs(right) < np.min(others) + 1e-9
+        equivalent_left = left + pitch_turn + roll_turn
+        equivalent_right = right + pitch_turn - roll_turn
+        gear_angles = np.abs(equivalent_left) + np.abs(equivalent_right)
+        assert abs(left) + abs(right) < np.min(gear_angles) + 1e-9
 
 
-def gimbal(roll):
-    """A pan-tilt, or with `roll` a pan-tilt-roll, each axis turned by a pinion on it."""
-    axes = {"pan": [0.0, 0.0, 1.0], "tilt": [0.0, 1.0, 0.0], "roll": [1.0, 0.0, 0.0]}
-    links = ["base", "yoke", "cage", "tool"]
-    pairs, names = {}, ("pan", "tilt", "roll")[: 2 + roll]
-    for k, name in enumerate(names):
-        carrier, moved = links[k : k + 2]
-        shaft = axes["roll" if name == "pan" else "pan" if name == "tilt" else "tilt"]
-        pairs[name] = {"type": "R", "links": [carrier, moved], "xyz": axes[name]}
-        pairs[f"m_{name}"] = {"type": "R", "links": [carrier, f"p_{name}"], "xyz": shaft}
-        teeth = ([20, 50], [17, 40], [15, 30])[k]
-        mesh = {"links": [f"p_{name}", moved], "teeth": teeth, "axes": [f"m_{name}", name]}
-        pairs[f"g_{name}"] = {"type": "Cr", **mesh}
-    output = {"link": "tool"} if roll else {"link": "cage", "xyz": [1.0, 0.0, 0.0]}
+def geared_gimbal(has_roll):
+    """Return a pan-tilt or pan-tilt-roll mechanism whose axes are driven by pinions.
+
+    Each pinion sits on the carrier of its axis: pair `m_pan` drives pinion `p_pan`, which
+    meshes (pair `g_pan`) with the yoke that turns about `pan`; likewise `tilt` and `roll`.
+    The output is a direction of the cage without roll and the pose of the tool with it.
+    """
+    axis_directions = {
+        "pan": [0.0, 0.0, 1.0],
+        "tilt": [0.0, 1.0, 0.0],
+        "roll": [1.0, 0.0, 0.0],
+    }
+    # The shaft of a pinion is perpendicular to the axis that it drives.
+    shaft_directions = {
+        "pan": axis_directions["roll"],
+        "tilt": axis_directions["pan"],
+        "roll": axis_directions["tilt"],
+    }
+    teeth = {"pan": [20, 50], "tilt": [17, 40], "roll": [15, 30]}
+    axis_names = ["pan", "tilt", "roll"] if has_roll else ["pan", "tilt"]
+    links = ["base", "yoke", "cage", "tool"][: len(axis_names) + 1]
+    pairs = {}
+    for name, carrier, moved_link in zip(axis_names, links, links[1:], strict=False):
+        pairs[name] = {
+            "type": "R",
+            "links": [carrier, moved_link],
+            "xyz": axis_directions[name],
+        }
+        pairs[f"m_{name}"] = {
+            "type": "R",
+            "links": [carrier, f"p_{name}"],
+            "xyz": shaft_directions[name],
+        }
+        pairs[f"g_{name}"] = {
+            "type": "Cr",
+            "links": [f"p_{name}", moved_link],
+            "teeth": teeth[name],
+            "axes": [f"m_{name}", name],
+        }
+    output = {"link": "tool"} if has_roll else {"link": "cage", "xyz": [1.0, 0.0, 0.0]}
     return sk.build(
         "gimbal",
         angle_unit="deg",
         ground="base",
-        links=[*links[: 3 + roll], *(f"p_{name}" for name in names)],
+        links=[*links, *(f"p_{name}" for name in axis_names)],
         pairs=pairs,
-        inputs={f"m_{name}": {} for name in names},
+        inputs={f"m_{name}": {} for name in axis_names},
         outputs={"tool": output},
     )
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("made", ["differential", "pan_tilt", "pan_tilt_roll"])
-def test_the_closed_form_is_that_of_the_graph(made, wrist):
-    """Inputs, pairs, rates and both measures, against the velocity equations."""
-    mechanism = wrist if made == "differential" else gimbal(made == "pan_tilt_roll")
-    closed, graph = output_kinematics(mechanism), output_kinematics(mechanism, graph=True)
-    assert (closed.solved_by, graph.solved_by) == ("dyads", "graph")
-    poses = spiral_directions(6) if closed.points else from_tilt_torsion(POSES[:4])
-    one = closed.inverse(poses, closed.labels, range(len(mechanism.pairs)))
-    other = graph.inverse(poses, graph.labels, range(len(mechanism.pairs)))
-    assert len(one) == 2 * len(poses) and np.all(one.status == 0)
-    met = 0
-    for k in range(len(one)):
-        off = np.abs(other.inputs - one.inputs[k]).max(axis=1)
-        off[other.pose != one.pose[k]] = np.inf
-        best = int(np.argmin(off))
-        if off[best] < 1e-9:
-            met += 1
-            for name in ("type_1", "type_2", "rates"):
-                there, here = getattr(other, name)[best], getattr(one, name)[k]
-                assert np.max(np.abs(there - here)) < 1e-9 * (1.0 + np.max(np.abs(here)))
-    assert met >= len(poses)
-    assert np.max(closed.residual(one.values)) < 1e-12
-    back = closed.forward(one.inputs)
-    told = back.directions if closed.points else back.rotations
-    assert np.max(np.abs(told - poses[one.pose[back.row]])) < 1e-11
+@pytest.mark.parametrize("mechanism_name", ["differential", "pan_tilt", "pan_tilt_roll"])
+def test_closed_form_inverse_kinematics_match_the_general_solver(mechanism_name, wrist):
+    """The closed form (by dyads) agrees with the solver for any graph of links.
+
+    The general solver finds solutions numerically. Compared are inputs (rad), pair rates
+    and the conditioning of type I and II singularities. It may choose other turns of the
+    wheels, so at least one of both solutions of each pose must have equal inputs. Forward
+    kinematics of the closed form must lead back to all poses.
+    """
+    if mechanism_name == "differential":
+        mechanism = wrist
+    else:
+        mechanism = geared_gimbal(has_roll=mechanism_name == "pan_tilt_roll")
+    closed_form = output_kinematics(mechanism)
+    general = output_kinematics(mechanism, graph=True)
+    assert closed_form.solved_by == "dyads"
+    assert general.solved_by == "graph"
+    if closed_form.points:  # the output is a direction, not a pose
+        poses = spiral_directions(6)
+    else:
+        poses = from_tilt_torsion(TILT_TORSION_RAD[:4])
+    all_pairs = range(len(mechanism.pairs))
+    solutions = closed_form.inverse(poses, closed_form.labels, all_pairs)
+    references = general.inverse(poses, general.labels, all_pairs)
+    assert len(solutions) == 2 * len(poses)
+    assert np.all(solutions.status == 0)
+
+    matched = 0
+    for k in range(len(solutions)):
+        distance = np.abs(references.inputs - solutions.inputs[k]).max(axis=1)
+        distance[references.pose != solutions.pose[k]] = np.inf
+        nearest = int(np.argmin(distance))
+        if distance[nearest] < 1e-9:
+            matched += 1
+            for quantity in ("type_1", "type_2", "rates"):
+                value = getattr(solutions, quantity)[k]
+                error = np.max(np.abs(getattr(references, quantity)[nearest] - value))
+                assert error < 1e-9 * (1.0 + np.max(np.abs(value)))
+    assert matched >= len(poses)
+
+    assert np.max(closed_form.residual(solutions.values)) < 1e-12
+    forward = closed_form.forward(solutions.inputs)
+    outputs = forward.directions if closed_form.points else forward.rotations
+    assert np.max(np.abs(outputs - poses[solutions.pose[forward.row]])) < 1e-11
 
 
-def test_workspace_of_a_geared_pan_tilt(wrist):
-    """Tilted by at most 30 degrees it points at a zone of half the sphere."""
-    near = sk.run(wrist, "workspace:tolerance=0.3,working_mode=0,near=5")
-    assert not near.failures  # the yaw does not move the hand's other carriers
-    mechanism = gimbal(roll=False)
-    result = sk.run(mechanism, "workspace:limits=tilt:-30:30,tolerance=1e-4")
-    table = result.frame("workspace", "areas")
-    whole = table[table["part"] == "whole"]
+def test_workspace_of_the_wrist_near_a_working_mode_has_no_failures(wrist):
+    run = sk.run(wrist, "workspace:tolerance=0.3,working_mode=0,near=5")
+    assert not run.failures  # the yaw does not move the hand's other carriers
+
+
+def test_workspace_of_a_geared_pan_tilt_is_a_zone_of_half_the_sphere():
+    """With tilt limited to 30 degrees it points at latitudes from -30 to 30 degrees.
+
+    The area of this zone on the unit sphere is 2 pi (1 + 1) sin 30 deg = 2 pi.
+    """
+    run = sk.run(
+        geared_gimbal(has_roll=False), "workspace:limits=tilt:-30:30,tolerance=1e-4"
+    )
+    areas = run.frame("workspace", "areas")
+    whole = areas[areas["part"] == "whole"]
     assert np.min(np.abs(whole["size"] - 2.0 * np.pi)) < 1e-3
+
+
+def test_workspace_limits_at_the_pair_of_a_wheel_are_refused():
     with pytest.raises(AnalysisError, match="limits: m_pan is the pair of a wheel"):
-        sk.run(mechanism, "workspace:limits=m_pan:-30:30")
+        sk.run(geared_gimbal(has_roll=False), "workspace:limits=m_pan:-30:30")

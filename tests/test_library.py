@@ -10,75 +10,89 @@ from spherekit.errors import FileError
 from spherekit.files.library import GROUP, find, shipped
 from spherekit.files.mechanism_reader import load
 
-SOUND = mechanism_text("library_sound")
+SOUND_FILE = mechanism_text("library_sound")
+"""Text of a correct mechanism file with its name left open."""
 
 
 @pytest.fixture
 def install(tmp_path, monkeypatch):
-    """Return a function that installs a pack of files under a package name."""
+    """Return a function that installs a pack of mechanism files.
+
+    Its arguments are the name of the package, the names of its files (None: the package
+    has no folder), the module to which the entry point refers, and the code of its
+    `__init__.py`, which fails by default: packs must not be imported. The result is the
+    folder of the package.
+    """
     site = tmp_path / "site"
     site.mkdir()
     monkeypatch.syspath_prepend(str(site))
 
-    def add(package, files, value=None, code="raise RuntimeError('imported')"):
+    def add(package, files, module=None, code="raise RuntimeError('imported')"):
         info = site / f"{package}-1.5.dist-info"
         info.mkdir()
         (info / "METADATA").write_text(
             f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.5\n"
         )
         (info / "entry_points.txt").write_text(
-            f"[{GROUP}]\n{package} = {value or package}\n"
+            f"[{GROUP}]\n{package} = {module or package}\n"
         )
         if files is not None:
             folder = site / package
             folder.mkdir()
             (folder / "__init__.py").write_text(code)
             for name in files:
-                (folder / name).write_text(SOUND.format(name=name.split(".")[0]))
+                text = SOUND_FILE.format(name=name.split(".")[0])
+                (folder / name).write_text(text)
         return site / package
 
     return add
 
 
-def pack(name):
+def find_pack(name):
     """Return the record of an installed pack."""
-    return next(each for each in shipped() if each.name == name)
+    return next(pack for pack in shipped() if pack.name == name)
 
 
 def test_packs_are_listed_and_found_without_importing(install):
+    """A pack lists its mechanism files; studies and other files are left out."""
     folder = install("sk_pack", ["alpha_bar.toml", "beta.toml", "x.study.toml", "a.txt"])
-    found = pack("sk_pack")
-    assert dict(found.files) == {
+    pack = find_pack("sk_pack")
+    assert dict(pack.files) == {
         "alpha_bar": folder / "alpha_bar.toml",
         "beta": folder / "beta.toml",
     }
-    assert not found.fault
+    assert not pack.fault
     assert find("beta") == folder / "beta.toml"
     assert load("alpha_bar").name == "alpha_bar"
     assert "sk_pack" not in sys.modules
 
 
-def test_broken_packs_are_records(install):
+def test_broken_packs_are_listed_with_their_faults_and_leave_others_usable(install):
     install("sk_sound", ["gamma.toml"])
     install("sk_gone", None)
     install("sk_empty", [])
     install("sk_named", ["two words.toml"])
-    install("sk_odd", None, value="sk_missing.inner")
-    assert "no package is named" in pack("sk_gone").fault
-    assert "holds no .toml files" in pack("sk_empty").fault
-    assert "not a name of letters" in pack("sk_named").fault
-    assert "ModuleNotFoundError" in pack("sk_odd").fault
+    install("sk_odd", None, module="sk_missing.inner")
+    assert "no package is named" in find_pack("sk_gone").fault
+    assert "holds no .toml files" in find_pack("sk_empty").fault
+    assert "not a name of letters" in find_pack("sk_named").fault
+    assert "ModuleNotFoundError" in find_pack("sk_odd").fault
     assert find("gamma").name == "gamma.toml"
     with pytest.raises(FileError, match=r"Broken packs: .*sk_empty \(sk_empty holds no"):
         find("delta")
 
+
+def test_a_name_that_several_packs_ship_is_refused(install):
     install("sk_one", ["same.toml"])
     install("sk_two", ["same.toml"])
     with pytest.raises(FileError, match=r"shipped by several packs; give a path: .*sk_one"):
         find("same")
 
 
-def test_a_shipped_name_is_not_hidden_by_a_folder(install, tmp_path, monkeypatch):
+def test_a_folder_of_the_same_name_does_not_hide_a_shipped_mechanism(
+    install, tmp_path, monkeypatch
+):
+    """With a separator the name is a path and means the folder."""
     folder = install("sk_pack", ["alpha_bar.toml"])
     monkeypatch.chdir(tmp_path)
     (tmp_path / "alpha_bar").mkdir()
@@ -86,23 +100,31 @@ def test_a_shipped_name_is_not_hidden_by_a_folder(install, tmp_path, monkeypatch
     assert find(f".{os.sep}alpha_bar").name == "alpha_bar"
 
 
-def test_not_found_names_the_nearest(install, tmp_path, monkeypatch):
+def test_an_unknown_name_is_refused_with_the_nearest_shipped_name(
+    install, tmp_path, monkeypatch
+):
     install("sk_pack", ["alpha_bar.toml"])
     monkeypatch.chdir(tmp_path)
     with pytest.raises(FileError) as caught:
         find("alpa_bar")
     assert 'alpa_bar: not found; did you mean "alpha_bar"?' in str(caught.value)
     assert "Shipped mechanisms: " in str(caught.value)
+
+
+def test_an_unknown_path_is_refused_with_the_nearest_file_of_its_folder(tmp_path):
     (tmp_path / "my_bar.toml").write_text("")
     with pytest.raises(FileError) as caught:
         find(tmp_path / "mybar.toml")
     assert 'did you mean "my_bar.toml"?' in str(caught.value)
     assert f"Files in {tmp_path}: my_bar.toml" in str(caught.value)
+
+
+def test_a_path_in_an_unknown_folder_is_refused(tmp_path):
     with pytest.raises(FileError, match="nor is its folder"):
         find(tmp_path / "none" / "x.toml")
 
 
 @pytest.mark.parametrize("name", ["", "\0", "a" * 5000, "../../../none.toml", "x/\0.toml"])
-def test_unusable_names_are_file_errors(name):
+def test_names_that_no_file_can_have_are_refused(name):
     with pytest.raises(FileError):
         load(name)

@@ -13,12 +13,16 @@ import spherekit as sk
 from spherekit.exchange.formula_maker import formulas
 from spherekit.exchange.source_languages import source
 
-INPUT_ANGLES = np.linspace(-7.0, 12.0, 20)
-"""rad, inputs in three turns."""
+INPUT_ANGLES_RAD = np.linspace(-7.0, 12.0, 20)
+"""Input angles over three turns."""
 
 
-def sprung(name, pair, zero_deg=0.0, input_pair=None):
-    """Return a mechanism whose only load is a spring, with the zero of the pair moved."""
+def with_spring(name, pair, zero_deg=0.0, input_pair=None):
+    """Return a mechanism whose only load is a spring at a pair.
+
+    `zero_deg` is added to the zero of this pair, so that its angle may cross half a turn.
+    `input_pair` replaces the driven pair.
+    """
     mechanism = sk.load(name)
     if zero_deg:
         geometry = mechanism.geometry
@@ -30,41 +34,50 @@ def sprung(name, pair, zero_deg=0.0, input_pair=None):
     return replace(mechanism, loads=(sk.Spring("wound", pair, 1.3, 0.4),), joint_limits=())
 
 
-def exported_torques(made, q, mode):
-    """Return the torque (n,) of formulas at inputs (n,), at 1 rad/s."""
-    values = {"q": q, "dq": np.ones_like(q), "ddq": np.zeros_like(q)}
-    motion = np.array([values[argument.name] for argument in made.motion])
-    places = np.array(mode.values).reshape(-1, 1)
-    return made.numpy_function(made.outputs)(motion, places, made.size_values)[0]
+def exported_torques(exported_formulas, input_angles, mode):
+    """Return the torques (n,) of exported formulas at inputs (n,) (rad), at 1 rad/s."""
+    values = {
+        "q": input_angles,
+        "dq": np.ones_like(input_angles),
+        "ddq": np.zeros_like(input_angles),
+    }
+    motion = np.array([values[argument.name] for argument in exported_formulas.motion])
+    mode_values = np.array(mode.values).reshape(-1, 1)
+    evaluate = exported_formulas.numpy_function(exported_formulas.outputs)
+    return evaluate(motion, mode_values, exported_formulas.size_values)[0]
 
 
-CASES = {
+SWINGING_SPRINGS = {
     "rocker": ("four_bar", "41"),
     "coupler on rocker": ("four_bar", "43"),
     "rocker across half a turn": ("four_bar", "41", 95.0),
     "the other way across": ("four_bar", "41", -160.0),
     "driven at the rocker": ("four_bar", "43", 0.0, "41"),
 }
+"""Arguments of `with_spring` for pairs that cannot turn fully."""
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("name", CASES)
-def test_a_spring_at_a_pair_that_swings_needs_no_turns(name):
-    mechanism = sprung(*CASES[name])
-    made = formulas(mechanism, ["torque"])
-    assert [argument.name for argument in made.motion] == ["q", "dq", "ddq"]
-    assert "turns_of" not in source(made, "c")
-    compared = 0
-    for mode in made.modes:
-        exported = exported_torques(made, INPUT_ANGLES, mode)
-        law = sk.ConstantSpeed(1.0, INPUT_ANGLES[0])
-        times = INPUT_ANGLES - INPUT_ANGLES[0]
+@pytest.mark.parametrize("name", SWINGING_SPRINGS)
+def test_exported_torque_of_a_spring_at_a_swinging_pair_needs_no_count_of_turns(name):
+    """The formulas have no argument for turns and agree with `sk.inverse_dynamics`."""
+    mechanism = with_spring(*SWINGING_SPRINGS[name])
+    exported_formulas = formulas(mechanism, ["torque"])
+    argument_names = [argument.name for argument in exported_formulas.motion]
+    assert argument_names == ["q", "dq", "ddq"]
+    assert "turns_of" not in source(exported_formulas, "c")
+    compared_rows = 0
+    for mode in exported_formulas.modes:
+        torques = exported_torques(exported_formulas, INPUT_ANGLES_RAD, mode)
+        law = sk.ConstantSpeed(1.0, INPUT_ANGLES_RAD[0])
+        times = INPUT_ANGLES_RAD - INPUT_ANGLES_RAD[0]
         solution = sk.inverse_dynamics(mechanism, law, times, assembly_mode=mode.number)
         expected = np.ravel(solution.torques)
-        is_known = np.isfinite(expected) | np.isfinite(exported)
-        assert exported[is_known] == pytest.approx(expected[is_known], rel=1e-9, abs=1e-10)
-        compared += np.sum(is_known)
-    assert compared >= 10
+        # Both are NaN where the mechanism cannot be assembled.
+        is_finite = np.isfinite(expected) | np.isfinite(torques)
+        assert torques[is_finite] == pytest.approx(expected[is_finite], rel=1e-9, abs=1e-10)
+        compared_rows += np.sum(is_finite)
+    assert compared_rows >= 10
 
 
 @pytest.mark.parametrize(
@@ -75,14 +88,18 @@ def test_a_spring_at_a_pair_that_swings_needs_no_turns(name):
         (("five_bar", "32"), []),  # its angle depends on the path of two inputs
     ],
 )
-def test_elsewhere_turns_stay_an_argument(case, vary):
-    mechanism = sprung(*case)
+def test_exported_torque_of_a_spring_has_turns_as_argument_if_they_may_matter(case, vary):
+    """`vary` names sizes that stay arguments of the formulas."""
+    mechanism = with_spring(*case)
     torque = "torque" if len(mechanism.inputs) == 1 else "torque_by_21"
-    made = formulas(mechanism, [torque], vary=vary)
-    assert f"turns_of_{case[1]}" in [argument.name for argument in made.motion]
+    exported_formulas = formulas(mechanism, [torque], vary=vary)
+    _, spring_pair = case
+    argument_names = [argument.name for argument in exported_formulas.motion]
+    assert f"turns_of_{spring_pair}" in argument_names
 
 
-def test_a_stiffness_may_vary():
-    mechanism = sprung("four_bar", "41")
-    made = formulas(mechanism, ["torque"], vary=["loads.wound.stiffness"])
-    assert "turns_of_41" not in [argument.name for argument in made.motion]
+def test_varying_the_stiffness_of_a_spring_adds_no_count_of_turns():
+    mechanism = with_spring("four_bar", "41")
+    exported_formulas = formulas(mechanism, ["torque"], vary=["loads.wound.stiffness"])
+    argument_names = [argument.name for argument in exported_formulas.motion]
+    assert "turns_of_41" not in argument_names

@@ -35,60 +35,93 @@ atan2(dtheta_21, theta_21); sqrt(t) + exp(-t) + log(1+t); abs(theta_21)*sign(dth
 2*t - -theta_21/3 + 1; t**2 + abs(dtheta_21)*sign(theta_21); sqrt(t) + log(t) + asin(t)
 min(t, theta_21, 1) + max(t, dtheta_21); sin(t) + cos(t)*tan(t) + tanh(t) + exp(t)
 1/theta_21 + theta_21**(0-1); exp(1000*t) - theta_21**0.5; pi"""
-MEANT = {name: getattr(np, name) for name in ARGUMENT_COUNTS if hasattr(np, name)} | {
+PYTHON_NAMES = {name: getattr(np, name) for name in ARGUMENT_COUNTS if hasattr(np, name)}
+PYTHON_NAMES |= {
     "pi": math.pi,
-    "min": lambda *each: functools.reduce(np.minimum, each),
-    "max": lambda *each: functools.reduce(np.maximum, each),
+    "min": lambda *values: functools.reduce(np.minimum, values),
+    "max": lambda *values: functools.reduce(np.maximum, values),
 }
+"""Names of the language of loads, with their meaning in NumPy and Python."""
 
 
 @pytest.mark.parametrize("text", re.split("; |\n", TEXTS))
-def test_values(text):
-    """As Python and NumPy have them; functions of floats agree with those of arrays."""
+def test_expressions_have_the_values_of_python_and_numpy(text):
+    """The text itself is evaluated by `eval`, with the functions of NumPy."""
     expression = parse(text, NAMES)
     with np.errstate(all="ignore"):
-        expected = eval(text.strip(), MEANT, VALUES)
-    result = expression.evaluate(VALUES)
-    np.testing.assert_allclose(result, expected, rtol=4e-16, atol=1e-16)
+        expected = eval(text.strip(), PYTHON_NAMES, VALUES)
+    values = expression.evaluate(VALUES)
+    np.testing.assert_allclose(values, expected, rtol=4e-16, atol=1e-16)
+
+
+@pytest.mark.parametrize("text", re.split("; |\n", TEXTS))
+def test_functions_of_floats_have_the_values_of_arrays(text):
+    """Where a function of floats raises an error, the array has no finite value."""
+    expression = parse(text, NAMES)
     names = ("t", "theta_21", "dtheta_21")
-    call = expression_as_function(expression, names)
-    for row in itertools.product((-2.0, 0.0, 0.7), repeat=3):
-        want = expression.evaluate(dict(zip(names, row, strict=True)))
+    evaluate_floats = expression_as_function(expression, names)
+    for floats in itertools.product((-2.0, 0.0, 0.7), repeat=3):
+        expected = expression.evaluate(dict(zip(names, floats, strict=True)))
         try:
-            np.testing.assert_allclose(call(row), want, rtol=1e-15, err_msg=f"{row}")
+            value = evaluate_floats(floats)
+            np.testing.assert_allclose(value, expected, rtol=1e-15, err_msg=f"{floats}")
         except (ValueError, ArithmeticError):
-            assert not np.isfinite(want)
+            assert not np.isfinite(expected)
 
 
-def test_names_used_and_missing():
+def test_an_expression_lists_the_names_that_it_uses():
     assert parse("sin(theta_21) + pi*t", NAMES).names == {"theta_21", "t"}
     assert parse("5", NAMES).names == frozenset()
-    (divisor,) = parse(
-        "t/theta_21", NAMES
-    ).steep_arguments  # where values change all at once
+
+
+def test_a_divisor_is_an_argument_at_which_values_may_jump():
+    (divisor,) = parse("t/theta_21", NAMES).steep_arguments
     assert divisor.names == {"theta_21"}
-    result = parse("5", NAMES).evaluate({"t": np.zeros((4, 2))})
-    assert result.shape == (4, 2) and (result == 5.0).all()
+
+
+def test_a_constant_has_the_shape_of_the_given_values():
+    values = parse("5", NAMES).evaluate({"t": np.zeros((4, 2))})
+    assert values.shape == (4, 2)
+    assert (values == 5.0).all()
     assert parse("5", NAMES).evaluate({}).shape == ()
+
+
+def test_evaluating_without_all_values_names_the_missing_ones():
     with pytest.raises(ModelError, match="give a value for dtheta_21, t"):
         parse("t + dtheta_21", NAMES).evaluate({"theta_21": 1.0})
 
 
 @pytest.mark.parametrize("text", TABLES["expressions"])
-def test_nothing_else_gets_through(text):
+def test_texts_outside_the_language_of_loads_are_refused(text):
     with pytest.raises(ModelError) as caught:
         parse(text, NAMES)
     check_fragments(str(caught.value), TABLES["expressions"][text])
 
 
-def test_deep_and_long_expressions_are_refused_and_ordinary_sums_are_not():
-    deep = "(" * 500 + "t" + ")" * 500, "sin(" * 180 + "t" + ")" * 180, "-" * 1900 + "t"
-    for text in (*deep, "+".join(["t"] * 900), "**".join(["2"] * 600)):
-        assert len(text) <= MAX_LENGTH
-        with pytest.raises(ModelError, match="column"):
-            parse(text, NAMES)
+@pytest.mark.parametrize(
+    "text",
+    [
+        "(" * 500 + "t" + ")" * 500,
+        "sin(" * 180 + "t" + ")" * 180,
+        "-" * 1900 + "t",
+        "+".join(["t"] * 900),
+        "**".join(["2"] * 600),
+    ],
+    ids=["parentheses", "sines", "signs", "sum", "powers"],
+)
+def test_deeply_nested_expressions_are_refused(text):
+    """Each text is short enough but would need a deep recursion."""
+    assert len(text) <= MAX_LENGTH
+    with pytest.raises(ModelError, match="column"):
+        parse(text, NAMES)
+
+
+def test_long_expressions_are_refused():
     with pytest.raises(ModelError, match=f"at most {MAX_LENGTH} are allowed"):
         parse("1" * (MAX_LENGTH + 1), NAMES)
+
+
+def test_sums_up_to_the_allowed_depth_are_evaluated():
     series = " + ".join(f"0.5*sin({k}*theta_21)" for k in range(80))
     assert parse(series, NAMES).names == {"theta_21"}
     ones = "+".join(["1"] * (MAX_DEPTH - 1))

@@ -15,21 +15,24 @@ from spherekit.files.time_law import ConstantSpeed
 from spherekit.positions.position_analysis import PositionAnalysis
 
 CASES = {
-    # mechanism: the pair that is locked, at what (rad), and values of the other inputs
+    # mechanism: (locked pair, its locked angle (rad), start angles (rad) of other inputs)
     "five_bar": ("51", 1.2, (1.0,)),
     "two_dof_spm": ("61", 0.35, (0.3,)),
     "three_rrr": ("a2", 1.0, (0.9, 1.2)),
     "posed": ("a2", -0.38, (0.3, 0.0)),
 }
+"""`posed` is the three_rrr whose axes are given in a reference pose instead of by arcs."""
 
 
-def pulled(name):
-    made = (
-        with_point_masses(posed_three_rrr()) if name == "posed" else with_point_masses(name)
-    )
-    return made.with_loads(
+def loaded_mechanism(name):
+    """Return a mechanism of `CASES` with masses, gravity and a torque.
+
+    The torque acts at pair 1 and depends on the angle of the pair that will be locked.
+    """
+    mechanism = with_point_masses(posed_three_rrr() if name == "posed" else name)
+    return mechanism.with_loads(
         sk.Gravity("weight", (1.0, -2.0, -9.0)),
-        sk.PairTorque("pull", made.pairs[1].name, f"0.3 - theta_{CASES[name][0]}"),
+        sk.PairTorque("pull", mechanism.pairs[1].name, f"0.3 - theta_{CASES[name][0]}"),
     )
 
 
@@ -38,79 +41,118 @@ LONG = pytest.param("two_dof_spm", marks=pytest.mark.long)
 
 @pytest.mark.many
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr", "posed", LONG])
-def test_poses_and_torques_are_those_with_the_input_held(name, tmp_path):
-    pair, value, others = CASES[name]
-    made = pulled(name)
-    locked = sk.lock(made, {pair: value}, angle_unit="rad")
-    assert len(locked.links) == len(made.links) - 1
-    assert len(locked.inputs) == len(made.inputs) - 1
-    held = {item.pair: value for item in made.inputs if item.pair == pair}
-    free = [item.pair for item in made.inputs if item.pair != pair]
-    laws = {
-        p: ConstantSpeed(0.4 - 0.7 * k, q)
-        for k, (p, q) in enumerate(zip(free, others, strict=True))
-    }
-    t = [0.0, 0.1]
+def test_a_mechanism_with_a_locked_input_moves_as_with_this_input_held_still(
+    name, tmp_path
+):
+    """Inverse dynamics of the locked mechanism equal those with a constant input angle.
+
+    Compared are the rotations of all links that remain, the inertia matrix M and the input
+    torques, in the assembly mode whose links are nearest at the first time. The locked
+    mechanism is used as it is and after writing and reading its file.
+    """
+    locked_pair, locked_angle, start_angles = CASES[name]
+    mechanism = loaded_mechanism(name)
+    locked = sk.lock(mechanism, {locked_pair: locked_angle}, angle_unit="rad")
+    assert len(locked.links) == len(mechanism.links) - 1
+    assert len(locked.inputs) == len(mechanism.inputs) - 1
     sk.dump(locked, tmp_path / "locked.toml")
-    every = laws | {p: ConstantSpeed(0.0, q) for p, q in held.items()}
-    one = sk.inverse_dynamics(made, every, t, assembly_mode=0)
-    for other in (locked, sk.load(tmp_path / "locked.toml")):
-        found = sk.inverse_dynamics(other, laws if len(laws) > 1 else laws[free[0]], t)
-        turns = found.motion.rotations
-        links = [made.link_number[link] for link in other.links]
-        apart = turns[:: len(t)] - one.motion.rotations[0, links]
-        gaps = np.max(np.abs(apart), axis=(1, 2, 3))
-        row = int(np.argmin(gaps)) * len(t)
-        assert np.min(gaps) < 1e-12
-        for link in other.links:
-            a = one.motion.rotations[:, made.link_number[link]]
-            b = turns[row : row + len(t), other.link_number[link]]
-            assert np.max(np.abs(a - b)) < 1e-12
-        keep = [k for k, item in enumerate(made.inputs) if item.pair != pair]
-        M = one.M[:, keep][:, :, keep]
-        assert found.M[row : row + len(t)] == pytest.approx(M, rel=1e-11)
-        torques = found.torques[row : row + len(t)]
-        assert torques == pytest.approx(one.torques[:, keep], rel=1e-11, abs=1e-11)
+
+    moving_inputs = [item.pair for item in mechanism.inputs if item.pair != locked_pair]
+    moving_laws = {}
+    for k, (pair, start) in enumerate(zip(moving_inputs, start_angles, strict=True)):
+        moving_laws[pair] = ConstantSpeed(0.4 - 0.7 * k, start)
+    all_laws = dict(moving_laws)
+    if locked_pair in mechanism.input_pairs:
+        all_laws[locked_pair] = ConstantSpeed(0.0, locked_angle)
+    times = [0.0, 0.1]
+    held = sk.inverse_dynamics(mechanism, all_laws, times, assembly_mode=0)
+    moving = [k for k, item in enumerate(mechanism.inputs) if item.pair != locked_pair]
+    expected_M = held.M[:, moving][:, :, moving]
+    expected_torques = held.torques[:, moving]
+
+    locked_laws = moving_laws if len(moving_laws) > 1 else moving_laws[moving_inputs[0]]
+    for locked_mechanism in (locked, sk.load(tmp_path / "locked.toml")):
+        solution = sk.inverse_dynamics(locked_mechanism, locked_laws, times)
+        rotations = solution.motion.rotations
+        links = [mechanism.link_number[link] for link in locked_mechanism.links]
+        # Rows are ordered by mode and then by time.
+        difference = rotations[:: len(times)] - held.motion.rotations[0, links]
+        distance = np.max(np.abs(difference), axis=(1, 2, 3))
+        assert np.min(distance) < 1e-12
+        first_row = int(np.argmin(distance)) * len(times)
+        rows = slice(first_row, first_row + len(times))
+        for link in locked_mechanism.links:
+            expected = held.motion.rotations[:, mechanism.link_number[link]]
+            rotation = rotations[rows, locked_mechanism.link_number[link]]
+            assert np.max(np.abs(rotation - expected)) < 1e-12
+        assert solution.M[rows] == pytest.approx(expected_M, rel=1e-11)
+        assert solution.torques[rows] == pytest.approx(
+            expected_torques, rel=1e-11, abs=1e-11
+        )
 
 
-def test_a_pair_between_moving_links_and_one_beside_a_contact():
-    made = sk.load("five_bar")
-    held = PositionAnalysis(made, path=np.array([[1.0, 1.2]]), assembly_mode=0).motion()
-    coupler = float(held.values[0, made.angles["43"]])
-    locked = sk.lock(made, {"43": coupler}, angle_unit="rad").with_inputs("21")
-    found = PositionAnalysis(locked, path=np.array([[1.0]])).motion()
-    near = [abs(np.sin(0.5 * (x - 1.2))) for x in found.values[:, locked.angles["51"]]]
-    assert min(near) < 1e-12
-    geared = sk.load("bevel_differential")
-    single = sk.lock(geared, {"right_axle": 0.0}, angle_unit="deg")
-    motion = sk.trace(single, samples=5)
-    carrier = motion.values[:, single.angles["carrier_axle"]]
-    assert carrier == pytest.approx(0.5 * motion.q, abs=1e-12)
-    wheels = loads(mechanism_text("geared_five_bar_wheels").format(20, 30, 0, 360))
-    assert "5" in sk.lock(wheels, {"54": 20.0}, angle_unit="deg").links  # it has a contact
+def test_locking_a_pair_between_moving_links_keeps_the_configuration():
+    """The five-bar is locked at the coupler angle that it has at inputs 1.0 and 1.2 rad.
+
+    It then has one input, 21. At 1.0 rad one of its modes must have 51 at 1.2 rad again.
+    """
+    five_bar = sk.load("five_bar")
+    motion = PositionAnalysis(
+        five_bar, path=np.array([[1.0, 1.2]]), assembly_mode=0
+    ).motion()
+    coupler_angle = float(motion.values[0, five_bar.angles["43"]])
+    locked = sk.lock(five_bar, {"43": coupler_angle}, angle_unit="rad").with_inputs("21")
+    locked_motion = PositionAnalysis(locked, path=np.array([[1.0]])).motion()
+    angles_51 = locked_motion.values[:, locked.angles["51"]]
+    assert np.min(np.abs(np.sin(0.5 * (angles_51 - 1.2)))) < 1e-12
+
+
+def test_a_differential_with_one_locked_side_halves_the_angle_of_the_other():
+    """The carrier turns by the mean of both side gears, one of which is at 0."""
+    locked = sk.lock(sk.load("bevel_differential"), {"right_axle": 0.0}, angle_unit="deg")
+    motion = sk.trace(locked, samples=5)
+    carrier_angle = motion.values[:, locked.angles["carrier_axle"]]
+    assert carrier_angle == pytest.approx(0.5 * motion.q, abs=1e-12)
+
+
+def test_locking_a_pair_keeps_the_name_of_a_link_with_a_contact():
+    """Link 5 is a wheel: of the links 4 and 5 that become one, its name stays."""
+    text = mechanism_text("geared_five_bar_wheels").format(20, 30, 0, 360)
+    assert "5" in sk.lock(loads(text), {"54": 20.0}, angle_unit="deg").links
 
 
 @pytest.mark.slow
-def test_commands_lock(tmp_path, capsys):
-    held = ["five_bar", "--lock", "51=80"]
-    assert main(["run", *held, "-a", "eksergian", "--samples", "5"]) == 0
+def test_commands_lock_pairs_that_are_named_with_lock(tmp_path, capsys):
+    """`--lock 51=80` (deg) leaves input 21 to run, plan, validate and export."""
+    locked = ["five_bar", "--lock", "51=80"]
+    assert main(["run", *locked, "-a", "eksergian", "--samples", "5"]) == 0
     assert "input 21" in "".join(capsys.readouterr())
-    assert main(["plan", *held]) == main(["validate", *held]) == 0
-    model = str(tmp_path / "x.xml")
-    assert main(["export", *held, "--to", "mjcf", "--at", "80", "-o", model]) == 0
+    assert main(["plan", *locked]) == 0
+    assert main(["validate", *locked]) == 0
+    model_path = str(tmp_path / "x.xml")
+    assert main(["export", *locked, "--to", "mjcf", "--at", "80", "-o", model_path]) == 0
+
+
+@pytest.mark.slow
+def test_a_study_locks_the_pairs_of_its_table_lock(tmp_path):
     study = tmp_path / "held.study.toml"
     study.write_text(
         'format = 1\nmechanism = "five_bar"\nangle_unit = "deg"\nsamples = 5\n'
         "[lock]\n51 = 80.0\n[analyses.poles]\n"
     )
     assert [item.pair for item in sk.load_study(study).mechanism.inputs] == ["21"]
+
+
+@pytest.mark.slow
+def test_certificates_of_locked_mechanisms_state_the_rounding_of_the_joined_link(tmp_path):
+    """The sizes of the link that two links become are rounded to the digits of a file."""
     pytest.importorskip("flint")
-    proven = tmp_path / "x.json"
-    assert main(["certify", *held, "--at", "40", "-o", str(proven)]) == 0
-    # The sizes of the link that two become are rounded to the file's digits.
-    assert json.loads(proven.read_text())["tolerance_rad"] == 1e-14
+    certificate = tmp_path / "x.json"
+    locked = ["five_bar", "--lock", "51=80"]
+    assert main(["certify", *locked, "--at", "40", "-o", str(certificate)]) == 0
+    assert json.loads(certificate.read_text())["tolerance_rad"] == 1e-14
 
 
 @pytest.mark.parametrize("call", TABLES["locks"])
-def test_what_cannot_be_locked_is_said(call):
+def test_a_lock_that_is_impossible_is_refused_with_its_reason(call):
     check_call(call, {"sk": sk}, TABLES["locks"][call])
