@@ -123,7 +123,7 @@ def test_samples_outside_of_the_reach_are_nan():
     sampler = BoxSampler(position_analysis, ())
     function_count = len(sampler.label_functions(sampler.make_heading(0)))
     out_of_reach = np.array([[1.5, 1.5], [1.5, 2.0]])
-    motion = PositionAnalysis(mechanism, None, 0, path=out_of_reach).motion()
+    motion = position_analysis.at(out_of_reach)
     assert np.all(motion.status == Status.OUT_OF_REACH)
     functions = sampler.evaluate(out_of_reach, function_count)
     assert functions.shape == (2, function_count)
