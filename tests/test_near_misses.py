@@ -17,42 +17,57 @@ NEAR = np.tan(np.radians(5.0))
 
 
 def near_misses(made, samples=361, analysis=NAME):
+    """Run an analysis; return its near misses, and its warnings of outputs near those."""
     figures, warnings = findings_and_warnings(sk.run(made, analysis, samples=samples))
     return figures["near_misses"], [w for w in warnings if "without meeting" in w]
 
 
-def least_of_table(made, pole, samples=3601):
-    """Return (mode, q in deg, size) of the local least velocity coefficients of a table.
+def least_velocity_coefficients(made, pole, samples=3601):
+    """Return the local least velocity coefficients of a pole below the limit `NEAR`.
 
-    Of parabolas through three rows; the greatest of a mode, 1 at most, is the measure.
+    A parabola through three rows of the table of `poles` gives each minimum; `made` is a
+    mechanism or its name. The limit is taken relative to the greatest coefficient of the
+    mode if that is less than 1. Returns tuples (assembly mode, input in deg, coefficient).
     """
     frame = sk.run(made, f"poles:only={pole}", samples=samples).frame()
-    found = []
+    minima = []
     for mode, rows in frame.groupby("assembly_mode"):
-        q, size = rows[["q", "velocity_coefficient"]].to_numpy().T
-        q, size = np.degrees(q), np.abs(size)
-        limit = NEAR * min(1.0, np.nanmax(size))
-        deep = (size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:])
-        for k in np.flatnonzero(deep) + 1:
-            bend, slope, least = np.polyfit(q[k - 1 : k + 2] - q[k], size[k - 1 : k + 2], 2)
-            way = -0.5 * slope / bend
-            if least + 0.5 * slope * way <= limit:
-                found.append((int(mode), q[k] + way, least + 0.5 * slope * way))
-    return found
+        q = np.degrees(rows["q"].to_numpy())
+        coefficient = np.abs(rows["velocity_coefficient"].to_numpy())
+        limit = NEAR * min(1.0, np.nanmax(coefficient))
+        is_dip = (coefficient[1:-1] < coefficient[:-2]) & (
+            coefficient[1:-1] <= coefficient[2:]
+        )
+        for k in np.flatnonzero(is_dip) + 1:
+            three = slice(k - 1, k + 2)
+            # coefficient = curvature x**2 + slope x + value, with x = q - q[k]
+            curvature, slope, value = np.polyfit(q[three] - q[k], coefficient[three], 2)
+            vertex = -0.5 * slope / curvature
+            least = value + 0.5 * slope * vertex
+            if least <= limit:
+                minima.append((int(mode), q[k] + vertex, least))
+    return minima
 
 
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name, pole", [("single_flier", "61"), ("double_butterfly", "41")])
 def test_near_misses_of_type_i_are_the_least_velocity_coefficients(name, pole):
-    """The single flier has c = d = 0 of form ii in mode 4 near 359 deg: that is none."""
+    """A type I singularity is an input at which the output stands still.
+
+    Near misses are compared with parabolas through a table of 3601 samples, to 0.01 deg.
+    The warning names the least angle, whose tangent is the coefficient. A place of the
+    single flier where a formula is 0/0 (c = d = 0 of form ii, mode 4, 359 deg) is no miss.
+    """
     misses, warnings = near_misses(name)
-    wanted = least_of_table(name, pole)
-    assert len(misses) == len(wanted) > 0 and len(warnings) == 1
-    for miss, (mode, q, size) in zip(misses, wanted, strict=True):
-        assert miss["type"] == "I" and miss["assembly_modes"] == [mode]
+    expected = least_velocity_coefficients(name, pole)
+    assert len(misses) == len(expected) > 0
+    assert len(warnings) == 1
+    for miss, (mode, q, coefficient) in zip(misses, expected, strict=True):
+        assert miss["type"] == "I"
+        assert miss["assembly_modes"] == [mode]
         assert abs(np.degrees(miss["q_rad"]) - q) < 0.01
-        assert abs(miss["velocity_coefficient"] - size) < 1e-5
+        assert abs(miss["velocity_coefficient"] - coefficient) < 1e-5
         assert abs(np.tan(miss["angle_rad"]) - miss["velocity_coefficient"]) < 1e-12
     least = min(misses, key=lambda miss: miss["angle_rad"])
     assert f"nearest {np.degrees(least['angle_rad']):.3g} deg" in warnings[0]
@@ -84,32 +99,51 @@ def test_a_range_that_ends_before_a_dead_centre_is_nearest_at_its_end(low, high,
 
 @pytest.mark.many
 @pytest.mark.parametrize("samples, start", [(4, 180.0), (5, 33.0), (181, 33.0)])
-def test_the_least_transmission_angle_is_between_samples_too(samples, start):
-    """And where the curve begins, in the middle of the range."""
-    turned = Input("21", *np.radians([start, start + 360.0]))
-    made = replace(sk.load("four_bar"), inputs=(turned,))
-    g, a, h, b = np.radians([60.0, 20.0, 70.0, 40.0])
-    cosine = (np.cos(g - a) - np.cos(h) * np.cos(b)) / (np.sin(h) * np.sin(b))
+def test_the_least_transmission_angle_is_the_same_whatever_the_samples(samples, start):
+    """The transmission angle of the four-bar is least where ground and crank are in line.
+
+    Its cosine follows from the spherical law of cosines. The input turns once from `start`
+    (deg), so that 360 deg is between samples and, in two cases, not at an end of the range.
+    """
+    turned_input = Input("21", *np.radians([start, start + 360.0]))
+    made = replace(sk.load("four_bar"), inputs=(turned_input,))
+    ground, crank, coupler, rocker = np.radians([60.0, 20.0, 70.0, 40.0])
+    cosine = (np.cos(ground - crank) - np.cos(coupler) * np.cos(rocker)) / (
+        np.sin(coupler) * np.sin(rocker)
+    )
     least = np.degrees(np.arccos(cosine))
-    said = "\n".join(sk.run(made, NAME, samples=samples).summary["remarks"])
-    assert f"angle of 4/1: {least:.4g} deg at 21 = 360 deg in modes 0, 1" in said
+    remarks = "\n".join(sk.run(made, NAME, samples=samples).summary["remarks"])
+    assert f"angle of 4/1: {least:.4g} deg at 21 = 360 deg in modes 0, 1" in remarks
 
 
 def geared(teeth, ground=60.0, crank=20.0, span=360.0):
-    """Return the shipped four-bar, or one with other arcs, behind two bevel gears."""
-    arcs = {"1": ["41", "21", "a"], "2": ["21", "32"], "3": ["32", "43"], "4": ["43", "41"]}
-    sizes = {"1": [ground, 75.0], "2": [crank], "3": [70.0], "4": [40.0]}
-    links = {name: {"axes": axes, "arcs": sizes[name]} for name, axes in arcs.items()}
-    links["1"]["angles"] = [40.0]
-    pairs = {name: {"type": "R", "links": list(name[::-1])} for name in ("21", "32", "43")}
-    pairs |= {"a": ["1", "w"], "41": ["1", "4"]}
-    mesh = {"type": "Cr", "links": ["w", "2"], "teeth": teeth, "axes": ["a", "21"]}
+    """Return a four-bar whose crank "2" is driven through two bevel wheels.
+
+    `teeth` are those of the driving wheel "w", which turns about the ground's axis "a", and
+    of the wheel on the crank. `ground` and `crank` are arcs, and `span` is the range of the
+    driving wheel's angle from 0, all in degrees. The coupler has 70 deg, the rocker 40 deg.
+    """
+    links = {
+        "1": {"axes": ["41", "21", "a"], "arcs": [ground, 75.0], "angles": [40.0]},
+        "2": {"axes": ["21", "32"], "arcs": [crank]},
+        "3": {"axes": ["32", "43"], "arcs": [70.0]},
+        "4": {"axes": ["43", "41"], "arcs": [40.0]},
+        "w": {"axes": ["a"]},
+    }
+    pairs = {
+        "21": {"type": "R", "links": ["1", "2"]},
+        "32": {"type": "R", "links": ["2", "3"]},
+        "43": {"type": "R", "links": ["3", "4"]},
+        "a": ["1", "w"],
+        "41": ["1", "4"],
+        "mesh": {"type": "Cr", "links": ["w", "2"], "teeth": teeth, "axes": ["a", "21"]},
+    }
     return sk.build(
         "geared",
         angle_unit="deg",
         ground="1",
-        links={**links, "w": {"axes": ["a"]}},
-        pairs={**pairs, "mesh": mesh},
+        links=links,
+        pairs=pairs,
         inputs={"a": {"from": 0.0, "to": span}},
         outputs={"rocker": {"link": "4"}},
     )

@@ -26,11 +26,16 @@ DEGREE = np.pi / 180.0
 
 
 def random_poses(random, count, points):
+    """Return evenly random points (count, 3), or unit quaternions (count, 4) otherwise."""
     return unit_rows(random.normal(size=(count, 3 if points else 4)))
 
 
-def within(random, pose, angle, count):
-    """Return random poses whose angle from one is less, evenly in rotation vectors."""
+def random_poses_within(random, pose, angle, count):
+    """Return random poses whose angle from `pose` is less than `angle` (rad).
+
+    `pose` is a point (3,) or a unit quaternion (4,). Rotation vectors are evenly spread in
+    a disc or a ball, hence the square or cubic root of even random numbers.
+    """
     axes = unit_rows(random.normal(size=(count, 3)))
     if len(pose) == 3:
         axes = unit_rows(np.cross(axes, pose))
@@ -40,27 +45,38 @@ def within(random, pose, angle, count):
     return (Rotation.from_rotvec(angles * axes) * Rotation.from_quat(pose)).as_quat()
 
 
-def angle_between(one, other):
-    if len(one) == 3:
-        return np.arctan2(np.linalg.norm(np.cross(one, other)), one @ other)
-    return (Rotation.from_quat(one).inv() * Rotation.from_quat(other)).magnitude()
+def angle_between(pose, second_pose):
+    """Return the arc between two points (3,) or the angle between two quaternions (4,)."""
+    if len(pose) == 3:
+        sine = np.linalg.norm(np.cross(pose, second_pose))
+        return np.arctan2(sine, pose @ second_pose)
+    return (Rotation.from_quat(pose).inv() * Rotation.from_quat(second_pose)).magnitude()
 
 
 def check_nearest(kinematics, bounds, signs, count, seed=0, tries=40_000):
-    """Check the nearest poses to `count` random ones; return the angles to them."""
+    """Check that the nearest reachable poses to `count` unreachable ones are the nearest.
+
+    The offered pose has to be reachable in the working mode `signs` and within `bounds`,
+    and none of `tries` random poses nearer to the asked one may be. Returns the asked poses
+    and the angles (rad) to the offered ones.
+    """
     random = default_rng(seed)
-    poses = random_poses(random, 4000, kinematics.points)
-    poses = poses[~judge(kinematics, bounds, signs, poses).inside][:count]
-    assert len(poses) == count
+    asked_poses = random_poses(random, 4000, kinematics.points)
+    is_reachable = judge(kinematics, bounds, signs, asked_poses).inside
+    asked_poses = asked_poses[~is_reachable][:count]
+    assert len(asked_poses) == count
+
+    offers = nearest_in_mode(kinematics, bounds, signs, asked_poses)
     angles = []
-    offers = nearest_in_mode(kinematics, bounds, signs, poses)
-    for pose, (there, angle) in zip(poses, offers, strict=True):
-        assert judge(kinematics, bounds, signs, there[None]).inside[0]
-        assert angle_between(pose, there) == pytest.approx(angle, abs=1e-8)
-        nearer = within(random, pose, angle * (1.0 - 1e-7), tries)
+    for asked_pose, (offered_pose, angle) in zip(asked_poses, offers, strict=True):
+        assert judge(kinematics, bounds, signs, offered_pose[None]).inside[0]
+        assert angle_between(asked_pose, offered_pose) == pytest.approx(angle, abs=1e-8)
+        # The factor keeps rounding of the boundary out of the comparison.
+        nearer_angle = angle * (1.0 - 1e-7)
+        nearer = random_poses_within(random, asked_pose, nearer_angle, tries)
         assert not judge(kinematics, bounds, signs, nearer).inside.any()
         angles.append(angle)
-    return poses, np.array(angles)
+    return asked_poses, np.array(angles)
 
 
 @pytest.mark.many
@@ -75,14 +91,23 @@ def check_nearest(kinematics, bounds, signs, count, seed=0, tries=40_000):
         pytest.param("five_bar", 1, 25, marks=pytest.mark.slow),
     ],
 )
-def test_no_reachable_pose_is_nearer(name, mode, count):
-    """Under the reach of the legs alone, where a lower bound of the angle is known."""
+def test_the_nearest_reachable_pose_is_compared_with_random_poses_and_the_reach_of_legs(
+    name, mode, count
+):
+    """No random pose that is nearer can be reached; `check_nearest` tries 40 000 each.
+
+    Without joint limits, a pose cannot be reached where an axis of the output is too near
+    or too far for a leg. The arc that is missing (the negative margin) is a lower bound of
+    the angle, and is attained where one leg alone decides. `mode` numbers the working mode
+    (elbows of the legs); `count` is the number of poses.
+    """
     kinematics = output_kinematics(sk.load(name))
-    bounds, signs = kinematics.bounds, kinematics.modes[mode]
+    bounds = kinematics.bounds
+    signs = kinematics.modes[mode]
     poses, angles = check_nearest(kinematics, bounds, signs, count)
-    violated = -judge(kinematics, bounds, signs, poses).margin
-    assert np.all(angles > violated - 1e-9)
-    assert np.any(angles < violated + 1e-8)
+    missing_arcs = -judge(kinematics, bounds, signs, poses).margin
+    assert np.all(angles > missing_arcs - 1e-9)
+    assert np.any(angles < missing_arcs + 1e-8)
 
 
 @pytest.mark.slow
@@ -98,8 +123,13 @@ def test_no_reachable_pose_is_nearer(name, mode, count):
         ("five_bar", {"21": (-40, 60), "51": (-50, 70)}, 0),
     ],
 )
-def test_no_pose_within_limits_is_nearer(name, limits, near):
-    """With joint limits, whose margins have no value out of reach, or off singularities."""
+def test_no_random_pose_within_joint_limits_is_nearer(name, limits, near):
+    """Nearest poses obey joint limits and keep away from singularities.
+
+    `limits` are the ranges of joint angles by pair, and `near` is the least angle from a
+    singularity, both in degrees. Margins of limits have no value where a leg cannot reach,
+    so the search cannot follow them from outside; random poses check its result.
+    """
     kinematics = output_kinematics(sk.load(name))
     ranges = tuple(
         JointRange(pair, low * DEGREE, high * DEGREE)
@@ -162,25 +192,31 @@ def test_nothing_is_offered_where_nothing_is_reached():
         ([0.1, 0.2], [1.0, 0.3], [1.5, 0.25]),
     ],
 )
-def test_of_points_that_are_moved_inside_the_nearest_is_returned(
+def test_the_nearest_of_two_points_that_are_moved_back_to_reachable_poses_is_returned(
     dimension, points, starts, arcs
 ):
-    """Two points have long ways back to their starts, on axes of their own.
+    """Two unreachable points are moved back towards the reachable starts they came from.
 
-    On axis k poses are reachable beyond `arcs[k]`, so that is the arc of the moved point.
+    Point k (0 or 1) lies on axis k of coordinates about the asked pose, at the arc
+    `points[k]`; its start lies at the larger arc `starts[k]` (rad). Poses whose largest
+    component is on axis k are reachable beyond `arcs[k]`, so a point stops at that arc. If
+    `arcs[k]` exceeds the start, point k reaches nothing. `dimension` is that of the
+    coordinates: 2 for points on the sphere, 3 for orientations.
     """
     chart = NormalCoordinates.around(np.eye(dimension + 1)[0])
 
-    def is_inside(poses):
-        v = np.abs(chart.coordinates(poses))
-        axis = np.argmax(v[:, :2], axis=1)
-        return np.max(v, axis=1) > np.array(arcs)[axis]
+    def is_reachable(poses):
+        coordinates = np.abs(chart.coordinates(poses))
+        axis = np.argmax(coordinates[:, :2], axis=1)
+        return np.max(coordinates, axis=1) > np.array(arcs)[axis]
 
-    search = NearestPoseSearch(lambda poses: np.zeros((len(poses), 1)), is_inside)
+    search = NearestPoseSearch(lambda poses: np.zeros((len(poses), 1)), is_reachable)
     axes = np.eye(dimension)[:2]
-    moved = search._move_inside(
-        chart, np.array(points)[:, None] * axes, np.array(starts)[:, None] * axes
-    )
-    reachable = [arc for arc, start in zip(arcs, starts, strict=True) if arc < start]
-    assert min(reachable) <= np.linalg.norm(moved) < min(reachable) + 1e-8
-    assert np.argmax(np.abs(moved)) == arcs.index(min(reachable))
+    unreachable_points = np.array(points)[:, None] * axes
+    reachable_starts = np.array(starts)[:, None] * axes
+    nearest = search._move_inside(chart, unreachable_points, reachable_starts)
+
+    attainable_arcs = [arc for arc, start in zip(arcs, starts, strict=True) if arc < start]
+    expected_arc = min(attainable_arcs)
+    assert expected_arc <= np.linalg.norm(nearest) < expected_arc + 1e-8
+    assert np.argmax(np.abs(nearest)) == arcs.index(expected_arc)

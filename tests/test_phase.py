@@ -26,19 +26,29 @@ INSIDE = {"teeth": [20, 60], "contact": "internal"}
         ('["base", "wheel"]', INSIDE, 20 / 60),
     ],
 )
-def test_both_shafts_are_there_together_and_elsewhere_off_by_the_ratio(
+def test_shafts_pass_the_angles_of_their_phase_together_and_turn_at_the_ratio_of_teeth(
     driven, phase, links, gears, ratio
 ):
-    pinion, wheel = phase
-    said = f"phase = {{ wheel_shaft = {wheel}, pinion_shaft = {pinion} }}"
-    made = loads(GEARS.format(links=links, **gears, phase=said, driven=driven))
-    assert loads(dumps(made)) == made
-    q = np.linspace(-200.0, 500.0, 15)
-    rows = sk.trace(made, path=np.radians(q)).values
-    turned = {pair: np.degrees(rows[:, k]) for pair, k in made.angles.items()}
-    off = turned["wheel_shaft"] - wheel - ratio * (turned["pinion_shaft"] - pinion)
-    off = off if driven == "pinion_shaft" else off / ratio
-    assert np.abs((off + 180.0) % 360.0 - 180.0).max() < 1e-10
+    """The shafts' angles obey wheel - wheel_0 = ratio (pinion - pinion_0), modulo a turn.
+
+    `phase` holds the angles pinion_0 and wheel_0 (degrees) at which the wheels are put
+    together; `ratio` is the signed ratio of teeth from the pinion to the wheel (its sign
+    also depends on the order of the links of the wheel's shaft). `driven` is the input.
+    """
+    pinion_phase, wheel_phase = phase
+    phase_line = f"phase = {{ wheel_shaft = {wheel_phase}, pinion_shaft = {pinion_phase} }}"
+    mechanism = loads(GEARS.format(links=links, **gears, phase=phase_line, driven=driven))
+    assert loads(dumps(mechanism)) == mechanism
+
+    input_angles_deg = np.linspace(-200.0, 500.0, 15)
+    rows = sk.trace(mechanism, path=np.radians(input_angles_deg)).values
+    wheel = np.degrees(rows[:, mechanism.angles["wheel_shaft"]])
+    pinion = np.degrees(rows[:, mechanism.angles["pinion_shaft"]])
+    error = wheel - wheel_phase - ratio * (pinion - pinion_phase)
+    if driven == "wheel_shaft":
+        # The pinion is computed from the wheel, so it is the pinion's turns that are free.
+        error = error / ratio
+    assert np.abs((error + 180.0) % 360.0 - 180.0).max() < 1e-10
 
 
 def test_a_whole_turn_of_a_wheel_in_its_start_does_not_count():

@@ -35,26 +35,30 @@ CORES = {"x86_64": "Prescott", "AMD64": "Prescott", "aarch64": "ARMV8"}
 """The least kernels of OpenBLAS by machine."""
 
 
-def lesser():
-    """Return the environment of programs that are to use the least kernels."""
-    kept = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")}
-    return kept | {
+def least_kernel_environment():
+    """Return the variables of a process in which NumPy and OpenBLAS use least kernels."""
+    variables = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")}
+    return variables | {
         "NPY_DISABLE_CPU_FEATURES": " ".join(DISPATCHED),
         "OPENBLAS_CORETYPE": CORES.get(platform.machine(), ""),
         "OPENBLAS_NUM_THREADS": "1",
     }
 
 
-def test_the_kernels_are_turned_down():
+def test_numpy_uses_no_special_features_of_the_processor_in_that_environment():
+    """NumPy itself lists the features that it dispatches to; the list has to be empty."""
     code = (
         "from numpy._core._multiarray_umath import __cpu_features__, __cpu_dispatch__\n"
         "print([name for name in __cpu_dispatch__ if __cpu_features__[name]])"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=lesser(), capture_output=True, text=True
+    process = subprocess.run(
+        [sys.executable, "-c", code],
+        env=least_kernel_environment(),
+        capture_output=True,
+        text=True,
     )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == "[]"
+    assert process.returncode == 0, process.stderr
+    assert process.stdout.strip() == "[]"
 
 
 @pytest.mark.slow
@@ -66,14 +70,19 @@ def test_the_kernels_are_turned_down():
         pytest.param(OTHERS, QUICK, marks=pytest.mark.long),
     ],
 )
-def test_numerical_tests_hold_there(names, chosen):
-    words = ["-m", "pytest", "-n", "0", "-p", "no:cacheprovider", "-q"]
+def test_numerical_tests_pass_with_the_least_kernels(names, chosen):
+    """Tests whose tolerances are close to rounding pass in a process with least kernels.
+
+    `names` are the test files of one process; `chosen` is pytest's expression of markers
+    (`-m`) that selects tests in them.
+    """
+    pytest_options = ["-n", "0", "-p", "no:cacheprovider", "-q", "-m", chosen]
     files = [str(TESTS / f"{name}.py") for name in names]
-    done = subprocess.run(
-        [sys.executable, *words, "-m", chosen, *files],
-        env=lesser(),
+    process = subprocess.run(
+        [sys.executable, "-m", "pytest", *pytest_options, *files],
+        env=least_kernel_environment(),
         cwd=TESTS.parent,
         capture_output=True,
         text=True,
     )
-    assert done.returncode == 0, done.stdout[-4000:]
+    assert process.returncode == 0, process.stdout[-4000:]

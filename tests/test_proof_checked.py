@@ -21,121 +21,169 @@ from spherekit.proof.input_map import certify_input_map
 
 @pytest.fixture(scope="module")
 def by_systems():
-    """Arcs of 90 degrees send 32 of the 64 complex modes of this mechanism to infinity."""
+    """Return a certificate of modes that are proven by systems of equations.
+
+    Arcs of 90 degrees send 32 of the 64 complex modes of this mechanism to infinity, so
+    counting roots of one eliminant does not prove them.
+    """
     modes = certify_modes(read_decimals(sk.load("two_dof_spm")), ("20.5", "17.3"))
     assert modes.systems and modes.is_complete and not modes.is_counted
     assert len(modes.real) == 16 and modes.undecided_boxes is None
-    whole = recorded(modes_certificate(modes))
-    check(whole)
-    return whole
+    certificate = recorded(modes_certificate(modes))
+    check(certificate)
+    return certificate
 
 
 @pytest.fixture(scope="module")
 def over_boxes():
-    """A part of the inputs of a 5R that its type II curve goes through."""
+    """Return a certificate of a map of two inputs of a 5R that its type II curve crosses.
+
+    The map covers the inputs with boxes of known numbers of modes (kinds 0: regular, 1:
+    contains type II, 2: undecided).
+    """
     text = read_decimals(sk.load("five_bar")).document.text
     text = text.replace("from = 40.0\nto = 140.0", "from = 78.0\nto = 96.0")
-    written = decimal_mechanism(text)
-    ends = [written.input_range_text(item.pair) for item in written.mechanism.inputs]
-    found = certify_input_map(written, ends, 0.08)
-    assert {0, 1, 2} >= set(found.kind.tolist()) >= {0, 1}
-    whole = recorded(map_certificate(found))
-    check(whole)
-    return whole
+    exact_mechanism = decimal_mechanism(text)
+    ends = [
+        exact_mechanism.input_range_text(item.pair)
+        for item in exact_mechanism.mechanism.inputs
+    ]
+    input_map = certify_input_map(exact_mechanism, ends, 0.08)
+    assert {0, 1, 2} >= set(input_map.kind.tolist()) >= {0, 1}
+    certificate = recorded(map_certificate(input_map))
+    check(certificate)
+    return certificate
 
 
 @pytest.mark.parametrize("name", ["bevel_pair", "planetary_bevel", "bevel_differential"])
-def test_wheels_are_repeated_by_the_angular_velocities_of_rolling(name):
-    written = read_decimals(sk.load(name))
-    with working_precision(80):
-        whole = recorded(wheels_certificate(written, written.follower_ratios()))
-    check(whole)
-    moves = random.Random(5)
+def test_the_checker_accepts_ratios_of_wheels_and_refuses_changed_ones(name):
+    """The checker recomputes ratios from the condition of rolling, without spherekit.
+
+    At the line of contact both wheels have the same velocity. Four copies of the
+    certificate are changed at random: the ratios of a pair are removed, or one ratio is
+    changed by 1e-7 to 0.1. Each must be refused.
+    """
+    exact_mechanism = read_decimals(sk.load(name))
+    with working_precision(80):  # decimal digits
+        ratios = exact_mechanism.follower_ratios()
+        certificate = recorded(wheels_certificate(exact_mechanism, ratios))
+    check(certificate)
+
+    random_choice = random.Random(5)
     for _ in range(4):
-        changed = copy.deepcopy(whole)
-        row = moves.choice(changed["ratios"])
-        if moves.random() < 0.3:
+        changed = copy.deepcopy(certificate)
+        row = random_choice.choice(changed["ratios"])
+        if random_choice.random() < 0.3:
             changed["ratios"].remove(row)
         else:
-            place = moves.randrange(len(row["ratios"]))
-            row["ratios"][place] += moves.choice((-1, 1)) * 10.0 ** -moves.randrange(1, 8)
+            index = random_choice.randrange(len(row["ratios"]))
+            sign = random_choice.choice((-1, 1))
+            row["ratios"][index] += sign * 10.0 ** -random_choice.randrange(1, 8)
         refuse(changed)
 
 
 @pytest.mark.slow
-def test_a_map_with_two_systems_of_two_unknowns_each_is_repeated():
-    written = read_decimals(sk.load("two_dof_spm"))
-    found = certify_input_map(written, [("20", "20.01"), ("17", "17.01")])
-    assert found.mode_shares == {16: 1.0}
-    whole = recorded(map_certificate(found))
-    check(whole)
-    changed = copy.deepcopy(whole)
-    changed["boxes"][0]["modes"] -= 2
-    refuse(changed)
-    changed = copy.deepcopy(whole)
-    for start in changed["systems"][0]["solved"]:
+def test_the_checker_refuses_a_map_with_a_wrong_count_or_a_repeated_solution():
+    """The map of a small box of inputs (deg) rests on two systems of two unknowns each.
+
+    All 16 modes exist over the whole box. The unchanged certificate is accepted.
+    """
+    exact_mechanism = read_decimals(sk.load("two_dof_spm"))
+    input_map = certify_input_map(exact_mechanism, [("20", "20.01"), ("17", "17.01")])
+    assert input_map.mode_shares == {16: 1.0}
+    certificate = recorded(map_certificate(input_map))
+    check(certificate)
+
+    with_fewer_modes = copy.deepcopy(certificate)
+    with_fewer_modes["boxes"][0]["modes"] -= 2
+    refuse(with_fewer_modes)
+
+    with_repeated_solution = copy.deepcopy(certificate)
+    for start in with_repeated_solution["systems"][0]["solved"]:
         start["solutions"][0] = start["solutions"][1]
-    refuse(changed)
+    refuse(with_repeated_solution)
 
 
-def nudged(number, moves):
-    return number + moves.choice((-1, 1)) * 10.0 ** -moves.uniform(1, 3)
+def nudged(number, random_choice):
+    """Return a number that is changed by 0.001 to 0.1, up or down."""
+    return number + random_choice.choice((-1, 1)) * 10.0 ** -random_choice.uniform(1, 3)
 
 
-def tampered_systems(changed, moves):
-    parts = changed["systems"]
-    solutions = moves.choice(moves.choice(parts)["solved"])["solutions"]
-    kind = moves.randrange(7)
-    if kind == 0:
-        for entry in parts[0]["solved"]:
+def tamper_with_systems(certificate, random_choice):
+    """Make one of seven false statements in a certificate of modes, in place.
+
+    `certificate` is the dictionary of its file; `random_choice` is a `random.Random`, which
+    selects the falsification and the entry. "systems" holds the systems of equations with
+    their solutions, "roots" the complex modes and "modes" the number of real ones.
+    """
+    systems = certificate["systems"]
+    system = random_choice.choice(systems)
+    solutions = random_choice.choice(system["solved"])["solutions"]
+    falsification = random_choice.randrange(7)
+    if falsification == 0:  # a solution is missing
+        for entry in systems[0]["solved"]:
             del entry["solutions"][0]
-    elif kind == 1:
+    elif falsification == 1:  # a solution is listed twice, another one is missing
         solutions[0] = copy.deepcopy(solutions[1])
-    elif kind == 2:
-        parts.remove(moves.choice(parts))
-    elif kind == 3:
-        parts[0]["equations"].append(parts[0]["equations"][0])
-    elif kind == 4:
-        changed["modes"] += moves.choice((-1, 1))
-    elif kind == 5:
-        changed["roots"].remove(next(each for each in changed["roots"] if each["real"]))
-        changed["modes"] -= 1
-    else:
-        parts.reverse()
+    elif falsification == 2:  # a system is missing
+        systems.remove(random_choice.choice(systems))
+    elif falsification == 3:  # an equation is listed twice
+        systems[0]["equations"].append(systems[0]["equations"][0])
+    elif falsification == 4:  # the number of modes is wrong
+        certificate["modes"] += random_choice.choice((-1, 1))
+    elif falsification == 5:  # a real mode is missing, and the number agrees with that
+        real_roots = [root for root in certificate["roots"] if root["real"]]
+        certificate["roots"].remove(real_roots[0])
+        certificate["modes"] -= 1
+    else:  # systems are not in the order in which they are solved
+        systems.reverse()
 
 
-def tampered_map(changed, moves):
-    boxes = changed["boxes"]
-    box = moves.choice(boxes)
-    regular = [each for each in boxes if each["is"] == "regular"]
-    contains = [each for each in boxes if each["is"] == "contains type II"]
-    kind, side = moves.randrange(7), moves.randrange(2)
-    if kind == 0:
-        moves.choice(regular)["modes"] += moves.choice((-2, 2))
-    elif kind == 1:
-        moves.choice(contains).update({"is": "regular", "modes": moves.choice((0, 2))})
-    elif kind == 2:
-        moves.choice(regular)["is"] = "contains type II"
-    elif kind == 3:
+def tamper_with_map(certificate, random_choice):
+    """Make one of seven false statements in a certificate of a map of inputs, in place.
+
+    `certificate` is the dictionary of its file; `random_choice` is a `random.Random`, which
+    selects the falsification and the box. A box has a centre and half widths (rad, one for
+    each input). It "is" regular, with a number of modes, or contains type II singularities.
+    """
+    boxes = certificate["boxes"]
+    box = random_choice.choice(boxes)
+    regular_boxes = [box for box in boxes if box["is"] == "regular"]
+    singular_boxes = [box for box in boxes if box["is"] == "contains type II"]
+    falsification = random_choice.randrange(7)
+    side = random_choice.randrange(2)
+    if falsification == 0:  # a number of modes is wrong
+        random_choice.choice(regular_boxes)["modes"] += random_choice.choice((-2, 2))
+    elif falsification == 1:  # a singular box is called regular
+        singular_box = random_choice.choice(singular_boxes)
+        singular_box.update({"is": "regular", "modes": random_choice.choice((0, 2))})
+    elif falsification == 2:  # a regular box is called singular
+        random_choice.choice(regular_boxes)["is"] = "contains type II"
+    elif falsification == 3:  # a part of the inputs is not covered
         boxes.remove(box)
-    elif kind == 4:
-        box["half_rad"][side] *= moves.choice((0.9, 1.2))
-    elif kind == 5:
-        box["centre_rad"][side] = nudged(box["centre_rad"][side], moves)
-    else:
-        changed["shares"]["regular"] = nudged(changed["shares"]["regular"], moves)
+    elif falsification == 4:  # boxes overlap, or leave a gap
+        box["half_rad"][side] *= random_choice.choice((0.9, 1.2))
+    elif falsification == 5:
+        box["centre_rad"][side] = nudged(box["centre_rad"][side], random_choice)
+    else:  # the stated share of inputs that are regular is wrong
+        shares = certificate["shares"]
+        shares["regular"] = nudged(shares["regular"], random_choice)
 
 
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("count", [4, 40])
 def test_the_checker_refuses_tampered_certificates(by_systems, over_boxes, count):
-    moves = random.Random(4)
+    """Each of `count` random falsifications, of both certificates in turn, is refused."""
+    random_choice = random.Random(4)
     for number in range(count):
-        whole, change = (
-            (by_systems, tampered_systems) if number % 2 else (over_boxes, tampered_map)
-        )
-        changed = copy.deepcopy(whole)
-        change(changed, moves)
-        assert changed != whole
+        if number % 2:
+            certificate = by_systems
+            falsify = tamper_with_systems
+        else:
+            certificate = over_boxes
+            falsify = tamper_with_map
+        changed = copy.deepcopy(certificate)
+        falsify(changed, random_choice)
+        assert changed != certificate
         refuse(changed)

@@ -46,54 +46,92 @@ def plate(internal=""):
 
 
 def bars(internal=""):
-    """The same plate on three bars, from centre to centre."""
-    more = ""
+    """Write the same plate on three bars that join the centres of discs in contact.
+
+    A bar has the arc of the sum of both radii, or of their difference if the contact is
+    internal. `internal` is the name (a, b or c) of the contact that is, or empty.
+    """
+    link_and_pair_tables = ""
     for name, link in (("a", "1"), ("b", "1"), ("c", "2")):
         sense = -1 if name == internal else 1
-        arc = abs(BARS[name][2] + sense * PLATE[name][2])
-        more += f'[links.bar_{name}]\naxes = ["{name}_{link}", "{name}_3"]\n'
-        more += f"arcs = [{arc}]\n"
+        _, _, link_radius = BARS[name]
+        _, _, plate_radius = PLATE[name]
+        bar_arc = abs(link_radius + sense * plate_radius)
+        link_and_pair_tables += (
+            f'[links.bar_{name}]\naxes = ["{name}_{link}", "{name}_3"]\n'
+            f"arcs = [{bar_arc}]\n"
+        )
         for end in (link, "3"):
-            more += f'[pairs.{name}_{end}]\ntype = "R"\nlinks = ["{end}", "bar_{name}"]\n'
-    (a1, _, _), (b1, b2, _), (c1, _, _) = BARS.values()
-    (_, _, _), (e1, _, _), (f1, f2, _) = PLATE.values()
+            link_and_pair_tables += (
+                f'[pairs.{name}_{end}]\ntype = "R"\nlinks = ["{end}", "bar_{name}"]\n'
+            )
+    # Polar coordinates (deg) of centres: arcs from the first axis of a link, and angles.
+    arc_a, _, _ = BARS["a"]
+    arc_b, angle_b, _ = BARS["b"]
+    arc_c, _, _ = BARS["c"]
+    plate_arc_b, _, _ = PLATE["b"]
+    plate_arc_c, plate_angle_c, _ = PLATE["c"]
     return DISCS.format(
         name="bars",
         on_1=', "a_1", "b_1"',
-        arcs_1=f"{a1}, {b1}",
-        angles_1=b2,
+        arcs_1=f"{arc_a}, {arc_b}",
+        angles_1=angle_b,
         on_2=', "c_2"',
-        arcs_2=c1,
-        body=f'axes = ["a_3", "b_3", "c_3"]\narcs = [{e1}, {f1}]\nangles = [{f2}]',
-        more=more,
+        arcs_2=arc_c,
+        body=(
+            f'axes = ["a_3", "b_3", "c_3"]\narcs = [{plate_arc_b}, {plate_arc_c}]\n'
+            f"angles = [{plate_angle_c}]"
+        ),
+        more=link_and_pair_tables,
     )
 
 
-def proven(text, *inputs):
+def prove_modes(text, *inputs):
+    """Prove the modes of a mechanism file at inputs, which are decimal texts (deg)."""
     return certify_modes(decimal_mechanism(text), inputs)
+
+
+def differences_between_modes(modes, pair_names):
+    """Return exp(i d) of the differences d of joint angles, (modes, modes, pairs).
+
+    Two files count angles from different zero directions; differences between modes do not
+    depend on them.
+    """
+    names = modes.decimal_mechanism.structure.pairs
+    columns = [names.index(name) for name in pair_names]
+    angles = np.array(
+        [
+            [centre_float(mode_angles[column]) for column in columns]
+            for mode_angles in modes.angles()
+        ]
+    )
+    return np.exp(1j * (angles[:, None] - angles[None]))
 
 
 @pytest.mark.parametrize("internal", ["", "a"])
 def test_a_plate_on_three_discs_has_the_modes_of_the_same_plate_on_three_bars(internal):
-    contacts, links = proven(plate(internal), "40"), proven(bars(internal), "40")
-    for modes in (contacts, links):
-        assert modes.mode_bound == 8 == len(modes.roots) and modes.is_complete
+    """Two discs in contact keep the arc between their centres, as a bar does.
+
+    Both mechanisms have 8 complex modes. The checker, which shares no code with the proof,
+    accepts both certificates, and the real modes have the same joint angles in some order.
+    """
+    modes_of_discs = prove_modes(plate(internal), "40")
+    modes_of_bars = prove_modes(bars(internal), "40")
+    for modes in (modes_of_discs, modes_of_bars):
+        assert modes.mode_bound == 8 == len(modes.roots)
+        assert modes.is_complete
         check(recorded(modes_certificate(modes)))
-    assert len(contacts.real) == len(links.real) > 1
-    inner = ["a_1", "a_3", "b_1", "b_3", "c_2", "c_3"]
-    gaps = []
-    for modes in (contacts, links):
-        names = modes.decimal_mechanism.structure.pairs
-        rows = [
-            [centre_float(angles[names.index(name)]) for name in inner]
-            for angles in modes.angles()
-        ]
-        # zero directions differ, differences between modes do not
-        gaps.append(np.array(rows)[:, None] - np.array(rows)[None])
-    turned = np.exp(1j * np.array(gaps))
-    orders = itertools.permutations(range(len(links.real)))
-    turns = [turned[1][np.ix_(order, order)] for order in orders]
-    assert min(np.max(np.abs(turned[0] - each)) for each in turns) < 1e-9
+    mode_count = len(modes_of_discs.real)
+    assert mode_count == len(modes_of_bars.real) > 1
+
+    pair_names = ["a_1", "a_3", "b_1", "b_3", "c_2", "c_3"]
+    disc_differences = differences_between_modes(modes_of_discs, pair_names)
+    bar_differences = differences_between_modes(modes_of_bars, pair_names)
+    errors = [
+        np.max(np.abs(disc_differences - bar_differences[np.ix_(order, order)]))
+        for order in itertools.permutations(range(mode_count))
+    ]
+    assert min(errors) < 1e-9
 
 
 def agrees(modes, values):
@@ -104,18 +142,23 @@ def agrees(modes, values):
     return np.any(np.max(np.abs(gaps), axis=1) < 1e-9)
 
 
-def compared(mechanism, texts, count):
-    """Prove the modes and poles of a mechanism that a run finds at the same inputs."""
+def prove_modes_and_poles_of_a_run(mechanism, texts, count):
+    """Prove `count` modes at inputs, check a run against them and prove the run's poles.
+
+    `texts` are the inputs (deg) as decimal texts. Returns the result of `prove_poles`.
+    """
     modes = certify_modes(read_decimals(mechanism), texts)
     assert modes.is_complete and len(modes.real) == count
-    here = np.radians([float(text) for text in texts])
-    result = sk.run(mechanism, "poles", path=np.stack([here, here + 0.01]))
+    inputs = np.radians([float(text) for text in texts])
+    # A path needs two samples; only the first is compared.
+    result = sk.run(mechanism, "poles", path=np.stack([inputs, inputs + 0.01]))
     frame = result.frame("motion")
     frame = frame[frame["sample"] == 0]
     assert len(frame) == count
     for _, row in frame.iterrows():
         assert agrees(modes, row)
-    motion, poles = (result.results[each].data[each] for each in ("motion", "poles"))
+    motion = result.results["motion"].data["motion"]
+    poles = result.results["poles"].data["poles"]
     return prove_poles(mechanism, motion, poles)
 
 
@@ -131,9 +174,11 @@ SHIPPED = [
 
 @pytest.mark.parametrize(("name", "inputs", "count"), SHIPPED)
 def test_modes_and_poles_of_contacts_are_those_that_a_run_finds(name, inputs, count):
-    found = compared(sk.load(name), inputs.split(), count)
-    moving = int(np.sum(found.data["status"] == 0))
-    assert moving > 0 and list(found.counts.values()) == [{"holds": moving}] * 2
+    """Poles and velocity coefficients of all rows with status OK (0) are proven."""
+    proof = prove_modes_and_poles_of_a_run(sk.load(name), inputs.split(), count)
+    row_count = int(np.sum(proof.data["status"] == 0))
+    assert row_count > 0
+    assert list(proof.counts.values()) == [{"holds": row_count}] * 2
 
 
 def geared(teeth):
@@ -154,27 +199,38 @@ LOOPS = [
 
 @pytest.mark.parametrize("teeth", LOOPS)
 def test_wheels_in_a_loop_turn_as_in_a_run(teeth):
-    found = compared(decimal_mechanism(geared(teeth)).mechanism, ["75"], 2)
-    rows = len(found.data["status"])
-    assert rows > 0 and all(each.total() == rows for each in found.counts.values())
-    assert not found.exceeded
+    """The proof exceeds no error bound that the run states for its poles."""
+    mechanism = decimal_mechanism(geared(teeth)).mechanism
+    proof = prove_modes_and_poles_of_a_run(mechanism, ["75"], 2)
+    row_count = len(proof.data["status"])
+    assert row_count > 0
+    assert all(verdicts.total() == row_count for verdicts in proof.counts.values())
+    assert not proof.exceeded
 
 
-def test_a_sliding_contact_is_proven_over_its_whole_range(capsys):
+def test_inputs_at_which_the_follower_of_a_roller_cam_rests_are_proven(capsys):
+    """The cam's contact keeps the arc of a bar, so the mechanism is a four-bar.
+
+    Its follower rests where crank and coupler are in line. The spherical law of cosines for
+    the triangle of ground, crank with coupler, and rocker gives these inputs.
+    """
     assert main(["certify", "roller_cam"]) == 0
-    said = capsys.readouterr().out
-    assert "certified: all configurations" in said and "360.000000000 deg: 2 modes" in said
-    # a four-bar of arcs 60, 10, 37, 45: the follower rests with crank and coupler in line
+    screen = capsys.readouterr().out
+    assert "certified: all configurations" in screen
+    assert "360.000000000 deg: 2 modes" in screen
+    printed_numbers = [float(word) for word in re.findall(r"[0-9]+[.][0-9]+", screen)]
+
     ground, crank, coupler, rocker = np.radians([60.0, 10.0, 37.0, 45.0])
     for reach in (coupler + crank, coupler - crank):
         cosine = (np.cos(rocker) - np.cos(reach) * np.cos(ground)) / (
             np.sin(reach) * np.sin(ground)
         )
         angle = np.degrees(np.arccos(cosine))
-        near = [angle, 360 - angle] if reach > coupler else [180 - angle, 180 + angle]
-        told = [float(word) for word in re.findall(r"[0-9]+[.][0-9]+", said)]
-        for each in near:
-            assert min(abs(each - angle) for angle in told) < 1e-6
+        # A crank that is folded back on the coupler points away from the reach.
+        crank_angle = angle if reach > coupler else 180 - angle
+        for expected in (crank_angle, 360 - crank_angle):
+            # Inputs are printed in degrees, with nine decimals.
+            assert min(abs(expected - number) for number in printed_numbers) < 1e-6
 
 
 def test_wheels_alone_have_one_mode_everywhere(capsys, tmp_path):

@@ -21,49 +21,81 @@ FOLDS = ("80", "30", "50", "60")
 
 
 def four_bar(arcs, unit="deg"):
+    """Return a four-bar, exact in decimals, with a crank that turns once.
+
+    `arcs` are decimal texts of ground, crank, coupler and rocker in `unit`.
+    """
     text = FOUR_BAR.format(*arcs).replace('"deg"', f'"{unit}"')
     if unit == "rad":
         text = text.replace("to = 360", "to = 6.28")
     return decimal_mechanism(text)
 
 
-def nudged(arcs, link, step):
-    arcs = [Decimal(arc) for arc in arcs]
-    arcs[link] += Decimal(step)
-    return [format(arc, "f") for arc in arcs]
+def change_arc(arcs, link, step):
+    """Add a decimal step (deg, as a text) to the arc of one link, without rounding."""
+    changed = [Decimal(arc) for arc in arcs]
+    changed[link] += Decimal(step)
+    return [format(arc, "f") for arc in changed]
 
 
 def closes_at_half_a_turn(arcs):
-    """Whether coupler and rocker span ground and crank in line at 180 degrees."""
+    """Return whether a four-bar can be assembled with its crank at 180 degrees.
+
+    Ground and crank are then in line, and their sum has to lie between difference and sum
+    of coupler and rocker (triangle inequality). Balls of 300 digits decide it.
+    """
     with working_precision(300):
         ground, crank, coupler, rocker = (
             flint_library().arb(arc) * pi_ball() / 180 for arc in arcs
         )
-        apart = (ground + crank).cos()
-        longest, shortest = (coupler + rocker).cos(), (coupler - rocker).cos()
-        assert not (apart - longest).contains(0)
-        return bool(longest < apart < shortest)
+        # The cosine falls with the arc, so the signs of comparison are the other way.
+        cosine_of_gap = (ground + crank).cos()
+        cosine_of_stretched_dyad = (coupler + rocker).cos()
+        cosine_of_folded_dyad = (coupler - rocker).cos()
+        assert not (cosine_of_gap - cosine_of_stretched_dyad).contains(0)
+        return bool(cosine_of_stretched_dyad < cosine_of_gap < cosine_of_folded_dyad)
 
 
 @pytest.mark.many(slow=11)
 @pytest.mark.parametrize("step", ["1e-6", "1e-8", "1e-10", "1e-12", "1e-14", "1e-20"])
 @pytest.mark.parametrize(("link", "sense"), [(0, ""), (1, "-"), (3, ""), (3, "-")])
-def test_a_crossing_and_narrow_gaps_are_told_apart(step, link, sense):
-    arcs = nudged(FOLDS, link, sense + step)
+def test_the_proof_knows_on_which_side_a_four_bar_misses_a_crossing(step, link, sense):
+    """Arcs 80 + 30 = 50 + 60 deg make configuration curves cross at 180 deg (a saddle).
+
+    One arc is changed by `sense` `step` degrees. Then the curves of both assembly modes
+    either get past 180 deg without meeting, or turn back just before and just after it. The
+    triangle inequality in 300 digits says which. At a saddle, the level sign says which of
+    the two pairs of opposite arms are joined.
+    """
+    arcs = change_arc(FOLDS, link, sense + step)
     curves = certify_curves(four_bar(arcs), TURN)
     closes = closes_at_half_a_turn(arcs)
-    wide = [count for low, high, count in curves.intervals if high - low > 0.1]
-    assert wide and set(wide) == {2}
-    certified = curves.completeness.guarantee is Guarantee.CERTIFIED
-    assert certified if closes else not certified or len(curves.turning_points) == 2
+
+    # Away from the crossing (intervals wider than 0.1 rad) there are two modes.
+    wide_counts = [count for low, high, count in curves.intervals if high - low > 0.1]
+    assert wide_counts
+    assert set(wide_counts) == {2}
+
+    is_certified = curves.completeness.guarantee is Guarantee.CERTIFIED
+    if closes:
+        assert is_certified
+    else:
+        # Turning points closer than a proof can separate may stay undecided.
+        assert not is_certified or len(curves.turning_points) == 2
+
     for saddle in curves.saddles:
-        # arms that differ in the side of the input are joined if it gets past
         assert saddle.level_sign in (1, -1)
-        kept = 1 if saddle.level_sign > 0 else 0
-        for one, other in itertools.combinations(saddle.outward_signs, 2):
-            if one[kept] == other[kept]:
-                sides = saddle.outward_signs[one][-1], saddle.outward_signs[other][-1]
-                assert 0 not in sides and (sides[0] != sides[1]) == closes
+        # Two arms are joined if this component of their signs is equal.
+        joint_component = 1 if saddle.level_sign > 0 else 0
+        signs_by_arm = saddle.outward_signs
+        for arm_a, arm_b in itertools.combinations(signs_by_arm, 2):
+            if arm_a[joint_component] == arm_b[joint_component]:
+                # The sign of the direction along the input in which an arm leaves.
+                side_a = signs_by_arm[arm_a][-1]
+                side_b = signs_by_arm[arm_b][-1]
+                assert side_a != 0
+                assert side_b != 0
+                assert (side_a != side_b) == closes
 
 
 @pytest.mark.many
@@ -79,12 +111,19 @@ def test_a_crossing_and_narrow_gaps_are_told_apart(step, link, sense):
     ],
 )
 def test_ranges_that_end_next_to_a_crossing_have_all_modes(ends, crossed):
+    """Curves of this four-bar cross at 180 deg, where its links are in line.
+
+    `ends` are the ends of the input's range in degrees; `crossed` says whether the range
+    contains 180 deg. Each interval has two modes, and the intervals fill the range but for
+    a part of 1e-9 about the crossing.
+    """
     curves = certify_curves(four_bar(FOLDS), ends)
     assert curves.completeness.guarantee is Guarantee.CERTIFIED
     assert len(curves.crossing_inputs) == int(crossed)
     assert all(count == 2 for _, _, count in curves.intervals)
     low, high = (np.radians(float(end)) for end in ends)
-    assert sum(b - a for a, b, _ in curves.intervals) > (high - low) * (1 - 1e-9)
+    covered = sum(last - first for first, last, _ in curves.intervals)
+    assert covered > (high - low) * (1 - 1e-9)
 
 
 def crossing_dyads():

@@ -23,10 +23,15 @@ PLANET = PLANET.replace('axes = ["left", "right"]\n', 'axes = ["left", "32"]\n')
 
 
 def geared(teeth, text=FIVE_BAR):
+    """Return a geared five-bar, exact in decimals, with these numbers of teeth."""
     return decimal_mechanism(text.format(*teeth, 0.0, 360.0))
 
 
 def margin(q, teeth):
+    """Return by how much two couplers reach over the gap of crank tips at inputs (deg).
+
+    The five-bar can be assembled where it is positive, in two modes.
+    """
     q = np.atleast_1d(np.asarray(q, dtype=float))
     return coupler_margin(q, right_crank_angle(q, teeth))
 
@@ -56,31 +61,58 @@ CASES = [
 def test_modes_and_dead_centres_of_a_geared_five_bar_are_those_of_the_closed_form(
     teeth, laps, ends
 ):
+    """Dead centres are the zeros of `margin`, and two modes exist where it is positive.
+
+    `laps` is the number of turns of the input after which all wheels have come back; `ends`
+    are the ends of the input's range in degrees.
+    """
     curves = certify_curves(geared(teeth), ends)
     low, high = map(float, ends)
-    assert (
-        curves.completeness.guarantee is Guarantee.CERTIFIED and curves.cycle_turns == laps
-    )
+    assert curves.completeness.guarantee is Guarantee.CERTIFIED
+    assert curves.cycle_turns == laps
     assert curves.is_full_cycle == (high - low == 360 * laps)
-    wanted = dead_centres(low, high, teeth)
-    proven = np.degrees(curves.turning_points)
-    assert len(wanted) == len(proven) and np.all(np.abs(proven - wanted) < 1e-6)
+
+    expected_dead_centres = dead_centres(low, high, teeth)
+    proven_dead_centres = np.degrees(curves.turning_points)
+    assert len(expected_dead_centres) == len(proven_dead_centres)
+    assert np.all(np.abs(proven_dead_centres - expected_dead_centres) < 1e-6)
+
     for first, last, count in curves.intervals:
-        inside = np.degrees(np.linspace(first, last, 9)[1:-1])
-        assert np.all((margin(inside, teeth) > 0) == (count == 2)) and count in (0, 2)
-    reach = curves.intervals[0][0], curves.intervals[-1][1]
-    assert np.allclose(np.degrees(reach), [low, high], rtol=0, atol=1e-9)
+        interior_inputs = np.degrees(np.linspace(first, last, 9)[1:-1])
+        assert count in (0, 2)
+        assert np.all((margin(interior_inputs, teeth) > 0) == (count == 2))
+    proven_range = np.degrees([curves.intervals[0][0], curves.intervals[-1][1]])
+    assert np.allclose(proven_range, [low, high], rtol=0, atol=1e-9)
+
+
+@pytest.mark.many
+@pytest.mark.parametrize(("teeth", "laps", "ends"), CASES)
+def test_the_clearance_of_a_geared_five_bar_is_the_distance_to_a_dead_centre(
+    teeth, laps, ends
+):
+    """The clearance of an input is its distance to the next singularity or end of range.
+
+    It may not exceed the distance to the dead centres of the closed form, and may be less
+    by 1e-5 deg at most. Distances of a full cycle are taken around its `laps` turns.
+    """
+    curves = certify_curves(geared(teeth), ends)
     located = locate_singularities(curves)
     assert not located.undecided
-    q = 0.5 * sum(wanted[:2]) if len(wanted) > 1 else 0.5 * (low + high)
-    ends_too = [] if curves.is_full_cycle else [low, high]
-    span = 360.0 * laps
-    nearest = min(
-        [abs((p - q + 0.5 * span) % span - 0.5 * span) for p in wanted]
-        + [abs(p - q) for p in ends_too]
-        + [0.5 * span]
-    )
-    assert 0 <= nearest - np.degrees(located.clearance(np.radians(q))) < 1e-5
+    low, high = map(float, ends)
+    expected_dead_centres = dead_centres(low, high, teeth)
+    if len(expected_dead_centres) > 1:
+        q = 0.5 * (expected_dead_centres[0] + expected_dead_centres[1])
+    else:
+        q = 0.5 * (low + high)
+
+    cycle = 360.0 * laps
+    distances = [0.5 * cycle]
+    for dead_centre in expected_dead_centres:
+        distances.append(abs((dead_centre - q + 0.5 * cycle) % cycle - 0.5 * cycle))
+    if not curves.is_full_cycle:
+        distances += [abs(low - q), abs(high - q)]
+    clearance = np.degrees(located.clearance(np.radians(q)))
+    assert 0 <= min(distances) - clearance < 1e-5
 
 
 def test_wheels_are_told_to_come_back_or_refused():
@@ -93,23 +125,39 @@ def test_wheels_are_told_to_come_back_or_refused():
         certify_curves(geared((20, 40), bare), ("0", "10"))
 
 
-def test_certify_says_what_it_proves_of_wheels(tmp_path, capsys):
+def test_certify_prints_the_ranges_between_dead_centres_of_a_geared_five_bar(
+    tmp_path, capsys
+):
+    """Two modes exist but between the two dead centres of the closed form."""
     path = tmp_path / "geared.toml"
     path.write_text(FIVE_BAR.format(20, 40, 0.0, 720.0), encoding="utf-8")
     assert main(["certify", str(path)]) == 0
-    said = capsys.readouterr().out
-    assert "certified: all configurations" in said
+    screen = capsys.readouterr().out
+    assert "certified: all configurations" in screen
+
+    # Lines of the kind "0.0 to 98.7 deg: 2 modes"
+    lines = [line.split() for line in screen.splitlines() if line.endswith(" modes")]
+    printed = np.array([[float(words[k]) for k in (0, 2, 4)] for words in lines])
     first, second = dead_centres(0, 720, (20, 40))
-    lines = [line.split() for line in said.splitlines() if line.endswith(" modes")]
-    told = np.array([[float(words[k]) for k in (0, 2, 4)] for words in lines])
-    wanted = [(0, first, 2), (first, second, 0), (second, 720, 2)]
-    assert np.allclose(told, wanted, rtol=0, atol=1e-6)
-    kept = curves_certificate(certify_curves(geared((20, 40)), ("0", "720")))
-    assert kept["input_turns_of_its_variable"] == 2
-    (wheel,) = kept["wheels"]
-    assert (wheel["pair"], wheel["turns"]) == ("right", -1)
-    at_zero = np.radians(right_crank_angle(0.0, (20, 40)))
-    assert abs(wheel["at_zero_rad"] - at_zero) <= wheel["off"] + 1e-15 < 1e-14
+    expected = [(0, first, 2), (first, second, 0), (second, 720, 2)]
+    assert np.allclose(printed, expected, rtol=0, atol=1e-6)
+
+
+def test_a_certificate_holds_the_turns_and_the_zero_of_a_wheel():
+    """Wheels of 20 and 40 teeth come back after two turns of the input.
+
+    The certificate's variable turns once in them, and the wheel once, backwards. Its angle
+    at input zero agrees with the closed form within the error that the certificate states.
+    """
+    teeth = (20, 40)
+    certificate = curves_certificate(certify_curves(geared(teeth), ("0", "720")))
+    assert certificate["input_turns_of_its_variable"] == 2
+    (wheel,) = certificate["wheels"]
+    assert wheel["pair"] == "right"
+    assert wheel["turns"] == -1
+    expected = np.radians(right_crank_angle(0.0, teeth))
+    error = abs(wheel["at_zero_rad"] - expected)
+    assert error <= wheel["off"] + 1e-15 < 1e-14
 
 
 def test_a_planet_on_a_crank_has_the_modes_that_are_proven_at_inputs():
