@@ -11,15 +11,23 @@ from hypothesis import strategies as st
 
 from spherekit.cli.main import main
 
-STATUSES = {0, 1, 2, 3, 4}
+EXIT_STATUSES = {0, 1, 2, 3, 4}
+"""Exit statuses that the documentation lists."""
 DAMAGED = ("four_bar.toml", "stephenson_output.study.toml")
 
 
 @pytest.mark.slow
 @settings(max_examples=60 * EFFORT)
 @given(commands(), st.sampled_from(DAMAGED).flatmap(damaged))
-def test_command_lines(tmp_path_factory, words, text):
-    """Run a command in this process; only what the grammar refuses leaves by SystemExit."""
+def test_random_command_lines_end_with_a_documented_exit_status(
+    tmp_path_factory, words, text
+):
+    """No command prints a traceback or a warning, whatever its words and files are.
+
+    `words` are a command line in which DAMAGED, DAMAGED.study.toml and OUT stand for
+    paths. `text` is a mechanism or study file with random damage. Only words outside the
+    grammar of the command line (and --help) leave by SystemExit.
+    """
     folder = tmp_path_factory.getbasetemp()
     for name in ("damaged.toml", "damaged.study.toml"):
         (folder / name).write_text(text, encoding="utf-8", errors="replace", newline="")
@@ -28,7 +36,9 @@ def test_command_lines(tmp_path_factory, words, text):
         "DAMAGED.study.toml": str(folder / "damaged.study.toml"),
         "OUT": str(folder / "out"),
     }
-    out, err = io.StringIO(), io.StringIO()
+    arguments = [paths.get(word, word) for word in words]
+    out = io.StringIO()
+    err = io.StringIO()
     with (
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
@@ -36,17 +46,18 @@ def test_command_lines(tmp_path_factory, words, text):
     ):
         warnings.simplefilter("error", RuntimeWarning)
         try:
-            status = main([paths.get(word, word) for word in words])
-        except SystemExit as left:
-            status = left.code
+            status = main(arguments)
+        except SystemExit as system_exit:
+            status = system_exit.code
             assert status in (0, 2)
-    assert status in STATUSES, words
-    assert "Traceback" not in err.getvalue() and "Warning" not in err.getvalue()
+    assert status in EXIT_STATUSES, words
+    assert "Traceback" not in err.getvalue()
+    assert "Warning" not in err.getvalue()
     if status == 1:
         assert err.getvalue().startswith("spherekit: ")
 
 
-def test_what_is_no_recording_is_not_shown(tmp_path, capsys):
+def test_view_refuses_a_file_that_is_no_recording(tmp_path, capsys):
     path = tmp_path / "four_bar.rrd"
     path.write_text(FILES["four_bar.toml"])
     assert main(["view", str(path)]) == 1

@@ -16,45 +16,55 @@ from spherekit.files.mechanism_writer import dumps
 from spherekit.files.study_reader import load_study
 from spherekit.mechanism.load_expression import load_names, parse
 
-PLACED = re.compile(r"damaged\.toml(:\d+)?: \S")
+FAULT_WITH_PLACE = re.compile(r"damaged\.toml(:\d+)?: \S")
+"""Beginning of a message that names the file and, if it has one, the line."""
 TEXTS = st.text(max_size=60) | st.text(alphabet="[]{}\"=.#\n\\'ab1 ", max_size=40)
 
 
 @pytest.mark.slow
 @settings(max_examples=100 * EFFORT)
 @given(files | TEXTS)
-def test_damaged_mechanism_files(text):
-    """Read a text; what is refused names file and line, what is read can be written."""
+def test_damaged_mechanism_files_are_refused_with_their_place_or_can_be_written(text):
+    """`text` is a shipped file with random damage, or random text.
+
+    A refusal has one short, printable line for each fault. A mechanism that is read comes
+    from valid TOML and is the same after writing and reading.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
-            made = loads(text, "damaged.toml")
+            mechanism = loads(text, "damaged.toml")
         except FileError as error:
             message = str(error)
-            assert all(PLACED.match(line) for line in message.split("\n")), message
+            for line in message.split("\n"):
+                assert FAULT_WITH_PLACE.match(line), message
+                assert all(character.isprintable() for character in line), message
             assert len(message) < 4000
-            assert all(character.isprintable() for character in message.replace("\n", ""))
             return
         assert is_toml(text.replace("\r\n", "\n").removeprefix("\ufeff"))
-        assert loads(dumps(made)) == made
+        assert loads(dumps(mechanism)) == mechanism
 
 
 @settings(max_examples=100)
-@given(data=st.binary(max_size=80), start=st.booleans())
-def test_bytes_of_any_kind(tmp_path_factory, data, start):
+@given(data=st.binary(max_size=80), follows_a_file=st.booleans())
+def test_random_bytes_are_refused_or_read_as_a_mechanism(
+    tmp_path_factory, data, follows_a_file
+):
+    """The bytes are a whole file or are appended to a correct one."""
     path = tmp_path_factory.getbasetemp() / "damaged.toml"
-    path.write_bytes(FILES["four_bar.toml"].encode() * start + data)
+    beginning = FILES["four_bar.toml"].encode() if follows_a_file else b""
+    path.write_bytes(beginning + data)
     try:
-        made = load(path)
+        mechanism = load(path)
     except FileError as error:
         assert "damaged.toml" in str(error)
         return
-    assert loads(dumps(made)) == made
+    assert loads(dumps(mechanism)) == mechanism
 
 
 @settings(max_examples=60)
 @given(files)
-def test_damaged_study_files(tmp_path_factory, text):
+def test_damaged_study_files_are_read_or_refused_by_their_name(tmp_path_factory, text):
     path = tmp_path_factory.getbasetemp() / "damaged.study.toml"
     path.write_text(text, encoding="utf-8", errors="surrogatepass", newline="")
     try:
@@ -63,28 +73,34 @@ def test_damaged_study_files(tmp_path_factory, text):
         assert "damaged.study.toml" in str(error)
 
 
-def test_every_shipped_file_is_where_damage_starts():
-    assert len(FILES) > 20 and {"four_bar.toml", "stephenson_output.study.toml"} <= {*FILES}
+def test_shipped_mechanisms_and_studies_are_the_files_that_are_damaged():
+    assert len(FILES) > 20
+    assert {"four_bar.toml", "stephenson_output.study.toml"} <= {*FILES}
 
 
 @settings(max_examples=400 * EFFORT)
 @given(expressions | st.text(max_size=30))
-def test_expressions_of_loads(text):
+def test_random_load_expressions_are_refused_with_their_column_or_evaluated(text):
+    """Both ways of evaluation agree: on arrays, and as a function of floats.
+
+    If the function of floats raises an error, the array holds no finite value.
+    """
     names = load_names(["a", "b"])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
-            made = parse(text, names)
+            expression = parse(text, names)
         except ModelError as error:
             assert re.match(r"column \d+: ", str(error)), str(error)
             assert len(str(error)) < 1000
             return
-        assert made.names <= set(names)
-        at = {name: 0.3 + 0.1 * k for k, name in enumerate(names)}
-        array = made.evaluate(at)
-        assert array.shape == () and array.dtype == np.float64
+        assert expression.names <= set(names)
+        values = {name: 0.3 + 0.1 * k for k, name in enumerate(names)}
+        array = expression.evaluate(values)
+        assert array.shape == ()
+        assert array.dtype == np.float64
         try:
-            value = expression_as_function(made, names)(list(at.values()))
-            assert np.isclose(value, array, rtol=1e-9, atol=1e-12, equal_nan=True)
+            number = expression_as_function(expression, names)(list(values.values()))
+            assert np.isclose(number, array, rtol=1e-9, atol=1e-12, equal_nan=True)
         except (ValueError, ArithmeticError, EngineError):
             assert not np.isfinite(array)
