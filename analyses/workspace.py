@@ -235,4 +235,4 @@ class WorkspaceAnalysis(AbstractAnalysis):
 
     def _workspaces(self, batch: Batch) -> WorkspaceModes:
         """Return the workspaces of a batch, which are computed once."""
-        return batch.once("reached", lambda: self._make_workspaces(batch.mechanism))
+        return batch.once("workspaces", lambda: self._make_workspaces(batch.mechanism))

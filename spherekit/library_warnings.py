@@ -23,7 +23,8 @@ def warnings_as_sentences(
     Parameters
     ----------
     report
-        Function that gets the sentence.
+        Function that gets the sentence. The sentence may mention the status: in each row of
+        a table it states whether the row is valid.
     shows_source
         Whether the sentence also names the file and the line, as ``--traceback`` asks for.
     """
@@ -46,8 +47,9 @@ def warnings_as_sentences(
             where = f"it arose in {filename}, line {lineno}"
         else:
             where = "--traceback shows where it arose"
+        # A `UserWarning` has a sentence that spherekit or a library wrote for users. Other
+        # categories, such as `RuntimeWarning`, are for programmers.
         if category is UserWarning:
-            # A sentence that is written for users, by spherekit itself or a library.
             report(f"warning: {text}")
             return
         report(

@@ -320,7 +320,7 @@ class EquivalentRotation(AbstractAnalysis):
 
     def _result(self, batch: Batch) -> RotationResult:
         """Return the rotation and its schedule, which are computed once."""
-        return batch.once("found", lambda: self._compute_result(batch))
+        return batch.once("result", lambda: self._compute_result(batch))
 
     def _compute_result(self, batch: Batch) -> RotationResult:
         """Return the rotation and its schedule.

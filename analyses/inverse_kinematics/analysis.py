@@ -163,4 +163,4 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
                 max_nearest=self.nearest,
             )
 
-        return batch.once("found", solve)
+        return batch.once("result", solve)

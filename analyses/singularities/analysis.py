@@ -204,16 +204,21 @@ class SingularityAnalysis(AbstractAnalysis):
         """Return the singularities of a batch, which are computed once."""
 
         def compute() -> OneInput | SeveralInputs:
-            """Return the singularities for the number of inputs, with angles in rad."""
+            """Return the singularities for one or for several inputs.
+
+            The parameters of the analysis are passed on, the angle `mesh` in rad.
+            """
             if len(batch.mechanism.inputs) == 1:
                 return OneInput(batch, self.outputs(batch.mechanism), self.near)
+            # The length of the edges of surfaces; None for the default.
+            mesh_rad = None if self.mesh is None else float(np.radians(self.mesh))
             return SeveralInputs(
                 batch,
                 slices=self.slices,
-                mesh=None if self.mesh is None else float(np.radians(self.mesh)),
+                mesh=mesh_rad,
                 input_grid=self.input_grid,
                 near=self.near,
                 seconds=self.seconds,
             )
 
-        return batch.once("half", compute)
+        return batch.once("singularities", compute)

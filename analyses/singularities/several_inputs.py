@@ -290,7 +290,8 @@ class SeveralInputs:
         Parameters
         ----------
         points
-            n singular configurations.
+            n singular configurations. `inside` states whether all inputs are within their
+            declared ranges, and `pointing` has the direction of an output that points.
         output
             The output.
         claim
@@ -308,9 +309,14 @@ class SeveralInputs:
             mechanism.link_number[output.relative_to],
         )
         motion = batch.tracer.given(points.values)
+        # The geometric reasons of the singularities, for example axes in one plane. They
+        # follow from the condition for the output to rest while inputs move. `by_rank`
+        # states how degrees of freedom are determined: by rank, or by counting links and
+        # pairs.
+        rest_condition = output_of(mechanism, output.name)
         conditions = what_vanishes(
             motion,
-            output_of(mechanism, output.name),
+            rest_condition,
             pointing=points.pointing,
             by_rank=batch.tracer.by_rank,
         )

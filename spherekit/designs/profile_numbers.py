@@ -396,9 +396,10 @@ def _nearest_point_rates(
 
     At the nearest points both curves have the same moving frame (tangent, normal, point on
     the unit sphere). If a design variable changes, the frames must rotate alike. With the
-    arc lengths s1, s2 and the rotation vectors r of the frames, the equation is
-    ``r1_s ds1 - r2_s ds2 + (r1_v - r2_v) dv = 0``, with r_s by the arc length and r_v by
-    the variable v. These three equations for ds1/dv and ds2/dv are solved by least squares.
+    arc lengths s1 and s2 the equation is
+    ``r1_s ds1 - r2_s ds2 + (r1_v - r2_v) dv = 0``. The rotation vectors of frame 1 are r1_s
+    per unit of its arc length, and r1_v per unit of the variable v. These three equations
+    for ds1/dv and ds2/dv are solved by least squares.
 
     Parameters
     ----------
@@ -423,10 +424,13 @@ def _nearest_point_rates(
         rotation = normal + curve_point.curvature[0] * point
         arc_length_rotations.append(sign * rotation)
         if derivative is not None:
-            # The rotation of the frame with the variable, about each of its axes.
+            # The rotation of the frame with the variable, about each of its axes. `change`
+            # has the derivatives of tangent (3), point (3), curvature and its derivative.
             change = derivative(start)[:, 0]
             tangent_change = change[:3]
             point_change = change[3:6]
+            # A rotation vector r changes the point p by r x p, and the tangent t by r x t.
+            # With p x t = n (normal) the components of r are therefore:
             about_tangent = -point_change @ normal
             about_normal = point_change @ tangent
             about_point = tangent_change @ normal

@@ -118,16 +118,18 @@ class SynthesisMode:
         return SynthesisMode(self.label, origin)
 
     def continues_in(self, other_mode: "SynthesisMode") -> bool:
-        """Return whether this mode becomes the other one in the design of the other one.
+        """Return whether two modes of different designs are one mode.
 
-        Modes with signs are compared by their signs. Otherwise the configurations of this
-        mode are tracked while the sizes change to the design of the other mode. It is the
-        same mode if the configurations then agree at all samples where both modes have one.
-        There must be such a sample.
+        Modes that are identified by the signs of dyads are compared by these signs.
+        Otherwise the configurations of this mode are tracked while the sizes change to the
+        design of the other mode. It is the same mode if the configurations then agree at
+        all samples where both modes have one. There must be such a sample.
         """
         if other_mode.origin is None:
+            # Without an origin, the label is the signs of the dyads.
             return self.label == other_mode.label
         other_configurations = other_mode.origin.configurations
+        # For modes with an origin, the position arguments are all pair variables.
         tracked_configurations = self.position_arguments(other_mode.origin.design)
         # Configurations that do not exist are NaN.
         both_exist = all_finite(tracked_configurations, 0) & all_finite(

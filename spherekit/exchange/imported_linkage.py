@@ -319,21 +319,26 @@ class ImportedLinkage:
         A ball joint was replaced by three hinges of one body. Two links of a spherical
         mechanism turn freely about the centre, with a ball joint between them or without.
         If other pairs connect its links, a ball joint is therefore left out. Its three
-        hinges would double the number of assembly modes.
+        hinges would double the number of assembly modes: with given orientations of both
+        links they can be placed in two ways.
         """
+        # In MuJoCo's model each body except the world (0) has a parent, `body_parentid`, to
+        # which its joints connect it. `jnt_bodyid` has the body of each joint.
         mj_model = self._mj_model
         body_by_ball = {
             ball: mj_model.jnt_bodyid[hinges[0]]
             for ball, hinges in self.foreign_model.hinges_by_ball.items()
         }
+        # Links that are connected without ball joints: bodies to their parents, and links
+        # that are held together at loop points away from the centre.
         bodies_on_balls = {int(body) for body in body_by_ball.values()}
         connected_links = [
             (self.link_by_body[mj_model.body_parentid[body]], self.link_by_body[body])
             for body in range(1, mj_model.nbody)
             if body not in bodies_on_balls
         ]
-        for links, points in self.loop_points.items():
-            radii = [np.linalg.norm(point.point - self.centre) for point in points]
+        for links, loop_points in self.loop_points.items():
+            radii = [np.linalg.norm(point.point - self.centre) for point in loop_points]
             # A point at the centre constrains nothing.
             if max(radii) > self.centre_distance:
                 connected_links.append(links)

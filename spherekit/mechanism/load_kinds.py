@@ -165,7 +165,9 @@ class PointForce(Load):
     field_kinds = MappingProxyType(
         {"link": "link", "point": "vector", "force": "texts", "axes": "axes"}
     )
-    velocity_unit = "m"  # of the arm of the force; the magnitudes are forces
+    # The generalised force is a moment (N m), and the magnitudes are forces (N). Their
+    # quotient has the unit of the arm of the force.
+    velocity_unit = "m"
 
     name: str
     link: str

@@ -233,14 +233,17 @@ def find_wheel_contact(
         for wheel, rotation in zip(wheels, orientations, strict=True)
     )
     # The contact point is on the great circle through both centres, at the distance of the
-    # first radius from the first centre: on the side of the second centre if the first
-    # circle is the larger one, otherwise on the other side. (The second curve of an
-    # external contact is reversed, and its wheel has the supplementary radius.)
-    # `across` is the part of the second centre perpendicular to the first.
+    # first radius from the first centre. Both circles are described so that one touches the
+    # other from inside: for an external contact the second wheel has the opposite centre,
+    # and the supplementary radius pi - radius. The point is therefore on the side of the
+    # second centre if the first circle is the larger one, otherwise on the other side.
+    # Circles with equal radii only touch if they have the same centre. `across` is the part
+    # of the second centre perpendicular to the first.
     across = second_centre - (first_centre @ second_centre) * first_centre
     size = np.linalg.norm(across)
     if size < COLLINEAR_SINE:
         raise ModelError("both wheels turn about one line, so they touch everywhere")
+    # 1 if the first radius is larger: both are between 0 and pi.
     sense = np.sign(np.sin(first_radius - second_radius))
     point = (
         np.cos(first_radius) * first_centre + np.sin(first_radius) * sense * across / size

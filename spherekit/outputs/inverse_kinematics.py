@@ -425,28 +425,33 @@ class InverseKinematics:
             there is one.
         """
         # The dyads compute with the poses along the last axis: (3, n) directions, or
-        # (3, 3, n) transposed orientations.
+        # (3, 3, n) orientations. NumPy's T reverses all axes, so index 0 of an orientation
+        # is the axis of the output link, as `WorkingMode.posed_rotation` expects.
         transposed_poses = np.ascontiguousarray(poses.T)
         directions = poses if self.wrist.points else None
         # The link that the pose places is the output link, whose rotation is the pose. For
-        # a pointing output it is a virtual link, of which only one axis is needed: the last
-        # virtual pair joins it to the output link along the direction of the output.
+        # a pointing output it is the last of the virtual links that hold the output
+        # (`VirtualOutputChain`). Only one of its axes is needed: the last virtual pair
+        # joins it to the output link along the direction of the output.
         posed_axes: dict[int, Floats] = {}
         posed_rotation = None
         if self.wrist.points:
-            posed_axes[self.wrist.pairs[2]] = transposed_poses
+            last_virtual_pair = self.wrist.pairs[2]
+            posed_axes[last_virtual_pair] = transposed_poses
         else:
             posed_rotation = transposed_poses
 
         def measure_type_2(mode: WorkingMode) -> Floats:
             """Return the measure of type II (n,) of a mode."""
-            return self._transmission.measure(mode.axes(len(self.own.pairs)), directions)
+            # The pairs of the mechanism itself, without the virtual ones.
+            axes = mode.axes(len(self.own.pairs))
+            return self._transmission.measure(axes, directions)
 
         # Modes with equal signs of some dyads share the results of these in this cache.
         shared_results: dict[Any, Any] = {}
         for signs in modes:
             if self.dyads is None:
-                # `_closing_link` has the dyads of its own.
+                # Not all groups are dyads: a closing link and its dyads place the links.
                 assert self._closing_link is not None
                 mode = _close_mode(self._closing_link, transposed_poses, starts, signs)
             else:

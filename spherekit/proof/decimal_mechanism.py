@@ -94,9 +94,11 @@ class DecimalMechanism(DecimalGeometry):
     def pair_frames(self) -> list[tuple[Frame, Frame]]:
         """Return the frames of every pair of the structure in its two links.
 
-        A frame (3, 3) has the rows zero direction, side and axis of the pair. A coupler is
-        a link that replaces a sliding contact of two circles: R pairs join it to both links
-        at the centres of the circles. The pairs of couplers come last.
+        A frame (3, 3) has the unit vectors x, y, z of the pair in rows: z is its axis, and
+        x the zero direction, from which its angle is counted. Components are balls,
+        intervals with a centre and a radius. A coupler is a link that replaces a sliding
+        contact of two circles: R pairs join it to both links at the centres of the circles.
+        The pairs of couplers come last.
         """
         revolute_frames = self.revolute_frames()
         frames = [
@@ -106,9 +108,10 @@ class DecimalMechanism(DecimalGeometry):
         ]
         for contact in self.structure.couplers:
             circle_contact = self.circle_contact(contact)
-            # The pair axes of the coupler are its z axis and an axis in its y-z plane. Its
-            # zero directions point to the contact, so that the angle of each pair is the
-            # azimuth of the contact about the centre of a circle.
+            # The axes of a coupler can be chosen: its first pair axis is the z axis. The
+            # second one is in the y-z plane, at the arc between the centres of the circles.
+            # The zero directions point to the contact, so that the angle of each pair is
+            # the azimuth of the contact about the centre of a circle.
             sine, cosine = circle_contact.centre_arc.sin_cos()
             first_axis = exact_balls([0.0, 0.0, 1.0])
             second_axis = np.array([exact_ball(0.0), sine, cosine])

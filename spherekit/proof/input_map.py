@@ -249,12 +249,16 @@ def _classify_boxes(
     # By cell, the numbers of modes of its parts; -1 for parts that are not regular.
     counts_of_cell: dict[tuple[int, ...], set[int]] = defaultdict(set)
 
-    def examine(boxes: Integers, _: int) -> Integers:
+    def examine(boxes: Integers, examined_count: int) -> Integers:
         """Classify boxes (2, n, inputs), and return the halves of the others.
 
-        A box is classified if it is proven regular. A part of a cell only adds its number
-        of modes to its cell, which is classified when all boxes have been examined.
+        The function `subdivide` calls it, with the number of boxes examined so far, which
+        is not needed here. The ranges of the inputs are halved `cell_levels` times for
+        cells, and `finest_levels` times for the smallest parts of cells. A box is
+        classified if it is proven regular. A part of a cell only adds its number of modes
+        to its cell, which is classified when all boxes have been examined.
         """
+        del examined_count
         # By box and input: number of halvings of the range (level), and number of the part.
         levels, parts = boxes
         radii = ranges.radii(boxes)
@@ -267,10 +271,12 @@ def _classify_boxes(
         )
         is_finest = np.all(levels >= finest_levels, axis=1)
         is_whole = is_regular & ~is_in_cell
-        # The kind REGULAR is 0.
+        regular_modes = modes[is_whole]
         classified.append(
             _ClassifiedBoxes(
-                boxes[:, is_whole], kind=0 * modes[is_whole], modes=modes[is_whole]
+                boxes[:, is_whole],
+                kind=np.full_like(regular_modes, REGULAR),
+                modes=regular_modes,
             )
         )
         needs_halving = ~is_regular & ~is_finest
@@ -279,9 +285,12 @@ def _classify_boxes(
             # each further halving has doubled the number.
             cell_parts = parts[row] >> (levels[row] - cell_levels)
             counts = counts_of_cell[tuple(cell_parts.tolist())]
-            if is_regular[row] or is_finest[row]:
-                counts.add(int(modes[row]) if is_regular[row] else -1)
-            # A cell with two numbers of modes is classified already.
+            if is_regular[row]:
+                counts.add(int(modes[row]))
+            elif is_finest[row]:
+                counts.add(-1)
+            # A cell with two numbers of modes contains a singular configuration, so its
+            # other parts need not be halved.
             needs_halving[row] &= len(counts - {-1}) < 2
         # Halve the longest side of each remaining box. Sides that are still longer than
         # those of a cell come first.

@@ -197,29 +197,43 @@ class EquationSystem:
     def form_polynomials(self, circle_points: Array) -> Polynomials:
         """Return the polynomials of the system at m choices of the given variables.
 
-        They are polynomials in e^(i angle) of the unknowns.
+        They are polynomials in e^(i angle) of the unknowns. `Polynomials` explains the
+        shapes of their coefficients and of the derivatives.
 
         Parameters
         ----------
         circle_points
-            (m, given, 2) cosines and sines of the given variables, each rounded once.
+            (m, given, 2) cosines and sines of the given variables. Each is its exact value
+            rounded once.
         """
+        # The equations as sums of products of powers of e^(i angle), for all angles.
         harmonics = self.equations.harmonics
-        # For each equation the coefficients, and their derivatives by the given variables.
-        parts = [
-            harmonics.partial_polynomials(row, self.unknowns, circle_points)
-            for row in self.rows
-        ]
-        largest = [
-            max(np.max(np.abs(array), initial=0.0) for array in arrays) for arrays in parts
-        ]
-        # Error bound of each coefficient: that of the equations (a derivative has it times
-        # the degree), and the rounding of the sums.
+        coefficients = []
+        # Derivatives of the coefficients by the given variables.
+        slopes = []
+        # For each equation the largest size of a coefficient or derivative.
+        largest_sizes = []
+        for row in self.rows:
+            coefficients_of_row, slopes_of_row = harmonics.partial_polynomials(
+                row, self.unknowns, circle_points
+            )
+            coefficients.append(coefficients_of_row)
+            slopes.append(slopes_of_row)
+            largest_sizes.append(
+                max(
+                    np.max(np.abs(coefficients_of_row), initial=0.0),
+                    np.max(np.abs(slopes_of_row), initial=0.0),
+                )
+            )
+        # Error bound of each coefficient and derivative. The first part is the error of the
+        # coefficients of the equations. A derivative of the wave cos(m x) by x has the
+        # factor m, so the error is multiplied by the largest degree. The second part is the
+        # rounding of the sums.
         error = harmonics.error[self.rows] * np.max(self.degrees, axis=1, initial=1)
-        error += PRODUCT_ROUNDING * np.add(1.0, largest)
+        error += PRODUCT_ROUNDING * np.add(1.0, largest_sizes)
         return Polynomials(
-            coefficients=tuple(coefficients for coefficients, _ in parts),
-            slopes=tuple(slopes for _, slopes in parts),
+            coefficients=tuple(coefficients),
+            slopes=tuple(slopes),
             error=error,
             derivative_bound=self.equations.derivative_bound[self.rows],
             degrees=self.degrees,

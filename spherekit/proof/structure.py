@@ -76,9 +76,10 @@ def extract_structure(mechanism: Mechanism) -> Structure:
     """Return the links and R pairs of a mechanism, with a coupler for each sliding contact.
 
     A coupler is a further link that replaces a sliding contact of two circles. R pairs at
-    the centres of both circles join it to the links of the contact. The structure has no
-    followers yet, which are pairs whose angles follow from the inputs through wheels: they
-    depend on the sizes.
+    the centres of both circles join it to the links of the contact. Each coupler adds one
+    link and two pairs, first that with the first link of the contact. The field `followers`
+    stays empty. It depends on the sizes: followers are the pairs whose angles follow from
+    the inputs through wheels.
 
     Raises
     ------
@@ -93,9 +94,10 @@ def extract_structure(mechanism: Mechanism) -> Structure:
             pair_names.append(pair.name)
             pair_ends.append(ends)
 
-    # Contacts: a sliding one adds a coupler with two pairs, a rolling one a pair of wheels.
-    couplers = []
-    wheels = []
+    # Contacts. A sliding one adds a coupler with two pairs. A rolling one adds nothing, but
+    # its number is listed.
+    sliding_contacts = []
+    rolling_contacts = []
     for number, (pair, ends) in enumerate(
         zip(mechanism.pairs, mechanism.ends, strict=True)
     ):
@@ -114,13 +116,14 @@ def extract_structure(mechanism: Mechanism) -> Structure:
             )
         # A rolling contact has one variable, a sliding contact has two.
         if pair.kind.variable_count == 1:
-            wheels.append(number)
+            rolling_contacts.append(number)
             continue
-        couplers.append(number)
+        sliding_contacts.append(number)
         links.append(_unused_name(pair.name, links))
         for link, end in zip(pair.links, ends, strict=True):
             pair_names.append(_unused_name(f"{pair.name}_{link}", pair_names))
-            pair_ends.append((end, len(links) - 1))
+            coupler_link = len(links) - 1
+            pair_ends.append((end, coupler_link))
 
     driven_names = mechanism.names_of(driven_pairs(mechanism))
     return Structure(
@@ -129,8 +132,8 @@ def extract_structure(mechanism: Mechanism) -> Structure:
         pairs=pair_names,
         ends=tuple(pair_ends),
         inputs=tuple(map(pair_names.index, driven_names)),
-        couplers=couplers,
-        wheels=wheels,
+        couplers=sliding_contacts,
+        wheels=rolling_contacts,
     )
 
 

@@ -139,23 +139,26 @@ def measure_cost(
         The recorder, None without a recording. If it counts what it records, the recording
         is completed here.
     """
-    # Numbers of recorded entities, rows and bytes.
+    # Numbers of recorded entities, rows and bytes. Only recorders with the method `finish`
+    # count them, see `spherekit.runs.recording_session.Recorder`.
     recording = {}
     if hasattr(recorder, "finish"):
         with timer.stage(RECORDING):
             recorder.finish()
         recording = {"recording": recorder.cost}
-    # Numbers that are evaluated at one configuration, by name of the input that moves.
-    counts_by_input = {
-        run_plan.mechanism.pairs[request.plan.input].name: count_evaluations(request)
-        for request in run_plan.requests
-    }
-    # All numbers: those at one configuration, times the number of configurations.
+    # How many results, such as pole axes, one configuration needs, by name of the input
+    # that moves.
+    counts_by_input = {}
+    for request in run_plan.requests:
+        moving_pair = run_plan.mechanism.pairs[request.plan.input]
+        counts_by_input[moving_pair.name] = count_evaluations(request)
+    # The sums over all inputs, times the number of configurations.
     totals = {}
     for name in ("poles", "axis_derivatives", "link_rates"):
         count = sum(counts[name] for counts in counts_by_input.values())
         totals[name] = run_state.configurations * count
-    # Sizes of the tables, by name of the file without its ending.
+    # Sizes of the tables, by name of the file without its ending. The keys of
+    # `run_state.counts` are tuples: the kind of the count, and what is counted.
     tables = {}
     table_by_stem = tables_by_file_stem(run_plan.tables(run_state.failures))
     for stem, (analysis_name, table) in table_by_stem.items():

@@ -96,22 +96,27 @@ class Body:
 
 @dataclass(frozen=True)
 class Arrow:
-    """A direction from the centre, with the path of its tip on the sphere.
+    """A direction from the centre of the sphere, drawn as an arrow.
+
+    Recordings can also show the path of its tip on the sphere, as dots.
 
     Attributes
     ----------
     path : str
-        Place of the arrow in the tree of a recording.
+        Address of the arrow in the tree of a recording, such as ``pole/io``. It is not the
+        path of the tip.
     label : str
         Words beside the arrow.
     directions : array (n, 3)
         Unit vectors in ground axes, one for each sample.
     primary : bool
-        Whether it is the axis of a pair, which is less prominent than another pole axis.
+        Whether it is a primary pole, the axis of a pair. In recordings such an arrow is
+        thin, without a label or path. Other pole axes are drawn more prominently.
     shown : bool
         Whether it is drawn from the start. Otherwise users can switch it on.
     path_shown : bool
-        Whether successive rows are points of one path.
+        Whether the path of the tip is shown. This makes sense if the directions of
+        successive samples are points of one motion.
     """
 
     path: str

@@ -65,7 +65,10 @@ KernelEngine = Literal["numpy", "compiled"]
 class ColumnFunction:
     """A function of n configurations whose outputs are grouped by name.
 
-    The output is an array (width, n).
+    The input is an array (variables, n) of pair variables. Profiles of contacts have
+    further quantities, the profile columns: tangent, point and curvature at the contact. A
+    call first computes them from the variables by stored series, then evaluates the
+    expressions. The output is an array (width, n).
 
     Attributes
     ----------
@@ -74,7 +77,7 @@ class ColumnFunction:
     width
         Length of the first axis of the output.
     function
-        The function of variables and profile columns, without the series of profiles.
+        The second part of a call: the function of variables and profile columns.
     """
 
     def __init__(
@@ -89,12 +92,11 @@ class ColumnFunction:
         Parameters
         ----------
         parts
-            The output expressions by name, in order.
+            The output expressions by name, in order. A name is any key of a dictionary.
         variables
-            The symbols that are inputs.
+            The symbols of the pair variables.
         profiles
-            Profiles of contacts. Their columns (tangent, point and curvature at the
-            contact) are further inputs, which are computed from the variables.
+            Profiles of contacts, whose columns the expressions contain.
         compiled
             Whether heyoka compiles the function. NumPy evaluates it otherwise.
         """

@@ -219,18 +219,23 @@ class PageMaker:
     def _check_smooth_curves(self, page_formulas: Formulas) -> None:
         """Refuse a mechanism whose modes cross and are followed by Newton's steps.
 
+        Formulas of positions without a closed form compute one step of Newton's method
+        (`Formulas.step`). The web page repeats this step along each assembly mode.
+
         Parameters
         ----------
         page_formulas
-            Formulas of the page, with the known crossings of their modes.
+            Formulas of the web page. Their table of modes has the known crossings.
 
         Raises
         ------
         EngineError
             If positions have no closed form, and curves of modes cross.
         """
+        has_closed_form = not page_formulas.step
+        # None if modes do not follow smooth curves through crossings.
         smooth_modes = page_formulas.mode_table.smooth
-        if not page_formulas.step or smooth_modes is None or not smooth_modes.crossings:
+        if has_closed_form or smooth_modes is None or not smooth_modes.crossings:
             return
         inputs = listing(dict.fromkeys(map(degrees_text, smooth_modes.crossings)))
         raise EngineError(

@@ -48,13 +48,16 @@ class ConformanceCase:
 
     @cached_property
     def run_plan(self) -> RunPlan:
-        """The plan of the run.
+        """The plan of the run: which quantities it evaluates, and in which blocks.
 
         Raises
         ------
         PluginError
-            If the analysis breaks the contract.
+            If the analysis does not declare the quantities that it needs as the contract of
+            plugins requires (`spherekit.runs.contract`).
         """
+        # The quantities that the analysis reads. If their declaration has a fault, the plan
+        # has the reason in `refused`.
         declared_needs = collect_needs(
             [self.analysis], self.sampling.position_analysis.mechanism
         )
