@@ -58,11 +58,11 @@ def parse_variation(key: str, values: str | Sequence[float]) -> Variation:
         Key of the number in the mechanism file.
     values
         A list of values; or one of the texts ``"10:40:31"`` (31 values from 10 to 40),
-        ``"10:40"`` (all numbers from 10 to 40) and ``"10,20,25"`` (three values).
+        ``"10:40"`` (any number from 10 to 40) and ``"10,20,25"`` (three values).
 
     Returns
     -------
-    The variation, with listed values or a range of all numbers.
+    The variation, with listed values or a continuous range.
 
     Raises
     ------

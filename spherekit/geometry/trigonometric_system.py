@@ -264,8 +264,8 @@ def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complex
     ----------
     equations
         (t, 3, ..., 3) coefficients of one system of two or three equations. Each axis of
-        length 3 belongs to an angle: its indices are the factors of 1, the cosine and the
-        sine.
+        length 3 belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, the
+        cosine and the sine.
     incidence
         (t, t) whether an equation (row) contains an angle (column). The
         `eliminant_degree` must not be 0.
@@ -331,7 +331,7 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
     ----------
     equations
         (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
+        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     incidence
         (t, t) whether an equation (row) contains an angle (column). The
         `eliminant_degree` must not be 0.
@@ -392,8 +392,8 @@ def estimate_real_angles(equations: Floats, incidence: Bools) -> tuple[Floats, B
     ----------
     equations
         (n, t, 3, ..., 3) real coefficients of n systems of two or three equations. Each
-        axis of length 3 belongs to an angle: its indices are the factors of 1, the cosine
-        and the sine.
+        axis of length 3 belongs to an angle: indices 0, 1 and 2 are the coefficients of 1,
+        the cosine and the sine.
     incidence
         (t, t) whether an equation (row) contains an angle (column). The
         `eliminant_degree` must not be 0.
@@ -502,7 +502,7 @@ def _solve_at_roots(
     ----------
     equations
         (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
+        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     roots
         (n, k) values of e^(ix), x the first angle.
     starts_per_root
@@ -599,7 +599,7 @@ def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForm
     ----------
     equations
         (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
+        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     first_angles
         (n, r) values of the first angle (rad).
     """
@@ -638,7 +638,7 @@ def _find_eliminant_roots(equations: Numbers, incidence: Bools) -> EliminantRoot
     ----------
     equations
         (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
+        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     incidence
         (t, t) whether an equation (row) contains an angle (column).
     """
@@ -702,7 +702,7 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     ----------
     equations
         (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
+        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     first_angles
         (n, r) first angles (rad) of solutions.
 
@@ -740,7 +740,7 @@ def _best_starts(
     ----------
     equations
         (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
+        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     starts
         (n, root_count * s, t) angles (rad), the s starts of a root one after another.
     root_count
@@ -767,7 +767,7 @@ def _run_newton(equations: Numbers, angles: Complexes) -> NewtonResult:
     ----------
     equations
         (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
+        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     angles
         (n, m, t) starts (rad), m for each system.
     """
@@ -801,7 +801,7 @@ def _relative_residual(equations: Numbers, angles: Complexes) -> Floats:
     ----------
     equations
         (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
+        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     angles
         (n, m, t) angles (rad). Those with large imaginary parts have large cosines and
         sines, by which the residual is divided.
@@ -831,7 +831,7 @@ def jacobian_determinants(equations: Numbers, angles: Complexes) -> Complexes:
     ----------
     equations
         (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
+        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     angles
         (n, m, t) angles (rad), m for each system.
 
@@ -850,7 +850,7 @@ def _evaluate(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complex
     ----------
     equations
         (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
-        belongs to an angle: its indices are the factors of 1, the cosine and the sine.
+        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     angles
         (n, m, t) angles (rad), m for each system.
 

@@ -1,4 +1,4 @@
-"""Descriptions of the same mechanism with other link names, link axes or expressions."""
+"""Changes the names and axes of links of a mechanism, and its loads with them."""
 
 import re
 from collections.abc import Callable, Mapping

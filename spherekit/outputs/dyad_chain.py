@@ -1,9 +1,10 @@
-"""Dyads that stand one after another on one body, and how inputs move with an output.
+"""Chains of dyads that close on one rigid body, and the rates of inputs by an output.
 
-While the output is held, a mechanism often consists of dyads that stand on the body of the
-two links that the output joins. Their configuration then follows from the axes of the pairs
-alone, without rotation matrices. `spherekit.outputs.working_mode` computes it for many
-poses. The functions at the end convert rates of the output into rates of the inputs.
+While the output is held, the two links that it joins are one rigid body. The rest of the
+mechanism then often consists of dyads whose ends are on this body. Their configuration
+follows from the axes of the pairs alone, without rotation matrices.
+`spherekit.outputs.working_mode` computes it for many poses. The functions at the end
+convert rates of the output into rates of the inputs.
 """
 
 from collections.abc import Hashable, Sequence

@@ -421,11 +421,10 @@ def _find_least_link_angle(mechanism: Mechanism, constraints: Constraints) -> fl
     fits = 0.0 <= width <= np.pi * radius < np.inf
     fits_without_width = width == 0.0 and 0.0 <= radius < np.inf
     if not (fits or fits_without_width):
-        # The message has 3.2 for pi, rounded up.
         raise _error(
             mechanism,
             f"links of width {width:g} do not fit on a sphere of radius {radius:g}; give "
-            "both in the same unit of length, 0 or more, the radius more than width / 3.2",
+            "both in the same unit of length, 0 or more, the radius at least width / pi",
         )
     return width / radius if width else 0.0
 

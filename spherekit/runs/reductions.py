@@ -57,7 +57,8 @@ class Reduction:
     returns_input
         Whether the number is an input (rad) and not a value of the quantity.
     needs_point
-        Whether a figure states inputs, and is reduced from the sample at these inputs.
+        Whether the user gives the inputs at which the value is taken, as in
+        ``at(theta_41, 30)``.
     """
 
     meaning: str

@@ -108,15 +108,15 @@ def _bordered_equations(points: LocusPoints, tangents: Floats) -> Floats:
     Parameters
     ----------
     points
-        n points with their linearised equations (n, m + 1, g + k). The unknowns are g
-        coordinates of the configuration, then k of the singular motion.
+        n points with their linearised equations, (n, equations, g + k). The unknowns are g
+        coordinates of the configuration, then k of the motion that is singular there.
     tangents
-        (n, V) tangents of the curve in the variables. The row has zeros for the coordinates
-        of the motion.
+        (n, variables) tangents of the curve in the pair variables. They are converted to
+        the g coordinates; the further row has zeros for those of the motion.
 
     Returns
     -------
-    (n, m + 2, g + k) matrices.
+    (n, equations + 1, g + k) matrices.
     """
     border = np.einsum("nv,nvg->ng", tangents, points.basis)
     border[:, CURVE_FREEDOMS:] = 0.0

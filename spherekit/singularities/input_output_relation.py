@@ -296,9 +296,9 @@ def _normal_to_third_axis(poles: SixPoles, output_name: str, third_name: str) ->
 
     Returns
     -------
-    (n, 3) unit vectors, NaN if all three axes are on one line. Each plane has two opposite
-    normals. The one at an acute angle with the normal of the row before is taken, so that
-    the vectors are continuous along a curve of configurations.
+    (n, 3) unit vectors, NaN if all three axes are on one line. Two opposite vectors are
+    possible in each row. The one at an acute angle with the vector of the row before is
+    taken, so that the vectors are continuous along a curve of configurations.
     """
     # "ir" is the axis of the input: that of link i relative to its reference r. `sine` is
     # that of the largest angle between two of the three axes.

@@ -39,8 +39,10 @@ class SingularPoint:
         Why the type, or the loss of rank, is not certain within rounding, or an empty
         string.
     relations
-        The relation c y' = d q' between the rates of output and input in form i, and in
-        form ii if there is one. For a crossing those on each curve through it.
+        The relation c y' = d q' between the rate y' of the output and the rate q' of the
+        input, where c and d follow from pole axes. One is in form i and, if it exists, one
+        in form ii, which use different pole axes. A crossing has those of each curve
+        through it.
     crossing
         The crossing of curves, with its freedoms and the directions of its curves; None
         if there is none or it was not located.

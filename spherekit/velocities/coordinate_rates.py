@@ -6,7 +6,8 @@ which the inputs do not determine the rates of all variables.
 
 With one input, the numbers tau are the minors of the velocity equations
 (`spherekit.velocities.group_equations`). They are rates with respect to a parameter p.
-Because nothing is divided, p increases through the dead centres of every pair. Rates by
+They contain no division, so they stay finite at dead centres of any pair, where rates by
+the input do not. Rates by
 the input are tau / D. Rates by the arc length of the curve of all variables are
 tau / |tau|.
 """

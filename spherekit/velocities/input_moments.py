@@ -51,7 +51,7 @@ class MovingLink:
 
 
 class InputMoments:
-    """Inertia matrix and inertia moments at the inputs of a mechanism, as expressions.
+    """Inertia matrix at the inputs, and the input torques due to inertia, as expressions.
 
     All expressions are divided by a unit of inertia, so that numbers have sizes near one.
 
