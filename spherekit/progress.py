@@ -41,7 +41,7 @@ class ProgressReporter:
         self.what = what
         self._last_report = time.monotonic()
 
-    def tell(self, how_far: Callable[[], str]) -> bool:
+    def report_if_due(self, how_far: Callable[[], str]) -> bool:
         """Report the progress if the last report is old enough.
 
         Parameters

@@ -61,12 +61,12 @@ class TimeLimit:
         doing
             The next step in words, such as ``"slice 3 of 12"``.
         """
-        self.tell(doing)
+        self.report_if_due(doing)
         if self.taken < self.seconds:
             return True
         self.note = f"stopped after {self.seconds:.3g} s of processor time before {doing}"
         return False
 
-    def tell(self, doing: str) -> None:
+    def report_if_due(self, doing: str) -> None:
         """Report the current step (in words) if the last report is some seconds old."""
-        self._progress.tell(lambda: f"{doing}, {self.taken:.0f} s")
+        self._progress.report_if_due(lambda: f"{doing}, {self.taken:.0f} s")

@@ -52,7 +52,7 @@ def alone(made):
 
 def poses(solver, found):
     """Return orientations (modes, links, 3, 3) and closure gaps of configurations."""
-    at = solver.closure.at(found.values)
+    at = solver.closure.linearise(found.values)
     return at.rotations, at.residual
 
 
@@ -174,7 +174,7 @@ def test_agile_eye_has_eight_real_modes_four_of_them_trivial():
     assert np.max(np.abs(closure_gaps)) < 1e-13
 
     names = [pair.name for pair in solver.mechanism.pairs]
-    axes = solver.closure.at(assemblies.values).frames[..., 2]  # (modes, pairs, 3)
+    axes = solver.closure.linearise(assemblies.values).frames[..., 2]  # (modes, pairs, 3)
     is_trivial = np.ones(len(axes), dtype=bool)
     for k in (1, 2, 3):
         base_axis = axes[:, names.index(f"a{k}")]

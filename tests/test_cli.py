@@ -227,7 +227,9 @@ def test_an_output_without_legs_says_so(tmp_path):
 def test_progress_says_how_long_the_rest_will_take(monkeypatch):
     clock, said = iter([0.0, 10.0, 14.0, 30.0]), []
     monkeypatch.setattr(
-        run_report.ProgressReporter, "tell", lambda _, how_far: said.append(how_far())
+        run_report.ProgressReporter,
+        "report_if_due",
+        lambda _, how_far: said.append(how_far()),
     )
     monkeypatch.setattr(run_report.time, "monotonic", lambda: next(clock))
     show = run_report.progress()  # which asks for the time once

@@ -178,7 +178,7 @@ def test_curves_have_every_configuration_that_a_random_search_finds(chain, seed,
         for item in configurations.curves:
             places = item.curve.at_input(input_variable, q).places
             points.append(item.curve.at(places).values)
-        closure = position_analysis.solver.closure.at(np.concatenate(points))
+        closure = position_analysis.solver.closure.linearise(np.concatenate(points))
         rotations = closure.rotations
         assert np.max(closure.closure_residual, initial=0.0) < 1e-12
         searched, links = search_configurations(

@@ -170,7 +170,7 @@ def test_curves_of_a_parallelogram_end_at_their_crossings():
     for curve in curves:
         assert curve.ends == (sk.Status.AT_SINGULARITY, sk.Status.AT_SINGULARITY)
         for node in (0, -1):
-            axes = curve.closure.at(curve.nodes.values[[node]]).axes[0]
+            axes = curve.closure.linearise(curve.nodes.values[[node]]).axes[0]
             assert np.linalg.svd(axes, compute_uv=False)[-1] < 1e-4
         s = np.linspace(0.0, curve.length, 50)
         assert np.max(curve.at(s).residual) < 1e-13

@@ -181,7 +181,7 @@ def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
         rotations = form.place(normals, modes)
         values, _ = form.values(rotations)
         assert closure_gap(paper, rotations, frames) < 1e-14
-        assert np.max(np.abs(closure.at(values).residual)) < 1e-13
+        assert np.max(np.abs(closure.linearise(values).residual)) < 1e-13
 
         start = values.copy()
         start[:, passive] += np.random.default_rng(2).uniform(-1e-4, 1e-4, (len(start), 12))
@@ -189,7 +189,7 @@ def test_mid_plane_form_satisfies_the_loop_closure_of_all_links(paper, form):
         solved = closure.solve(start[is_regular], driven)
         assert np.max(solved.closure_residual) < 1e-14
         assert np.max(np.abs(solved.values - values[is_regular])) < 1e-11
-        effector_rotations = closure.at(solved.values).rotations[:, form.effector]
+        effector_rotations = closure.linearise(solved.values).rotations[:, form.effector]
         expected = form.orientations(normals[is_regular])
         assert np.max(np.abs(effector_rotations - expected)) < 1e-11
         driving_angles = form.plane.solutions(normals)[-1, 1]
@@ -329,13 +329,13 @@ def test_three_inputs_turn_the_output_about_any_axis(name):
     mechanism, values = configuration(name)
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
     output = mechanism.link_number[mechanism.outputs[0].link]
-    start = closure.at(values[None]).rotations[0, output]
+    start = closure.linearise(values[None]).rotations[0, output]
     for axis in ([0.4, -1.0, 0.3], [1.0, 0.2, -0.5]):
         rotation = sk.follow_rotation(mechanism, values, axis, 0.3)
         theta = np.linspace(0.0, min(0.3, rotation.reached), 9)
         rows = rotation.at(theta)
         assert np.all(rows.status == sk.Status.OK)
-        closed = closure.at(rows.values)
+        closed = closure.linearise(rows.values)
         expected = rotation_about_axis(rotation.axis, theta) @ start
         assert np.max(closed.closure_residual) < 1e-13
         assert np.max(np.abs(closed.rotations[:, output] - expected)) < 1e-12
@@ -360,7 +360,7 @@ def test_two_inputs_follow_an_axis_with_the_least_orientation_error():
     assert rows.orientation_error[0] < 1e-14
     assert rows.orientation_error[2] > 0.1
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
-    start = closure.at(values[None]).rotations[0, output]
+    start = closure.linearise(values[None]).rotations[0, output]
     wanted = rotation_about_axis(rotation.axis, theta) @ start
     mesh = 2e-4 * np.array(list(product((-1, 0, 1), repeat=2)))
     middle = 4

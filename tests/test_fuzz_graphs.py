@@ -124,7 +124,7 @@ def locked_determinant(motion, row):
     inputs = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     passive = [v for v in range(motion.values.shape[1]) if v not in inputs]
     closure = Closure.of_mechanism(mechanism, motion.joints)
-    jacobian = closure.at(motion.values[row : row + 1]).jacobian[0][:, passive]
+    jacobian = closure.linearise(motion.values[row : row + 1]).jacobian[0][:, passive]
     if jacobian.shape[0] != jacobian.shape[1] or not jacobian.size:
         return 1.0
     return np.sign(np.linalg.det(jacobian))
@@ -144,7 +144,7 @@ def follow_to_next_sample(motion, row, steps=40):
     values = motion.values[row].copy()
     input_change = motion.inputs[row + 1] - motion.inputs[row]
     for _ in range(steps):
-        jacobian = closure.at(values[None]).jacobian[0]
+        jacobian = closure.linearise(values[None]).jacobian[0]
         passive_jacobian = jacobian[:, passive]
         singular_values = np.linalg.svd(passive_jacobian, compute_uv=False)
         if singular_values.size and not singular_values[-1] > 1e-2 * singular_values[0]:
@@ -157,7 +157,7 @@ def follow_to_next_sample(motion, row, steps=40):
         values[passive] += passive_change / steps
         values[inputs] += input_change / steps
         for _ in range(6):
-            position = closure.at(values[None])
+            position = closure.linearise(values[None])
             inverse = np.linalg.pinv(position.jacobian[0][:, passive])
             values[passive] -= inverse @ position.residual[0]
     return values

@@ -50,8 +50,8 @@ def place_links(mechanism, q):
     for fraction in np.linspace(0.0, 1.0, 5)[1:]:
         values[driven] = start + fraction * (np.asarray(q) - start)
         values = closure.solve(values[None], driven).values[0]
-    assert closure.at(values[None]).closure_residual[0] < 1e-13
-    return closure.at(values[None]).rotations[0]
+    assert closure.linearise(values[None]).closure_residual[0] < 1e-13
+    return closure.linearise(values[None]).rotations[0]
 
 
 def with_closed_configuration(mechanism):
@@ -66,12 +66,14 @@ def with_closed_configuration(mechanism):
     if reference is not None:
         return mechanism, reference
     closure = Closure.of_mechanism(mechanism, joints)
-    starts = np.random.default_rng(3).uniform(-2.0, 2.0, (60, len(closure.tree.owners)))
+    starts = np.random.default_rng(3).uniform(
+        -2.0, 2.0, (60, len(closure.tree.pair_of_variable))
+    )
     solutions = closure.solve(starts, max_steps=40)
     closed = solutions.values[solutions.closure_residual < 1e-14]
     names = [name.removeprefix("theta_") for name in mechanism.variable_names]
     passive = [k for k, name in enumerate(names) if name not in input_pairs]
-    jacobian = closure.at(closed).jacobian[:, :, passive]
+    jacobian = closure.linearise(closed).jacobian[:, :, passive]
     singular_values = np.linalg.svd(jacobian, compute_uv=False)
     least = singular_values[:, len(passive) - 1]
     return mechanism, closed[int(np.argmax(least))]
@@ -100,14 +102,14 @@ def test_an_exported_model_is_imported_as_the_same_mechanism(mechanism, tmp_path
 
     closure = Closure.of_mechanism(original, make_joints(original))
     driven = [original.angles[item.pair] for item in original.inputs]
-    start = closure.at(values[None]).rotations[0]
+    start = closure.linearise(values[None]).rotations[0]
     moved = values.copy()
     for _ in range(3):
         moved[driven] += 0.02
         solved = closure.solve(moved[None], driven)
         assert solved.closure_residual[0] < 1e-13
         moved = solved.values[0]
-    stop = closure.at(moved[None]).rotations[0]
+    stop = closure.linearise(moved[None]).rotations[0]
     imported_rotations = place_links(imported_mechanism, moved[driven])
     for link in original.links:
         k = original.link_number[link]
@@ -147,7 +149,7 @@ def test_loads_and_masses_are_imported_again(tmp_path):
     assert (limit.low, limit.high) == pytest.approx((-2.0, 0.5), rel=1e-13)
 
     closure = Closure.of_mechanism(original, make_joints(original))
-    rotations = closure.at(values[None]).rotations[0]
+    rotations = closure.linearise(values[None]).rotations[0]
     for mass in original.masses:
         rotation = rotations[original.link_number[mass.link]]
         (imported_mass,) = [x for x in imported_mechanism.masses if x.link == mass.link]
@@ -187,7 +189,10 @@ def power_of_loads(mechanism, values=None):
     velocities = mechanism_loads.velocities(motion)[0, 0]
     power_by_name = {}
     for owner, component, velocity in zip(
-        mechanism_loads.owners, mechanism_loads.components, velocities, strict=True
+        mechanism_loads.load_of_component,
+        mechanism_loads.components,
+        velocities,
+        strict=True,
     ):
         name = mechanism_loads.names[owner]
         power = float(component.magnitude.evaluate(variables)[0]) * velocity

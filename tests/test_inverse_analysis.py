@@ -77,7 +77,7 @@ def test_values_close_and_rates_are_those_of_the_velocity_equations(solver):
     type_1_gap = np.abs(type_1 - rows.type_1[is_regular])
     assert np.max(type_1_gap[is_finite]) < 1e-10
 
-    closed = position_solver.closure.at(values)
+    closed = position_solver.closure.linearise(values)
     link = mechanism.link_number[output.link]
     base = mechanism.link_number[output.relative_to]
     for k in range(0, len(values), 5):

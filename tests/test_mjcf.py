@@ -44,7 +44,7 @@ def close_loops(mechanism, values, inputs):
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
     solution = closure.solve(values[None], driven)
     assert solution.closure_residual[0] < 1e-12
-    return solution.values[0], closure.at(solution.values).rotations[0]
+    return solution.values[0], closure.linearise(solution.values).rotations[0]
 
 
 def largest_rotation_gap(mechanism, data, rotations):
@@ -72,7 +72,7 @@ def test_a_model_has_the_pose_of_the_mechanism_and_motors_at_its_inputs(name, in
     mechanism, values = find_pose(replace(sk.load(name), loads=()), inputs=inputs)
     model, data = load_model(MujocoModel(mechanism, values).text)
     closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
-    rotations = closure.at(values[None]).rotations[0]
+    rotations = closure.linearise(values[None]).rotations[0]
     assert largest_rotation_gap(mechanism, data, rotations) < 1e-14
     assert np.max(np.abs(data.efc_pos), initial=0.0) < 1e-14
     motors = [model.actuator(k).name for k in range(model.nu)]

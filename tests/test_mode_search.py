@@ -46,7 +46,9 @@ def chain(links):
 def test_modes_are_those_of_an_independent_search(made, least):
     turns, links = search_configurations(made, np.random.default_rng(0), 400)
     solver = solver_of(made)
-    placed = solver.closure.at(enumerate_assemblies(solver, np.zeros(1)).values).rotations
+    placed = solver.closure.linearise(
+        enumerate_assemblies(solver, np.zeros(1)).values
+    ).rotations
     assert len(turns) >= least and count_missing(turns, placed[:, links], 1e-5) == 0
 
 
@@ -68,7 +70,7 @@ def test_curves_that_are_short_along_the_input_are_met():
     solver = solver_of(made)
     turn = np.array([np.pi])
     _, values, _ = next(random_starts(solver, -turn, turn))
-    assert np.max(solver.closure.at(values).closure_residual) < 1e-12
+    assert np.max(solver.closure.linearise(values).closure_residual) < 1e-12
     swing = values[:, solver.input_variable]
     assert np.all(np.abs(swing) <= np.pi)
     assert np.ptp(swing[np.abs(swing) < 0.1]) < np.radians(1.5)

@@ -124,8 +124,8 @@ def count_platform_configurations(position_analysis):
     crank_ends = []
     for leg in (1, 2, 3):
         crank = mechanism.link_number[f"crank{leg}"]
-        crank_ends.append(state.within[crank] @ axis(f"b{leg}", 0))
-    base_rotation = state.within[mechanism.link_number["base"]]
+        crank_ends.append(state.body_from_link[crank] @ axis(f"b{leg}", 0))
+    base_rotation = state.body_from_link[mechanism.link_number["base"]]
     # (samples, 3 legs, 3 components) in the frame of the base
     crank_ends = np.einsum("nji,nkj->nki", base_rotation, np.stack(crank_ends, axis=1))
     coupler_arcs = [np.arccos(axis(f"b{leg}", 1) @ axis(f"c{leg}", 0)) for leg in (1, 2, 3)]
@@ -334,7 +334,7 @@ def test_small_newton_steps_join_the_rows_of_a_mode():
     driven = list(position_analysis.solver.driven)
 
     def determinant_signs(values):
-        passive_columns = np.delete(closure.at(values).jacobian, driven, axis=2)
+        passive_columns = np.delete(closure.linearise(values).jacobian, driven, axis=2)
         return np.linalg.slogdet(passive_columns)[0]
 
     mode_count = len(position_analysis.assembly_modes)
@@ -592,7 +592,7 @@ def test_a_chain_of_26_links_has_608_modes():
     assemblies = enumerate_assemblies(solver, np.zeros(1))
     assert len(assemblies.values) == 608
     assert assemblies.is_complete
-    closed = solver.closure.at(assemblies.values)
+    closed = solver.closure.linearise(assemblies.values)
     assert np.max(closed.closure_residual) < 1e-12
     rotations = closed.rotations.reshape(608, -1)
     for rotation in rotations:

@@ -33,7 +33,7 @@ def test_what_holds_loops_together_is_what_mujoco_says(name):
     mujoco.mj_forward(model, data)
     faster = [data.qacc[dofs[hinges.index(item.pair)]] for item in made.inputs]
     assert faster == pytest.approx(begun.input_accelerations[0], rel=3e-4)
-    frames = found.equation.closure.at(begun.values).frames[0]
+    frames = found.equation.closure.linearise(begun.values).frames[0]
     moments = found.moments(np.zeros(1)).moments[0]
     on_links = np.zeros((len(made.links), 3))
     for number, pair in enumerate(made.pairs):

@@ -78,7 +78,7 @@ def folder(request, monkeypatch, tmp_path):
 
     name = request.node.name
     if SHOWS_A_POSE not in name and "answers" not in name:
-        monkeypatch.setattr(Closure, "at", refused)
+        monkeypatch.setattr(Closure, "linearise", refused)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -73,7 +73,7 @@ def test_orientations_return(name, count):
         start[:, free] += 1e-4 * rows.type_2[good][:, None] * noise[: np.sum(good)]
         values = own.closure.solve(start, own.driven).values
         back = output_orientations(
-            solver.mechanism, solver.output, own.closure.at(values).rotations
+            solver.mechanism, solver.output, own.closure.linearise(values).rotations
         )
         keeps_the_law(angles_between(back, poses[good]), rows.type_2[good])
         again = solver.inverse(back, [mode])

@@ -201,7 +201,7 @@ def check_points(position_analysis, points, kind):
     turns = (points.inputs - values[:, driven]) / (2.0 * np.pi)
     assert np.max(np.abs(turns - np.round(turns)), initial=0.0) < 1e-9
     values[:, driven] = points.inputs
-    closure = solver.closure.at(values)
+    closure = solver.closure.linearise(values)
     assert np.max(closure.closure_residual, initial=0.0) < 1e-12
 
     low, high = np.transpose([item.range for item in mechanism.inputs])

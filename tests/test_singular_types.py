@@ -61,7 +61,7 @@ def kernel_type(mechanism, values, output):
     values
         (V,) variables of the configuration in rad.
     """
-    closure = solver_of(mechanism).closure.at(values[None])
+    closure = solver_of(mechanism).closure.linearise(values[None])
     link_count = len(mechanism.links)
     pair_count = len(mechanism.pairs)
     equations = np.zeros((3 * pair_count, 3 * link_count + pair_count))
@@ -171,7 +171,7 @@ def test_types_of_singular_rows_are_those_of_the_kernel(mechanism, expected):
             item for item in mechanism.outputs if f"{item.link}/{item.relative_to}" == name
         )
         values = of_rows(rows, mechanism)
-        closure = solver_of(mechanism).closure.at(values)
+        closure = solver_of(mechanism).closure.linearise(values)
         assert np.max(closure.closure_residual, initial=0.0) < 1e-12
         step = 1 + len(rows) // 60
         for kind, configuration in zip(rows.kind[::step], values[::step], strict=True):
@@ -260,7 +260,9 @@ def random_mechanism_with_outputs(seed):
 def closed(solver, count):
     """Return configurations (n, V) not far from where all variables are zero."""
     random = np.random.default_rng(1)
-    starts = random.uniform(-0.8, 0.8, (2 * count, len(solver.closure.tree.owners)))
+    starts = random.uniform(
+        -0.8, 0.8, (2 * count, len(solver.closure.tree.pair_of_variable))
+    )
     if solver.reference is None:
         return closed_configurations(solver, 4 * count, random)[:count]
     starts[0] = 0.0

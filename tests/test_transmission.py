@@ -46,7 +46,7 @@ def compute_axes(mechanism, values):
     directions
         (n, 3) directions of an output that points, None for an output that is a pose.
     """
-    closure = PositionSolver(mechanism, plan_assembly(mechanism)).closure.at(values)
+    closure = PositionSolver(mechanism, plan_assembly(mechanism)).closure.linearise(values)
     output = mechanism.outputs[0]
     if len(mechanism.inputs) != 2 or output.direction is None:
         return closure.vectors, None
@@ -226,7 +226,7 @@ def test_the_measure_does_not_depend_on_the_frame_or_the_ground(name):
     motion = PositionAnalysis(mechanism, samples=3, assembly_mode=0).motion()
     values = motion.values[~motion.failed][:2]
     plan = plan_assembly(mechanism, by_rank=True)
-    closure = PositionSolver(mechanism, plan).closure.at(values)
+    closure = PositionSolver(mechanism, plan).closure.linearise(values)
     transmission = Transmission.from_mechanism(mechanism, mechanism.outputs[0])
     axes = closure.vectors
     directions = transmission.output_directions(closure.rotations)

@@ -384,7 +384,7 @@ class EquivalentRotation(AbstractAnalysis):
                     why_no_schedule = str(problem)
         return RotationResult(
             mechanism=mechanism,
-            orient_links=lambda values: solver.closure.at(values).rotations,
+            orient_links=lambda values: solver.closure.linearise(values).rotations,
             output=output,
             start=start,
             start_number=start_number,

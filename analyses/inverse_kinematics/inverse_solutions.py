@@ -323,7 +323,7 @@ class InverseSolutions:
         mechanism = self.mechanism
         solutions = self.solutions
         closure = solver_of(mechanism).closure
-        rotations = closure.at(solutions.values[rows]).rotations
+        rotations = closure.linearise(solutions.values[rows]).rotations
         reference = rotations[:, mechanism.link_number[self.solver.output.relative_to]]
         directions = self._directions()[solutions.pose[rows]]
         lines = [

@@ -155,7 +155,7 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
     curve = sampled.curves[number]
     links = sampled.report.outputs[output]
     # Number of the variable of the pair between both links, None if there is no such pair.
-    variable = sampled.tracer.mechanism.angle_between(*links)
+    variable = sampled.position_analysis.mechanism.angle_between(*links)
     points = [
         point
         for point in sampled.report.points
@@ -186,7 +186,7 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
             f" at {_format_degrees(high)} deg" if variable is not None else ""
         )
 
-    input_variable = sampled.tracer.solver.input_variable
+    input_variable = sampled.position_analysis.solver.input_variable
     input_ends = curve.at(s[[0, -1]]).values[:, input_variable]
     input_revolutions = np.ptp(input_ends) / (2.0 * np.pi)
     if is_unfinished and input_revolutions > 1.0 and not reverses:

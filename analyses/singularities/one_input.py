@@ -131,7 +131,9 @@ class OneInput:
 
     def _name_links(self, links: Iterable[int]) -> str:
         """Return the names of links, given by their numbers, such as ``4/1``."""
-        return "/".join(self.sampled.tracer.mechanism.links[link] for link in links)
+        return "/".join(
+            self.sampled.position_analysis.mechanism.links[link] for link in links
+        )
 
     @cached_property
     def points(self) -> Columns:
@@ -174,7 +176,11 @@ class OneInput:
         """
         sampled = self.sampled
         # The part of the mechanism on which the outputs depend, if it is not the whole.
-        part = None if sampled.tracer is self.batch.tracer else sampled.tracer
+        part = (
+            None
+            if sampled.position_analysis is self.batch.tracer
+            else sampled.position_analysis
+        )
         # At type III curves cross.
         is_crossing = point.type is Type.III
 
@@ -372,7 +378,7 @@ class OneInput:
             counts += f", {_format_counts(counts_outside)} outside"
         curves = counted(len(sampled.curves), "configuration curve")
         # Perhaps only a part of the mechanism was searched, on which the outputs depend.
-        links_of_part = sampled.tracer.mechanism.links
+        links_of_part = sampled.position_analysis.mechanism.links
         if len(links_of_part) < len(self.batch.mechanism.links):
             curves += f" of the links {listing(links_of_part)}"
         return f"{counts} on {curves}; {sampled.configurations.claim}"
@@ -430,7 +436,7 @@ class OneInput:
                 links = sampled.report.outputs[output]
                 # The output of two links that a pair joins is the pair's angle, which is
                 # drawn modulo turns.
-                if sampled.tracer.mechanism.angle_between(*links) is not None:
+                if sampled.position_analysis.mechanism.angle_between(*links) is not None:
                     angle = wrap(angle)
                 q = sampled.input_at(number, s)
                 lines[number, output] = np.stack([q, angle], axis=1)
@@ -515,7 +521,9 @@ class OneInput:
         ]
         # Orientations of all links (singularities, links, 3, 3).
         rotations = np.stack(configurations)
-        parts: list[Primitive] = [*link_bodies(sampled.tracer.mechanism, rotations)]
+        parts: list[Primitive] = [
+            *link_bodies(sampled.position_analysis.mechanism, rotations)
+        ]
         for name, label in LABEL_OF_AXIS.items():
             # Pole axes (singularities, 3) with this name; NaN where an axis is undefined.
             axes = np.concatenate([getattr(poles, name) for poles in six_poles])

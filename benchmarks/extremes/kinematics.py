@@ -91,7 +91,7 @@ def judged(
     position_analysis = PositionAnalysis(reference.mechanism, path=path, search=search)
     motion = position_analysis.motion()
     mechanism = position_analysis.mechanism
-    moved_pair = mechanism.pairs[reference.tree.owners[reference.moved]].name
+    moved_pair = mechanism.pairs[reference.tree.pair_of_variable[reference.moved]].name
     requested_poles = all_poles(len(mechanism.links)) if poles else ()
     rates = [(0, link) for link in range(1, len(mechanism.links))]
     pole_request = request(

@@ -196,14 +196,16 @@ class Reference:
         self.mechanism = mechanism
         self.tree = LoopTree.of_mechanism(mechanism)
         self.joints = make_joints(mechanism)
-        self.count = len(self.tree.owners)
+        self.count = len(self.tree.pair_of_variable)
         input_pairs = [item.pair for item in mechanism.inputs]
         variables = [
             mechanism.variables_of(mechanism.pair_number[pair])[0] for pair in input_pairs
         ]
         self.inputs = tuple(variables)
         self.moved = variables[input_pairs.index(moved) if moved else 0]
-        self.angles = [v for v, p in enumerate(self.tree.owners) if self.joints[p].has_axis]
+        self.angles = [
+            v for v, p in enumerate(self.tree.pair_of_variable) if self.joints[p].has_axis
+        ]
         with mp.workdps(DIGITS):
             self.data = self._read_data()
 

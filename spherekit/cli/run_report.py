@@ -285,6 +285,8 @@ def progress() -> Callable[[int, int], None]:
             seconds_per_sample = (now - first_time) / (done - first_done)
             remaining = duration(seconds_per_sample * (total - done))
             text = f"{done} of {total} samples, {remaining} s left"
-            reporter.tell(lambda: text)  # called only if the last message is old enough
+            reporter.report_if_due(
+                lambda: text
+            )  # called only if the last message is old enough
 
     return print_progress

@@ -618,7 +618,7 @@ class DesignEvaluator:
     def _anchor(self) -> Floats:
         """(inputs,) inputs (rad) at which passive angles are in (-pi, pi]."""
         mechanism = self.mechanism.with_inputs(*self.inputs)
-        return PositionSolver(mechanism, plan_assembly(mechanism)).anchor
+        return PositionSolver(mechanism, plan_assembly(mechanism)).anchor_inputs
 
     def unwrap_signed_mode(
         self, kernel: DesignKernel, prepared: Floats, signs: Sequence[float]

@@ -369,7 +369,7 @@ class DesignRuns:
             for row in range(len(kernel_rows.design))
         ]
         kernel_rows = self._add_figures(kernel_rows, kernel_modes, figures)
-        return DesignTable.joined([kernel_rows, run_rows])
+        return DesignTable.concatenate([kernel_rows, run_rows])
 
     def _add_figures(
         self, rows: DesignTable, modes: Sequence[TableMode], figures: FiguresByMode

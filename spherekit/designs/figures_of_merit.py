@@ -264,7 +264,7 @@ class DesignTable(ArrayRows):
         names
             Names of the figures of merit of all tables.
         """
-        table = DesignTable.joined([DesignTable.from_columns([], names), *parts])
+        table = DesignTable.concatenate([DesignTable.from_columns([], names), *parts])
         return table.rows(np.argsort(table.design, kind="stable"))
 
 

@@ -479,7 +479,7 @@ class Sensitivity:
         progress = ProgressReporter(f"{self.mechanism.name}: deviating mechanisms")
         for start in range(0, len(samples), block_size):
             # `tell` calls the function at once, and only if it shows the text.
-            progress.tell(
+            progress.report_if_due(
                 lambda: f"configuration {start + 1} of {len(samples)}"  # noqa: B023
             )
             block = slice(start, start + block_size)

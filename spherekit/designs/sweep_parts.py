@@ -391,7 +391,7 @@ class _Progress:
                     )
                     self.computed += 1
                     self._need_disk()
-                    reporter.tell(self._describe_progress)
+                    reporter.report_if_due(self._describe_progress)
             except KeyboardInterrupt as interrupt:
                 all_parts = counted(sweep.part_count, "part")
                 interrupt.add_note(

@@ -218,7 +218,7 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
     for k, start in enumerate(descent_starts):
         optima.append(descent.descend(start.mode, start.x))
         # `tell` calls the function at once, and only if it shows the text.
-        progress.tell(
+        progress.report_if_due(
             lambda: f"{k + 1} of {counted(len(descent_starts), 'descent')}"  # noqa: B023
         )
     # Modes without signs are tracked configurations, which may be no mode of a sweep.
@@ -229,7 +229,7 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
         optima = select_unbeaten(_merge_same_linkages(optima, descent), descent.tolerance)
         for k in range(len(optima)):
             optima[k] = descent.challenge(optima[k], optima)
-            progress.tell(
+            progress.report_if_due(
                 lambda: f"{k + 1} of {counted(len(optima), 'point')} attacked"  # noqa: B023
             )
     # Descents and challenges may have led to designs that others beat.
@@ -325,7 +325,7 @@ def _explore_designs(
         objectives_of_parts.append(objectives[best])
         design_count = min((number + 1) * sweep.part_size, sweep.space.count)
         # `tell` calls the function at once, and only if it shows the text.
-        progress.tell(lambda: f"{design_count} designs looked at")  # noqa: B023
+        progress.report_if_due(lambda: f"{design_count} designs looked at")  # noqa: B023
     if not feasible_count:
         raise DesignError(
             f"{sweep.mechanism.name}: none of {counted(sweep.space.count, 'design')} meets "

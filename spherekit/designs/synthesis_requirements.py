@@ -309,7 +309,7 @@ def evolve_fronts(
             out["F"][scores.design] = scores.objectives
             out["G"][scores.design, 0] = scores.violations
             # `tell` calls the function only if it shows the text.
-            progress.tell(lambda: f"front of mode {self.mode}")
+            progress.report_if_due(lambda: f"front of mode {self.mode}")
 
     # The evolution evaluates about as many designs as the sweep before.
     generation_count = max(sweep.space.count // POPULATION_SIZE, 1)

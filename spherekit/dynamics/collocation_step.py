@@ -182,7 +182,7 @@ class CollocationStep:
         The determinants; 1 if constraints are redundant, so that the matrix is not square.
         """
         values = self.evaluate_state(self.times[1:-1])[:, : rates.shape[2]]
-        matrices = np.concatenate([closure.at(values).jacobian, rates], axis=1)
+        matrices = np.concatenate([closure.linearise(values).jacobian, rates], axis=1)
         if matrices.shape[1] != matrices.shape[2]:
             return np.ones(len(values))
         return np.linalg.det(matrices)

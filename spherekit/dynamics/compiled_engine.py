@@ -300,7 +300,7 @@ def coordinates_at(problem: Problem, values: Floats) -> Names:
     if equation.freedoms == 1:
         return ()
     pair_of_variable = {v: pair for pair, v in equation.mechanism.angles.items()}
-    jacobian = equation.closure.at(values[None]).jacobian[0]
+    jacobian = equation.closure.linearise(values[None]).jacobian[0]
     # The last rows are an orthonormal basis of the possible velocities.
     velocity_basis = np.linalg.svd(jacobian)[2][-equation.freedoms :]
 

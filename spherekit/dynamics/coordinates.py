@@ -97,7 +97,7 @@ def motion_by_arc_length(
     order
         1 leaves out the second derivatives.
     """
-    linearisation = closure.at(values)
+    linearisation = closure.linearise(values)
     null_motion = solve_null_motion(closure.tree, linearisation.vectors)
     # The inverse is that of the velocity equations and of one more equation, which fixes
     # the length of the tangent. The last column belongs to the latter.
@@ -125,7 +125,7 @@ def motion_by_combinations(
     order
         1 leaves out the second derivatives.
     """
-    linearisation = closure.at(values)
+    linearisation = closure.linearise(values)
     count = frame.shape[-2]
     # For each row a linear system: the closure equations, then the coordinates.
     coordinate_rows = np.broadcast_to(frame, (len(values), *frame.shape[-2:]))
@@ -261,7 +261,7 @@ def reciprocal_condition(closure: Closure, values: Floats, freedoms: int = 1) ->
     freedoms
         Number of degrees of freedom.
     """
-    sizes = np.linalg.svd(closure.at(values[None]).jacobian[0], compute_uv=False)
+    sizes = np.linalg.svd(closure.linearise(values[None]).jacobian[0], compute_uv=False)
     rank = len(values) - freedoms
     if not rank:
         return 1.0

@@ -205,7 +205,7 @@ class EquationOfMotion:
         Number m of degrees of freedom.
     variable_count
         Number of pair variables.
-    momenta, works
+    momenta, load_work_rows
         Slices of the momenta and of the works in a state.
     """
 
@@ -225,7 +225,7 @@ class EquationOfMotion:
         self.loads = Loads(mechanism)
         self.variable_count = len(mechanism.variable_names)
         self.momenta = slice(self.variable_count, self.variable_count + freedoms)
-        self.works = slice(self.variable_count + freedoms, None)
+        self.load_work_rows = slice(self.variable_count + freedoms, None)
 
     def make_state(self, values: Floats, speed: Floats, frame: Floats) -> Floats:
         """Return the state at given positions and rates, before loads do any work.
@@ -274,7 +274,7 @@ class EquationOfMotion:
         # The same configuration, velocity and work in the new coordinates.
         values = state[: self.variable_count]
         new_state = self.make_state(values, new_frame @ variable_rates, new_frame)
-        new_state[self.works] = state[self.works]
+        new_state[self.load_work_rows] = state[self.load_work_rows]
         return new_state, new_frame
 
     def compute_motion(
@@ -310,13 +310,13 @@ class EquationOfMotion:
 
         The second value is the closure residual before the step, rad.
         """
-        linearisation = self.closure.at(values[None])
+        linearisation = self.closure.linearise(values[None])
         return _project_step(linearisation)[0], float(linearisation.closure_residual[0])
 
     def project(self, values: Floats) -> Floats:
         """Return configurations (n, variables) after `PROJECTION_STEPS` Newton steps."""
         for _ in range(PROJECTION_STEPS):
-            values = _project_step(self.closure.at(values))
+            values = _project_step(self.closure.linearise(values))
         return values
 
     def evaluate(

@@ -52,7 +52,7 @@ class Loads:
         Names of the loads.
     components
         Components of all loads, one load after the other.
-    owners
+    load_of_component
         Index of the load that each component belongs to.
     steep_arguments
         Arguments at whose zeros and extrema loads may change abruptly, see
@@ -75,11 +75,11 @@ class Loads:
         self.mechanism = mechanism
         self.names = tuple(load.name for load in mechanism.loads)
         components: list[LoadComponent] = []
-        self.owners: list[int] = []
+        self.load_of_component: list[int] = []
         for load_index, load in enumerate(mechanism.loads):
             load_components = load.components(mechanism)
             components += load_components
-            self.owners += [load_index] * len(load_components)
+            self.load_of_component += [load_index] * len(load_components)
         self.components = tuple(components)
         self.steep_arguments = find_steep_arguments(mechanism)
         # Friction that follows from reactions, with its coefficients.
@@ -99,7 +99,7 @@ class Loads:
             isinstance(component.magnitude, TorqueCallback) for component in self.components
         )
         # Index of the first component of each load.
-        self._first_components = np.unique(self.owners, return_index=True)[1]
+        self._first_components = np.unique(self.load_of_component, return_index=True)[1]
 
     def velocities(self, motion: CoordinateMotion) -> Floats:
         """Return the velocities on which the components work.

@@ -247,7 +247,7 @@ class Collocation:
         # B (kg m2), a momentum at unit speed is sqrt(B), and a kinetic energy about B.
         self.scales = np.ones(len(self.start_state))
         self.scales[equation.momenta] = np.sqrt(largest_inertia)
-        self.scales[equation.works] = largest_inertia
+        self.scales[equation.load_work_rows] = largest_inertia
         self.orientation = 0.0
         self.is_near_crossing = False
         self.max_closure_residual = 0.0
@@ -273,7 +273,9 @@ class Collocation:
                 t = self.reached
         self._progress_times.append((t, self.seconds + time.perf_counter() - started))
         # The text is only formed if a report is due.
-        is_due = self._progress.tell(lambda: f"{t:.4g} of {self.problem.until:.6g} s")
+        is_due = self._progress.report_if_due(
+            lambda: f"{t:.4g} of {self.problem.until:.6g} s"
+        )
         if is_due and self.end is None and self.problem.on_progress:
             self.problem.on_progress(self.simulation("it goes on"))
         return self.end is None
@@ -680,7 +682,7 @@ class Collocation:
             return False
         values = step.evaluate_state(np.array([t]))[0, : equation.variable_count]
         # Between sets that do not cross, a path from one to the other is not closed.
-        (closure_residual,) = equation.closure.at(values[None]).closure_residual
+        (closure_residual,) = equation.closure.linearise(values[None]).closure_residual
         condition = reciprocal_condition(equation.closure, values, equation.freedoms)
         return bool(
             closure_residual < MAX_CROSSING_TOLERANCE_RAD and condition < CROSSING_RATIO

@@ -133,7 +133,7 @@ def reduced_model(
         return f"{functions_fitted} of {len(scales)}"
 
     for group, labels in enumerate(labels_of_group):
-        progress.tell(describe_progress)
+        progress.report_if_due(describe_progress)
         # The scales of all groups are in one array, group after group.
         group_scales = scales[functions_fitted : functions_fitted + len(labels)]
         functions_fitted += len(labels)
@@ -237,7 +237,7 @@ def reduced_grid_model(
     def evaluate(inputs: Floats) -> Floats:
         """Return all functions (n, F) at inputs (n, m), and report the progress."""
         # The text is only formed if it is shown.
-        progress.tell(lambda: f"{len(inputs)} places")
+        progress.report_if_due(lambda: f"{len(inputs)} places")
         return sampler.evaluate(inputs, len(labels))
 
     series = TensorChebyshev.fit(

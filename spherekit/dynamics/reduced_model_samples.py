@@ -137,12 +137,12 @@ def load_velocity_names(loads: Loads) -> dict[int, str]:
     """
     names = {}
     # `owners` has the index of the load to which each component belongs.
-    for component, load in enumerate(loads.owners):
+    for component, load in enumerate(loads.load_of_component):
         if loads.components[component].pair:
             continue
         names[component] = f"load {loads.names[load]}"
-        if loads.owners.count(load) > 1:
-            first_component = loads.owners.index(load)
+        if loads.load_of_component.count(load) > 1:
+            first_component = loads.load_of_component.index(load)
             names[component] += f" {'xyz'[component - first_component]}"
     return names
 
@@ -240,7 +240,7 @@ class Sampler:
         if self.has_dynamics:
             labels += self._label_inertia(heading)
         for component, velocity_name in self.load_velocities.items():
-            load = self.loads.owners[component]
+            load = self.loads.load_of_component[component]
             unit = self.mechanism.loads[load].velocity_unit
             # Along a curve the components of one load share a scale. Over a box each
             # component has its own.
@@ -780,7 +780,7 @@ def _describe_loads(
         works_on = []
         expressions = []
         for component_index, component in enumerate(loads.components):
-            if loads.owners[component_index] != load_index:
+            if loads.load_of_component[component_index] != load_index:
                 continue
             # A component at a pair works on the pair variable, others on load velocities.
             works_on.append(load_velocities.get(component_index, f"theta_{component.pair}"))

@@ -109,7 +109,7 @@ class StatePath:
             part = self.parts[part_of_row[rows[0]] if len(rows) else 0]
             results.append(part(t[rows]))
         # Back to the order of the times.
-        return PathStates.joined(results).rows(np.argsort(order))
+        return PathStates.concatenate(results).rows(np.argsort(order))
 
 
 def make_collocation_path(

@@ -303,7 +303,7 @@ class Simulation:
         centripetal = np.einsum("nijv,ni,nj->nv", motion.second, speed, speed)
         value_rates = rates_by_time(motion, speed)
         value_accelerations = rates_by_time(motion, dynamics.accelerations) + centripetal
-        closed = equation.closure.at(states[:, : equation.variable_count])
+        closed = equation.closure.linearise(states[:, : equation.variable_count])
         return History(
             t=times,
             inputs=motion.values[:, driven],
@@ -317,7 +317,7 @@ class Simulation:
             Q=dynamics.forces,
             kinetic=0.5 * np.sum(states[:, equation.momenta] ** 2, axis=1),
             power=dynamics.power,
-            work=states[:, equation.works],
+            work=states[:, equation.load_work_rows],
             residual=closed.closure_residual,
         )
 
@@ -350,10 +350,10 @@ class Simulation:
         t = np.append(np.minimum(t, self.end.t), self.end.t)
         path_states, dynamics = self._evaluate(t)
         states = path_states.states
-        closed = equation.closure.at(states[:, : equation.variable_count])
+        closed = equation.closure.linearise(states[:, : equation.variable_count])
         momenta = states[:, equation.momenta]
         kinetic = 0.5 * np.sum(momenta**2, axis=1)
-        work = np.sum(states[:, equation.works], axis=1)
+        work = np.sum(states[:, equation.load_work_rows], axis=1)
         rate_errors = path_states.rates[:, equation.momenta] - dynamics.momentum_rates
         # At the end a load may jump, or the rates may have no value.
         rate_errors[t >= self.end.t] = 0.0

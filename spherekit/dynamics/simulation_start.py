@@ -203,7 +203,7 @@ def prepare(
         values, turns = _find_configuration(mechanism, q, assembly_mode)
 
     # The velocities that are possible there.
-    linearisation = closure.at(values[None])
+    linearisation = closure.linearise(values[None])
     freedoms = int(rank_mobility(closure.tree, linearisation.vectors)[0])
     if freedoms != len(inputs):
         raise SolveError(
@@ -376,7 +376,7 @@ def _close_start(
     """
     name = mechanism.name
     start_values = np.array(values, dtype=float)
-    count = len(closure.tree.owners)
+    count = len(closure.tree.pair_of_variable)
     if start_values.shape != (count,) or not all_finite(start_values):
         raise SolveError(
             f"{name}: values at the start must be {count} finite numbers, one for each "

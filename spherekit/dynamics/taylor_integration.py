@@ -355,7 +355,9 @@ class TaylorIntegration:
                     )
                     steps += steps_tried
                     # The text is only formed if it is shown.
-                    progress.tell(lambda: f"{self.time:.4g} of {targets[-1]:.6g} s")
+                    progress.report_if_due(
+                        lambda: f"{self.time:.4g} of {targets[-1]:.6g} s"
+                    )
                     if end is None and steps >= MAX_TAYLOR_STEPS:
                         end = "too_many"
                 if end != "time":

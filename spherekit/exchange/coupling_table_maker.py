@@ -125,7 +125,7 @@ def coupling_table(
     progress = ProgressReporter("filling the table")
     while True:
         grid_text = "x".join(map(str, node_counts))
-        progress.tell(partial(str, grid_text))  # called only if a report is due
+        progress.report_if_due(partial(str, grid_text))  # called only if a report is due
         table = _compute_table(
             mechanism,
             assembly_mode,

@@ -553,7 +553,9 @@ def _dyad_signs(terms: DesignExpressions, values: Floats) -> Floats:
     """
     mechanism = terms.mechanism
     # (n, variables, 3) direction of the axis of each variable
-    vectors = Closure.of_mechanism(mechanism, make_joints(mechanism)).at(values).vectors
+    vectors = (
+        Closure.of_mechanism(mechanism, make_joints(mechanism)).linearise(values).vectors
+    )
     signs: list[float] = []
     # In closed form every group is a dyad.
     for group in terms.structure.assembly.groups:

@@ -142,7 +142,7 @@ def construct_rigid_bodies(
     # The configuration: orientations of links, and frames of pairs (z is the pair axis).
     pairs = mechanism.pairs
     links = mechanism.links
-    pose = Closure.of_mechanism(mechanism, make_joints(mechanism)).at(values[None])
+    pose = Closure.of_mechanism(mechanism, make_joints(mechanism)).linearise(values[None])
     rotations = pose.rotations[0]
     pair_frames = pose.frames[0]
     link_inertias = find_link_inertias(mechanism)

@@ -188,7 +188,7 @@ def find_orientations(
         error = float(cells.error.sum())
         wanted_error = tolerance * volume
         message = f"volume {volume:.4g} +- {error:.2g}, to be known to {wanted_error:.2g}"
-        progress.tell(partial(str, message))  # called only if a report is due
+        progress.report_if_due(partial(str, message))  # called only if a report is due
         if error <= wanted_error:
             break
         # All uncertain cells at this limit would together use half of the wanted error.
@@ -284,7 +284,7 @@ class _OrientationCells:
 
         # The new parts come after the cells that are not halved.
         remaining = np.delete(np.arange(len(self.volume)), selected)
-        self.boxes = _Boxes.joined([self.boxes.rows(remaining), parts])
+        self.boxes = _Boxes.concatenate([self.boxes.rows(remaining), parts])
         self.volume = np.concatenate([self.volume[remaining], volume])
         self.error = np.concatenate([self.error[remaining], error])
 

@@ -370,7 +370,7 @@ class RegionRefinement:
         is_audited = self.is_contested[triangle] & segments.is_sound
         segments.audit(self.evaluate, np.flatnonzero(is_audited))
         self.classes[triangle[~segments.is_sound]] = TriangleClass.OPEN
-        self.segments = BorderSegments.joined([self.segments, segments])
+        self.segments = BorderSegments.concatenate([self.segments, segments])
 
     def _find_edge_crossings(self, first: Indices, second: Indices) -> Indices:
         """Return the numbers of the crossings of edges with the border.

@@ -78,11 +78,11 @@ class PairStates(NamedTuple):
             np.ones((n, pairs), dtype=bool),
         )
 
-    def take(self, pairs: slice | list[int]) -> "PairStates":
+    def select_pairs(self, pairs: slice | list[int]) -> "PairStates":
         """Return the states of some of the pairs."""
         return PairStates._make(array[:, pairs] for array in self)
 
-    def put(self, pairs: slice | list[int], states: "PairStates") -> None:
+    def assign_pairs(self, pairs: slice | list[int], states: "PairStates") -> None:
         """Replace the states of some of the pairs, in place."""
         for array, new_values in zip(self, states, strict=True):
             array[:, pairs] = new_values

@@ -25,7 +25,7 @@ class ArrayRows:
         )
         return type(self)(**selected)
 
-    def put(self, rows: Indices, new: Self) -> None:
+    def assign_rows(self, rows: Indices, new: Self) -> None:
         """Replace some rows of all arrays in place by the rows of another record.
 
         Arrays in dictionaries and nested records are changed too; tuples of arrays are not.
@@ -42,13 +42,13 @@ class ArrayRows:
             if isinstance(value, np.ndarray):
                 value[rows] = new_values[name]
             elif isinstance(value, ArrayRows):
-                value.put(rows, new_values[name])
+                value.assign_rows(rows, new_values[name])
             elif isinstance(value, Mapping):
                 for key, array in value.items():
                     array[rows] = new_values[name][key]
 
     @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
+    def concatenate(cls, parts: Sequence[Self]) -> Self:
         """Return a record with the rows of all parts in their order.
 
         Fields that are not arrays are those of the first part.
@@ -56,7 +56,7 @@ class ArrayRows:
         joined = _transform_fields(
             [_field_values(part) for part in parts],
             combine_arrays=np.concatenate,
-            combine_records=lambda records: type(records[0]).joined(records),
+            combine_records=lambda records: type(records[0]).concatenate(records),
         )
         return cls(**joined)
 

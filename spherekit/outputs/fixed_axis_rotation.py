@@ -539,7 +539,7 @@ def follow_to(
     output_link = OutputLink.from_output(mechanism, chosen_output(mechanism, output))
     start_values = _check_values(output_link, values, mechanism.name)
     # (1, links, 3, 3) orientations of all links at the start.
-    start_rotations = output_link.closure.at(start_values[None]).rotations
+    start_rotations = output_link.closure.linearise(start_values[None]).rotations
     target = np.asarray(orientation, dtype=float)
     is_right_handed = target.shape == (3, 3) and np.linalg.det(target) > 0.0
     if (
@@ -562,7 +562,7 @@ def _check_values(
         If their number is wrong or one of them is not finite.
     """
     array = np.asarray(values, dtype=float)
-    variable_count = len(output_link.closure.tree.owners)
+    variable_count = len(output_link.closure.tree.pair_of_variable)
     if array.shape != (variable_count,) or not all_finite(array):
         raise SolveError(
             f"{mechanism_name}: the configuration to start from has to be "

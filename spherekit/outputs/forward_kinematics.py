@@ -151,7 +151,7 @@ def find_configurations(
             signs.append(mode)
     variable_count = len(solver.mechanism.variable_owners)
     all_values = np.array(values).reshape(-1, variable_count)
-    link_rotations = solver.closure.at(all_values).rotations
+    link_rotations = solver.closure.linearise(all_values).rotations
     orientations = output_orientations(solver.mechanism, output, link_rotations)
     return PoseSolutions(
         row=np.array(row, dtype=np.intp),

@@ -580,7 +580,9 @@ class InverseKinematics:
         values, _ = measure_pair_angles(ends, joints, np.concatenate(link_rotations))
         # A dyad whose outer axes coincide is placed by rounding errors, and its loops
         # remain open. Such configurations are left out.
-        residual = Closure.of_mechanism(self.own, tuple(joints)).at(values).closure_residual
+        residual = (
+            Closure.of_mechanism(self.own, tuple(joints)).linearise(values).closure_residual
+        )
         is_closed = residual < CLOSING_RESIDUAL
         # Numbers of the closed configurations, sorted by their directions.
         order = np.argsort(row, kind="stable")

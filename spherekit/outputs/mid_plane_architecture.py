@@ -402,7 +402,7 @@ class MidPlaneArchitecture:
             values, residuals = self.values(self.place(normals, modes))
             gap = max(gap, float(np.max(residuals)))
         closure = Closure.of_mechanism(self.mechanism, self.joints)
-        mobility = rank_mobility(closure.tree, closure.at(values).vectors)
+        mobility = rank_mobility(closure.tree, closure.linearise(values).vectors)
         return gap, int(np.min(mobility))
 
     def check_reach(self, normal: Floats) -> None:

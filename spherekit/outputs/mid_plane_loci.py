@@ -334,7 +334,7 @@ class _MidPlaneCurveSearch:
         values, _residuals = self.form.values(self.form.place(normals, signs))
         determinants = nans(len(normals))
         rows = np.flatnonzero(all_finite(values, 1))
-        jacobian = self.locus.closure.at(values[rows]).jacobian
+        jacobian = self.locus.closure.linearise(values[rows]).jacobian
         determinants[rows] = np.linalg.det(jacobian[:, :, self.passive])
         return determinants
 

@@ -134,9 +134,9 @@ class InverseRows(ArrayRows):
         )
 
     @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
+    def concatenate(cls, parts: Sequence[Self]) -> Self:
         """Return the rows of several modes, those of a pose together."""
-        rows = super().joined(parts)
+        rows = super().concatenate(parts)
         return rows.rows(np.argsort(rows.pose, kind="stable"))
 
 
@@ -248,7 +248,7 @@ class OutputKinematics:
 
     def residual(self, values: Floats) -> Floats:
         """Return the closure residuals (n,) in rad at values (n, variables)."""
-        return self._closure.at(values).closure_residual
+        return self._closure.linearise(values).closure_residual
 
     @cached_property
     def _forward(self) -> ForwardKinematics:
@@ -330,4 +330,4 @@ class ClosedKinematics(OutputKinematics, ABC):
                     limits=limits,
                 )
             parts.append(part.with_status())
-        return InverseRows.joined(parts)
+        return InverseRows.concatenate(parts)

@@ -170,4 +170,4 @@ class GraphKinematics(OutputKinematics):
             limits=(),
         )
         # `joined` sorts the rows by pose.
-        return InverseRows.joined([rows.with_status()])
+        return InverseRows.concatenate([rows.with_status()])

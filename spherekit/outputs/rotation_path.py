@@ -396,7 +396,9 @@ class RotationPath:
             is_regular = nodes.stability > SINGULAR_TARGET_CONDITION
 
         # 4. The interpolation between both ends has to agree with the middle.
-        interpolated, _ = PathNodes.joined([node, next_node]).interpolate(middle_node.theta)
+        interpolated, _ = PathNodes.concatenate([node, next_node]).interpolate(
+            middle_node.theta
+        )
         middle_error = max_abs(interpolated - middle_node.values)
         is_predicted = STEP_VERIFICATION.accepts_middle(
             middle_error, change, CLOSURE_TOLERANCE
@@ -443,7 +445,7 @@ class RotationPath:
             # agree with the Hermite polynomial through both nodes. Configurations next to
             # the singular one are too inaccurate to be compared.
             inner_theta = node.theta + length * np.arange(0.2, 0.9, 0.2)
-            both_nodes = PathNodes.joined([node, next_node])
+            both_nodes = PathNodes.concatenate([node, next_node])
             guess, _ = both_nodes.interpolate(inner_theta)
             inner_nodes, _ = self._correct_nodes(inner_theta, guess)
             is_comparable = inner_nodes.condition > COMPARABLE_CONDITION
@@ -510,7 +512,7 @@ class RotationPath:
             if next_node is not None:
                 nodes.append(next_node)
             step *= 0.5 if next_node is None else 2.0
-        return TrackedPath(PathNodes.joined(nodes), end_status, tuple(leaps))
+        return TrackedPath(PathNodes.concatenate(nodes), end_status, tuple(leaps))
 
 
 def _longest_step(node: PathNodes) -> float:

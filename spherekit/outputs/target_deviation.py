@@ -103,7 +103,7 @@ class OutputLink:
             (n or 1, 3, 3) rotations from the axes of the output link to those of body 0.
         """
         # Orientations of all links, and the rotation vector of each variable at unit rate.
-        linearisation = self.closure.at(values)
+        linearisation = self.closure.linearise(values)
         orientations = linearisation.rotations[:, self.number]
         # For each variable 1 or -1 if its pair is on the path from body 0 to the output
         # link, 0 otherwise.
@@ -321,13 +321,13 @@ class TargetDeviation:
         """
         tree = self.linearisation.tree
         # For each variable the first body of its pair, which carries the axis.
-        first_bodies = tree.firsts[list(tree.owners)]
+        first_bodies = tree.first_bodies[list(tree.pair_of_variable)]
         body_accelerations = tree.body_rates(vector_rates, rates)[:, first_bodies]
         angular_velocities = self.linearisation.body_rates(rates)[:, first_bodies]
         result = cross(body_accelerations, self.linearisation.vectors)
         result += cross(angular_velocities, vector_rates)
         joints = self.linearisation.joints
-        is_contact = [not joints[pair].has_axis for pair in tree.owners]
+        is_contact = [not joints[pair].has_axis for pair in tree.pair_of_variable]
         result[:, is_contact] = np.nan
         result[~self._is_off_target] = 0.0
         return result

@@ -111,7 +111,7 @@ def _list_possible_lengths(
     """
     tree = held_solver.closure.tree
     # The contacts whose rolled lengths these are. `owners` has the pair of each variable.
-    contacts = [tree.owners[v] for v in gear_phases.variables]
+    contacts = [tree.pair_of_variable[v] for v in gear_phases.variables]
     joints = [held_solver.closure.joints[contact] for contact in contacts]
     # For each contact the lengths that differ by whole revolutions, then combinations of
     # one length for each contact.

@@ -195,7 +195,7 @@ class AngleUnwrapping:
         # Angles that gear ratios fix are linear functions of the inputs, which need not be
         # followed. Their revolutions at the anchor are subtracted.
         linear_variables = set(self._driven)
-        anchor_angles = self.solver.gear_train_angles(self.solver.anchor[None])
+        anchor_angles = self.solver.gear_train_angles(self.solver.anchor_inputs[None])
         for pair, angle in self.solver.gear_train_angles(q).items():
             (variable,) = self.solver.mechanism.variables_of(pair)
             anchor_revolutions = count_revolutions(anchor_angles[pair])
@@ -376,7 +376,7 @@ class AngleUnwrapping:
         nearest to the anchor.
         """
         (driven,) = self._driven
-        (anchor,) = self.solver.anchor
+        (anchor,) = self.solver.anchor_inputs
         angles = self._angles
         if np.isfinite(period):
             # One period from the anchor on contains all configurations. The start is
@@ -452,8 +452,8 @@ class AngleUnwrapping:
         first = chain[begins_part]
         periods = self.solver.periods
         q = first[:, self._driven]
-        whole_periods = whole_laps(q - self.solver.anchor, periods)
-        goal = np.full_like(q, self.solver.anchor)
+        whole_periods = whole_laps(q - self.solver.anchor_inputs, periods)
+        goal = np.full_like(q, self.solver.anchor_inputs)
         near_anchor = self.solver.shift_inputs(first, q - whole_periods)
         followed = follow_inputs(self._closure, self._driven, near_anchor, goal)
         at_anchor = followed.nodes.values
@@ -466,7 +466,9 @@ class AngleUnwrapping:
         # Add the revolutions that the angles gain in these whole periods of the inputs. For
         # each part and each input with such periods, the gain in one period is measured
         # from the anchor on, unless the anchor is singular.
-        jacobian = np.delete(self._closure.at(at_anchor).jacobian, self._driven, axis=2)
+        jacobian = np.delete(
+            self._closure.linearise(at_anchor).jacobian, self._driven, axis=2
+        )
         is_connected &= group_reciprocal_condition(jacobian) >= SINGULAR_GROUP_CONDITION
         parts, inputs = np.nonzero(whole_periods * is_connected[:, None])
         anchor_values = at_anchor[parts]

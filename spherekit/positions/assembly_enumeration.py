@@ -157,14 +157,14 @@ def _search_in_gear_phase(
     """
     # Random starts are near the anchor, which is the input from which rolled lengths are
     # counted. Whole periods between it and q are removed here, and added again at the end.
-    near_anchor = q - whole_laps(q - gear_phases.anchor, gear_phases.periods)
+    near_anchor = q - whole_laps(q - gear_phases.anchor_inputs, gear_phases.periods)
     rolled_lengths = gear_phases.rolled_lengths(near_anchor[None])
     locked_values = np.append(near_anchor, rolled_lengths)[None]
     locked_variables = [*solver.driven, *gear_phases.variables]
     closure = solver.closure.locked(locked_variables, locked_values)
     distinct = DistinctConfigurations(closure)
     search_group(closure, distinct)  # adds what it finds to `distinct`
-    variable_count = len(solver.closure.tree.owners)
+    variable_count = len(solver.closure.tree.pair_of_variable)
     values = np.reshape(distinct.values, (-1, variable_count))
     return solver.shift_inputs(values, q[None])
 
@@ -345,7 +345,7 @@ def group_signs(
     (n, groups) signs. 0 if the matrix is worse conditioned than `least`. Matrices that are
     not square have the sign 0; if `least` is 0 they have the sign 1.
     """
-    linearisation = solver.closure.at(values)
+    linearisation = solver.closure.linearise(values)
     signs = np.zeros((len(values), len(solver.assembly.groups)), dtype=np.int8)
     for position in range(signs.shape[1]):
         matrices = group_matrices(solver, linearisation, position)

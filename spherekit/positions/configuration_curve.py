@@ -250,7 +250,7 @@ class ArcCurve(Chords):
     @cached_property
     def table(self) -> ArcLength:
         """The arc length as a function of u, the sum of the chords between the nodes."""
-        jacobian = self.closure.at(self.nodes.values).jacobian
+        jacobian = self.closure.linearise(self.nodes.values).jacobian
         equations = bordered(jacobian, self.nodes.tangents)
         condition = bordered_reciprocal_condition(equations, left_inverse(equations))
         rounding = POINT_ROUNDING_FACTOR * EPS / np.minimum(condition[:-1], condition[1:])

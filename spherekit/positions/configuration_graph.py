@@ -151,7 +151,7 @@ class ConfigurationGraph:
             return nodes
         # The sign of the determinant with locked inputs distinguishes configurations that
         # are near to each other on both sides of a singular one.
-        linearisation = self.solver.closure.at(values[missing])
+        linearisation = self.solver.closure.linearise(values[missing])
         passive_jacobian = np.delete(linearisation.jacobian, self._driven, axis=2)
         signs = determinant_sign(passive_jacobian)
         is_regular = ~is_nearly_singular(linearisation, self._driven, SINGULAR_NODE_RATIO)
@@ -438,7 +438,7 @@ class ConfigurationGraph:
         ends_of_chunks = [np.empty(0, dtype=np.intp)]
         for first in range(0, len(nodes), PATHS_AT_ONCE):
             chunk = nodes[first : first + PATHS_AT_ONCE]
-            self._progress.tell(lambda: f"{len(self._nodes_of_piece)} pieces")
+            self._progress.report_if_due(lambda: f"{len(self._nodes_of_piece)} pieces")
             # The sample next to that of each node.
             target = self._neighbours[direction][self.sample[chunk]]
             is_verified, values = self._follow_paths(chunk, target)

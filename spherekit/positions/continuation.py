@@ -255,7 +255,7 @@ class CurveContinuation(ABC, Generic[Node]):
             chords = new_nodes.values - self.last_nodes.values[rows]
             self.lengths[rows] += np.linalg.norm(chords, axis=1)
             self._node_counts[rows] += 1
-            self.last_nodes.put(rows, new_nodes)
+            self.last_nodes.assign_rows(rows, new_nodes)
             self._trail.append((rows, new_nodes))
 
     def _find_closing_laps(
@@ -363,7 +363,7 @@ class CurveContinuation(ABC, Generic[Node]):
         for rows, new_nodes in self._trail:
             if row in rows:
                 nodes.append(new_nodes.rows(rows == row))
-        all_nodes = self.start_nodes.joined(nodes)
+        all_nodes = self.start_nodes.concatenate(nodes)
         is_kept = np.ones(len(all_nodes.values), dtype=bool)
         if self.is_closed[row]:
             # The node before the start is left out if it is practically the same point.

@@ -197,11 +197,11 @@ def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCur
     for row, values in enumerate(starts):
         with suppress(SolveError):
             start_nodes[row] = _make_start_node(
-                closure.take(np.array([row])), values, limits
+                closure.select_rows(np.array([row])), values, limits
             )
     rows = np.array([*start_nodes], dtype=np.intp)
     followed_curves = _follow_both_senses(
-        closure.take(rows), list(start_nodes.values()), limits, longest
+        closure.select_rows(rows), list(start_nodes.values()), limits, longest
     )
     curves: list[ArcCurve | None] = [None] * len(starts)
     for row, curve in zip(start_nodes, followed_curves, strict=True):
@@ -237,10 +237,10 @@ def _follow_both_senses(
     """
     if not starts:
         return []
-    start = _ArcNodes.joined(starts)
+    start = _ArcNodes.concatenate(starts)
     periods = variable_periods(closure)
     reversed_start = replace(start.plain, tangents=-start.tangents)
-    backward_start = _ArcNodes.of(closure.at(start.values), reversed_start, limits)
+    backward_start = _ArcNodes.of(closure.linearise(start.values), reversed_start, limits)
     forward = _ArcContinuation(
         start_nodes=start,
         periods=periods,
@@ -256,7 +256,7 @@ def _follow_both_senses(
         periods=periods,
         max_length=longest,
         max_step=MAX_CONTINUATION_STEP_RAD,
-        closure=closure.take(open_rows),
+        closure=closure.select_rows(open_rows),
         limits=limits,
     )
     backward.follow(FIRST_CONTINUATION_STEP_RAD)
@@ -306,7 +306,7 @@ def _join_senses(
         else:
             # The start is the last node of the reversed part, and is left out there.
             before_start = backward_nodes.reversed.rows(slice(-1))
-            nodes = CurvePoints.joined([before_start, nodes])
+            nodes = CurvePoints.concatenate([before_start, nodes])
             ends = (
                 Status(backward.end_status[backward_row]),
                 Status(forward.end_status[row]),
@@ -317,7 +317,7 @@ def _join_senses(
             "joint limits"
         )
     # The loops of this curve alone. Those of another one may have pairs locked elsewhere.
-    curve_closure = forward.closure.take(np.array([row]))
+    curve_closure = forward.closure.select_rows(np.array([row]))
     return ArcCurve(
         nodes=nodes,
         closure=curve_closure,
@@ -347,7 +347,7 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
     """
     if not all_finite(values):
         raise SolveError("the configuration to follow has to be finite, but is not")
-    residual = float(closure.at(values[None]).closure_residual[0])
+    residual = float(closure.linearise(values[None]).closure_residual[0])
     if not residual < MAX_START_RESIDUAL_RAD:
         raise SolveError(
             f"the configuration to follow does not close: its residual is {residual:.3g} "
@@ -389,7 +389,9 @@ def _find_motion(closure: Closure, values: Floats) -> Floats:
     # Rates with J rates = 0 keep the loops closed, where J is the closure Jacobian. The
     # last right singular vector is this motion if its singular value is zero. Variables in
     # excess of the equations have no singular value, and count as zero.
-    _, singular_values, right_vectors = np.linalg.svd(closure.at(values[None]).jacobian[0])
+    _, singular_values, right_vectors = np.linalg.svd(
+        closure.linearise(values[None]).jacobian[0]
+    )
     missing = len(right_vectors) - len(singular_values)
     singular_values = np.append(singular_values, np.zeros(missing))
     if singular_values[-1] > MIN_RIGID_RATIO * singular_values[0]:
@@ -462,7 +464,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         # Two points for each step: its middle and its end, one after the other. They are
         # corrected in the planes tangent . values = target, at the distances `parts`, which
         # are half the step and the whole step.
-        closure = self.closure.take(np.repeat(rows, 2))
+        closure = self.closure.select_rows(np.repeat(rows, 2))
         parts = distances[:, None] * STEP_PARTS
         prediction = extrapolate(nodes.values, nodes.tangents, nodes.bends, parts)
         borders = np.repeat(nodes.tangents, 2, axis=0)
@@ -517,13 +519,13 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
             Number of the limit, whose margin is positive on the near side and zero at it.
         """
         node = self.last_nodes.rows(row)
-        closure = self.closure.take(row)
+        closure = self.closure.select_rows(row)
         # A node that is at the limit already needs no further step.
         if node.margins[0, number] > CLOSURE_TOLERANCE:
 
             def compute_steps(values: Floats, _: Indices) -> Floats:
                 """Return Newton's steps (1, variables) to the limit on the curve."""
-                linearisation = closure.at(values)
+                linearisation = closure.linearise(values)
                 margins, gradients = self.limits.margins(
                     values,
                     linearisation.states.curvatures,

@@ -113,7 +113,7 @@ def find_crossing(closure: Closure, values: Floats) -> Crossing | None:
     rank, so that the loops allow several independent motions. The largest possible number
     of these is tried first.
     """
-    _, singular_values, _ = np.linalg.svd(closure.at(values[None]).jacobian[0])
+    _, singular_values, _ = np.linalg.svd(closure.linearise(values[None]).jacobian[0])
     rank = int(np.sum(singular_values > MAX_NULL_RATIO * singular_values[0]))
     for freedoms in range(max(2, len(values) - rank), 1, -1):
         crossing = _solve_crossing(closure, values, freedoms)
@@ -141,7 +141,9 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
     (n, variables) configurations (rad), `RADIUS_RAD` away in the space of the variables. If
     the configuration belongs to a surface of configurations, some points are returned.
     """
-    _, singular_values, right_vectors = np.linalg.svd(closure.at(values[None]).jacobian[0])
+    _, singular_values, right_vectors = np.linalg.svd(
+        closure.linearise(values[None]).jacobian[0]
+    )
     rank = int(
         np.sum(singular_values >= MOTION_RATIO * max(singular_values[0], MOTION_RATIO))
     )
@@ -159,7 +161,7 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
         offsets = points - values
         distances = np.linalg.norm(offsets, axis=1)
         directions = offsets / distances[:, None]
-        steps = bordered_step(closure.at(points), directions, RADIUS_RAD - distances)
+        steps = bordered_step(closure.linearise(points), directions, RADIUS_RAD - distances)
         return np.nan_to_num(steps)
 
     points = values + RADIUS_RAD * _spread_unit_vectors(len(motions)) @ motions
@@ -167,7 +169,7 @@ def find_outgoing_points(closure: Closure, values: Floats) -> Floats:
         step_to_sphere, points, MAX_CROSSING_STEPS, longest_step=0.5 * RADIUS_RAD
     )
     distances = np.linalg.norm(points - values, axis=1)
-    is_solution = closure.at(points).closure_residual < CLOSURE_TOLERANCE
+    is_solution = closure.linearise(points).closure_residual < CLOSURE_TOLERANCE
     is_solution &= np.abs(distances - RADIUS_RAD) < SAME_POINT_RATIO * RADIUS_RAD
     distinct: list[Floats] = []
     for point in points[is_solution]:
@@ -210,7 +212,7 @@ def _solve_crossing(closure: Closure, start: Floats, freedoms: int) -> Crossing 
     error = np.inf  # size (rad) of the last step
     has_converged = False
     for iteration in range(MAX_CROSSING_STEPS + 1):
-        linearisation = closure.at(x[None])
+        linearisation = closure.linearise(x[None])
         jacobian = linearisation.jacobian[0]
         residual = linearisation.residual[0]
         left_vectors, singular_values, right_vectors = np.linalg.svd(jacobian)
@@ -274,13 +276,13 @@ def compute_jacobian_rates(closure: Closure, values: Floats) -> Floats:
     # kept closed.
     count = len(values)
     tree = closure.tree
-    linearisation = closure.at(np.tile(values, (count, 1)))
+    linearisation = closure.linearise(np.tile(values, (count, 1)))
     # Angular velocities of the first and second bodies of all pairs. They differ only for
     # the pair that moves, by its velocity vector.
-    first_rates = linearisation.body_rates(np.eye(count))[:, tree.firsts]
+    first_rates = linearisation.body_rates(np.eye(count))[:, tree.first_bodies]
     second_rates = first_rates.copy()
     rows = np.arange(count)
-    second_rates[rows, list(tree.owners)] += linearisation.vectors[rows, rows]
+    second_rates[rows, list(tree.pair_of_variable)] += linearisation.vectors[rows, rows]
     return tree.jacobian(linearisation.vector_rates_of_pairs(first_rates, second_rates))
 
 

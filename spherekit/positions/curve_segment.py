@@ -178,7 +178,7 @@ def curve_points(
     linearisation
         The closure at the configurations.
     """
-    linearisation = closure.at(values)
+    linearisation = closure.linearise(values)
     inverse = left_inverse(bordered(linearisation.jacobian, borders))
     # The last column solves J t = 0, border . t = 1.
     tangents = unit_rows(inverse[:, :, -1])
@@ -220,7 +220,9 @@ def correct(
     def compute_steps(current_values: Floats, rows: Indices) -> Floats:
         """Return Newton's steps (k, variables) at the current values of some points."""
         misses = targets[rows] - np.vecdot(borders[rows], current_values)
-        return bordered_step(closure.take(rows).at(current_values), borders[rows], misses)
+        return bordered_step(
+            closure.select_rows(rows).linearise(current_values), borders[rows], misses
+        )
 
     return newton(
         compute_steps,

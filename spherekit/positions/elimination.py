@@ -79,7 +79,7 @@ def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
     """
     pair_count = len(group.pairs)
     # At zero angles the pair states are the frames of the pairs in their bodies.
-    pair_states = closure.at(np.zeros((1, pair_count))).states
+    pair_states = closure.linearise(np.zeros((1, pair_count))).states
     frames = np.stack([pair_states.first, pair_states.second])
     geometry = GroupGeometry(group, pair_frames=np.moveaxis(frames, 1, 2))
 

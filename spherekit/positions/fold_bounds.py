@@ -152,15 +152,15 @@ def place_at_folds(
     if not len(rows) or not 0 < len(passive) <= equations:
         return placement
     # Steps to the nearest root of the quadratic function, which is updated each time.
-    closure = closure.take(rows)
+    closure = closure.select_rows(rows)
     improved = values[rows]
     for _ in range(MAX_FOLD_NEWTON_STEPS):
-        linearisation = closure.at(improved)
+        linearisation = closure.linearise(improved)
         fold = _FoldModel(linearisation, passive)
         step = fold.step_to_nearest_root()
         is_small = max_abs(step, axis=1) < LARGEST_STEP_RAD
         improved[:, passive] += np.where(is_small[:, None], step, 0.0)
-    linearisation = closure.at(improved)
+    linearisation = closure.linearise(improved)
     fold = _FoldModel(linearisation, passive)
     values[rows] = improved
 
@@ -294,10 +294,10 @@ class _FoldModel:
                 x = side * reach
                 moved_values = self._linearisation.values.copy()
                 moved_values[:, self._free] += x[:, None] * self._direction
-                step = self._close_other_equations(closure.at(moved_values).residual)
+                step = self._close_other_equations(closure.linearise(moved_values).residual)
                 moved_values[:, self._free] += step
                 # There the residual along u must be that of f.
-                residual = np.vecdot(self._side, closure.at(moved_values).residual)
+                residual = np.vecdot(self._side, closure.linearise(moved_values).residual)
                 expected = self.residual + self.slope * x + 0.5 * self.curvature * x**2
                 is_bound &= np.abs(residual - expected) <= LARGEST_MODEL_ERROR * rise
                 # It must also have the sign of f beyond the roots, and be larger than the

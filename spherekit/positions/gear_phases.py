@@ -57,7 +57,7 @@ class GearPhases(NamedTuple):
     ----------
     variables
         Numbers of the m variables that are these rolled lengths.
-    anchor
+    anchor_inputs
         (inputs,) values of the inputs (rad) at which the lengths are `lengths`.
     lengths
         (m,) rolled lengths (rad) at the anchor.
@@ -73,7 +73,7 @@ class GearPhases(NamedTuple):
     """
 
     variables: tuple[int, ...]
-    anchor: Floats
+    anchor_inputs: Floats
     lengths: Floats
     ratios: Floats
     periods: Floats
@@ -81,7 +81,7 @@ class GearPhases(NamedTuple):
 
     def rolled_lengths(self, q: Floats) -> Floats:
         """Return the rolled lengths (n, m) in rad at inputs q (n, inputs) in rad."""
-        return self.lengths + (q - self.anchor) @ self.ratios.T
+        return self.lengths + (q - self.anchor_inputs) @ self.ratios.T
 
 
 def variable_periods(closure: Closure) -> Floats:
@@ -119,7 +119,7 @@ def make_gear_phases(
         no_ratios = np.zeros((0, len(anchor)))
         return GearPhases(
             variables=(),
-            anchor=anchor,
+            anchor_inputs=anchor,
             lengths=no_ratios[:, 0],
             ratios=no_ratios,
             periods=nans(len(anchor)),
@@ -127,7 +127,7 @@ def make_gear_phases(
         )
     # The rolled lengths of the contacts in the train. `owners` has the pair of each
     # variable.
-    variables = [v for v in rolling if closure.tree.owners[v] in train.contacts]
+    variables = [v for v in rolling if closure.tree.pair_of_variable[v] in train.contacts]
     ratios = train.length_ratios
     all_known = len(variables) == len(rolling)
     periods = np.full(len(anchor), np.inf)
@@ -138,7 +138,7 @@ def make_gear_phases(
         )
     return GearPhases(
         variables=tuple(variables),
-        anchor=anchor,
+        anchor_inputs=anchor,
         lengths=train.lengths + ratios @ anchor,
         ratios=ratios,
         periods=periods,

@@ -33,7 +33,7 @@ class AssemblyState:
     ----------
     joints, ends, variables
         The joint, the two links, and the numbers of the variables of each pair.
-    within
+    body_from_link
         Rotations (n, 3, 3) from the axes of each link, by its number, to the axes of its
         body. The axes of a body are those of one of its links.
     values
@@ -52,7 +52,7 @@ class AssemblyState:
     joints: tuple[Joint, ...]
     ends: tuple[tuple[int, int], ...]
     variables: tuple[tuple[int, ...], ...]
-    within: dict[int, Floats]
+    body_from_link: dict[int, Floats]
     values: Floats
     is_open: Bools
     slack: Floats
@@ -104,7 +104,7 @@ class AssemblyState:
             joints=joints,
             ends=mechanism.ends,
             variables=variables,
-            within=within,
+            body_from_link=within,
             values=values,
             is_open=np.zeros(n, dtype=bool),
             slack=np.full(n, REACH_SLACK),
@@ -115,7 +115,7 @@ class AssemblyState:
         """Return a copy in which further groups can be placed independently."""
         return replace(
             self,
-            within=dict(self.within),
+            body_from_link=dict(self.body_from_link),
             values=self.values.copy(),
             is_open=self.is_open.copy(),
         )
@@ -124,7 +124,9 @@ class AssemblyState:
         """Return the state of some samples, by their numbers (k,), which may repeat."""
         return replace(
             self,
-            within={link: rotations[chosen] for link, rotations in self.within.items()},
+            body_from_link={
+                link: rotations[chosen] for link, rotations in self.body_from_link.items()
+            },
             values=self.values[chosen],
             is_open=self.is_open[chosen],
             slack=self.slack[chosen],
@@ -132,14 +134,14 @@ class AssemblyState:
         )
 
     @staticmethod
-    def joined(states: Sequence["AssemblyState"]) -> "AssemblyState":
+    def concatenate(states: Sequence["AssemblyState"]) -> "AssemblyState":
         """Return the samples of several states of one mechanism, state after state."""
         first = states[0]
         return replace(
             first,
-            within={
-                link: np.concatenate([state.within[link] for state in states])
-                for link in first.within
+            body_from_link={
+                link: np.concatenate([state.body_from_link[link] for state in states])
+                for link in first.body_from_link
             },
             values=np.concatenate([state.values for state in states]),
             is_open=np.concatenate([state.is_open for state in states]),
@@ -163,7 +165,9 @@ class AssemblyState:
         for position, links in enumerate(group.bodies):
             if position:
                 for link in links:
-                    self.within[link] = rotations[:, position] @ self.within[link]
+                    self.body_from_link[link] = (
+                        rotations[:, position] @ self.body_from_link[link]
+                    )
 
     def read_values(self, group: Group) -> None:
         """Set the variables of a group's R pairs from the orientations of its links."""
@@ -173,8 +177,8 @@ class AssemblyState:
             first_link, second_link = self.ends[pair]
             joint = revolute(self.joints[pair])
             self.values[:, self.variables[pair][0]] = pair_angle(
-                self.within[first_link] @ joint.first,
-                self.within[second_link] @ joint.second,
+                self.body_from_link[first_link] @ joint.first,
+                self.body_from_link[second_link] @ joint.second,
             )
 
 
@@ -206,7 +210,7 @@ def place_dyad(state: AssemblyState, group: Group, sign: Floats | float) -> Floa
         side = group.ends[position].index(body)
         joint = revolute(state.joints[pair])
         frame = (joint.first, joint.second)[side]
-        return state.within[state.ends[pair][side]] @ frame[:, 2]
+        return state.body_from_link[state.ends[pair][side]] @ frame[:, 2]
 
     closure = close_dyad(
         first=pair_axis(first_outer, 0),
@@ -251,7 +255,9 @@ def group_closure(state: AssemblyState, group: Group) -> Closure:
     closure needs the rotations from its two links to their bodies.
     """
     body_from_first, body_from_second = (
-        np.stack([state.within[state.ends[pair][side]] for pair in group.pairs], axis=1)
+        np.stack(
+            [state.body_from_link[state.ends[pair][side]] for pair in group.pairs], axis=1
+        )
         for side in (0, 1)
     )
     joints = tuple(state.joints[pair] for pair in group.pairs)

@@ -268,7 +268,7 @@ def _explain_end(closure: Closure, driven: Sequence[int], values: Floats) -> Sta
     OFF_PROFILE or CURVATURE near a limit of a contact, OUT_OF_REACH near a dead centre,
     otherwise MODE_LOST.
     """
-    linearisation = closure.at(values)
+    linearisation = closure.linearise(values)
     states = linearisation.states
     limits = CurveLimits.of_mechanism(closure, {})
     margins, _ = limits.margins(values, states.curvatures, states.curvature_rates)
@@ -340,7 +340,7 @@ def follow_inputs(
     displacement = q - values[:, driven]
     length = np.linalg.norm(displacement, axis=1)
     direction = displacement / np.maximum(length, 1e-300)[:, None]
-    nodes = nodes_at(closure.at(values.copy()), driven, direction)
+    nodes = nodes_at(closure.linearise(values.copy()), driven, direction)
     status = np.full(len(q), Status.OK, dtype=np.int8)
     # The first steps are limited only by what `_limit_steps` allows.
     steps = np.full(len(q), np.inf)
@@ -356,7 +356,7 @@ def follow_inputs(
         is_verified = tried.is_verified
         advanced = active[is_verified]
         new_nodes = tried.nodes.rows(is_verified)
-        nodes.put(advanced, new_nodes)
+        nodes.assign_rows(advanced, new_nodes)
         if trail is not None:
             trail.append((advanced, new_nodes))
         has_arrived = is_verified & tried.is_last

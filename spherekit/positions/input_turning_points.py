@@ -209,7 +209,7 @@ def find_input_turning_points(
 
         def evaluate(q: Floats, position: int = position) -> Floats:
             """Return the function (n,) of a group at inputs q (n,); report progress."""
-            progress.tell(lambda: f"group {position + 1} of {group_count}")
+            progress.report_if_due(lambda: f"group {position + 1} of {group_count}")
             return coalescence(position, q)
 
         # A product of more factors varies faster.

@@ -100,7 +100,7 @@ class Linearisation:
     @cached_property
     def frames(self) -> Floats:
         """(n, pairs, 3, 3) pair frames in the axes of body 0; columns as in `Joint`."""
-        return self.rotations[:, self.tree.firsts] @ self.states.first
+        return self.rotations[:, self.tree.first_bodies] @ self.states.first
 
     @cached_property
     def axes(self) -> Floats:
@@ -198,7 +198,10 @@ class Linearisation:
         states = self.states
         return self._collect_vectors(
             lambda kind, pairs: kind.vector_rates(
-                frames[:, pairs], states.take(pairs), first_w[:, pairs], second_w[:, pairs]
+                frames[:, pairs],
+                states.select_pairs(pairs),
+                first_w[:, pairs],
+                second_w[:, pairs],
             )
         )
 
@@ -207,7 +210,9 @@ class Linearisation:
 
         `w` (n, bodies, 3) are the angular velocities of the bodies, in the axes of body 0.
         """
-        return self.vector_rates_of_pairs(w[:, self.tree.firsts], w[:, self.tree.seconds])
+        return self.vector_rates_of_pairs(
+            w[:, self.tree.first_bodies], w[:, self.tree.second_bodies]
+        )
 
     def bias(self, rates: Floats) -> Floats:
         """Return the bias acceleration (n, equations): (dJ/dt) rates.

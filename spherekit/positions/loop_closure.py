@@ -116,7 +116,7 @@ class Closure:
         """Return the closure of a whole mechanism, in which each link is a body."""
         return Closure(LoopTree.of_mechanism(mechanism), joints)
 
-    def take(self, rows: Indices) -> "Closure":
+    def select_rows(self, rows: Indices) -> "Closure":
         """Return the closure of some samples, by their numbers (k,).
 
         Arrays with a single row belong to all samples, and stay as they are.
@@ -133,7 +133,7 @@ class Closure:
         """Return the closure with variables locked at values (n or 1, variables) rad."""
         return replace(self, locks=(list(variables), values))
 
-    def at(self, values: Floats) -> Linearisation:
+    def linearise(self, values: Floats) -> Linearisation:
         """Return the closure linearised at configurations (n, variables) in rad."""
         return Linearisation(
             tree=self.tree,
@@ -213,7 +213,7 @@ class Closure:
             all_values = values[rows]
             all_values[:, passive] = passive_values
             steps = np.zeros_like(passive_values)
-            linearisation = self.take(rows).at(all_values)
+            linearisation = self.select_rows(rows).linearise(all_values)
             is_open = linearisation.closure_residual > ROUNDED_RESIDUAL_RAD
             steps[is_open] = solve_least_norm(
                 linearisation.jacobian[is_open][:, :, passive],
@@ -228,4 +228,4 @@ class Closure:
             last_step=LAST_NEWTON_STEP_RAD,
             longest_step=longest_step,
         )
-        return self.at(values), step_sizes
+        return self.linearise(values), step_sizes

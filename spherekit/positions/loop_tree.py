@@ -39,13 +39,13 @@ class LoopTree:
         Number of bodies. Body 0 is the root.
     ends
         First and second body of each pair.
-    owners
+    pair_of_variable
         The pair to which each variable belongs.
     """
 
     count: int
     ends: tuple[tuple[int, int], ...]
-    owners: tuple[int, ...]
+    pair_of_variable: tuple[int, ...]
 
     @staticmethod
     def of_mechanism(mechanism: Mechanism) -> "LoopTree":
@@ -53,12 +53,12 @@ class LoopTree:
         return LoopTree(len(mechanism.links), mechanism.ends, mechanism.variable_owners)
 
     @cached_property
-    def firsts(self) -> Indices:
+    def first_bodies(self) -> Indices:
         """(pairs,) the first body of each pair."""
         return np.array(self.ends, dtype=np.intp)[:, 0]
 
     @cached_property
-    def seconds(self) -> Indices:
+    def second_bodies(self) -> Indices:
         """(pairs,) the second body of each pair."""
         return np.array(self.ends, dtype=np.intp)[:, 1]
 
@@ -87,7 +87,7 @@ class LoopTree:
         +1 if the path passes the pair of the variable from its first to its second body, -1
         in the opposite sense, 0 if it does not pass the pair.
         """
-        return self._pair_paths[:, list(self.owners)]
+        return self._pair_paths[:, list(self.pair_of_variable)]
 
     @cached_property
     def chords(self) -> tuple[int, ...]:
@@ -99,7 +99,7 @@ class LoopTree:
     def closing(self) -> Indices:
         """(3, loops) the chord of each loop, its first body, and its second body."""
         chords = np.array(self.chords, dtype=np.intp)
-        return np.stack([chords, self.firsts[chords], self.seconds[chords]])
+        return np.stack([chords, self.first_bodies[chords], self.second_bodies[chords]])
 
     @cached_property
     def signs(self) -> Floats:
@@ -110,7 +110,9 @@ class LoopTree:
         """
         chords, firsts, seconds = self.closing
         signs_of_pairs = self._pair_paths[firsts] - self._pair_paths[seconds]
-        return (signs_of_pairs + np.eye(len(self.ends))[chords])[:, list(self.owners)]
+        return (signs_of_pairs + np.eye(len(self.ends))[chords])[
+            :, list(self.pair_of_variable)
+        ]
 
     @property
     def longest_loop(self) -> int:
@@ -126,7 +128,7 @@ class LoopTree:
     def incidence(self) -> Floats:
         """(pairs, bodies) -1 at the first body of each pair, +1 at the second."""
         bodies = np.eye(self.count)
-        return bodies[self.seconds] - bodies[self.firsts]
+        return bodies[self.second_bodies] - bodies[self.first_bodies]
 
     @cached_property
     def cycles(self) -> Floats:
@@ -224,5 +226,5 @@ def redundancy(tree: LoopTree, vectors: Floats) -> tuple[int, tuple[int, ...]]:
     dependencies = left_vectors[:, rank:].reshape(len(tree.chords), 3, -1)
     loop_weights = np.linalg.norm(dependencies, axis=(1, 2))
     takes_part = np.any(tree.signs[loop_weights > RANK_TOLERANCE] != 0.0, axis=0)
-    pairs = {tree.owners[variable] for variable in np.flatnonzero(takes_part)}
+    pairs = {tree.pair_of_variable[variable] for variable in np.flatnonzero(takes_part)}
     return len(jacobian) - rank, tuple(sorted(pairs))

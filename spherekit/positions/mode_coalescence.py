@@ -250,7 +250,8 @@ class ModeCoalescence:
         state = self.solver.start(q)
         ends = self.solver.mechanism.ends
         within = [
-            state.within[link][:, None].astype(complex) for link in sorted(state.within)
+            state.body_from_link[link][:, None].astype(complex)
+            for link in sorted(state.body_from_link)
         ]
         train_angles = {
             pair: angle[:, None] for pair, angle in self.solver.gear_train_angles(q).items()

@@ -99,7 +99,7 @@ def find_crossings(
     for start_input in (start - distance, stop + distance):
         for values in enumerate_assemblies(solver, np.array([start_input])).values:
             singular_values = np.linalg.svd(
-                solver.closure.at(values[None]).jacobian[0], compute_uv=False
+                solver.closure.linearise(values[None]).jacobian[0], compute_uv=False
             )
             # On a single curve the Jacobian has the rank of all variables but one. Near a
             # crossing one more singular value is nearly zero. Configurations without such a
@@ -342,7 +342,7 @@ def _evaluate_modes(
         [solver.evaluate(mode, np.array([[q]])).values for mode in assembly_modes]
     )
     with np.errstate(all="ignore"):
-        linearisation = solver.closure.at(values)
+        linearisation = solver.closure.linearise(values)
         return nodes_at(linearisation, [solver.input_variable], np.ones((len(values), 1)))
 
 

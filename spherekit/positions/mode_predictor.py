@@ -191,7 +191,7 @@ def follow_each(
     The curve of each configuration, as far as its mode reaches.
     """
     start_nodes = _nodes_with_rising_input(closure, driven, values)
-    is_regular = ~is_nearly_singular(closure.at(values), [driven], DEAD_CENTRE_RATIO)
+    is_regular = ~is_nearly_singular(closure.linearise(values), [driven], DEAD_CENTRE_RATIO)
     is_regular &= all_finite(start_nodes.slope, 1)
     # All regular configurations are followed together, which is faster. At a dead centre,
     # derivatives by the input are infinite, so these are followed one by one.
@@ -269,7 +269,7 @@ def _nodes_with_rising_input(
     closure: Closure, driven: int, values: Floats
 ) -> InputPathNodes:
     """Return the nodes at configurations (n, variables), with derivatives by the input."""
-    return nodes_at(closure.at(values), [driven], np.ones((len(values), 1)))
+    return nodes_at(closure.linearise(values), [driven], np.ones((len(values), 1)))
 
 
 def _follow_from_nodes(
@@ -304,7 +304,7 @@ def _follow_from_nodes(
         q=goals[:, None],
         trail=trail,
     )
-    all_nodes = InputPathNodes.joined([starts, *(nodes for _, nodes in trail)])
+    all_nodes = InputPathNodes.concatenate([starts, *(nodes for _, nodes in trail)])
     # The curve k has the nodes of both paths k and k + count, sorted by the input.
     curve_numbers = np.concatenate(
         [np.arange(count), *(paths % count for paths, _ in trail)]

@@ -290,7 +290,7 @@ class ModesOverRange:
                 determinants=tuple(determinants.tolist()),
             )
         )
-        self._progress.tell(lambda: f"{len(self.assembly_modes)} followed")
+        self._progress.report_if_due(lambda: f"{len(self.assembly_modes)} followed")
         # The number of the family of each mode.
         new_family = max(self._families, default=-1) + 1
         self._families.append(new_family if family is None else family)
@@ -475,7 +475,7 @@ class ModesOverRange:
         families = np.full(len(values), -1, dtype=np.intp)
         driven = list(self.solver.driven)
         passive_angles = [v for v in self.solver.angles if v not in driven]
-        rotations = self.solver.closure.at(values).rotations
+        rotations = self.solver.closure.linearise(values).rotations
         q = values[:, driven]
         for mode, family in zip(
             self.assembly_modes[first_mode:], self._families[first_mode:], strict=True
@@ -567,5 +567,5 @@ class ModesOverRange:
             family_count = max(self._families, default=-1) + 1
             statistics.add(start_count, hits=families, total=family_count)
             self.probes += start_count
-            self._progress.tell(lambda: statistics.describe("components"))
+            self._progress.report_if_due(lambda: statistics.describe("components"))
         return statistics

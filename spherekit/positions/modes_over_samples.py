@@ -294,7 +294,7 @@ class SampledModes:
         sheet_numbers = np.full(new_count, self._sheet_count)
         self._sheet_of_node = np.append(self._sheet_of_node, sheet_numbers)
         self._sheet_count += 1
-        self._progress.tell(lambda: f"{self._sheet_count} followed")
+        self._progress.report_if_due(lambda: f"{self._sheet_count} followed")
 
     def _add_sheets(self, values: Floats, samples: Indices) -> Indices:
         """Follow and add the sheets of configurations that are not in the graph yet.
@@ -428,7 +428,7 @@ class SampledModes:
             sheets = self._add_sheets(values, samples[rows])
             statistics.add(start_count, hits=sheets, total=self._sheet_count)
             self.probes += start_count
-            self._progress.tell(lambda: statistics.describe("modes"))
+            self._progress.report_if_due(lambda: statistics.describe("modes"))
         return statistics
 
     def _collect_modes(

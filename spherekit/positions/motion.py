@@ -280,7 +280,7 @@ def make_motion(solver: PositionSolver, values: Floats) -> Motion:
         (n, variables) configurations (rad). All rows have the status OK, also singular
         ones.
     """
-    linearisation = solver.closure.at(values)
+    linearisation = solver.closure.linearise(values)
     configurations = ModeConfigurations(
         values=values,
         rotations=linearisation.rotations,

@@ -190,7 +190,7 @@ def evaluate_pair_states(joints: tuple[Joint, ...], values: Floats) -> PairState
         return states_of_kinds[0]
     states = PairStates.blank(n, len(joints))
     for pairs, states_of_kind in zip(pairs_of_kinds, states_of_kinds, strict=True):
-        states.put(pairs, states_of_kind)
+        states.assign_pairs(pairs, states_of_kind)
     return states
 
 

@@ -239,7 +239,7 @@ class PositionAnalysis:
         # The anchor is the input of the reference pose, if there is one.
         low, high = self.input_grid.range
         self.numbering_input = low + MIN_CROSSING_DISTANCE_RAD
-        anchor = float(self.solver.anchor[0])
+        anchor = float(self.solver.anchor_inputs[0])
         distances = [abs(meeting.input - anchor) for meeting in self.mode_meetings]
         if (
             self.solver.reference is not None
@@ -348,7 +348,7 @@ class PositionAnalysis:
         if not self.assembly_modes:
             no_values = np.empty((0, len(self.mechanism.variable_owners)))
             return replace(make_motion(self.solver, no_values), samples=len(q))
-        configurations = ModeConfigurations.joined(
+        configurations = ModeConfigurations.concatenate(
             [self.solver.evaluate(mode, q, rows) for mode in self.assembly_modes]
         )
         motion = arrange_rows(

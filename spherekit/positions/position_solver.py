@@ -103,7 +103,7 @@ class PositionSolver:
         Loop closure of the whole mechanism.
     driven
         Numbers of the variables that are inputs.
-    anchor
+    anchor_inputs
         (inputs,) inputs (rad) of the reference pose, or zero. There passive angles are in
         (-pi, pi]; elsewhere they are counted from there over full revolutions.
     exact_configurations
@@ -127,11 +127,11 @@ class PositionSolver:
             driven += mechanism.variables_of(pair)
         self.driven = tuple(driven)
         # Inputs from which angles are counted over full revolutions.
-        self.anchor = np.zeros(len(self.driven))
+        self.anchor_inputs = np.zeros(len(self.driven))
         # Configurations that are known but for rounding; callers add crossings of curves.
         self.exact_configurations: list[Floats] = []
         if self.reference is not None:
-            self.anchor = self.reference[list(self.driven)]
+            self.anchor_inputs = self.reference[list(self.driven)]
             self.exact_configurations.append(self.reference)
 
     @property
@@ -153,7 +153,7 @@ class PositionSolver:
     @cached_property
     def gear_phases(self) -> GearPhases | None:
         """How far wheels have rolled at given inputs, None without rolling contacts."""
-        return make_gear_phases(self.closure, self.anchor, self._gear_train)
+        return make_gear_phases(self.closure, self.anchor_inputs, self._gear_train)
 
     @property
     def periods(self) -> Floats:
@@ -256,7 +256,7 @@ class PositionSolver:
         group = self.assembly.groups[position]
         rotations = place_train_bodies(
             group,
-            within=state.within,
+            within=state.body_from_link,
             ends=state.ends,
             joints=self.joints,
             angles=self.gear_train_angles(q),
@@ -286,7 +286,7 @@ class PositionSolver:
         Singular values of the velocity equations count as zero below `rank_tolerance`
         times the largest.
         """
-        vectors = self.closure.at(values[None]).vectors
+        vectors = self.closure.linearise(values[None]).vectors
         return int(rank_mobility(self.closure.tree, vectors, rank_tolerance)[0])
 
     def evaluate(
@@ -346,7 +346,7 @@ class PositionSolver:
 
             # The loops of the whole mechanism check the result, and orient all links. Dead
             # centres whose angles could not be computed become NaN, and keep their status.
-            closure = self.closure.at(state.values)
+            closure = self.closure.linearise(state.values)
             values = closure.values
             rotations = closure.rotations
             residual = closure.closure_residual
@@ -377,7 +377,7 @@ class PositionSolver:
             self.evaluate(mode, q[piece_numbers == number])
             for number, (_, mode) in enumerate(assembly_mode.pieces)
         ]
-        return ModeConfigurations.joined(results_of_pieces).rows(np.argsort(order))
+        return ModeConfigurations.concatenate(results_of_pieces).rows(np.argsort(order))
 
     def _place_without_sign(
         self,

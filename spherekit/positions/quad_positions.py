@@ -97,7 +97,7 @@ class _Bodies:
 
     Attributes
     ----------
-    within
+    body_from_link
         For each link the rotations (n, 3, 3) from its axes to those of its body, in quad
         precision. A body has the axes of one of its links.
     values
@@ -114,7 +114,7 @@ class _Bodies:
         or whether its configuration is not reliable.
     """
 
-    within: dict[int, Array]
+    body_from_link: dict[int, Array]
     values: Array
     error: Floats
     rounding: Floats
@@ -129,7 +129,9 @@ class _Bodies:
         """
         for links, rotation in zip(group.bodies[1:], body_rotations, strict=True):
             for link in links:
-                self.within[link] = multiply_matrices(rotation, self.within[link])
+                self.body_from_link[link] = multiply_matrices(
+                    rotation, self.body_from_link[link]
+                )
 
 
 class QuadAssembly:
@@ -206,10 +208,10 @@ class QuadAssembly:
         status[is_doubtful] = Status.AT_SINGULARITY
         status[bodies.is_out_of_reach] = Status.OUT_OF_REACH
         # There is one body now. Its axes are replaced by those of the ground, link 0.
-        ground_from_body = transpose_matrices(bodies.within[0])
+        ground_from_body = transpose_matrices(bodies.body_from_link[0])
         rotations = [
-            multiply_matrices(ground_from_body, bodies.within[link])
-            for link in range(len(bodies.within))
+            multiply_matrices(ground_from_body, bodies.body_from_link[link])
+            for link in range(len(bodies.body_from_link))
         ]
         return QuadConfigurations(
             values=values,
@@ -259,7 +261,7 @@ class QuadAssembly:
         # `error` is the error of the rotations if the inputs are exact, `rounding` that of
         # the inputs, which are float64 numbers.
         return _Bodies(
-            within=within,
+            body_from_link=within,
             values=values,
             error=np.full(n, ROUNDING_RAD),
             rounding=INPUT_ROUNDING * np.maximum(1.0, np.max(np.abs(q), axis=1)),
@@ -272,8 +274,8 @@ class QuadAssembly:
         first_link, second_link = self.mechanism.ends[pair]
         first_frame, second_frame = self.frames[pair]
         return (
-            multiply_matrices(bodies.within[first_link], first_frame),
-            multiply_matrices(bodies.within[second_link], second_frame),
+            multiply_matrices(bodies.body_from_link[first_link], first_frame),
+            multiply_matrices(bodies.body_from_link[second_link], second_frame),
         )
 
     def _place_dyad(self, bodies: _Bodies, group: Group, sign: int) -> None:
@@ -301,7 +303,9 @@ class QuadAssembly:
             side = group.ends[position].index(body)
             pair = group.pairs[position]
             link = self.mechanism.ends[pair][side]
-            return rotate_vectors(bodies.within[link], self.frames[pair][side][:, 2])
+            return rotate_vectors(
+                bodies.body_from_link[link], self.frames[pair][side][:, 2]
+            )
 
         a = pair_axis(outer_1, 0)
         c = pair_axis(outer_2, 0)

@@ -203,7 +203,7 @@ def descend_to_closure(
         """Return the residuals of some starts, and their derivatives by the variables."""
         all_values = values[rows]
         all_values[:, free] = free_values
-        linearisation = closure.take(rows).at(all_values)
+        linearisation = closure.select_rows(rows).linearise(all_values)
         return linearisation.residual.copy(), linearisation.jacobian[:, :, free]
 
     # `squares` (n,) are the sums of squared residuals at the minima.
@@ -265,7 +265,7 @@ class DistinctConfigurations:
         out.
         """
         indices = np.full(len(values), -1, dtype=np.intp)
-        linearisation = self.closure.at(values)
+        linearisation = self.closure.linearise(values)
         rotations = linearisation.rotations
         exists = np.all(linearisation.states.inside, axis=1)
         exists &= ~has_penetration(self.closure.joints, linearisation.states)
@@ -368,7 +368,7 @@ def search_group(
         # The index of the configuration to which each start has led, -1 for none.
         hits = distinct.add(_close_by_newton(closure, values[is_near_closed]))
         statistics.add(STARTS_PER_ROUND, hits=hits, total=len(distinct.values))
-        progress.tell(lambda: statistics.describe("modes"))
+        progress.report_if_due(lambda: statistics.describe("modes"))
     return statistics
 
 

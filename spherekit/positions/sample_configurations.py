@@ -150,7 +150,7 @@ def _polish(solver: PositionSolver, values: Floats) -> Floats:
     (k, variables) corrected configurations (rad). A configuration is unchanged if its step
     exceeds `LARGEST_POLISHING_STEP_RAD`.
     """
-    linearisation = solver.closure.at(values)
+    linearisation = solver.closure.linearise(values)
     passive = np.delete(np.arange(values.shape[1]), solver.driven)
     step = np.zeros_like(values)
     step[:, passive] = solve_least_norm(
@@ -189,7 +189,9 @@ def _enumerate_batch(solver: PositionSolver, q: Floats) -> SampleConfigurations:
                 is_complete[sample[~solutions.is_complete]] = False
                 problem = problem or solutions.problem
                 parent = solutions.sample
-                rotations = closure.take(parent).at(solutions.values).rotations
+                rotations = (
+                    closure.select_rows(parent).linearise(solutions.values).rotations
+                )
                 state = state.rows(parent)
                 state.merge(group, rotations)
                 state.values[:, group_variables(state, group)] = solutions.values
@@ -230,7 +232,7 @@ def _place_both_modes(state: AssemblyState, group: Group) -> tuple[AssemblyState
         states.append(placed.rows(parents[-1]))
     parent = np.concatenate(parents)
     order = np.argsort(parent, kind="stable")
-    return AssemblyState.joined(states).rows(order), parent[order]
+    return AssemblyState.concatenate(states).rows(order), parent[order]
 
 
 def _eliminate_distinct_rows(
@@ -268,7 +270,7 @@ def _eliminate_distinct_rows(
     ]
     equals_first = np.maximum(*differences) < SAME_FRAME_TOLERANCE
     solved_rows = np.flatnonzero(~equals_first | (first == all_rows))
-    solutions = _eliminate_samples(group, closure.take(solved_rows))
+    solutions = _eliminate_samples(group, closure.select_rows(solved_rows))
     if len(solved_rows) == len(sample):
         return solutions
     # Position in `solved_rows` of the row whose solutions each row takes.
@@ -323,7 +325,9 @@ def _eliminate_samples(group: Group, closure: Closure) -> SampleConfigurations:
         (unsolved_rows,) = np.nonzero(~is_complete)
         for first in range(0, len(unsolved_rows), SAMPLES_AT_ONCE):
             rows = unsolved_rows[first : first + SAMPLES_AT_ONCE]
-            batch = _solve_batch(group, closure.take(rows), count=len(rows), solve=solve)
+            batch = _solve_batch(
+                group, closure.select_rows(rows), count=len(rows), solve=solve
+            )
             is_complete[rows] = batch.is_complete
             samples.append(rows[batch.sample])
             values.append(batch.values)
@@ -380,7 +384,7 @@ def _solve_batch(
     samples.
     """
     # At zero angles the pair states are the frames of the pairs in their bodies.
-    states = closure.at(np.zeros((count, len(group.pairs)))).states
+    states = closure.linearise(np.zeros((count, len(group.pairs)))).states
     frames = np.stack([states.first, states.second])
     geometry = GroupGeometry(group, pair_frames=np.moveaxis(frames, 1, 2))
     order = find_elimination_orders(group)[0]
@@ -394,7 +398,9 @@ def _solve_batch(
     sample, number = np.nonzero(is_real & is_clear[:, None])
     placed = geometry.place_bodies(order, np.where(is_real[..., None], tree_angles, 0.0))
     start_values = geometry.measure_pair_angles_at(placed[sample, number], sample)
-    linearisation = closure.take(sample).solve(start_values, max_steps=POLISHING_STEPS)
+    linearisation = closure.select_rows(sample).solve(
+        start_values, max_steps=POLISHING_STEPS
+    )
     correction = max_abs(wrap(linearisation.values - start_values), axis=1)
     is_sound = (linearisation.closure_residual < CLOSURE_TOLERANCE) & (
         correction < MAX_CORRECTION_RAD
@@ -463,7 +469,7 @@ def _examine_samples(
     """
     for row in rows.tolist():
         distinct, problem = find_distinct_by_elimination(
-            group, closure.take(np.array([row]))
+            group, closure.select_rows(np.array([row]))
         )
         values = np.reshape(distinct.values, (-1, len(group.pairs)))
         if distinct.is_truncated:

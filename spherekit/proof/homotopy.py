@@ -154,7 +154,7 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
 
         # 1. Predict by the midpoint rule: the derivative dz/dt = -H_z^-1 H_t at half the
         # step gives the end.
-        start = paths.take(moving)
+        start = paths.select_roots(moving)
         length = np.minimum(step[moving], 1.0 - t[moving])
         predicted_t = t[moving]
         predicted = start
@@ -181,7 +181,7 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
         # 3. Accept or reject the steps. Points that have become large change to 1 / z.
         accepted = moving[is_good]
         rejected = moving[~is_good]
-        advanced = predicted.take(is_good).with_points(predicted.z[is_good])
+        advanced = predicted.select_roots(is_good).with_points(predicted.z[is_good])
         paths.z[accepted] = advanced.z
         paths.inverse[accepted] = advanced.inverse
         t[accepted] = predicted_t[is_good]
@@ -191,7 +191,7 @@ def track_homotopy(polynomials: Polynomials, seed: int) -> ChartRoots:
         step[rejected] = 0.5 * length[~is_good]
     # A path that stops shortly before t = 1 leads to a double solution, or nearly.
     is_finite = np.all(np.isfinite(paths.z), axis=1)
-    return paths.take((t > USEFUL_PROGRESS) & is_finite)
+    return paths.select_roots((t > USEFUL_PROGRESS) & is_finite)
 
 
 def _make_start_system(

@@ -286,7 +286,7 @@ class EquationSystem:
         has_all_roots = are_distinct(roots, tubes.centre_radius, has_converged, self.bound)
         for mode in np.flatnonzero(has_all_roots):
             of_mode = slice(mode * self.bound, (mode + 1) * self.bound)
-            self.solved.append(SolvedChoice(given[mode], roots.take(of_mode)))
+            self.solved.append(SolvedChoice(given[mode], roots.select_roots(of_mode)))
         del self.solved[:-MAX_STORED_SOLUTIONS]
         is_real, is_not_real = classify_real_roots(
             roots, tubes.centre_radius, tubes.uniqueness_radius
@@ -352,11 +352,11 @@ class EquationSystem:
         for seed in range(HOMOTOPY_SEEDS):
             approximations = track_homotopy(polynomials, seed)
             roots, has_converged = polish_roots(polynomials, approximations)
-            roots = roots.take(has_converged)
+            roots = roots.select_roots(has_converged)
             (gaps,) = roots.pairwise_gaps(len(roots.z))
             # The lower triangle has the gaps to roots with a smaller number.
             repeats_another = np.any(np.tril(gaps < SAME_ROOT_GAP, -1), axis=1)
-            roots = roots.take(~repeats_another)
+            roots = roots.select_roots(~repeats_another)
             if len(roots.z) == self.bound:
                 return roots.points
         return np.zeros((self.bound, len(self.unknowns)), dtype=complex)

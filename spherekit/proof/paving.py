@@ -224,7 +224,7 @@ def subdivide(
         batch, postponed = np.split(waiting.pop(), [max_at_once], axis=1)
         examined_count += batch.shape[1]
         # A function, so that the text is built only if it is shown.
-        progress.tell(lambda: f"{examined_count} boxes")  # noqa: B023
+        progress.report_if_due(lambda: f"{examined_count} boxes")  # noqa: B023
         remaining = examine(batch, examined_count)
         waiting += [part for part in (postponed, remaining) if part.shape[1]]
     return examined_count

@@ -155,7 +155,7 @@ class ChartRoots:
         differences = np.abs(products - products.swapaxes(1, 2))
         return np.max(differences, axis=3, initial=0.0)
 
-    def take(self, chosen: Any) -> "ChartRoots":
+    def select_roots(self, chosen: Any) -> "ChartRoots":
         """Return the points that an index, a mask or a slice chooses."""
         return ChartRoots(self.z[chosen], self.inverse[chosen], self.row[chosen])
 

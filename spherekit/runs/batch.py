@@ -76,7 +76,7 @@ class Batch:
     _angles: ContinuedAngles = field(default_factory=dict, repr=False)
     timed: bool = False
     # The position analysis of the run, which `tracer` gives to analyses.
-    _tracer: PositionAnalysis | None = field(default=None, repr=False)
+    _position_analysis: PositionAnalysis | None = field(default=None, repr=False)
     # Lowest and highest inputs, and input rates, of the whole run.
     _run_extents: list[Floats] | None = field(default=None, repr=False)
     _results: dict[Hashable, Any] = field(default_factory=dict, repr=False)
@@ -164,8 +164,8 @@ class Batch:
     def tracer(self) -> PositionAnalysis:
         """The position analysis of the run: its solver, assembly modes and curves."""
         self._check("the tracer", "tracer")
-        assert self._tracer is not None
-        return self._tracer
+        assert self._position_analysis is not None
+        return self._position_analysis
 
     @property
     def motion(self) -> Motion:

@@ -220,7 +220,7 @@ class RunPlan:
             _pole_fields=pole_fields,
             _angles=continued_angles,
             timed=sampling.is_over_time,
-            _tracer=sampling.position_analysis,
+            _position_analysis=sampling.position_analysis,
             _run_extents=sampling.extents,
         )
 

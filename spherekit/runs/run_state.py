@@ -183,7 +183,7 @@ class RunState:
             # `argmax` finds the first true value. The vectors are the axes of the variables
             # in this configuration; the rank of the closure equations follows from them.
             first_configuration = motion.values[[np.argmax(is_assembled)]]
-            vectors = closure.at(first_configuration).vectors
+            vectors = closure.linearise(first_configuration).vectors
             self.mobility_by_rank = int(rank_mobility(closure.tree, vectors)[0])
             count, pairs = redundancy(closure.tree, vectors[0])
             pair_names = motion.mechanism.names_of(pairs)

@@ -239,7 +239,7 @@ def measure_candidates(
     # First the errors.
     for number, candidate in enumerate(candidates, 1):
         # `tell` calls the function at once, and only if it shows the text.
-        progress.tell(
+        progress.report_if_due(
             lambda: f"{candidate.name}, {number} of {len(candidates)}"  # noqa: B023
         )
         try:
@@ -277,7 +277,7 @@ def measure_candidates(
             first_seconds[candidate.name].append(timed_tables.first_seconds)
             sample_seconds[candidate.name].append(sample_ratio * seconds)
             text = f"{candidate.name}, round {round_number + 1} of {effort.rounds}"
-            progress.tell(lambda: text)  # noqa: B023
+            progress.report_if_due(lambda: text)  # noqa: B023
 
     for name, seconds_of_rounds in sample_seconds.items():
         setting = measured_by_name[name].setting or ORDINARY

@@ -248,7 +248,7 @@ class Verifier:
         sample_count = len(self._sampling)
         selected = block_rows.rows(is_valid).select_for_check(self._count, sample_count)
         if self._selected is not None:
-            selected = _BlockRows.joined([self._selected, selected])
+            selected = _BlockRows.concatenate([self._selected, selected])
         self._selected = selected.select_for_check(self._count, sample_count)
 
     def verify(self, failed: Collection[str] = ()) -> Facts:
@@ -395,7 +395,7 @@ class Verifier:
         replaced = np.flatnonzero((row >= 0) & self._has_reference[row])
         order[replaced] = len(motion) + row[replaced]
         # The n rows of the run have the numbers 0 to n - 1, the reference rows follow.
-        joined = _BlockRows.joined([replace(whole, motion=motion), reference_rows])
+        joined = _BlockRows.concatenate([replace(whole, motion=motion), reference_rows])
         rows = joined.rows(order)
         return replace(rows, motion=replace(rows.motion, samples=motion.samples))
 

@@ -395,7 +395,7 @@ class _AspectGraph:
             new_numbers = len(self.nodes) + np.arange(len(new))
             self.numbers_at_sample[empty_samples, column] = new_numbers
             new_nodes = self._make_nodes(values[new], empty_samples)
-            self.nodes = _AspectNodes.joined([self.nodes, new_nodes])
+            self.nodes = _AspectNodes.concatenate([self.nodes, new_nodes])
 
             # Configurations that equal the stored one get its number. The others are
             # compared with the next column.

@@ -151,7 +151,7 @@ class LocusPointSearch:
                 return
             chunk = curves[first : first + SLICE_CURVES_AT_ONCE]
             self._searched_slice_curves += len(chunk)
-            yield LocusPoints.joined(
+            yield LocusPoints.concatenate(
                 [singular_points_on_slice(curve, self.report.locus) for curve in chunk]
             )
 

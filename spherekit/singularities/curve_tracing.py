@@ -62,7 +62,7 @@ def trace_curves(
     """
     count = len(starts)
     # Rows 0 to n - 1 follow the curves in one direction, rows n to 2 n - 1 in the other.
-    both_directions = LocusPoints.joined([starts, orient_tangents(starts, -1.0)])
+    both_directions = LocusPoints.concatenate([starts, orient_tangents(starts, -1.0)])
     start_nodes = _LocusNodes(
         values=both_directions.values,
         # The last axis numbers the dimensions of the locus. A curve has one.
@@ -287,7 +287,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
         """
         is_taken = is_verified.copy()
         # Contacts of profiles exist only as long as both points are on their profiles.
-        states = self.locus.closure.at(new_nodes.values[is_verified]).states
+        states = self.locus.closure.linearise(new_nodes.values[is_verified]).states
         is_taken[is_verified] = np.all(states.inside, axis=1)
         self.end_status[rows[is_verified & ~is_taken]] = Status.OFF_PROFILE
         return is_taken
@@ -318,7 +318,7 @@ class _LocusCurves(CurveContinuation[_LocusNodes]):
                 )
         # The nodes behind, in reversed order, without the start.
         nodes_behind = self.collect_nodes(behind).points.rows(slice(None, 0, -1))
-        points = LocusPoints.joined(
+        points = LocusPoints.concatenate(
             [orient_tangents(nodes_behind, -1.0), self.collect_nodes(ahead).points]
         )
         if len(points) < 2:

@@ -246,7 +246,7 @@ class SingularityLocus:
         """
         if reference_basis is not None:
             reference_basis = reference_basis[..., : self.degrees_of_freedom]
-        linearisation = self.closure.at(values)
+        linearisation = self.closure.linearise(values)
         return tangent_space(linearisation, self.degrees_of_freedom, reference_basis)
 
     def motion_space(

@@ -309,7 +309,7 @@ def _ends_in_range(sampled: SampledSingularities, number: int) -> tuple[Floats, 
     # input on the piece and that on the curve.
     rows = [(piece.start, piece.stop, piece.shift) for piece in pieces]
     ends, shifts = np.split(np.reshape(rows, (-1, 3)), [2], axis=1)
-    input_variable = sampled.tracer.solver.input_variable
+    input_variable = sampled.position_analysis.solver.input_variable
     inputs_on_curve = curve.at(ends.ravel()).values[:, input_variable]
     q = inputs_on_curve.reshape(ends.shape) + shifts
     is_end = np.zeros(ends.shape, dtype=bool)

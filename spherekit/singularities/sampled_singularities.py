@@ -54,7 +54,7 @@ class SampledSingularities:
 
     Parameters
     ----------
-    tracer
+    position_analysis
         Position analysis of a mechanism with one degree of freedom.
     outputs
         Relative motions (o, s), numbers of links.
@@ -67,7 +67,7 @@ class SampledSingularities:
 
     Attributes
     ----------
-    whole, tracer
+    whole, position_analysis
         The given position analysis, and that of the part on which the outputs depend. Links
         of the report and variables of the curves are numbered as in the part.
     configurations, report
@@ -102,14 +102,16 @@ class SampledSingularities:
         self._values = values
         output_links = [link for output in outputs for link in output]
         part = find_placing_part(tracer, output_links)
-        self.tracer = part.position_analysis
+        self.position_analysis = part.position_analysis
         # For each assembly mode of the part, those of the whole mechanism that contain it.
         self._whole_modes = part.whole_modes
-        self._driven = self.tracer.solver.input_variable
-        self.configurations: Configurations = self.tracer.configurations
+        self._driven = self.position_analysis.solver.input_variable
+        self.configurations: Configurations = self.position_analysis.configurations
         self.curves = [item.curve for item in self.configurations.curves]
         named_outputs = [(names[o], names[s]) for o, s in outputs]
-        self.report = SingleFreedomSingularities(self.tracer, self.curves, named_outputs)
+        self.report = SingleFreedomSingularities(
+            self.position_analysis, self.curves, named_outputs
+        )
         self._locate_rows(values[:, part.variables], assembly_mode)
         self.range: tuple[float, float] = tracer.range
         self._passed_ranges: dict[int, tuple[float, float]] | None = None
@@ -322,7 +324,7 @@ class SampledSingularities:
 
     def _period(self, curve: int) -> float:
         """Return the growth of the input (rad) after which configurations repeat."""
-        (period,) = self.tracer.solver.periods
+        (period,) = self.position_analysis.solver.periods
         return self.curves[curve].returns_after(self._driven, period)
 
     @property
@@ -427,13 +429,13 @@ class SampledSingularities:
         -------
         (n,) angles (rad) for each output, NaN if another group places it.
         """
-        axes = self.tracer.solver.closure.at(values).axes
+        axes = self.position_analysis.solver.closure.linearise(values).axes
         angles = []
         for output in self.report.outputs:
             # The links of the output are joined by the first group that has them in two
             # different bodies.
             joining_group = None
-            for group in self.tracer.solver.assembly.groups:
+            for group in self.position_analysis.solver.assembly.groups:
                 bodies_of_output = sum(
                     not set(body).isdisjoint(output) for body in group.bodies
                 )
@@ -468,11 +470,11 @@ class SampledSingularities:
         -------
         (n,) angles (rad), NaN if other groups place the output too.
         """
-        solver = self.tracer.solver
+        solver = self.position_analysis.solver
         links = frozenset(self.report.outputs[output])
         groups = placing_groups(solver.mechanism, solver.assembly, links)
         least = np.full(len(values), MAX_TYPE_II_DISTANCE_RAD if groups else np.nan)
-        axes = solver.closure.at(values).axes
+        axes = solver.closure.linearise(values).axes
         for group in groups:
             if not group.is_dyad:
                 return nans(len(values))
@@ -491,7 +493,7 @@ class SampledSingularities:
         of type II is proportional to this sine. It is 1 for mechanisms with contacts, whose
         profiles have a size of their own.
         """
-        mechanism = self.tracer.solver.mechanism
+        mechanism = self.position_analysis.solver.mechanism
         if mechanism.has_contacts:
             return 1.0
         sines = [0.0]
@@ -515,7 +517,7 @@ class SampledSingularities:
         """
         solver = self.whole.solver
         values = np.where(self.curve[:, None] >= 0, self._values, np.nan)
-        vectors = solver.closure.at(values).vectors
+        vectors = solver.closure.linearise(values).vectors
         return input_authority(solver.closure.tree, [solver.input_variable], vectors)
 
     def output_angle(self, curve: int, output: int, s: Floats) -> Floats:
@@ -532,7 +534,7 @@ class SampledSingularities:
             (n,) rising arc lengths (rad).
         """
         links = self.report.outputs[output]
-        variable = self.tracer.mechanism.angle_between(*links)
+        variable = self.position_analysis.mechanism.angle_between(*links)
         if variable is not None:
             return self.curves[curve].at(s).values[:, variable]
         rate, _ = self.report.curve_motions[curve].signed_rate(s, pole_of(*links))
@@ -542,7 +544,7 @@ class SampledSingularities:
     def configuration(self, curve: int, s: float) -> Floats:
         """Return the orientations (links, 3, 3) of all links at an arc length (rad)."""
         arc_curve = self.curves[curve]
-        return arc_curve.closure.at(arc_curve.at(s).values).rotations[0]
+        return arc_curve.closure.linearise(arc_curve.at(s).values).rotations[0]
 
     def crossing_ends(self, curve: int) -> list[tuple[float, Floats]]:
         """Return the ends of a curve at crossings with other curves.

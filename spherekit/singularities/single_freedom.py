@@ -541,7 +541,7 @@ class SingleFreedomSingularities:
         motion = self.position_analysis.sparse(SAMPLES_OF_FREEDOMS)
         reference = np.zeros((1, motion.values.shape[1]))
         closed_values = motion.values[~motion.failed]
-        if solver.closure.at(reference).closure_residual[0] < CLOSURE_TOLERANCE:
+        if solver.closure.linearise(reference).closure_residual[0] < CLOSURE_TOLERANCE:
             closed_values = np.concatenate([reference, closed_values])
         least = min(
             (

@@ -288,7 +288,7 @@ class SingularSurface:
         used_vertices, new_numbers = np.unique(
             np.array(triangles, dtype=np.intp).reshape(-1, 3), return_inverse=True
         )
-        vertices = LocusPoints.joined([self.nodes, edge_points.rows(good)])
+        vertices = LocusPoints.concatenate([self.nodes, edge_points.rows(good)])
         return replace(
             self,
             nodes=vertices.rows(used_vertices),
@@ -416,7 +416,7 @@ def singular_surface(
         everywhere=search.is_everywhere,
     )
     for _ in range(halved):
-        time_limit.tell(f"halving the edges of {len(mesh.triangles)} triangles")
+        time_limit.report_if_due(f"halving the edges of {len(mesh.triangles)} triangles")
         mesh = mesh.split()
     # The mesh extends a little beyond the ranges of the inputs, where it is cut off.
     return mesh.reported()

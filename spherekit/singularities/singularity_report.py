@@ -190,7 +190,7 @@ class SingularityReport:
             the inputs or the output that should rest in the singular motion (rad per rad of
             this motion).
         """
-        linearisation = self.solver.closure.at(values)
+        linearisation = self.solver.closure.linearise(values)
         inputs = self.inputs_in_range(values)
         orientation = self.output.orientation(linearisation)
         pointing = None

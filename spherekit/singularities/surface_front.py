@@ -192,7 +192,7 @@ class SurfaceFront:
 
     def _add_vertex(self, point: LocusPoints) -> int:
         """Add one point of the locus as a vertex; return its number."""
-        self.vertices = LocusPoints.joined([self.vertices, point])
+        self.vertices = LocusPoints.concatenate([self.vertices, point])
         low, high = self.report.ranges
         margin = RANGE_MARGIN * self.edge_length
         inputs = self.report.inputs_in_range(point.values)

@@ -311,7 +311,7 @@ def _solve_rates(motion: Motion, driven: int, is_known: Bools, axes: Array) -> D
     )
     # An axis a is fixed in the first link of its pair, so its derivative is w x a.
     w = sum_along_paths(rates[:, :, None] * axes)
-    direction_change = rates[:, :, None] * np.cross(w[:, tree.firsts], axes)
+    direction_change = rates[:, :, None] * np.cross(w[:, tree.first_bodies], axes)
     changes = np.zeros_like(rates)
     changes[:, passive_variables] = _solve_linear_systems(
         passive_equations, -sum_around_loops(direction_change)

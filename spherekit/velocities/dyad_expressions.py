@@ -120,7 +120,7 @@ def place_by_inputs(
     if ground.depth:
         # The ground belongs to a body that was turned into its place. All links are turned
         # back together, so that the ground has its own axes again.
-        back = constants(ground.within.T) @ ground.basis.T
+        back = constants(ground.basis_from_link.T) @ ground.basis.T
         orientations = [
             replace(
                 orientation, basis=back @ orientation.basis, depth=orientation.depth + 1

@@ -144,7 +144,7 @@ class KinematicStructure:
             if values is None:
                 values = _find_closed_configuration(mechanism, input_pairs)
             closure = Closure.of_mechanism(mechanism, make_joints(mechanism))
-            return closure.at(values[None]).vectors[0]
+            return closure.linearise(values[None]).vectors[0]
 
         groups = tuple(
             GroupEquations(mechanism, assembly, group, compute_vectors)

@@ -178,7 +178,7 @@ def _ground_moment(
     # link axes to ground axes is the product basis @ within.
     if axes != "ground":
         moment = components if arm is None else cross(vector(list(arm)), components)
-        return orientation.basis @ (constants(orientation.within) @ moment)
+        return orientation.basis @ (constants(orientation.basis_from_link) @ moment)
     if arm is None:
         return components
     # An arm with a size that varies is an expression, whose length is no number.

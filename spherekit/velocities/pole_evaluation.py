@@ -144,7 +144,7 @@ def evaluate_unsigned(
     # Rows at which this elimination order nearly divides by zero are computed again, each
     # with an order that suits it.
     for row_order, rows in row_velocities.reordered:
-        field.put(
+        field.assign_rows(
             rows, evaluate_unsigned(motion.rows(rows), request, engine, route, row_order)
         )
     return field

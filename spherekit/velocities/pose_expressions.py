@@ -22,15 +22,15 @@ from spherekit.velocities.axis_rotations import (
 class LinkOrientation:
     """The orientation of a link as a product of an expression and a constant.
 
-    The rotation R = basis @ within leads from link axes to ground axes. The two factors
-    are kept apart because vectors that are fixed in the link have constant components
-    along the columns of `basis`.
+    The rotation R = basis @ basis_from_link leads from link axes to ground axes. The two
+    factors are kept apart because vectors that are fixed in the link have constant
+    components along the columns of `basis`.
 
     Attributes
     ----------
     basis
         (3, 3) expressions. Its columns are unit vectors in ground axes, fixed in the link.
-    within
+    basis_from_link
         (3, 3) numbers, or expressions of sizes: the rotation from link axes to the basis.
     depth
         Number of links that were placed before on the path to this one. If a direction is
@@ -39,7 +39,7 @@ class LinkOrientation:
     """
 
     basis: Exprs
-    within: Entries
+    basis_from_link: Entries
     depth: int
 
     def direction(self, axis: Entries) -> Exprs:
@@ -48,7 +48,7 @@ class LinkOrientation:
 
     def fixed_components(self, axis: Entries) -> Exprs:
         """Return the components (3,) along the basis of a vector given in link axes."""
-        return constants(self.within @ axis)
+        return constants(self.basis_from_link @ axis)
 
     def components(self, ground_vector: Exprs) -> Exprs:
         """Return the components (3,) along the basis of a vector given in ground axes."""
@@ -56,7 +56,7 @@ class LinkOrientation:
 
     def basis_tensor(self, inertia: Entries) -> Exprs:
         """Return an inertia tensor (3, 3), given in link axes, in the axes of the basis."""
-        return constants(self.within @ inertia @ self.within.T)
+        return constants(self.basis_from_link @ inertia @ self.basis_from_link.T)
 
 
 GROUND_ORIENTATION = LinkOrientation(constants(np.eye(3)), np.eye(3), 0)
@@ -78,7 +78,7 @@ def place_link(
         Expressions (rad) of all variables of the mechanism.
     """
     basis = start.basis
-    within = start.within
+    within = start.basis_from_link
     # The chain is: constant, rotation, constant, ..., constant. The last constant has no
     # rotation after it and becomes the constant factor of the result.
     for constant, rotation in zip(chain.constants, chain.rotations, strict=False):

@@ -109,7 +109,7 @@ class Transmission:
         values
             (n, variables) closed configurations (rad).
         """
-        linearisation = closure.at(values)
+        linearisation = closure.linearise(values)
         directions = self.output_directions(linearisation.rotations)
         return self.measure(linearisation.vectors, directions)
 
@@ -151,7 +151,7 @@ class Transmission:
             is_finite &= all_finite(directions, 1)
         all_rows = np.flatnonzero(is_finite)
         passive_pairs = [
-            self.tree.owners[v] for v in passive_variables(self.tree, self.driven)
+            self.tree.pair_of_variable[v] for v in passive_variables(self.tree, self.driven)
         ]
         path = self._path_currents
         for start in range(0, len(all_rows), TRANSMISSION_BATCH_ROWS):
@@ -194,7 +194,7 @@ class Transmission:
 
 def passive_variables(tree: LoopTree, driven: Sequence[int]) -> list[int]:
     """Return the numbers of the variables that no input locks."""
-    return [v for v in range(len(tree.owners)) if v not in driven]
+    return [v for v in range(len(tree.pair_of_variable)) if v not in driven]
 
 
 def passive_equations(
@@ -225,7 +225,7 @@ def passive_equations(
     passive = passive_variables(tree, driven)
     columns = np.swapaxes(_orthonormal_vectors(tree, vectors)[:, passive], 1, 2)
     # (loops, passive) coefficient of each variable's pair in each cycle.
-    cycles = tree.cycles[:, [tree.owners[v] for v in passive]]
+    cycles = tree.cycles[:, [tree.pair_of_variable[v] for v in passive]]
     # (n, loops, 3, passive)
     loops = cycles[:, None] * columns[:, None]
     return columns, loops.reshape(len(vectors), 3 * len(cycles), len(passive))
@@ -273,8 +273,8 @@ def _orthonormal_vectors(tree: LoopTree, vectors: Floats) -> Floats:
     """
     lengths = np.linalg.norm(vectors, axis=2, keepdims=True)
     units = vectors / np.where(lengths > 0.0, lengths, 1.0)
-    for v, owner in enumerate(tree.owners):
-        if v and tree.owners[v - 1] == owner:
+    for v, owner in enumerate(tree.pair_of_variable):
+        if v and tree.pair_of_variable[v - 1] == owner:
             # The second vector of a pair, a view of `units`, loses its component along the
             # first one (Gram-Schmidt).
             first = units[:, v - 1]

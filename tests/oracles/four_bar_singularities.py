@@ -29,7 +29,7 @@ def findings_and_warnings(result):
 
 
 def axes_at_configuration(made, values):
-    return solver_of(made).closure.at(values).axes
+    return solver_of(made).closure.linearise(values).axes
 
 
 def count_configuration_curves(arcs):

@@ -245,7 +245,7 @@ def link_motions(mechanism, values, dq, ddq):
         (inputs, 3 links - 3) rows that take link rates to input rates.
     """
     joints = make_joints(mechanism)
-    closure = Closure.of_mechanism(mechanism, joints).at(values[None])
+    closure = Closure.of_mechanism(mechanism, joints).linearise(values[None])
     states = closure.states
     turns = closure.rotations[0]
     link_count = len(mechanism.links)

@@ -354,7 +354,7 @@ class PageMaker:
         which all configurations return, None if they never do.
         """
         solver = PositionSolver(self._mechanism, assembly_by_count_or_rank(self._mechanism))
-        (anchor,) = solver.anchor
+        (anchor,) = solver.anchor_inputs
         (period,) = solver.periods
         return {
             "pair": pair,
@@ -370,7 +370,7 @@ class PageMaker:
         The anchor is None if there is no such pose, or its input is not in the range.
         """
         solver = PositionSolver(self._mechanism, assembly_by_count_or_rank(self._mechanism))
-        (anchor,) = solver.anchor
+        (anchor,) = solver.anchor_inputs
         (driven,) = self._mechanism.inputs
         low, high = driven.range
         if solver.reference is None or not low <= anchor <= high:
