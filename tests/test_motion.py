@@ -22,37 +22,54 @@ SHIPPED = (
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_variables_describe_the_orientations_over_a_whole_turn(name):
+def test_joint_angles_and_orientations_of_links_agree_over_a_whole_turn(name):
+    """R_second = R_first F_first Z(angle) F_second^T for each R pair, to 1e-14.
+
+    F are the frames of the pair in its two links (by an independent function), and Z is the
+    rotation about the pair's axis, which is z of these frames. After a turn of the input
+    all links are back, so no assembly mode has flipped on the way.
+    """
     motion = sk.trace(sk.load(name), samples=181, search=False)
-    assert np.all(motion.status == sk.Status.OK) and np.max(motion.residual) < 5e-15
-    turns = motion.rotations[motion.assembly_mode == 0]
-    assert np.max(np.abs(turns[0] - turns[-1])) < 1e-12
-    first, second = revolute_frames(motion.mechanism)
-    for k, (a, b) in enumerate(motion.mechanism.ends):
-        c, s = np.cos(motion.values[:, k]), np.sin(motion.values[:, k])
+    assert np.all(motion.status == sk.Status.OK)
+    assert np.max(motion.residual) < 5e-15
+    rotations_of_mode_0 = motion.rotations[motion.assembly_mode == 0]
+    assert np.max(np.abs(rotations_of_mode_0[0] - rotations_of_mode_0[-1])) < 1e-12
+
+    first_frames, second_frames = revolute_frames(motion.mechanism)
+    for k, (first, second) in enumerate(motion.mechanism.ends):
+        c = np.cos(motion.values[:, k])
+        s = np.sin(motion.values[:, k])
         zero = np.zeros_like(c)
-        turn = np.moveaxis(
-            np.array([[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]), -1, 0
+        one = zero + 1
+        z_rotation = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]])
+        z_rotation = np.moveaxis(z_rotation, -1, 0)  # (samples, 3, 3)
+        expected = (
+            motion.rotations[:, first] @ first_frames[k] @ z_rotation @ second_frames[k].T
         )
-        expected = motion.rotations[:, a] @ first[k] @ turn @ second[k].T
-        assert np.max(np.abs(expected - motion.rotations[:, b])) < 1e-14
+        assert np.max(np.abs(expected - motion.rotations[:, second])) < 1e-14
 
 
-def test_rocker_is_reported_out_of_reach_exactly_where_it_is():
-    """Grashof-free four-bar: reach limits of its diagonal in closed form."""
-    arcs = np.radians([70.0, 60.0, 30.0, 45.0])
-    motion = sk.trace(four_bar(arcs), samples=3601)
-    cosine = np.cos(arcs[0]) * np.cos(arcs[1]) + np.sin(arcs[0]) * np.sin(arcs[1]) * np.cos(
-        motion.q
+def test_samples_are_out_of_reach_exactly_where_the_diagonal_of_a_four_bar_is_too_long():
+    """Coupler and rocker reach over arcs between their difference and their sum.
+
+    The diagonal from the crank's tip to the rocker's ground axis follows from the spherical
+    law of cosines. Arcs are those of ground, crank, coupler and rocker.
+    """
+    ground, crank, coupler, rocker = np.radians([70.0, 60.0, 30.0, 45.0])
+    motion = sk.trace(four_bar(np.array([ground, crank, coupler, rocker])), samples=3601)
+    diagonal = np.arccos(
+        np.cos(ground) * np.cos(crank) + np.sin(ground) * np.sin(crank) * np.cos(motion.q)
     )
-    diagonal = np.arccos(cosine)
-    reachable = (diagonal > arcs[3] - arcs[2]) & (diagonal < arcs[2] + arcs[3])
+    reachable = (diagonal > rocker - coupler) & (diagonal < coupler + rocker)
     assert 0 < np.sum(reachable) < len(reachable)
     assert np.array_equal(motion.status == sk.Status.OK, reachable)
+
     assert np.all(motion.status[~reachable] == sk.Status.OUT_OF_REACH)
+    # The input is known everywhere; the other joint angles and orientations are NaN.
     assert np.all(np.isnan(motion.values[~reachable][:, 1:]))
-    assert np.all(np.isnan(motion.rotations[~reachable])) and len(motion) == 2 * 3601
+    assert np.all(np.isnan(motion.rotations[~reachable]))
     assert np.all(np.isfinite(motion.q))
+    assert len(motion) == 2 * 3601  # two assembly modes
 
 
 def test_dead_centre_itself_closes_but_has_no_rates():
