@@ -5,10 +5,10 @@ from itertools import product
 
 import numpy as np
 import pytest
+from helpers.polynomial_motions import START_INPUTS, motion_by_polynomial_laws
 from helpers.refusals import mechanism_text
 from mechanism_examples.named_mechanisms import one_link_mechanism
 from oracles.newton_euler import bearing_forces, row_of_torques, with_masses_and_loads
-from test_reactions import STARTS, moving
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -16,7 +16,16 @@ from spherekit.dynamics.reactions import reactions
 
 BEARING_POSITIONS_M = (0.4, 0.9)
 PRESSURE_ANGLE_RAD = np.radians(20.0)
-STARTS = STARTS | {"bevel_differential": (0.3, 0.2)}
+BEARING_MECHANISMS = (
+    "two_dof_spm",
+    "three_rrr",
+    "stephenson",
+    "shaped_flat_cam",
+    "roller_cam",
+    "bevel_differential",
+)
+STARTS = {name: START_INPUTS[name] for name in BEARING_MECHANISMS}
+STARTS["bevel_differential"] = (0.3, 0.2)
 
 
 def mechanism_on_bearings(name, seed=3, distance=0.7):
@@ -47,7 +56,9 @@ def mechanism_on_bearings(name, seed=3, distance=0.7):
         pairs.append(pair)
     mechanism = replace(mechanism, pairs=tuple(pairs))
 
-    lacking = reactions(moving(mechanism, STARTS[name], [0.0, 0.2])).lacking
+    lacking = reactions(
+        motion_by_polynomial_laws(mechanism, STARTS[name], [0.0, 0.2])
+    ).lacking
     assert lacking.enough
     assert not lacking.centres
     assert not lacking.distances
@@ -71,7 +82,9 @@ def test_bearing_forces_are_those_of_free_bodies(name):
     solved, and exactly one has pushing forces only.
     """
     mechanism, joint = mechanism_on_bearings(name)
-    found_reactions = reactions(moving(mechanism, STARTS[name], [0.0, 0.2]))
+    found_reactions = reactions(
+        motion_by_polynomial_laws(mechanism, STARTS[name], [0.0, 0.2])
+    )
     assert not np.any(found_reactions.open_forces)
     assert not found_reactions.lacking.wanted
     torques = found_reactions.torques
@@ -120,7 +133,9 @@ def test_a_vertical_shaft_stands_on_its_fixed_bearing(speed, tmp_path):
     (tmp_path / "shaft.toml").write_text(SHAFT)
     shaft = sk.load(tmp_path / "shaft.toml")
     angle = 0.4
-    found_reactions = reactions(moving(shaft, (angle,), [0.0], speed, 0.0))
+    found_reactions = reactions(
+        motion_by_polynomial_laws(shaft, (angle,), [0.0], speed, 0.0)
+    )
     ((first, second),) = found_reactions.on_bearings["bearings"]
     frame = found_reactions.frames[0, 0]
     outwards = np.array([np.cos(angle), np.sin(angle), 0.0])  # x of the shaft
@@ -211,7 +226,9 @@ def test_bearing_friction_equals_a_load_of_the_same_torque():
     rubbing = replace(bearings, radius=0.02, coefficient=0.3, speed=0.01)
     loads = [rubbing if load is bearings else load for load in mechanism.loads]
     start = (0.4,)
-    with_friction = reactions(moving(mechanism.with_loads(*loads), start, [0.1]))
+    with_friction = reactions(
+        motion_by_polynomial_laws(mechanism.with_loads(*loads), start, [0.1])
+    )
 
     torques = with_friction.torques
     rate = torques.rates[0, :, mechanism.angles[pair]] @ torques.input_rates[0]
@@ -221,10 +238,12 @@ def test_bearing_friction_equals_a_load_of_the_same_torque():
 
     as_load = sk.PairTorque("rub_", pair, repr(float(friction_torque)))
     with_load = mechanism.with_loads(*mechanism.loads, as_load)
-    same = reactions(moving(with_load, start, [0.1]))
+    same = reactions(motion_by_polynomial_laws(with_load, start, [0.1]))
     assert same.forces == pytest.approx(with_friction.forces, rel=1e-11, abs=1e-11)
     assert same.torques.tau == pytest.approx(torques.tau, rel=1e-12)
-    without_friction = reactions(moving(mechanism, start, [0.1])).torques.tau
+    without_friction = reactions(
+        motion_by_polynomial_laws(mechanism, start, [0.1])
+    ).torques.tau
     assert abs(without_friction[0] - torques.tau[0]) > 1e-3
 
 
@@ -238,7 +257,9 @@ def test_reactions_name_what_is_missing_to_determine_forces():
     light = replace(mechanism.masses[2], mass=None, centre=None)
     masses = (*mechanism.masses[:2], light, *mechanism.masses[3:])
     mechanism = replace(mechanism, masses=masses, loads=mechanism.loads[1:])
-    found_reactions = reactions(moving(mechanism, STARTS["stephenson"], [0.0]))
+    found_reactions = reactions(
+        motion_by_polynomial_laws(mechanism, STARTS["stephenson"], [0.0])
+    )
     assert found_reactions.lacking.centres == (light.link,)
     assert len(found_reactions.lacking.floating) == 6
     assert np.all(found_reactions.open_forces)

@@ -9,6 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mechanism_examples.repeated_links import (
+    double_cross,
+    five_bar_with_second_rod,
+    four_bar_with_further_axes,
+    second_rod,
+    second_rod_by_axes,
+)
 from test_exported_modes import check_modes
 
 import spherekit as sk
@@ -16,139 +23,17 @@ from spherekit.cli.main import main
 from spherekit.display.pages.page import PageMaker
 from spherekit.errors import PlanError
 from spherekit.exchange.formula_maker import formulas
-from spherekit.files.mechanism_reader import loads
 from spherekit.planning.mobility import graph_mobility
 
 CARDAN = Path(__file__).parent / "files" / "cardan_dup.toml"
-HEAD = """
-format = 1
-name = "{name}"
-angle_unit = "deg"
-ground = "base"
-"""
-FOUR_BAR = (
-    HEAD
-    + """
-[links]
-base = {{ axes = ["in", "out"{base}], arcs = [70.0{base_arcs}]{base_angles} }}
-crank = {{ axes = ["in", "tip"{crank}], arcs = [30.0{crank_arcs}]{crank_angles} }}
-rod = {{ axes = ["tip", "joint"], arcs = [65.0] }}
-rocker = {{ axes = ["out", "joint"{rocker}], arcs = [50.0{rocker_arcs}]{rocker_angles} }}
-{links}
-[pairs]
-in = {{ type = "R", links = ["base", "crank"] }}
-tip = {{ type = "R", links = ["crank", "rod"] }}
-joint = {{ type = "R", links = ["rod", "rocker"] }}
-out = {{ type = "R", links = ["base", "rocker"] }}
-{pairs}
-"""
-)
-PLACES = ("base", "crank", "rocker")
-
-
-def four_bar(name, links="", pairs="", **added):
-    """Return a four-bar with further axes at an arc and an angle (deg) of its links."""
-    words = dict.fromkeys(PLACES, "")
-    words |= {f"{link}_{key}": "" for link in PLACES for key in ("arcs", "angles")}
-    for link, (axis, arc, angle) in added.items():
-        words[link] = f', "{axis}"'
-        words[f"{link}_arcs"] = f", {arc}"
-        words[f"{link}_angles"] = f", angles = [{angle}]"
-    return loads(FOUR_BAR.format(name=name, links=links, pairs=pairs, **words), name)
-
-
-def second_rod():
-    """Return a four-bar with the same rod twice, on the same axes."""
-    return four_bar(
-        "second_rod",
-        'rod_b = { axes = ["tip_b", "joint_b"], arcs = [65.0] }',
-        'tip_b = { type = "R", links = ["crank", "rod_b"] }\n'
-        'joint_b = { type = "R", links = ["rod_b", "rocker"] }',
-        crank=("tip_b", 30.0, 0.0),
-        rocker=("joint_b", 50.0, 0.0),
-    )
-
-
-def pose():
-    """Return the four-bar with two rods, given by its axes in a reference pose."""
-    here = sk.evaluate(second_rod(), 1.0)
-    mechanism = second_rod()
-    text = HEAD.format(name="posed_rods") + "[links]\n"
-    text += "".join(f"{link} = {{}}\n" for link in mechanism.links) + "[pairs]\n"
-    axes = here._motion.axes[0]
-    for pair, axis in zip(mechanism.pairs, axes, strict=True):
-        ends = ", ".join(f'"{link}"' for link in pair.links)
-        xyz = ", ".join(map(repr, axis.tolist()))
-        text += f'{pair.name} = {{ type = "R", links = [{ends}], xyz = [{xyz}] }}\n'
-    return loads(text, "posed_rods")
-
-
-def double_cross():
-    """Return Hooke's joint (shafts at 35 deg) with a second cross on the same axes.
-
-    The fork on the input shaft carries a and b, and the driven fork c and d, where b lies
-    on a and d on c. Both crosses have arms at 90 deg, so the second one repeats the
-    constraint of the first.
-    """
-    text = (
-        HEAD.format(name="double_cross")
-        + """
-[links]
-base = { axes = ["in", "out"], arcs = [35.0] }
-fork = { axes = ["in", "a", "b"], arcs = [90.0, 90.0], angles = [0.0] }
-cross = { axes = ["a", "c"], arcs = [90.0] }
-cross_b = { axes = ["b", "d"], arcs = [90.0] }
-driven = { axes = ["out", "c", "d"], arcs = [90.0, 90.0], angles = [0.0] }
-[pairs]
-in = { type = "R", links = ["base", "fork"] }
-a = { type = "R", links = ["fork", "cross"] }
-c = { type = "R", links = ["cross", "driven"] }
-b = { type = "R", links = ["fork", "cross_b"] }
-d = { type = "R", links = ["cross_b", "driven"] }
-out = { type = "R", links = ["base", "driven"] }
-"""
-    )
-    return loads(text, "double_cross")
-
-
-def five_bar():
-    """Return a five-bar with two inputs, in which two equal rods join "one" and "other".
-
-    The second rod turns about the same axes as the first and repeats its constraint. Arcs
-    are in degrees; inputs run from 60 to 70 deg.
-    """
-    text = (
-        HEAD.format(name="five_bar_b")
-        + """
-[links]
-base = { axes = ["left", "right"], arcs = [60.0] }
-one = { axes = ["left", "tip", "tip_b"], arcs = [60.0, 60.0], angles = [0.0] }
-rod = { axes = ["tip", "top"], arcs = [70.0] }
-rod_b = { axes = ["tip_b", "top_b"], arcs = [70.0] }
-other = { axes = ["top", "end", "top_b"], arcs = [70.0, 0.0], angles = [0.0] }
-two = { axes = ["right", "end"], arcs = [60.0] }
-[pairs]
-left = { type = "R", links = ["base", "one"] }
-tip = { type = "R", links = ["one", "rod"] }
-top = { type = "R", links = ["rod", "other"] }
-tip_b = { type = "R", links = ["one", "rod_b"] }
-top_b = { type = "R", links = ["rod_b", "other"] }
-end = { type = "R", links = ["other", "two"] }
-right = { type = "R", links = ["base", "two"] }
-[inputs]
-left = { from = 60, to = 70 }
-right = { from = 60, to = 70 }
-"""
-    )
-    return loads(text, "five_bar_b")
 
 
 VARIANTS = {
     "cardan_dup": lambda: sk.load(str(CARDAN)),
     "second_rod": second_rod,
     "double_cross": double_cross,
-    "five_bar_b": five_bar,
-    "posed_rods": pose,
+    "five_bar_b": five_bar_with_second_rod,
+    "posed_rods": second_rod_by_axes,
 }
 SLOW = ("cardan_dup", "five_bar_b", "posed_rods")
 NAMES = [pytest.param(x, marks=pytest.mark.slow) if x in SLOW else x for x in VARIANTS]
@@ -184,7 +69,7 @@ def test_a_four_bar_moves_with_two_equal_rods_as_with_one():
     """
     outputs = ["theta_out", "rate_out"]
     with_two_rods = formulas(second_rod(), outputs)
-    with_one_rod = formulas(four_bar("once"), outputs)
+    with_one_rod = formulas(four_bar_with_further_axes("once"), outputs)
     newton_step = with_two_rods.numpy_function(with_two_rods.step)
     outputs_with_two_rods = with_two_rods.numpy_function(with_two_rods.outputs)
     outputs_with_one_rod = with_one_rod.numpy_function(with_one_rod.outputs)
@@ -219,7 +104,7 @@ def test_a_four_bar_that_a_rod_of_another_length_locks_is_refused(
 
     All commands say that links are rigid, although a rod more is no fault in itself.
     """
-    rigid = four_bar(
+    rigid = four_bar_with_further_axes(
         "rigid",
         'rod_b = { axes = ["tip_b", "joint_b"], arcs = [55.0] }',
         'tip_b = { type = "R", links = ["crank", "rod_b"] }\n'

@@ -4,14 +4,12 @@ Sums in another order, without fused products, round otherwise. What these tests
 to hold there too.
 """
 
-import os
-import platform
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from numpy._core._multiarray_umath import __cpu_dispatch__ as DISPATCHED
+from helpers.least_kernels import environment_with_least_kernels
 
 TESTS = Path(__file__).parent
 NUMERICAL = (
@@ -31,18 +29,6 @@ PROCESSES = 2
 """Of several files each, which is quicker than one for each file."""
 QUICK = "not slow and not long"
 """The tests of a file that are asked there; its slow ones hold what quick ones do too."""
-CORES = {"x86_64": "Prescott", "AMD64": "Prescott", "aarch64": "ARMV8"}
-"""The least kernels of OpenBLAS by machine."""
-
-
-def least_kernel_environment():
-    """Return the variables of a process in which NumPy and OpenBLAS use least kernels."""
-    variables = {k: v for k, v in os.environ.items() if not k.startswith("PYTEST_")}
-    return variables | {
-        "NPY_DISABLE_CPU_FEATURES": " ".join(DISPATCHED),
-        "OPENBLAS_CORETYPE": CORES.get(platform.machine(), ""),
-        "OPENBLAS_NUM_THREADS": "1",
-    }
 
 
 def test_numpy_uses_no_special_features_of_the_processor_in_that_environment():
@@ -53,7 +39,7 @@ def test_numpy_uses_no_special_features_of_the_processor_in_that_environment():
     )
     process = subprocess.run(
         [sys.executable, "-c", code],
-        env=least_kernel_environment(),
+        env=environment_with_least_kernels(),
         capture_output=True,
         text=True,
     )
@@ -80,7 +66,7 @@ def test_numerical_tests_pass_with_the_least_kernels(names, chosen):
     files = [str(TESTS / f"{name}.py") for name in names]
     process = subprocess.run(
         [sys.executable, "-m", "pytest", *pytest_options, *files],
-        env=least_kernel_environment(),
+        env=environment_with_least_kernels(),
         cwd=TESTS.parent,
         capture_output=True,
         text=True,

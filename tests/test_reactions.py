@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.polynomial_motions import START_INPUTS, motion_by_polynomial_laws
 from oracles.newton_euler import newton_euler, row_of_torques, with_masses_and_loads
 
 import spherekit as sk
@@ -12,35 +13,11 @@ from spherekit.cli.main import main
 from spherekit.dynamics.inverse_dynamics import holding_torques
 from spherekit.dynamics.output_stiffness import output_stiffness
 from spherekit.dynamics.reactions import reactions
-from spherekit.files.time_law import Polynomial
 from spherekit.positions.position_analysis import PositionAnalysis
-from spherekit.positions.timing import evaluate_time_laws
 from spherekit.status import Status
 
-STARTS = {
-    "two_dof_spm": (0.3, 0.35),
-    "three_rrr": (0.9, 1.0, 1.2),
-    **dict.fromkeys(("stephenson", "shaped_flat_cam", "roller_cam"), (0.4,)),
-}
-OTHERS = {
-    "five_bar": (1.0, 1.2),
-    "bevel_differential": (0.5, 0.4),
-    **dict.fromkeys(("four_bar", "planetary_bevel"), (0.4,)),
-    "double_butterfly": (0.05,),
-}
 
-
-def moving(made, starts, t, rate=0.3, bend=0.2):
-    laws = {
-        item.pair: Polynomial((q, rate * (-1) ** k, bend))
-        for k, (item, q) in enumerate(zip(made.inputs, starts, strict=True))
-    }
-    q, timing = evaluate_time_laws(list(laws), laws, np.asarray(t, dtype=float))
-    motion = PositionAnalysis(made, None, 0, False, path=q).motion()
-    return replace(motion, timing=timing)
-
-
-@pytest.mark.parametrize("name", [*STARTS, *OTHERS])
+@pytest.mark.parametrize("name", START_INPUTS)
 def test_newton_and_euler_give_the_same_torques_and_reactions(name):
     """Torques and moments in pairs solve the Newton-Euler equations of all links.
 
@@ -51,8 +28,8 @@ def test_newton_and_euler_give_the_same_torques_and_reactions(name):
     seed = sum(map(ord, name))
     mechanism, joint = with_masses_and_loads(name, np.random.default_rng(seed))
     mechanism = mechanism.with_inputs(*[item.pair for item in mechanism.inputs])
-    starts = (STARTS | OTHERS)[name]
-    result = reactions(moving(mechanism, starts, [0.0, 0.2, 0.4]))
+    starts = START_INPUTS[name]
+    result = reactions(motion_by_polynomial_laws(mechanism, starts, [0.0, 0.2, 0.4]))
     torques = result.torques
     largest_moment = np.nanmax(np.abs(result.moments))
     assert np.max(result.unbalanced) < 1e-12 * largest_moment
@@ -91,7 +68,7 @@ def test_the_sign_of_a_contact_force_says_whether_it_presses(torque):
     also in a run of several blocks.
     """
     mechanism = pressed(torque)
-    result = reactions(moving(mechanism, (0.5,), [0.0, 0.1]))
+    result = reactions(motion_by_polynomial_laws(mechanism, (0.5,), [0.0, 0.1]))
     contact = mechanism.pair_number["contact"]
     frame = result.frames[0, contact]
     contact_point = frame[:, 2]
@@ -193,7 +170,7 @@ def test_the_remark_names_the_row_with_the_largest_holding_torque():
 def test_bearings_that_lock_are_refused(tmp_path):
     made, _ = with_masses_and_loads("stephenson", np.random.default_rng(5))
     tight = sk.Bearings("rub", "14", (0.1,), radius=0.5, coefficient=0.9, speed=0.01)
-    locked = reactions(moving(made.with_loads(tight), (0.4,), [0.1]))
+    locked = reactions(motion_by_polynomial_laws(made.with_loads(tight), (0.4,), [0.1]))
     assert locked.torques.status[0] != Status.OK
     rub = made.with_loads(replace(tight, coefficient=0.01))
     start = sk.Start(0.4, 1.0)

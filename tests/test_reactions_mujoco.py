@@ -1,12 +1,17 @@
-"""Accelerations and reactions against MuJoCo's: of loops to its impedance of 1e-4."""
+"""Accelerations and reactions against MuJoCo's.
+
+MuJoCo joins the links of a tree by hinges, and closes loops by soft constraints whose
+impedance is about 1e-4; so mechanisms with loops agree to some 1e-4 only, and open chains
+to rounding.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.polynomial_motions import START_INPUTS
 from mechanism_examples.linkages import mechanism_from_chain
 from oracles.newton_euler import random_mass, with_point_masses
-from test_dynamics_several_inputs import STARTS
 
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
@@ -18,72 +23,118 @@ from spherekit.positions.timing import evaluate_time_laws
 mujoco = pytest.importorskip("mujoco")
 
 
+def links_beyond_hinge(model, mechanism, hinge):
+    """Return the numbers of the moving links that a hinge of MuJoCo's tree carries.
+
+    Parameters
+    ----------
+    model
+        MuJoCo's model, whose bodies have the names of the links.
+    mechanism
+        Mechanism of the model; its first link is the ground.
+    hinge
+        Name of the hinge, which is that of a pair.
+    """
+    hinge_body = int(model.jnt_bodyid[model.joint(hinge).id])
+    ground_body = 0
+    carried_links = []
+    for link in mechanism.links[1:]:
+        body = model.body(link).id
+        while body not in (ground_body, hinge_body):
+            body = int(model.body_parentid[body])
+        if body == hinge_body:
+            carried_links.append(mechanism.link_number[link])
+    return carried_links
+
+
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr"])
-def test_what_holds_loops_together_is_what_mujoco_says(name):
-    """Of each hinge, the torque there of the moments at the pairs that close loops."""
-    made = with_point_masses(name)
-    dq = tuple(0.4 * (-1) ** (k + 1) for k in range(len(made.inputs)))
-    found = sk.simulate(made, sk.Start(STARTS[name], dq), 0.01)
-    begun = found.at([0.0])
-    model = mujoco.MjModel.from_xml_string(MujocoModel(made, begun.values[0]).text)
+def test_accelerations_and_moments_that_close_loops_agree_with_mujoco(name):
+    """Start a mechanism without loads, and compare its first instant with MuJoCo's.
+
+    MuJoCo states one constraint torque for each hinge of its tree. It has to be the sum,
+    along the hinge axis, of spherekit's moments at those pairs that close loops, on all
+    links that the hinge carries. Both agree to 3e-4, some impedances of the constraints.
+    """
+    mechanism = with_point_masses(name)
+    input_rates = tuple(0.4 * (-1) ** (k + 1) for k in range(len(mechanism.inputs)))
+    start = sk.Start(START_INPUTS[name], input_rates)
+    simulation = sk.simulate(mechanism, start, 0.01)
+    state = simulation.at([0.0])
+
+    model = mujoco.MjModel.from_xml_string(MujocoModel(mechanism, state.values[0]).text)
     data = mujoco.MjData(model)
     hinges = [model.joint(k).name for k in range(model.njnt)]
     dofs = [int(model.joint(hinge).dofadr[0]) for hinge in hinges]
-    data.qvel[dofs] = [begun.value_rates[0, made.angles[hinge]] for hinge in hinges]
+    hinge_columns = [mechanism.angles[hinge] for hinge in hinges]
+    data.qvel[dofs] = state.value_rates[0, hinge_columns]
     mujoco.mj_forward(model, data)
-    faster = [data.qacc[dofs[hinges.index(item.pair)]] for item in made.inputs]
-    assert faster == pytest.approx(begun.input_accelerations[0], rel=3e-4)
-    frames = found.equation.closure.linearise(begun.values).frames[0]
-    moments = found.moments(np.zeros(1)).moments[0]
-    on_links = np.zeros((len(made.links), 3))
-    for number, pair in enumerate(made.pairs):
+    input_dofs = [dofs[hinges.index(item.pair)] for item in mechanism.inputs]
+    assert data.qacc[input_dofs] == pytest.approx(state.input_accelerations[0], rel=3e-4)
+
+    # (pairs, 3, 3) axes of each pair's frame in ground axes, and (pairs, 3) moments in it
+    frames = simulation.equation.closure.at(state.values).frames[0]
+    moments = simulation.moments(np.zeros(1)).moments[0]
+    moment_on_link = np.zeros((len(mechanism.links), 3))  # N m, ground axes
+    for number, pair in enumerate(mechanism.pairs):
         if pair.name not in hinges:
-            first, second = made.ends[number]
-            on_links[second] += frames[number] @ moments[number]
-            on_links[first] -= frames[number] @ moments[number]
-    bodies = {model.body(k).name: k for k in range(model.nbody)}
-    wanted = []
+            first, second = mechanism.ends[number]
+            moment = frames[number] @ moments[number]
+            moment_on_link[second] += moment
+            moment_on_link[first] -= moment
+
+    expected = []
     for hinge in hinges:
-        joint = model.joint(hinge).id
-        carried = []
-        for link in made.links[1:]:
-            body = bodies[link]
-            while body not in (0, int(model.jnt_bodyid[joint])):
-                body = int(model.body_parentid[body])
-            carried += [made.link_number[link]] if body else []
-        wanted.append(data.xaxis[joint] @ np.sum(on_links[carried], axis=0))
-    held = data.qfrc_constraint[dofs]
-    assert held == pytest.approx(np.array(wanted), abs=3e-4 * np.max(np.abs(wanted)))
+        carried_links = links_beyond_hinge(model, mechanism, hinge)
+        axis = data.xaxis[model.joint(hinge).id]
+        expected.append(axis @ np.sum(moment_on_link[carried_links], axis=0))
+    tolerance = 3e-4 * np.max(np.abs(expected))
+    assert data.qfrc_constraint[dofs] == pytest.approx(np.array(expected), abs=tolerance)
 
 
-def test_forces_of_an_open_chain_are_what_mujoco_says():
-    """A wrist of three R pairs: the wrench of each hinge, without any constraint."""
+def wrist_with_masses():
+    """Return an open chain of three R pairs, all driven, with random masses and gravity."""
     axes = np.array([[0.1, 0.2, 1.0], [1.0, 0.3, 0.2], [0.2, -1.0, 0.4]])
-    made = mechanism_from_chain("1-2 2-3 3-4", axes / np.linalg.norm(axes, axis=1)[:, None])
+    axes /= np.linalg.norm(axes, axis=1)[:, None]
+    wrist = mechanism_from_chain("1-2 2-3 3-4", axes)
     random = np.random.default_rng(8)
-    made = made.with_inputs(*[pair.name for pair in made.pairs])
-    made = replace(made, masses=tuple(random_mass(random, link) for link in made.links[1:]))
-    made = made.with_loads(sk.Gravity("weight", (1.0, -2.0, -9.0)))
-    q, dq, ddq = (0.3, -0.5, 0.8), (1.0, -2.0, 1.5), (4.0, 3.0, -6.0)
-    laws = {
-        item.pair: Polynomial((a, b, c / 2))
-        for item, a, b, c in zip(made.inputs, q, dq, ddq, strict=True)
-    }
+    wrist = wrist.with_inputs(*[pair.name for pair in wrist.pairs])
+    masses = tuple(random_mass(random, link) for link in wrist.links[1:])
+    return replace(wrist, masses=masses).with_loads(sk.Gravity("weight", (1.0, -2.0, -9.0)))
+
+
+def test_wrenches_in_an_open_chain_are_those_of_mujoco():
+    """Force and moment in each hinge of a wrist, at given angles, rates and accelerations.
+
+    MuJoCo computes them by its own recursive Newton-Euler algorithm; an open chain has no
+    soft constraint, so they agree to rounding. MuJoCo's moments are about the centre of
+    mass of the tree and are moved to the centre of the sphere.
+    """
+    wrist = wrist_with_masses()
+    q = (0.3, -0.5, 0.8)  # rad
+    dq = (1.0, -2.0, 1.5)  # rad/s
+    ddq = (4.0, 3.0, -6.0)  # rad/s^2
+    laws = {}
+    for item, angle, rate, acceleration in zip(wrist.inputs, q, dq, ddq, strict=True):
+        laws[item.pair] = Polynomial((angle, rate, acceleration / 2))
     path, timing = evaluate_time_laws(list(laws), laws, np.zeros(1))
-    motion = replace(PositionAnalysis(made, None, 0, path=path).motion(), timing=timing)
-    found = reactions(motion)
-    model = mujoco.MjModel.from_xml_string(MujocoModel(made, found.torques.values[0]).text)
+    motion = replace(PositionAnalysis(wrist, None, 0, path=path).motion(), timing=timing)
+    result = reactions(motion)
+
+    model_text = MujocoModel(wrist, result.torques.values[0]).text
+    model = mujoco.MjModel.from_xml_string(model_text)
     data = mujoco.MjData(model)
-    data.qvel, data.qacc = dq, ddq
+    data.qvel = dq
+    data.qacc = ddq
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     mujoco.mj_comVel(model, data)
     mujoco.mj_rnePostConstraint(model, data)
-    for k, (_, second) in enumerate(made.ends):
-        number = model.body(made.links[second]).id
-        moment, force = data.cfrc_int[number].reshape(2, 3)
-        moment = moment + np.cross(data.subtree_com[model.body_rootid[number]], force)
-        frame = found.frames[0, k]
-        scale = np.max(np.abs(found.forces))
-        assert frame @ found.forces[0, k] == pytest.approx(force, abs=1e-11 * scale)
-        assert frame @ found.moments[0, k] == pytest.approx(moment, abs=1e-11 * scale)
+
+    tolerance = 1e-11 * np.max(np.abs(result.forces))
+    for k, (_, second) in enumerate(wrist.ends):
+        body = model.body(wrist.links[second]).id
+        moment, force = data.cfrc_int[body].reshape(2, 3)
+        moment = moment + np.cross(data.subtree_com[model.body_rootid[body]], force)
+        frame = result.frames[0, k]
+        assert frame @ result.forces[0, k] == pytest.approx(force, abs=tolerance)
+        assert frame @ result.moments[0, k] == pytest.approx(moment, abs=tolerance)

@@ -16,103 +16,161 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.status import Status
 
 
-def narrowed(mechanism, *spans):
-    inputs = (
-        Input(item.pair, *span) for item, span in zip(mechanism.inputs, spans, strict=True)
-    )
+def with_input_ranges(mechanism, *ranges):
+    """Return a mechanism whose inputs have other ranges, a (start, stop) in rad for each.
+
+    A stored model covers the box of these ranges, so small ones are quick.
+    """
+    inputs = []
+    for item, (start, stop) in zip(mechanism.inputs, ranges, strict=True):
+        inputs.append(Input(item.pair, start, stop))
     return replace(mechanism, inputs=tuple(inputs))
 
 
 @pytest.fixture(scope="module")
-def mechanism():
-    made, _ = with_masses_and_loads("five_bar", np.random.default_rng(3))
-    return narrowed(made, (1.0, 1.15), (1.2, 1.3))
+def loaded_five_bar():
+    """Return a five-bar with masses and loads, its inputs 21 and 51 in a small box."""
+    five_bar, _ = with_masses_and_loads("five_bar", np.random.default_rng(3))
+    return with_input_ranges(five_bar, (1.0, 1.15), (1.2, 1.3))
 
 
 @pytest.fixture(scope="module")
-def model(mechanism, tmp_path_factory):
+def stored_model(loaded_five_bar, tmp_path_factory):
+    """Return the stored functions of the five-bar, written to a file and read back."""
     path = tmp_path_factory.mktemp("models") / "five_bar.npz"
-    reduced_grid_model(mechanism, poles=["3/1"]).save(path)
+    reduced_grid_model(loaded_five_bar, poles=["3/1"]).save(path)
     return sk.load_reduced(path)
 
 
-def test_torques_are_those_of_the_inverse_problem(mechanism, model):
-    """At random places, rates and accelerations, each reached by a law of its own."""
-    assert model.heading.covered == 1.0 and model.error < 1e-10
+def random_states(model, count=12):
+    """Yield (q, dq, ddq, t): inputs in the box of the model, rates, accelerations, time.
+
+    Units are rad, rad/s, rad/s^2 and s.
+    """
     random = np.random.default_rng(7)
-    pairs = model.heading.inputs
-    for _ in range(12):
+    for _ in range(count):
         q = random.uniform(model.heading.low, model.heading.high)
-        dq, ddq, t = random.normal(size=2), random.normal(size=2), random.uniform()
-        laws = {
-            pair: sk.Polynomial((a - b * t + 0.5 * c * t * t, b - c * t, 0.5 * c))
-            for pair, a, b, c in zip(pairs, q, dq, ddq, strict=True)
-        }
-        found = sk.inverse_dynamics(mechanism, laws, [t], assembly_mode=0)
-        (want,), (forces,) = found.torques, found.Q_parts
-        size = np.max(np.abs(want))
-        got = model.torque(q.tolist(), dq.tolist(), ddq.tolist(), t)
-        assert got == pytest.approx(want, abs=1e-10 * size)
-        assert model.torque([q], [dq], [ddq], [t])[0] == pytest.approx(
-            got, abs=1e-12 * size
-        )
-        assert model.inertia(q) == pytest.approx(found.M[0], rel=1e-10)
-        each = model.forces([q], [dq], [t])
-        for k, load in enumerate(found.mechanism.loads):
-            assert each[load.name][0] == pytest.approx(forces[:, k], abs=1e-10 * size)
-        back = model.accelerations(q.tolist(), dq.tolist(), got, t)
-        assert back == pytest.approx(ddq, abs=1e-8)
-        assert model.value("theta_32", q.tolist()) == pytest.approx(
-            found.values[0, mechanism.angles["32"]], abs=1e-10
-        )
-        third = found.motion.w[0, :, mechanism.link_number["3"]]
-        assert model.velocity("3/1", q) == pytest.approx(third, abs=1e-10)
-        assert model.velocity("1/3", q) == pytest.approx(-third, abs=1e-10)
+        dq = random.normal(size=2)
+        ddq = random.normal(size=2)
+        yield q, dq, ddq, random.uniform()
 
 
-def test_a_torque_given_later_is_one_more_load(model):
-    q, dq, ddq = [1.05, 1.25], [0.4, -0.3], [0.1, 0.2]
-    driven = model.with_torque({"21": "2*sin(3*t) - dtheta_21"})
-    gap = driven.torque(q, dq, ddq, 0.7) - model.torque(q, dq, ddq, 0.7)
-    assert gap == pytest.approx([0.4 - 2.0 * np.sin(2.1), 0.0], abs=1e-12)
-    endless = model.with_torque({"21": "exp(1000*t)"})
-    assert endless.torque(q, dq, ddq, 1.0)[0] == -np.inf
+def inverse_dynamics_at(mechanism, pairs, q, dq, ddq, t):
+    """Return inverse dynamics of mode 0 at time t, by laws that have this state then."""
+    laws = {}
+    for pair, angle, rate, acceleration in zip(pairs, q, dq, ddq, strict=True):
+        # angle + rate (T - t) + acceleration (T - t)^2 / 2, by powers of the time T
+        constant = angle - rate * t + 0.5 * acceleration * t * t
+        laws[pair] = sk.Polynomial((constant, rate - acceleration * t, 0.5 * acceleration))
+    return sk.inverse_dynamics(mechanism, laws, [t], assembly_mode=0)
+
+
+def test_stored_torques_inertia_and_forces_are_those_of_inverse_dynamics(
+    loaded_five_bar, stored_model
+):
+    """At random states; torques also of arrays of states, and accelerations from torques.
+
+    Torques and forces count relative to the largest torque of the state.
+    """
+    model = stored_model
+    assert model.heading.covered == 1.0
+    assert model.error < 1e-10
+    for q, dq, ddq, t in random_states(model):
+        dynamics = inverse_dynamics_at(loaded_five_bar, model.heading.inputs, q, dq, ddq, t)
+        largest = np.max(np.abs(dynamics.torques[0]))
+        torque = model.torque(q.tolist(), dq.tolist(), ddq.tolist(), t)
+        assert torque == pytest.approx(dynamics.torques[0], abs=1e-10 * largest)
+        (torque_of_array,) = model.torque([q], [dq], [ddq], [t])
+        assert torque_of_array == pytest.approx(torque, abs=1e-12 * largest)
+        assert model.inertia(q) == pytest.approx(dynamics.M[0], rel=1e-10)
+
+        (forces_by_load,) = dynamics.Q_parts
+        stored_forces = model.forces([q], [dq], [t])
+        for k, load in enumerate(dynamics.mechanism.loads):
+            expected = pytest.approx(forces_by_load[:, k], abs=1e-10 * largest)
+            assert stored_forces[load.name][0] == expected
+        accelerations = model.accelerations(q.tolist(), dq.tolist(), torque, t)
+        assert accelerations == pytest.approx(ddq, abs=1e-8)
+
+
+def test_stored_angles_and_pole_rates_are_those_of_the_motion(
+    loaded_five_bar, stored_model
+):
+    """Angle 32, and the angular velocity of link 3 against the ground per unit rate."""
+    model = stored_model
+    for q, dq, ddq, t in random_states(model):
+        dynamics = inverse_dynamics_at(loaded_five_bar, model.heading.inputs, q, dq, ddq, t)
+        angle = dynamics.values[0, loaded_five_bar.angles["32"]]
+        assert model.value("theta_32", q.tolist()) == pytest.approx(angle, abs=1e-10)
+        link_3 = loaded_five_bar.link_number["3"]
+        rate = dynamics.motion.w[0, :, link_3]
+        assert model.velocity("3/1", q) == pytest.approx(rate, abs=1e-10)
+        assert model.velocity("1/3", q) == pytest.approx(-rate, abs=1e-10)
+
+
+def test_a_torque_given_to_a_stored_model_is_one_more_load(stored_model):
+    """The torque of a drive lowers the torque that its input still needs, by hand here."""
+    q, dq, ddq, t = [1.05, 1.25], [0.4, -0.3], [0.1, 0.2], 0.7
+    with_drive = stored_model.with_torque({"21": "2*sin(3*t) - dtheta_21"})
+    difference = with_drive.torque(q, dq, ddq, t) - stored_model.torque(q, dq, ddq, t)
+    drive_torque = 2.0 * np.sin(3.0 * t) - dq[0]
+    assert difference == pytest.approx([-drive_torque, 0.0], abs=1e-12)
+
+
+def test_a_given_torque_may_overflow_and_has_to_act_on_an_input(stored_model):
+    q, dq, ddq, t = [1.05, 1.25], [0.4, -0.3], [0.1, 0.2], 1.0
+    overflowing = stored_model.with_torque({"21": "exp(1000*t)"})
+    assert overflowing.torque(q, dq, ddq, t)[0] == -np.inf
     with pytest.raises(ModelError, match='"32" is not an input'):
-        model.with_torque({"32": "1"})
+        stored_model.with_torque({"32": "1"})
 
 
 @pytest.mark.slow
-def test_the_domain_is_where_the_assembly_mode_is_away_from_its_ends(tmp_path):
-    made = narrowed(sk.load("five_bar"), (1.2, 1.45), (1.25, 1.5))
-    path, _, notes = sk.export(made, tmp_path / "part.npz", tolerance=1e-6)
-    found = sk.load_reduced(path)
-    assert f"known in {found.heading.covered:.3g} of the box" in notes[-1]
-    q = np.random.default_rng(2).uniform(found.heading.low, found.heading.high, (300, 2))
-    motion = PositionAnalysis(made, None, 0, path=q).motion()
-    known = found.status(q) == Status.OK
-    assert np.mean(known) == pytest.approx(found.heading.covered, abs=0.1)
-    assert 0 < np.sum(known) < np.sum(~motion.failed) < 300
-    assert np.all(~motion.failed[known])
-    angle = found.value("theta_32", q)
-    gap = angle[known] - motion.values[known, made.angles["32"]]
-    assert np.max(np.abs(np.sin(0.5 * gap))) < 1e-5
-    assert np.all(np.isnan(angle[~known]))
+def test_a_stored_model_is_defined_where_its_assembly_mode_is_away_from_its_ends(tmp_path):
+    """In this box the mode ends, so functions are stored in a part of the box only.
+
+    At 300 random inputs, the share of the domain agrees with the share that the file
+    states; all of the domain can be reached, and angles have the tolerance of the export.
+    Outside, numbers of arrays are NaN and single ones are refused.
+    """
+    five_bar = with_input_ranges(sk.load("five_bar"), (1.2, 1.45), (1.25, 1.5))
+    path, _, notes = sk.export(five_bar, tmp_path / "part.npz", tolerance=1e-6)
+    model = sk.load_reduced(path)
+    assert f"known in {model.heading.covered:.3g} of the box" in notes[-1]
+    random = np.random.default_rng(2)
+    q = random.uniform(model.heading.low, model.heading.high, (300, 2))
+    motion = PositionAnalysis(five_bar, None, 0, path=q).motion()
+    in_domain = model.status(q) == Status.OK
+    assert np.mean(in_domain) == pytest.approx(model.heading.covered, abs=0.1)
+    assert 0 < np.sum(in_domain) < np.sum(~motion.failed) < 300
+    assert np.all(~motion.failed[in_domain])
+
+    angle = model.value("theta_32", q)
+    difference = angle[in_domain] - motion.values[in_domain, five_bar.angles["32"]]
+    assert np.max(np.abs(np.sin(0.5 * difference))) < 1e-5
+    assert np.all(np.isnan(angle[~in_domain]))
     with pytest.raises(SolveError, match=r"not in its domain: 0\.\d+ of the box"):
-        found.value("theta_32", q[~known][0].tolist())
+        model.value("theta_32", q[~in_domain][0].tolist())
+    outside_the_box = [5.0, 1.0]
     with pytest.raises(SolveError, match="not in its domain"):
-        found.value("theta_32", [5.0, 1.0])
-    # Of an inertia that is constant the derivatives are rounding, and small beside it.
-    even = narrowed(sk.load("bevel_differential"), (0.2, 0.9), (0.2, 0.9))
-    assert reduced_grid_model(even).error < 1e-11
+        model.value("theta_32", outside_the_box)
 
 
-def test_the_command_writes_it(tmp_path, capsys):
+@pytest.mark.slow
+def test_a_constant_inertia_is_stored_with_small_error():
+    """Its derivatives are rounding only, and count relative to the inertia itself."""
+    differential = with_input_ranges(sk.load("bevel_differential"), (0.2, 0.9), (0.2, 0.9))
+    assert reduced_grid_model(differential).error < 1e-11
+
+
+def test_the_command_exports_functions_of_several_inputs(tmp_path, capsys):
     source = tmp_path / "small.toml"
-    sk.dump(narrowed(sk.load("five_bar"), (1.0, 1.1), (1.2, 1.3)), source)
     target = tmp_path / "small.npz"
+    sk.dump(with_input_ranges(sk.load("five_bar"), (1.0, 1.1), (1.2, 1.3)), source)
     assert main(["export", str(source), "--to", "model", "-o", str(target)]) == 0
-    said = capsys.readouterr().err
-    assert "functions of 21, 51, errors up to" in said and "no inertia" not in said
+    printed = capsys.readouterr().err
+    assert "functions of 21, 51, errors up to" in printed
+    assert "no inertia" not in printed
     assert sk.load_reduced(target).heading.inputs == ("21", "51")
 
 

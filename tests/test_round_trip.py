@@ -16,66 +16,98 @@ from spherekit.status import Status
 from spherekit.tolerances import EPS
 
 COUNTS = [500, pytest.param(100_000, marks=pytest.mark.long)]
+"""Numbers of random poses."""
 ROUNDINGS = 16
 """So many of them over the measure at most; 8 are seen."""
-TOLD = 1e-13
-"""What that keeps to wherever the measure is above 0.036."""
+STATED_ERROR = 1e-13
+"""Error (rad) that the documentation states where the measure is large enough."""
 
 
-def angle_between(a, b):
+def angles_between_directions(a, b):
+    """Return the angles (rad) between unit vectors, both (n, 3)."""
     return 2.0 * np.arcsin(0.5 * np.linalg.norm(a - b, axis=1))
 
 
-def turned(one, other):
-    return np.abs(np.remainder(one - other + np.pi, 2.0 * np.pi) - np.pi).max(axis=1)
+def largest_input_differences(inputs, expected):
+    """Return the largest difference (rad) of the inputs in each row, modulo whole turns.
+
+    Both arguments are (n, inputs).
+    """
+    differences = np.remainder(inputs - expected + np.pi, 2.0 * np.pi) - np.pi
+    return np.abs(differences).max(axis=1)
 
 
-def keeps_the_law(error, measure):
+def check_error_against_measure(error, measure):
+    """Assert that errors (n,) in rad are some roundings over the singularity measure.
+
+    `measure` (n,) is 1 at best, and 0 at a singularity: of type II for poses from inputs,
+    of type I for inputs from poses.
+    """
     assert np.all(error * measure <= ROUNDINGS * EPS)
-    assert np.all(error[measure > ROUNDINGS * EPS / TOLD] < TOLD)
+    is_regular = measure > ROUNDINGS * EPS / STATED_ERROR  # above 0.036
+    assert np.all(error[is_regular] < STATED_ERROR)
 
 
 @pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])
-def test_pointing_outputs_return(name, count):
-    """Every working mode there, the nearest assembly mode back, and there again."""
+def test_a_direction_returns_from_its_inputs_and_inputs_from_their_direction(name, count):
+    """Random directions to inputs in every working mode, to directions, and to inputs.
+
+    Of the assembly modes at the inputs, the one nearest to the first direction counts.
+    """
     solver = output_kinematics(sk.load(name))
-    poses = np.random.default_rng(1).normal(size=(count, 3))
-    poses /= np.linalg.norm(poses, axis=1, keepdims=True)
-    for mode in solver.labels:
-        rows = solver.inverse(poses, [mode])
-        good = np.asarray(rows.status == Status.OK)
-        found = solver.forward(rows.inputs[good])
-        error = angle_between(found.directions, poses[good][found.row])
-        order = np.lexsort((error, found.row))
-        row, first = np.unique(found.row[order], return_index=True)
-        assert len(row) == np.sum(good) > 0
-        best = order[first]
-        keeps_the_law(error[best], rows.type_2[good])
-        again = solver.inverse(found.directions[best], [mode])
-        least = rows.type_1[good].min(axis=1)
-        keeps_the_law(turned(again.inputs, rows.inputs[good]), least)
+    directions = np.random.default_rng(1).normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    for working_mode in solver.labels:
+        rows = solver.inverse(directions, [working_mode])
+        reached = np.asarray(rows.status == Status.OK)
+        expected_inputs = rows.inputs[reached]
+        forward = solver.forward(expected_inputs)
+        # forward.row is the row of the inputs, once for each of their assembly modes.
+        expected_directions = directions[reached][forward.row]
+        error = angles_between_directions(forward.directions, expected_directions)
+        by_row_and_error = np.lexsort((error, forward.row))
+        row, first = np.unique(forward.row[by_row_and_error], return_index=True)
+        assert len(row) == np.sum(reached) > 0
+        nearest = by_row_and_error[first]
+        check_error_against_measure(error[nearest], rows.type_2[reached])
+
+        inputs = solver.inverse(forward.directions[nearest], [working_mode]).inputs
+        input_error = largest_input_differences(inputs, expected_inputs)
+        least_type_1 = rows.type_1[reached].min(axis=1)  # over the legs
+        check_error_against_measure(input_error, least_type_1)
 
 
 @pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize("name", ["three_rrr", "agile_eye"])
-def test_orientations_return(name, count):
-    """Back by Newton's method on all loops from a start disturbed, inputs held."""
+def test_an_orientation_returns_from_its_inputs_and_inputs_from_their_orientation(
+    name, count
+):
+    """Random orientations to inputs in every working mode, to orientations, to inputs.
+
+    Forward kinematics is Newton's method on all loops with the inputs held. It starts from
+    the angles of the passive pairs, disturbed by about 1e-4 rad times the measure of type
+    II, so that it stays within the same assembly mode.
+    """
     solver = output_kinematics(sk.load(name))
-    own = ForwardKinematics(solver.mechanism).solver
-    poses = Rotation.random(count, random_state=1).as_matrix()
-    free = [k for k in range(9) if k not in own.driven]
-    noise = np.random.default_rng(2).normal(size=(count, len(free)))
-    for mode in solver.labels:
-        rows = solver.inverse(poses, [mode], range(9))
-        good = np.asarray(rows.status == Status.OK)
-        start = rows.values[good]
-        start[:, free] += 1e-4 * rows.type_2[good][:, None] * noise[: np.sum(good)]
-        values = own.closure.solve(start, own.driven).values
-        back = output_orientations(
-            solver.mechanism, solver.output, own.closure.linearise(values).rotations
-        )
-        keeps_the_law(angles_between(back, poses[good]), rows.type_2[good])
-        again = solver.inverse(back, [mode])
-        least = rows.type_1[good].min(axis=1)
-        keeps_the_law(turned(again.inputs, rows.inputs[good]), least)
+    newton = ForwardKinematics(solver.mechanism).solver
+    orientations = Rotation.random(count, random_state=1).as_matrix()
+    variables = range(9)  # all joint angles of three legs
+    passive = [k for k in variables if k not in newton.driven]
+    noise = np.random.default_rng(2).normal(size=(count, len(passive)))
+    for working_mode in solver.labels:
+        rows = solver.inverse(orientations, [working_mode], variables)
+        reached = np.asarray(rows.status == Status.OK)
+        type_2 = rows.type_2[reached]
+        start = rows.values[reached]
+        start[:, passive] += 1e-4 * type_2[:, None] * noise[: np.sum(reached)]
+        values = newton.closure.solve(start, newton.driven).values
+        rotations = newton.closure.at(values).rotations
+        returned = output_orientations(solver.mechanism, solver.output, rotations)
+        error = angles_between(returned, orientations[reached])
+        check_error_against_measure(error, type_2)
+
+        inputs = solver.inverse(returned, [working_mode]).inputs
+        input_error = largest_input_differences(inputs, rows.inputs[reached])
+        least_type_1 = rows.type_1[reached].min(axis=1)  # over the legs
+        check_error_against_measure(input_error, least_type_1)

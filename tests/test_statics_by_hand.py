@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from helpers.polynomial_motions import motion_by_polynomial_laws
 from helpers.refusals import mechanism_text
-from test_reactions import moving
 
 import spherekit as sk
 from spherekit.dynamics.reactions import reactions
@@ -11,7 +11,10 @@ from spherekit.dynamics.reactions import reactions
 
 def at_rest(made, pair):
     """Return what pairs transmit in a mechanism that does not move."""
-    return reactions(moving(made.with_inputs(pair), (0.3,), [0.0], 0.0, 0.0))
+    motion = motion_by_polynomial_laws(
+        made.with_inputs(pair), starts=(0.3,), t=[0.0], rate=0.0, quadratic=0.0
+    )
+    return reactions(motion)
 
 
 BEVEL_GEARS = mechanism_text("example")

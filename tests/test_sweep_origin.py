@@ -11,7 +11,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from test_processors import lesser
+from helpers.least_kernels import environment_with_least_kernels
 
 import spherekit as sk
 from spherekit import processor
@@ -50,7 +50,7 @@ def elsewhere(path, *environment):
     """Let the command compute what is missing, by the least kernels of this processor."""
     done = subprocess.run(
         [sys.executable, "-m", "spherekit", *WORDS, str(path)],
-        env=lesser(),
+        env=environment_with_least_kernels(),
         capture_output=True,
         text=True,
     )
@@ -63,7 +63,7 @@ def test_a_processor_is_known_by_what_it_computes():
     here = processor.processor_identity()
     told = [
         subprocess.check_output([sys.executable, "-c", code], env=env, text=True).strip()
-        for env in (os.environ, os.environ, lesser())
+        for env in (os.environ, os.environ, environment_with_least_kernels())
     ]
     assert told[0] == told[1] == str(here) != told[2]
     assert set(here) == {"instructions", "blas", "arithmetic"}

@@ -9,7 +9,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from test_over_constrained import double_cross, five_bar, pose, second_rod
+from mechanism_examples.repeated_links import (
+    double_cross,
+    five_bar_with_second_rod,
+    second_rod,
+    second_rod_by_axes,
+)
 
 import spherekit as sk
 from spherekit.cli.main import main
@@ -60,7 +65,13 @@ VARIANTS = {
         "d",
         "9",
     ),
-    "five_bar_b": (five_bar, ("links.base.arc", 60.0), ("other", "one"), "top_b", "2x2"),
+    "five_bar_b": (
+        five_bar_with_second_rod,
+        ("links.base.arc", 60.0),
+        ("other", "one"),
+        "top_b",
+        "2x2",
+    ),
     "miura_2x2v": (
         lambda: sk.load(MIURA),
         ("pairs.z00.value", 60.0),
@@ -156,12 +167,12 @@ OPEN = {
         lambda made: made.with_sizes(angle_unit="deg", arcs={"cross_b": 92.0}),
     ),
     "five_bar_b": (
-        five_bar,
+        five_bar_with_second_rod,
         ("links.rod_b.arc", 70.0, 71.0),
         lambda made: made.with_sizes(angle_unit="deg", arcs={"rod_b": 71.0}),
     ),
     "posed_rods": (
-        pose,
+        second_rod_by_axes,
         ("pairs.joint_b.longitude", 36.040766176328695, 40.0),
         lambda made: made.with_sizes(
             angle_unit="deg", axes={"joint_b": turned_east(made.geometry.axes["joint_b"])}
