@@ -1,4 +1,8 @@
-"""Simulations in wide numbers against closed forms, and what a trade says of others."""
+"""Simulations in wide numbers against closed forms, and errors that a trade measures.
+
+Wide numbers have 20 digits or more. A trade compares engines and tolerances by their cost
+and by their error from such a reference.
+"""
 
 from dataclasses import replace
 from functools import partial
@@ -22,229 +26,352 @@ from spherekit.positions.position_analysis import PositionAnalysis
 from spherekit.proof.balls import Digits
 from spherekit.runs.evaluation_options import Setting
 from spherekit.runs.registry import create_analysis
+from spherekit.runs.sampling import sample_simulation
+from spherekit.runs.simulation_measurement import compute_timed_tables
 from spherekit.runs.trade import trade
 from spherekit.symbolic.compiler import available
 from spherekit.tolerances import EPS
 
-INERTIA, WEIGHT = 0.75, 2.5
+INERTIA = 0.75
+"""Inertia of the pendulum about its hinge 12, kg m^2."""
+MASS, DISTANCE = 2.5, 0.25
+"""Mass of the pendulum (kg), and distance of its centre of mass from the hinge (m)."""
+GRAVITY = 9.75
+"""Acceleration of gravity, m/s^2. All these numbers are exact in binary."""
 FIFTY = Digits(50)
 
 
 @pytest.fixture(autouse=True)
 def digits():
+    """Compute in 50 digits, with mpmath and with wide numbers."""
     with mp.workdps(50), FIFTY.within():
         yield
 
 
-pendulum = partial(
-    one_link_mechanism, np.diag([INERTIA, 0.5, 0.5]), mass=WEIGHT, centre=(0.0, 0.0, -0.25)
-)
+def pendulum(*loads, **options):
+    """Return a link on one hinge, driven by loads only; it hangs at the angle 0."""
+    tensor = np.diag([INERTIA, 0.5, 0.5])
+    centre = (0.0, 0.0, -DISTANCE)
+    return one_link_mechanism(tensor, *loads, mass=MASS, centre=centre, **options)
 
 
-def off(found, expected):
-    """Return the largest difference of wide numbers from those of mpmath."""
-    return max(
-        float(abs(mp.mpf(a) - b)) for a, b in zip(np.ravel(found), expected, strict=True)
-    )
+def largest_difference(numbers, expected):
+    """Return the largest difference of wide numbers from those of mpmath, as a float."""
+    differences = []
+    for number, exact in zip(np.ravel(numbers), expected, strict=True):
+        differences.append(float(abs(mp.mpf(number) - exact)))
+    return max(differences)
 
 
 def test_a_pendulum_swings_by_elliptic_functions():
+    """Angle, rate and acceleration at 13 times, by Jacobi's sn and cn in 50 digits.
+
+    From the lowest position with the rate w0, sin(angle / 2) = k sn(w t, m) with the small
+    oscillation's angular frequency w, k = w0 / (2 w) and the parameter m = k^2.
+    """
     t = np.linspace(0.0, 6.0, 13)
-    made = pendulum(Gravity("weight", (0.0, 0.0, -9.75)))
-    found = reference_simulation(made, Start(0.0, 3.5), 6.0)
-    at = found.at(t)
-    w = mp.sqrt(mp.mpf(WEIGHT) * 0.25 * 9.75 / INERTIA)
-    m = (mp.mpf(3.5) / (2 * w)) ** 2
-    sn, cn = ([mp.ellipfun(k, w * x, m=m) for x in t] for k in ("sn", "cn"))
-    angles = [2 * mp.asin(mp.sqrt(m) * x) for x in sn]
-    assert off(at[0][:, 0], angles) < 1e-18
-    assert off(at[1][:, 0], [2 * w * mp.sqrt(m) * x for x in cn]) < 4e-18
-    assert off(at[2][:, 0], [-w * w * mp.sin(x) for x in angles]) < 2e-17
+    start_rate = 3.5
+    mechanism = pendulum(Gravity("weight", (0.0, 0.0, -GRAVITY)))
+    simulation = reference_simulation(mechanism, Start(0.0, start_rate), 6.0)
+    q, dq, ddq = simulation.at(t)[:3]
+
+    w = mp.sqrt(mp.mpf(MASS) * DISTANCE * GRAVITY / INERTIA)
+    k = mp.mpf(start_rate) / (2 * w)
+    angles = []
+    rates = []
+    accelerations = []
+    for time in t:
+        angle = 2 * mp.asin(k * mp.ellipfun("sn", w * time, m=k**2))
+        angles.append(angle)
+        rates.append(2 * w * k * mp.ellipfun("cn", w * time, m=k**2))
+        accelerations.append(-w * w * mp.sin(angle))
+    assert largest_difference(q[:, 0], angles) < 1e-18
+    assert largest_difference(dq[:, 0], rates) < 4e-18
+    assert largest_difference(ddq[:, 0], accelerations) < 2e-17
 
 
 @pytest.mark.slow
-def test_kinks_stops_and_tables_by_closed_forms():
+def test_a_load_with_a_kink_is_integrated_exactly_on_both_sides():
+    """Free to 0.5 rad at 1 rad/s, then pushed away with 3 N m per rad beyond.
+
+    With 3 / `INERTIA` = 4 = 2^2, the angle is 0.5 + sinh(2 (t - 0.5)) / 2 from 0.5 s on.
+    """
+    mechanism = pendulum(PairTorque("push", "12", "3*max(0, theta_12 - 0.5)"))
+    simulation = reference_simulation(mechanism, Start(0.0, 1.0), 2.0)
+    (kink_time,) = simulation.switches
+    assert largest_difference([kink_time], [mp.mpf(0.5)]) < 1e-18
     t = np.linspace(0.0, 2.0, 9)
-    # free to 0.5 rad, then pushed away from there
-    made = pendulum(PairTorque("push", "12", "3*max(0, theta_12 - 0.5)"))
-    found = reference_simulation(made, Start(0.0, 1.0), 2.0)
-    (kink,) = found.switches
-    assert off([kink], [mp.mpf(0.5)]) < 1e-18
-    angles = [mp.mpf(x) if x < 0.5 else 0.5 + mp.sinh(2 * (mp.mpf(x) - 0.5)) / 2 for x in t]
-    assert off(found.at(t)[0][:, 0], angles) < 1e-17
-    # dry friction brings it to rest, where it sticks
-    made = pendulum(PairTorque("brake", "12", "-0.6*sign(dtheta_12)"))
-    found = reference_simulation(made, Start(0.0, 1.0), 2.0)
-    brake = mp.mpf(0.6) / INERTIA
-    assert found.kind == "sticking" and off([found.end], [1 / brake]) < 1e-18
-    last = found.at(np.array([2.0]))
-    assert off(last[0][:, 0], [1 / (2 * brake)]) < 1e-17
-    # a stop
-    made = pendulum(joint_limits=(JointLimit("12", -1.0, 0.7),))
-    found = reference_simulation(made, Start(0.0, 0.9), 2.0)
-    assert found.kind == "joint_limit"
-    assert off([found.end], [mp.mpf(0.7) / mp.mpf(0.9)]) < 1e-18
-    # a table that repeats: up to 1 N m in 0.1 s and down to 0 in 0.2 s
+    angles = []
+    for time in map(mp.mpf, t):
+        beyond = 0.5 + mp.sinh(2 * (time - 0.5)) / 2
+        angles.append(time if time < 0.5 else beyond)
+    q = simulation.at(t)[0][:, 0]
+    assert largest_difference(q, angles) < 1e-17
+
+
+@pytest.mark.slow
+def test_dry_friction_stops_a_link_at_the_time_and_angle_of_uniform_deceleration():
+    """From 1 rad/s with the deceleration a: at the time 1 / a and the angle 1 / (2 a)."""
+    mechanism = pendulum(PairTorque("brake", "12", "-0.6*sign(dtheta_12)"))
+    simulation = reference_simulation(mechanism, Start(0.0, 1.0), 2.0)
+    deceleration = mp.mpf(0.6) / INERTIA
+    assert simulation.kind == "sticking"
+    assert largest_difference([simulation.end], [1 / deceleration]) < 1e-18
+    q_after_end = simulation.at(np.array([2.0]))[0][:, 0]
+    assert largest_difference(q_after_end, [1 / (2 * deceleration)]) < 1e-17
+
+
+@pytest.mark.slow
+def test_a_simulation_ends_at_a_joint_limit_at_the_time_of_uniform_motion():
+    mechanism = pendulum(joint_limits=(JointLimit("12", -1.0, 0.7),))
+    simulation = reference_simulation(mechanism, Start(0.0, 0.9), 2.0)
+    assert simulation.kind == "joint_limit"
+    expected_time = mp.mpf(0.7) / mp.mpf(0.9)
+    assert largest_difference([simulation.end], [expected_time]) < 1e-18
+
+
+@pytest.mark.slow
+def test_the_rate_under_a_repeated_table_of_torques_is_its_impulse_over_the_inertia():
+    """The torque rises to 1 N m in 0.1 s, falls to 0 in 0.2 s, and so on."""
+    rise = mp.mpf(0.1)
+    period = mp.mpf(0.3)
     saw = TorqueTable("saw", "12", (0.0, 0.1, 0.3), (0.0, 1.0, 0.0), True)
-    found = reference_simulation(pendulum(saw), Start(0.0, 0.0), 2.0)
-    up, period = mp.mpf(0.1), mp.mpf(0.3)
+    simulation = reference_simulation(pendulum(saw), Start(0.0, 0.0), 2.0)
 
-    def gained(x):
-        whole = int(mp.floor(x / period))
-        rest = x - whole * period
-        first = min(rest, up) ** 2 / (2 * up)
-        later = max(rest - up, 0)
-        second = later - later**2 / (2 * (period - up))
-        return (whole * period / 2 + first + second) / INERTIA
+    def rate_at(time):
+        """Return the exact rate (rad/s) at a time (s)."""
+        period_count = int(mp.floor(time / period))
+        rest = time - period_count * period
+        impulse_rising = min(rest, rise) ** 2 / (2 * rise)
+        fall = max(rest - rise, 0)
+        impulse_falling = fall - fall**2 / (2 * (period - rise))
+        impulse = period_count * period / 2 + impulse_rising + impulse_falling
+        return impulse / INERTIA
 
-    assert off(found.at(t)[1][:, 0], [gained(mp.mpf(x)) for x in t]) < 1e-17
+    t = np.linspace(0.0, 2.0, 9)
+    rates = simulation.at(t)[1][:, 0]
+    assert largest_difference(rates, [rate_at(mp.mpf(x)) for x in t]) < 1e-17
 
 
-STIFF, REST = 0.5, 0.2
-FOUR_BAR = replace(sk.load("four_bar"), loads=(Spring("coil", "21", STIFF, REST),))
+STIFFNESS, REST_ANGLE = 0.5, 0.2
+"""Of the spring at the input, N m/rad and rad."""
+SPRING = Spring("coil", "21", STIFFNESS, REST_ANGLE)
+FOUR_BAR = replace(sk.load("four_bar"), loads=(SPRING,))
 START = Start(0.5, 3.0)
 
 
-def four_bar_inertia(made, q):
-    """Return the equivalent inertia of each link at an input."""
-    tensors = {int(mass.link): mass.tensor for mass in made.masses}
-    return four_bar_at(arcs_of(made), q, 1).inertia(tensors)
+def inertia_by_link(q):
+    """Return the equivalent inertia at the input of the three moving links, 50 digits.
+
+    It is computed from a closed form of the four-bar, without spherekit's solver.
+    """
+    tensors = {int(mass.link): mass.tensor for mass in FOUR_BAR.masses}
+    return four_bar_at(arcs_of(FOUR_BAR), q, 1).inertia(tensors)
 
 
-def potential(q):
-    return mp.mpf(STIFF) * (q - mp.mpf(REST)) ** 2 / 2
+def potential_energy(q):
+    """Return the energy of the spring at an input angle."""
+    return mp.mpf(STIFFNESS) * (q - mp.mpf(REST_ANGLE)) ** 2 / 2
 
 
 @pytest.fixture(scope="module")
-def four_bar():
+def four_bar_motion():
     """Return times, inputs and their rates of the four-bar, in wide numbers."""
     with mp.workdps(50), FIFTY.within():
         t = np.linspace(0.0, 0.5, 4)
-        found = reference_simulation(FOUR_BAR, START, 0.5).at(t)
-        return t, *([mp.mpf(x) for x in column[:, 0]] for column in found[:2])
+        q, dq = reference_simulation(FOUR_BAR, START, 0.5).at(t)[:2]
+        return t, [mp.mpf(x) for x in q[:, 0]], [mp.mpf(x) for x in dq[:, 0]]
 
 
 @pytest.mark.slow
-def test_a_four_bar_moves_by_conservation_of_energy(four_bar):
-    _, q, rates = four_bar
-    energies = [
-        mp.fsum(four_bar_inertia(FOUR_BAR, x)) * v**2 / 2 + potential(x)
-        for x, v in zip(q, rates, strict=True)
-    ]
-    assert off([q[0], rates[0]], [START.q, START.dq]) < 1e-18
-    assert off(energies, [energies[0]] * len(q)) < 1e-16
-    # The rates are those of the inputs, by a five-point stencil.
+def test_a_four_bar_with_a_spring_keeps_its_energy(four_bar_motion):
+    """Kinetic energy by the closed form of the inertia, and the energy of the spring."""
+    _, q, rates = four_bar_motion
+    assert largest_difference([q[0], rates[0]], [START.q, START.dq]) < 1e-18
+    energies = []
+    for angle, rate in zip(q, rates, strict=True):
+        kinetic_energy = mp.fsum(inertia_by_link(angle)) * rate**2 / 2
+        energies.append(kinetic_energy + potential_energy(angle))
+    assert largest_difference(energies, [energies[0]] * len(q)) < 1e-16
+
+
+@pytest.mark.slow
+def test_rates_of_a_reference_simulation_are_derivatives_of_its_inputs():
+    """By a five-point difference with steps of 2^-12 s, whose error is below 1e-10."""
     step = 2.0**-12
-    at = reference_simulation(FOUR_BAR, START, 0.5).at(0.25 + step * np.arange(-2, 3))
-    low, near, _, far, high = map(mp.mpf, at[0][:, 0])
-    assert off([(low - 8 * near + 8 * far - high) / (12 * step)], [at[1][2, 0]]) < 1e-10
+    times = 0.25 + step * np.arange(-2, 3)
+    q, dq = reference_simulation(FOUR_BAR, START, 0.5).at(times)[:2]
+    q_m2, q_m1, _, q_p1, q_p2 = map(mp.mpf, q[:, 0])
+    difference_quotient = (q_m2 - 8 * q_m1 + 8 * q_p1 - q_p2) / (12 * step)
+    assert largest_difference([difference_quotient], [dq[2, 0]]) < 1e-10
 
 
-def true_tables(q, rates):
-    """Return the columns of `eksergian` for the four-bar, in 50 digits."""
-    parts = [four_bar_inertia(FOUR_BAR, x) for x in q]
-    slopes = [
-        [mp.diff(lambda y, k=k: four_bar_inertia(FOUR_BAR, y)[k], x) for k in range(3)]
-        for x in q
-    ]
-    force = [-STIFF * (x - mp.mpf(REST)) for x in q]
-    B, dB = ([mp.fsum(each) for each in rows] for rows in (parts, slopes))
-    pushes = [
-        (f - slope * v * v / 2) / b
-        for f, slope, v, b in zip(force, dB, rates, B, strict=True)
-    ]
-    main = {"q": q, "dq": rates, "ddq": pushes, "B": B, "dB_dq": dB, "Q": force}
+def exact_tables(q, rates):
+    """Return the columns of `eksergian` for the four-bar with a spring, in 50 digits.
+
+    The inertia B is a closed form and its derivative a difference in 50 digits; the
+    acceleration follows from Eksergian's equation B ddq + dB/dq dq^2 / 2 = Q.
+
+    Parameters
+    ----------
+    q, rates
+        Inputs (rad) and their rates (rad/s) of the rows.
+
+    Returns
+    -------
+    dict
+        Columns by name for each table by name.
+    """
+    B_by_link = []  # rows, links
+    dB_by_link = []
+    for angle in q:
+        B_by_link.append(inertia_by_link(angle))
+        dB_by_link.append(
+            [mp.diff(lambda y, k=k: inertia_by_link(y)[k], angle) for k in range(3)]
+        )
+    B = [mp.fsum(row) for row in B_by_link]
+    dB = [mp.fsum(row) for row in dB_by_link]
+    Q = [-STIFFNESS * (angle - mp.mpf(REST_ANGLE)) for angle in q]
+    accelerations = []
+    power = []
+    for k, rate in enumerate(rates):
+        accelerations.append((Q[k] - dB[k] * rate * rate / 2) / B[k])
+        power.append(Q[k] * rate)
     return {
-        "eksergian": main | {"tau": [mp.mpf(0)] * len(q)},
-        "inertia": {
-            "B": [x for each in parts for x in each],
-            "dB_dq": [x for each in slopes for x in each],
+        "eksergian": {
+            "q": q,
+            "dq": rates,
+            "ddq": accelerations,
+            "B": B,
+            "dB_dq": dB,
+            "Q": Q,
+            "tau": [mp.mpf(0)] * len(q),
         },
-        "loads": {"Q": force, "power": [f * v for f, v in zip(force, rates, strict=True)]},
+        "inertia": {
+            "B": [number for row in B_by_link for number in row],
+            "dB_dq": [number for row in dB_by_link for number in row],
+        },
+        "loads": {"Q": Q, "power": power},
     }
 
 
-def scaled(tables, true):
-    """Return the largest error of a column, over the largest number of its kind."""
-    worst = EPS
-    for name, columns in true.items():
+def largest_relative_error(tables, exact):
+    """Return the largest error of a column, relative to its largest number.
+
+    Angles count absolutely, and torques `tau`, which are zero, relative to the forces `Q`.
+    Both arguments have columns by name for each table by name. The result is EPS at least.
+    """
+    largest = EPS
+    for name, columns in exact.items():
         for column, numbers in columns.items():
-            given = np.asarray(tables[name][column], dtype=float)
-            alike = columns["Q"] if column == "tau" else numbers
-            scale = 1 if column == "q" else max(map(abs, alike))
-            worst = max(worst, off(given, numbers) / float(scale))
-    return worst
+            values = np.asarray(tables[name][column], dtype=float)
+            scaling_numbers = columns["Q"] if column == "tau" else numbers
+            scale = 1 if column == "q" else max(map(abs, scaling_numbers))
+            error = largest_difference(values, numbers) / float(scale)
+            largest = max(largest, error)
+    return largest
 
 
 SETTINGS = [Setting(integrator="numpy", tolerance=x) for x in (1e-4, 1e-9, 1e-13)]
 if available():
     SETTINGS += [Setting(integrator="compiled", tolerance=x) for x in (1e-12, 1e-15)]
 
-traded = partial(trade, analysis="eksergian", rounds=1)
+trade_eksergian = partial(trade, analysis="eksergian", rounds=1)
 
 
-def tables_of(made, analysis, setting, t, start):
-    """Return the tables of a simulation by a setting, as an ordinary run gives them."""
-    from spherekit.runs.sampling import sample_simulation
-    from spherekit.runs.simulation_measurement import compute_timed_tables
+def tables_of_simulation(mechanism, analysis, setting, t, start):
+    """Return the tables of a simulation by a setting, as an ordinary run gives them.
 
-    done = simulate(
-        made, start, float(t[-1]), tolerance=setting.tolerance, engine=setting.integrator
+    `t` are the times (s) of the rows, `start` the input and its rate at t = 0.
+    """
+    simulation = simulate(
+        mechanism,
+        start,
+        float(t[-1]),
+        tolerance=setting.tolerance,
+        engine=setting.integrator,
     )
-    tracer = PositionAnalysis(made, None, 0, samples=2)
-    course = sample_simulation(tracer, done, t, setting.tolerance)
-    return compute_timed_tables(course, create_analysis(analysis), Setting())[0]
+    position_analysis = PositionAnalysis(mechanism, None, 0, samples=2)
+    samples = sample_simulation(position_analysis, simulation, t, setting.tolerance)
+    tables, *_ = compute_timed_tables(samples, create_analysis(analysis), Setting())
+    return tables
 
 
 @pytest.mark.slow
-def test_reported_errors_of_a_four_bar_are_within_a_factor_two(four_bar):
-    t, q, rates = four_bar
-    found = traded(FOUR_BAR, samples=len(t), start=START, duration=0.5, settings=SETTINGS)
-    assert "20 digits" in found.reference and found.floor < 1e-15
-    true = true_tables(q, rates)
-    for each in found.settings:
-        tables = tables_of(FOUR_BAR, "eksergian", each.setting, t, START)
-        error = scaled(tables, true)
-        assert 0.5 * error <= each.error <= 2.0 * error, (each.name, each.error, error)
+def test_errors_that_a_trade_measures_are_right_within_a_factor_two(four_bar_motion):
+    """Against errors from tables in 50 digits, for engines with tolerances 1e-4 to 1e-15.
+
+    The reference of the trade is a simulation in 20 digits.
+    """
+    t, q, rates = four_bar_motion
+    result = trade_eksergian(
+        FOUR_BAR, samples=len(t), start=START, duration=0.5, settings=SETTINGS
+    )
+    assert "20 digits" in result.reference
+    assert result.floor < 1e-15
+    exact = exact_tables(q, rates)
+    for row in result.settings:
+        tables = tables_of_simulation(FOUR_BAR, "eksergian", row.setting, t, START)
+        error = largest_relative_error(tables, exact)
+        assert 0.5 * error <= row.error <= 2.0 * error, (row.name, row.error, error)
 
 
 def short_trade():
     """Return the trade of one tolerance of NumPy for a pendulum."""
-    made, start = pendulum(Gravity("weight", (0.0, 0.0, -9.75))), Start(0.0, 3.5)
-    return traded(made, samples=3, start=start, duration=0.05, settings=SETTINGS[:1])
+    return trade_eksergian(
+        pendulum(Gravity("weight", (0.0, 0.0, -GRAVITY))),
+        samples=3,
+        start=Start(0.0, 3.5),
+        duration=0.05,
+        settings=SETTINGS[:1],
+    )
 
 
-def test_the_table_says_what_the_reference_was(monkeypatch):
+def test_a_trade_says_that_its_reference_has_20_digits():
     assert short_trade().reference == "a simulation in 20 digits"
 
-    def none(*given, **more):
+
+def test_a_trade_without_a_reference_in_20_digits_says_what_it_compares_with(monkeypatch):
+    """Wide numbers and the compiled engine are made to fail; NumPy at 1e-13 remains.
+
+    The error of this reference is its difference from a solution at 1e-12.
+    """
+
+    def fail(*_, **__):
         raise EngineError("there is none")
 
-    monkeypatch.setattr("spherekit.runs.simulation_measurement.refined", none)
-    by_numpy = partial(simulate, engine="numpy")
-    monkeypatch.setattr(
-        "spherekit.runs.simulation_measurement.simulate",
-        lambda *x, engine, **y: none() if engine == "compiled" else by_numpy(*x, **y),
-    )
-    found = short_trade()
-    assert found.reference.startswith("simulation numpy tolerance 1e-13, known to")
-    assert found.reference.endswith("from numpy tolerance 1e-12 (there is none)")
-    assert EPS <= found.floor < 1e-10
+    def simulate_by_numpy_only(*arguments, engine, **options):
+        if engine == "compiled":
+            fail()
+        return simulate(*arguments, engine="numpy", **options)
+
+    module = "spherekit.runs.simulation_measurement"
+    monkeypatch.setattr(f"{module}.refined", fail)
+    monkeypatch.setattr(f"{module}.simulate", simulate_by_numpy_only)
+    result = short_trade()
+    assert result.reference.startswith("simulation numpy tolerance 1e-13, known to")
+    assert result.reference.endswith("from numpy tolerance 1e-12 (there is none)")
+    assert EPS <= result.floor < 1e-10
 
 
 @needs_heyoka
-def test_ends_that_depend_on_a_tolerance_have_no_reference():
-    made = pendulum(PairTorque("burst", "12", "1/(0.1 - t)"))
+def test_a_simulation_whose_end_depends_on_a_tolerance_has_no_reference():
+    """The torque 1 / (0.1 - t) is infinite at 0.1 s, where every integration stops."""
+    mechanism = pendulum(PairTorque("burst", "12", "1/(0.1 - t)"))
     with pytest.raises(EngineError, match="ended at 0.1 s .* shorter time"):
-        reference_simulation(made, Start(0.0, 1.0), 0.2)
+        reference_simulation(mechanism, Start(0.0, 1.0), 0.2)
 
 
 @needs_heyoka
-def test_dry_friction_is_compared_until_it_sticks():
+def test_a_trade_compares_motion_with_dry_friction_until_it_sticks():
+    """The four-bar comes to rest before the end, and has a reference all the same."""
     brake = PairTorque("brake", "21", "-0.6*sign(dtheta_21)")
-    made = replace(FOUR_BAR, loads=(brake,))
-    settings = [Setting(integrator="compiled", tolerance=1e-14)]
-    start = Start(0.3, 0.5)
-    found = traded(made, samples=5, start=start, duration=6.0, settings=settings)
-    assert "20 digits" in found.reference
-    assert found.settings[0].error < 1e-12
+    result = trade_eksergian(
+        replace(FOUR_BAR, loads=(brake,)),
+        samples=5,
+        start=Start(0.3, 0.5),
+        duration=6.0,
+        settings=[Setting(integrator="compiled", tolerance=1e-14)],
+    )
+    assert "20 digits" in result.reference
+    assert result.settings[0].error < 1e-12

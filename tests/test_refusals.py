@@ -1,6 +1,8 @@
-"""Mistakes in files, commands and calls are told by the words of one table.
+"""Mistakes in files, commands and calls are refused with the words of `refusals.toml`.
 
-Nothing is traced, searched or integrated before a mistake in a file or command is told.
+Each table of that file has cases: a passage of a valid file and the passage that replaces
+it, a command, or a Python expression; and fragments that the message has to have. Nothing
+is traced, searched or integrated before a mistake in a file or command is refused.
 """
 
 import shlex
@@ -46,67 +48,88 @@ MECHANISMS = (
     *("sizes", "pose", "cones", "cam", "pinned_roller", "slider", "posed_slider"),
     "loaded",
 )
+"""Tables of mistakes in mechanism files; each has the name of the valid text."""
 STUDIES = "study.study", "constant.study", "table.study", "timed.study"
-CALLED = (
-    *(
-        MujocoModel,
-        PositionAnalysis,
-        SingleFreedomSingularities,
-        Tabulated,
-        aspects,
-        range_variation,
-        four_bar_from_file,
-    ),
-    *(find_region, inverse_dynamics, output_of, reduced_model, replace, simulate),
-    *(singular_curves, singular_surface, trade, two_four_bars),
+"""Tables of mistakes in study files."""
+CALLABLES = (
+    MujocoModel,
+    PositionAnalysis,
+    SingleFreedomSingularities,
+    Tabulated,
+    aspects,
+    range_variation,
+    four_bar_from_file,
+    find_region,
+    inverse_dynamics,
+    output_of,
+    reduced_model,
+    replace,
+    simulate,
+    singular_curves,
+    singular_surface,
+    trade,
+    two_four_bars,
 )
-NAMES = {each.__name__: each for each in CALLED} | {
-    **{"sk": sk, "np": np, "LINKS": LINKS, "NAN": float("nan")},
-    **{"FOUR_BAR": sk.load("four_bar"), "FIVE_BAR": sk.load("five_bar")},
-    **{"START": Start(0.3, 1.0), "LAW": ConstantSpeed(1.0)},
+NAMES = {function.__name__: function for function in CALLABLES} | {
+    "sk": sk,
+    "np": np,
+    "LINKS": LINKS,
+    "NAN": float("nan"),
+    "FOUR_BAR": sk.load("four_bar"),
+    "FIVE_BAR": sk.load("five_bar"),
+    "START": Start(0.3, 1.0),
+    "LAW": ConstantSpeed(1.0),
 }
+"""Names that the expressions of the tables "calls" and "answers" use."""
 SHOWS_A_POSE = "run five_bar -a inverse_kinematics"
 """Its message has a pose that the mechanism reaches, which takes a configuration."""
 
 
 @pytest.fixture(autouse=True)
 def folder(request, monkeypatch, tmp_path):
-    """An empty folder, in which no configuration is computed but for answers."""
+    """Work in an empty folder, where computing a configuration fails the test.
 
-    def refused(*_, **__):
+    The table "answers" has mistakes that only a configuration shows.
+    """
+
+    def fail(*_, **__):
         raise AssertionError("a configuration was computed before the mistake was told")
 
     name = request.node.name
     if SHOWS_A_POSE not in name and "answers" not in name:
-        monkeypatch.setattr(Closure, "linearise", refused)
+        monkeypatch.setattr(Closure, "at", fail)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
 def cases(*tables):
-    """Return the rows of tables: the table, the case."""
+    """Return a parameter set (name of the table, name of the case) for every case."""
     return [pytest.param(table, case) for table in tables for case in TABLES[table]]
 
 
 @pytest.mark.parametrize(("name", "case"), cases(*MECHANISMS))
 def test_mistakes_in_mechanism_files(name, case):
+    """A valid text with one passage replaced; the message has all fragments of the case."""
     old, new, *fragments = TABLES[name][case]
     with pytest.raises(FileError) as caught:
         loads(replace_passages(mechanism_text(name), old, new), "x.toml")
     check_fragments(str(caught.value), fragments)
 
 
-NINES = "9" * 400
+NINES_400 = "9" * 400
+NINES_10000 = "9" * 10_000
+NESTED_LISTS = "[" * 900 + "]" * 900
 HUGE = [
-    ("180.0", NINES, ["x.toml:24: pairs.21.zero: found a huge"]),
-    ("180.0", NINES * 25, ["x.toml:24: ", "too many digits"]),
-    ("180.0", "0x" + NINES * 25, ["x.toml:24: pairs.21.zero: "]),
-    ('"free"', "[" * 900 + "]" * 900, ["x.toml:45: nested too", "32"]),
+    ("180.0", NINES_400, ["x.toml:24: pairs.21.zero: found a huge"]),
+    ("180.0", NINES_10000, ["x.toml:24: ", "too many digits"]),
+    ("180.0", "0x" + NINES_10000, ["x.toml:24: pairs.21.zero: "]),
+    ('"free"', NESTED_LISTS, ["x.toml:45: nested too", "32"]),
 ]
+"""Passages of a valid file, what replaces them, and fragments of the message."""
 
 
 @pytest.mark.parametrize(("old", "new", "fragments"), HUGE, ids=range(len(HUGE)))
-def test_what_is_huge_is_refused(old, new, fragments):
+def test_huge_numbers_and_deep_nesting_are_refused(old, new, fragments):
     with pytest.raises(FileError) as caught:
         loads(replace_passages(mechanism_text("sizes"), old, new), "x.toml")
     check_fragments(str(caught.value), fragments)
@@ -121,35 +144,40 @@ def test_mistakes_in_study_files(name, case):
     check_fragments(str(caught.value), fragments)
 
 
-def told(command, capsys):
-    """The exit status of a command and what it says."""
+def run_refused_command(command, capsys):
+    """Return the exit status of a command and its message, which has to be one line."""
     try:
         status = main(shlex.split(command))
-    except SystemExit as refused:
-        status = refused.code
-    out, err = capsys.readouterr()
-    assert out == "" and "Traceback" not in err
-    assert len(err.strip().splitlines()) == 1
-    return status, err
+    except SystemExit as exit_request:
+        status = exit_request.code
+    output, message = capsys.readouterr()
+    assert output == ""
+    assert "Traceback" not in message
+    assert len(message.strip().splitlines()) == 1
+    return status, message
 
 
 @pytest.mark.parametrize("case", TABLES["template"])
 def test_mistakes_in_mechanism_files_by_the_command(case, capsys):
     old, new, *fragments = TABLES["template"][case]
     Path("mine.toml").write_text(replace_passages(TEMPLATE.read_text(), old, new))
-    status, said = told("run mine.toml", capsys)
+    status, message = run_refused_command("run mine.toml", capsys)
     assert status == 1
-    check_fragments(said, fragments)
+    check_fragments(message, fragments)
 
 
 @pytest.mark.parametrize("command", TABLES["commands"])
 def test_mistakes_in_commands(command, capsys):
-    status, said = told(command.replace("LONG", "x" * 300), capsys)
-    assert status in (1, 2) and (status == 2) == ("See: spherekit" in said)
-    check_fragments(said, TABLES["commands"][command])
+    """Exit status 2, with a reference to the help, is for words that no command has."""
+    long_name = "x" * 300
+    status, message = run_refused_command(command.replace("LONG", long_name), capsys)
+    assert status in (1, 2)
+    assert (status == 2) == ("See: spherekit" in message)
+    check_fragments(message, TABLES["commands"][command])
 
 
 @pytest.mark.parametrize(("table", "call"), cases("calls", "answers"))
 def test_mistakes_in_calls(table, call, folder):
+    """The expression is refused with the fragments of its case, and writes no file."""
     check_call(call, NAMES, TABLES[table][call])
     assert list(folder.iterdir()) == []

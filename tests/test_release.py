@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import spherekit
+from spherekit.cli.main import main
 
 yaml = pytest.importorskip("yaml", reason="it comes with the packages of the site")
 ROOT = Path(__file__).parent.parent
@@ -19,7 +20,7 @@ BIBLIOGRAPHY = (ROOT / "docs" / "paper" / "paper.bib").read_text("utf-8")
 
 
 def requirement(text):
-    """A requirement as its name and its bounds, in any order and spelling."""
+    """Return name and set of bounds of a requirement such as "numpy >=2,<3; ..."."""
     name, bounds = re.fullmatch(r"([\w.-]+)\s*(.*)", text.split(";")[0].strip()).groups()
     return name, frozenset(bounds.replace(" ", "").split(","))
 
@@ -41,84 +42,101 @@ def citation():
 
 
 def test_the_recipe_has_the_dependencies_of_the_project(recipe):
+    """To run, to build, and the bounds of heyoka, which is optional."""
+    requirements = recipe["requirements"]
     python = ("python", frozenset([META["requires-python"]]))
-    wanted = {requirement(text) for text in META["dependencies"]}
-    assert {requirement(text) for text in recipe["requirements"]["run"]} == wanted | {
-        python
-    }
-    build = {requirement(text) for text in PROJECT["build-system"]["requires"]}
-    assert build | {python} <= {
-        requirement(text) for text in recipe["requirements"]["host"]
-    }
+    to_run = {requirement(text) for text in META["dependencies"]}
+    in_recipe = {requirement(text) for text in requirements["run"]}
+    assert in_recipe == to_run | {python}
+    to_build = {requirement(text) for text in PROJECT["build-system"]["requires"]}
+    in_recipe = {requirement(text) for text in requirements["host"]}
+    assert to_build | {python} <= in_recipe
     (compiled,) = META["optional-dependencies"]["compiled"]
-    (constraint,) = recipe["requirements"]["run_constraints"]
+    (constraint,) = requirements["run_constraints"]
     assert requirement(compiled)[1] == requirement(constraint)[1]
 
 
-def test_the_recipe_is_of_this_project(recipe, tmp_path, monkeypatch, capsys):
+def test_the_recipe_states_name_version_and_commands_of_the_project(recipe):
+    about = recipe["about"]
     assert recipe["context"]["version"] == spherekit.__version__
     assert recipe["package"]["name"] == META["name"]
-    assert recipe["about"]["license"] == META["license"]
-    assert recipe["about"]["summary"] == META["description"]
-    assert (ROOT / recipe["about"]["license_file"]).is_file()
-    points = dict(text.split(" = ") for text in recipe["build"]["python"]["entry_points"])
-    assert points == META["scripts"]
+    assert about["license"] == META["license"]
+    assert about["summary"] == META["description"]
+    assert (ROOT / about["license_file"]).is_file()
+    lines = recipe["build"]["python"]["entry_points"]
+    entry_points = dict(text.split(" = ") for text in lines)
+    assert entry_points == META["scripts"]
+
+
+def test_tests_of_the_recipe_pass_in_an_empty_folder(recipe, tmp_path, monkeypatch, capsys):
+    """Its modules are imported and its commands run, but for the first, `--version`."""
     modules, commands = recipe["tests"]
     for name in modules["python"]["imports"]:
         importlib.import_module(name)
-    from spherekit.cli.main import main
-
     monkeypatch.chdir(tmp_path)
     for command in commands["script"][1:]:
-        assert main(command.split()[1:]) == 0
+        arguments = command.split()[1:]
+        assert main(arguments) == 0
     assert (tmp_path / "out" / "poles.csv").is_file()
 
 
-def test_the_workflow_runs_what_the_readme_says(workflow):
+def test_the_workflow_runs_the_commands_that_the_readme_has_for_developers(workflow):
+    """They are the second block of commands, without the first line, which makes a venv.
+
+    The workflow names programs without their folder, and may leave out `pip` or `python`.
+    """
     readme = (ROOT / "README.md").read_text("utf-8")
-    second = re.findall(r"^```sh\n(.*?)^```$", readme, re.M | re.S)[1]
-    run = "\n".join(
-        step.get("run", "") for job in workflow["jobs"].values() for step in job["steps"]
-    )
-    for line in second.splitlines()[1:]:
-        said = line.replace(".venv/bin/", "").replace("--quiet ", "")
-        assert said.removeprefix("pip ").removeprefix("python ") in run, line
-    assert PIXI["tasks"]["site"] in run
+    developers_block = re.findall(r"^```sh\n(.*?)^```$", readme, re.M | re.S)[1]
+    steps = [step for job in workflow["jobs"].values() for step in job["steps"]]
+    commands_of_workflow = "\n".join(step.get("run", "") for step in steps)
+    for line in developers_block.splitlines()[1:]:
+        command = line.replace(".venv/bin/", "").replace("--quiet ", "")
+        command = command.removeprefix("pip ").removeprefix("python ")
+        assert command in commands_of_workflow, line
+    assert PIXI["tasks"]["site"] in commands_of_workflow
     assert True in workflow  # the key `on`, which YAML 1.1 reads as a truth
 
 
-def test_the_matrix_begins_at_the_oldest_python(workflow):
+def test_the_workflow_tests_the_oldest_python_with_the_oldest_packages(workflow):
     matrix = workflow["jobs"]["tests"]["strategy"]["matrix"]
     oldest = META["requires-python"].removeprefix(">=")
-    assert (
-        matrix["python"][0] == oldest == PIXI["dependencies"]["python"].removeprefix(">=")
-    )
+    assert matrix["python"][0] == oldest
+    assert PIXI["dependencies"]["python"].removeprefix(">=") == oldest
     rows = {(row["python"], row["versions"]) for row in matrix["include"]}
     assert (oldest, "oldest") in rows
     assert (ROOT / "tests" / "oldest.py").is_file()
 
 
-def test_pixi_installs_the_project_and_runs_the_readmes_commands():
+def test_pixi_installs_the_project_and_runs_the_commands_of_the_pages():
+    """The README has the command that tests, CONTRIBUTING those of style and types."""
     readme = (ROOT / "README.md").read_text("utf-8")
-    (own,) = PIXI["pypi-dependencies"].items()
-    assert own[0] == META["name"]
-    assert set(own[1]["extras"]) <= set(META["optional-dependencies"])
-    for task in ("lint", "types", "test"):
-        assert f".venv/bin/{PIXI['tasks'][task]}\n" in readme
-    assert PIXI["tasks"]["site"] in (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    contributing = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    ((name, how),) = PIXI["pypi-dependencies"].items()
+    assert name == META["name"]
+    assert set(how["extras"]) <= set(META["optional-dependencies"])
+    assert f".venv/bin/{PIXI['tasks']['test']}\n" in readme
+    for task in ("lint", "types"):
+        assert f"`.venv/bin/{PIXI['tasks'][task]}`" in contributing
+    assert PIXI["tasks"]["site"] in contributing
 
 
-def test_the_citation_is_of_this_version(citation):
+def test_the_citation_file_has_version_and_license_and_complete_references(citation):
     assert citation["version"] == spherekit.__version__
     assert citation["license"] == META["license"]
     for reference in citation["references"]:
         assert reference["title"] and reference["authors"] and reference["year"]
 
 
-def test_citations_of_the_paper_are_its_bibliography():
+def test_the_paper_cites_exactly_its_bibliography():
+    """Keys such as `@Chiang1988` in the text after the head of the paper."""
     entries = re.findall(r"^@\w+\{(\w+),$", BIBLIOGRAPHY, re.M)
     assert len(set(entries)) == len(entries)
-    assert set(re.findall(r"@([A-Z]\w+)", PAPER.split("---\n", 2)[2])) == set(entries)
+    text = PAPER.split("---\n", 2)[2]
+    cited = set(re.findall(r"@([A-Z]\w+)", text))
+    assert cited == set(entries)
+
+
+def test_entries_of_the_bibliography_have_author_title_and_year():
     for entry in re.split(r"^(?=@)", BIBLIOGRAPHY, flags=re.M)[1:]:
         assert entry.count("{") == entry.count("}")
         for key in ("author", "title", "year"):
@@ -126,6 +144,7 @@ def test_citations_of_the_paper_are_its_bibliography():
 
 
 def test_claims_of_the_paper_are_measured_in_the_pages():
+    """Each line of the section names a page and words of it, in a comment."""
     measured = PAPER.partition("# What was measured")[2].partition("\n# ")[0]
     claims = re.findall(r"<!-- ([\w/]+\.md): (.+?) -->", measured)
     assert len(claims) == len(measured.strip().splitlines())

@@ -1,7 +1,8 @@
 """Every route to poles and coefficients against the others.
 
-A route is a way to compute the poles of a mechanism: by great circles in the order of the
-plan, by the best conditioned of them, or by the velocity equations of all loops.
+A route is a way to compute the poles of a mechanism: by the first two great circles of its
+plan, by the two best conditioned ones, by the velocity equations of all loops, or (route
+"best", the default) by these equations in more digits where double precision is doubtful.
 """
 
 from dataclasses import replace
@@ -122,10 +123,9 @@ def nearly_parallel_four_bar():
 
 
 def test_only_the_default_route_computes_ill_conditioned_rows_in_quad_precision():
-    """With two nearly parallel axes great circles fail in double precision.
+    """With two nearly parallel axes, the default route takes quad precision in all rows.
 
-    Evaluation without a named route then computes all rows in quad precision. A route that
-    is asked for by name is not replaced: its rows have a status and no numbers.
+    Routes by great circles fail, in double precision, with a status and without numbers.
     """
     position_analysis = PositionAnalysis(
         nearly_parallel_four_bar(), search=False, samples=2

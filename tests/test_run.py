@@ -1,4 +1,4 @@
-"""A run: tables, files, summary, blocks, recording, and what can go wrong outside."""
+"""A run: tables, files, summary, blocks, recording, and folders that cannot be written."""
 
 import json
 import os
@@ -12,7 +12,6 @@ from helpers.scene_listener import SceneListener
 import spherekit as sk
 from spherekit.cli.main import main
 from spherekit.errors import OutputError
-from spherekit.positions import assembly_mode as assembly_mode
 from spherekit.scenes.link_scenes import link_shapes
 from spherekit.tables.table_files import read_parquet
 
@@ -26,40 +25,53 @@ POLES = [
 ]  # fmt: skip
 
 
+SAMPLES, ASSEMBLY_MODES, POLES_OF_FOUR_LINKS = 37, 2, 6
+
+
 @pytest.fixture(scope="module")
 def result():
-    return sk.run(sk.load("four_bar"), "poles", samples=37)
+    """Return a run of the four-bar: 37 samples, 2 assembly modes, 6 poles."""
+    return sk.run(sk.load("four_bar"), "poles", samples=SAMPLES)
 
 
-def test_frame_is_tidy_and_complete(result):
+def test_the_table_of_poles_has_a_row_for_every_pole_mode_and_sample(result):
+    """Rows are unique by these keys, and all poles are unit vectors, to rounding."""
     frame = result.frame()
     assert list(frame.columns) == POLES
-    assert len(frame) == 37 * 2 * 6
+    assert len(frame) == SAMPLES * ASSEMBLY_MODES * POLES_OF_FOUR_LINKS
     keys = frame.set_index(["sample", "assembly_mode", "link", "relative_to"]).index
     assert keys.is_unique
     assert set(frame["status"]) == {"OK"}
     length = np.sqrt(frame["ux"] ** 2 + frame["uy"] ** 2 + frame["uz"] ** 2)
     assert np.max(np.abs(length - 1.0)) < 1e-14
-    frame.loc[:, "ux"] = 9.0
-    assert result.frame()["ux"].max() <= 1.0  # frames are their own
+
+
+def test_the_table_of_motion_has_the_angle_of_every_pair(result):
     motion = result.frame("motion")
-    assert len(motion) == 37 * 2
-    assert [c for c in motion.columns if c.startswith("theta_")] == [
-        "theta_21", "theta_32", "theta_43", "theta_41",
-    ]  # fmt: skip
+    assert len(motion) == SAMPLES * ASSEMBLY_MODES
+    angles = [name for name in motion.columns if name.startswith("theta_")]
+    assert angles == ["theta_21", "theta_32", "theta_43", "theta_41"]
 
 
-def test_written_files_read_back_equal(result, tmp_path):
-    paths = result.write(tmp_path / "new" / "folder")
-    assert sorted(p.name for p in paths) == [
+def test_a_frame_that_is_changed_does_not_change_the_result(result):
+    frame = result.frame()
+    frame.loc[:, "ux"] = 9.0
+    assert result.frame()["ux"].max() <= 1.0
+
+
+def test_written_tables_are_read_back_bit_by_bit(result, tmp_path):
+    """From CSV and from Parquet, in a folder that did not exist; no partial file stays."""
+    folder = tmp_path / "new" / "folder"
+    paths = result.write(folder)
+    assert sorted(path.name for path in paths) == [
         "columns.csv", "motion.csv", "motion.parquet", "poles.csv", "poles.parquet",
         "summary.json",
     ]  # fmt: skip
     frame = result.frame()
-    parquet = read_parquet(tmp_path / "new" / "folder" / "poles.parquet")
+    parquet = read_parquet(folder / "poles.parquet")
     assert parquet.attrs["units"]["q"] == "rad"
     csv = pd.read_csv(
-        tmp_path / "new" / "folder" / "poles.csv",
+        folder / "poles.csv",
         dtype={"link": str, "relative_to": str, "moving": str},
         engine="pyarrow",  # reads the nearest float, which pandas 2 does not
     )
@@ -69,44 +81,55 @@ def test_written_files_read_back_equal(result, tmp_path):
             assert np.array_equal(frame[column], parquet[column], equal_nan=True)
         else:
             assert list(frame[column]) == list(csv[column]) == list(parquet[column])
-    summary = json.loads((tmp_path / "new" / "folder" / "summary.json").read_text())
-    assert summary["mobility"] == {"graph": 1, "rank": 1}
-    assert summary["status"] == {"OK": 74}
-    assert summary["errors_reached"]["largest_closure_residual_rad"] < 1e-14
-    assert len(summary["mechanism_hash"]) == 64
     assert not list(tmp_path.rglob("*.part"))
 
 
-def test_unreachable_samples_are_rows_with_a_reason():
-    made = sk.load("four_bar").with_inputs("43")
-    frame = sk.run(made, "poles", samples=61).frame()
+def test_the_written_summary_has_mobility_status_errors_and_hash(result, tmp_path):
+    result.write(tmp_path)
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["mobility"] == {"graph": 1, "rank": 1}
+    assert summary["status"] == {"OK": SAMPLES * ASSEMBLY_MODES}
+    assert summary["errors_reached"]["largest_closure_residual_rad"] < 1e-14
+    assert len(summary["mechanism_hash"]) == 64
+
+
+def test_unreachable_samples_are_rows_with_a_status_and_no_numbers():
+    """Pair 43 of the four-bar swings only, so a whole turn of it has such samples."""
+    mechanism = sk.load("four_bar").with_inputs("43")
+    frame = sk.run(mechanism, "poles", samples=61).frame()
     assert len(frame) == 61 * 6 * frame["assembly_mode"].nunique()
-    lost = frame[frame["status"] == "OUT_OF_REACH"]
-    assert 0 < len(lost) < len(frame)
+    unreachable = frame[frame["status"] == "OUT_OF_REACH"]
+    assert 0 < len(unreachable) < len(frame)
     names = "ux uy uz velocity_coefficient acceleration_coefficient conditioning"
-    assert lost[names.split()].isna().all().all()
-    fine = frame[frame["status"] == "OK"]
-    assert fine.drop(columns=["status"]).notna().all().all()
+    assert unreachable[names.split()].isna().all().all()
+    good = frame[frame["status"] == "OK"]
+    assert good.drop(columns=["status"]).notna().all().all()
 
 
-def test_wrong_names_of_results(result):
+def test_wrong_names_of_analyses_and_tables_are_refused(result):
     with pytest.raises(sk.SpherekitError, match='did you mean "poles"'):
         result.frame("pole")
     with pytest.raises(sk.SpherekitError, match="has no table"):
         result.frame("poles", "pols")
 
 
-def test_folders_that_cannot_be_written(result, tmp_path, capsys):
-    (tmp_path / "taken").write_text("mine")
-    with pytest.raises(OutputError, match="taken"):
-        result.write(tmp_path / "taken")
-    with pytest.raises(OutputError, match="taken"):
-        result.write(tmp_path / "taken" / "below")
-    taken = str(tmp_path / "taken")
-    assert main(["run", "four_bar", "--samples", "5", "-o", taken]) == 1
-    said = capsys.readouterr().err
-    assert said.startswith("spherekit: ") and taken in said and "Traceback" not in said
-    assert (tmp_path / "taken").read_text() == "mine"
+def test_a_file_in_the_place_of_the_folder_is_refused_and_stays(result, tmp_path, capsys):
+    file = tmp_path / "a_file"
+    file.write_text("mine")
+    with pytest.raises(OutputError, match="a_file"):
+        result.write(file)
+    with pytest.raises(OutputError, match="a_file"):
+        result.write(file / "below")
+    assert main(["run", "four_bar", "--samples", "5", "-o", str(file)]) == 1
+    message = capsys.readouterr().err
+    assert message.startswith("spherekit: ")
+    assert str(file) in message
+    assert "Traceback" not in message
+    assert file.read_text() == "mine"
+
+
+def test_a_folder_without_permission_to_write_is_refused(result, tmp_path):
+    """For root every folder can be written, but for one of the kernel."""
     folder = tmp_path / "locked"
     folder.mkdir()
     folder.chmod(0o500)
@@ -117,30 +140,47 @@ def test_folders_that_cannot_be_written(result, tmp_path, capsys):
 
 
 def test_scenes_come_block_by_block_while_the_run_goes_on():
-    listener, order = SceneListener(), []
-    how = {"samples": 25, "block": 10, "recorder": listener}
-    how["progress"] = lambda *counts: order.append((*counts, len(listener.row_counts)))
-    sk.run(sk.load("four_bar"), "poles", **how)
-    assert [entry[:2] for entry in order] == [(10, 25), (20, 25), (25, 25)]
-    assert order[0][2] < order[1][2] < order[2][2]
+    """25 samples in blocks of 10: after each block the recorder has more scenes.
+
+    At the end, every plot has all samples, and the camera looks along a unit vector. The
+    page "Construction" has rows of its own, one for each of three steps of the plan.
+    """
+    listener = SceneListener()
+    reports = []
+
+    def note_progress(done, total):
+        reports.append((done, total, len(listener.row_counts)))
+
+    sk.run(
+        sk.load("four_bar"),
+        "poles",
+        samples=25,
+        block=10,
+        recorder=listener,
+        progress=note_progress,
+    )
+    assert [report[:2] for report in reports] == [(10, 25), (20, 25), (25, 25)]
+    scene_counts = [report[2] for report in reports]
+    assert scene_counts == sorted(set(scene_counts))
     assert listener.assembly_modes == {0: "Mode 0 (+, p1)", 1: "Mode 1 (-, p0)"}
     assert listener.static_paths == ["link/1", "plan", "graph"]
     for (page, _), rows in listener.samples_by_primitive.items():
-        steps = page == "Construction"  # a page with rows of its own
-        assert rows == list(range(3 if steps else 25))
+        row_count = 3 if page == "Construction" else 25
+        assert rows == list(range(row_count))
     assert np.linalg.norm(listener.focus) == pytest.approx(1.0)
 
 
-def test_several_inputs_are_told_apart_on_the_stage():
+def test_plots_of_several_inputs_have_a_path_for_each_moving_input():
+    """Links that a locked input joins do not turn relative to each other: no plot."""
     listener = SceneListener()
     sk.run(sk.load("five_bar"), "poles", samples=(3, 4), assembly_mode=0, recorder=listener)
     assert listener.inputs is None and listener.row == 4
     plots = {path for path in listener.paths if path.startswith("plots/velocity/")}
     assert "plots/velocity/21/4_1" in plots and "plots/velocity/51/4_1" in plots
-    # links that a locked input joins have no coefficient to show
     assert "plots/velocity/21/5_1" not in plots and "plots/velocity/51/2_1" not in plots
 
 
-def test_axes_that_coincide_are_drawn_once():
+def test_links_with_coinciding_axes_are_drawn_with_finite_curves():
+    """In a bevel differential several axes of a link are one line."""
     for shape in link_shapes(sk.load("bevel_differential")):
         assert all(np.isfinite(curve).all() for curve in shape.curves)

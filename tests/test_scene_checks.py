@@ -1,4 +1,8 @@
-"""Scenes of wrong shape are one sentence about their analysis, and nothing else is lost."""
+"""Scenes of wrong shape are refused in one sentence, and nothing else of a run is lost.
+
+A scene is what an analysis shows on a page: primitives such as curves, arrows and plots,
+whose arrays have a shape each.
+"""
 
 from dataclasses import dataclass, fields
 from typing import ClassVar, final
@@ -41,27 +45,38 @@ from spherekit.plugin.checks.suite import ConformanceSuite
 from spherekit.scenes.scene_checks import ARRAY_SHAPES, check_scene
 
 SAMPLES = 5
-N3 = np.tile([0.0, 0.0, 1.0], (SAMPLES, 1))
-LINE = np.linspace(0.0, 1.0, SAMPLES)
+N3 = np.tile([0.0, 0.0, 1.0], (SAMPLES, 1))  # (samples, 3) unit vectors
+LINE = np.linspace(0.0, 1.0, SAMPLES)  # (samples,) numbers
 CORNERS = np.eye(3)
 ONE_TRIANGLE = np.array([[0, 1, 2]])
 
 
-def unchecked(kind, *values, **named):
-    """Return a primitive as its constructor would make it, without judging arguments."""
-    made = object.__new__(kind)
-    given = dict(zip([field.name for field in fields(kind)], values, strict=False)) | named
+def unchecked(kind, *values, **values_by_name):
+    """Return an instance of a dataclass as its constructor would, without any check.
+
+    Parameters
+    ----------
+    kind
+        Class of a primitive or of a scene.
+    *values, **values_by_name
+        Values of its fields, in their order and by name; other fields have their default.
+    """
+    instance = object.__new__(kind)
+    names = [field.name for field in fields(kind)]
+    given = dict(zip(names, values, strict=False)) | values_by_name
     for field in fields(kind):
-        object.__setattr__(made, field.name, given.get(field.name, field.default))
-    return made
+        object.__setattr__(instance, field.name, given.get(field.name, field.default))
+    return instance
 
 
 def portrait(**changes):
+    """Return a valid phase portrait of 5 samples with some fields changed, unchecked."""
     parts = {"x": LINE, "y": LINE, "x_range": (0, 1), "y_range": (0, 1)}
     return unchecked(Portrait, "p", "p", x_label="x", y_label="y", **(parts | changes))
 
 
 def diagram(**changes):
+    """Return a valid diagram of two points with some fields changed, unchecked."""
     parts = {
         "names": ("a", "b"),
         "places": np.zeros((SAMPLES, 2, 2)),
@@ -91,6 +106,7 @@ RIGHT = {
     "Graph": Graph("g", (("a", "a", 0), ("b", "b", None)), (("a", "b"),), ((0, 0), (1, 1))),
     "Text": Text("t", "t", "words"),
 }
+"""Valid primitives."""
 
 WRONG = {
     "Series as a column": (
@@ -176,16 +192,19 @@ WRONG = {
     "no primitive": (LINE, "primitives has a ndarray; allowed are Body, Arrow"),
     "a Mark alone": (unchecked(Mark, "m", N3[0]), "primitives has a Mark; allowed are"),
 }
+"""Primitives with one fault each, and a fragment of the sentence that refuses them."""
 
 
 @pytest.mark.parametrize("name", RIGHT)
 def test_right_scenes_pass(name):
+    """A scene of page 0 in a run with assembly modes 0 and 1, 5 samples and 1 input."""
     scene = check_scene("any", Scene(0, (RIGHT[name],)), [0, 1], SAMPLES, 1)
     assert type(scene.primitives[0]) is type(RIGHT[name])
 
 
 @pytest.mark.parametrize("name", WRONG)
 def test_wrong_scenes_are_refused_in_a_sentence(name):
+    """It names analysis and page; the run is that of `test_right_scenes_pass`."""
     primitive, fragment = WRONG[name]
     with pytest.raises(sk.SpherekitError) as refused:
         check_scene("any", unchecked(Scene, 0, (primitive,)), [0, 1], SAMPLES, 1)
@@ -230,6 +249,7 @@ def test_wrong_scenes_are_refused_in_a_sentence(name):
     ],
 )
 def test_wrong_pages_and_axes_are_refused(scene, fragment):
+    """An axis has the values over which the rows of a scene are plotted, if not samples."""
     with pytest.raises(sk.SpherekitError, match="any: ") as refused:
         check_scene("any", scene, [0, 1], SAMPLES, 1)
     assert fragment in str(refused.value)
@@ -237,8 +257,8 @@ def test_wrong_pages_and_axes_are_refused(scene, fragment):
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Crooked(MinimalAnalysis):
-    """Shows something of a wrong shape."""
+class AnalysisWithWrongScene(MinimalAnalysis):
+    """Analysis whose only scene has one of the primitives of `WRONG`."""
 
     name: ClassVar = "crooked"
     version: ClassVar = "1"
@@ -248,12 +268,15 @@ class Crooked(MinimalAnalysis):
     fault: str = "Series as a column"
 
     def needs(self, mechanism):
+        """Return nothing: the table has numbers of samples and modes only."""
         return Needs()
 
     def compute(self, batch):
+        """Return a row for each sample and assembly mode."""
         return {"rows": {"sample": batch.sample, "assembly_mode": batch.assembly_mode}}
 
     def scene(self, batch):
+        """Return the scene with the fault that the parameter names."""
         return (unchecked(Scene, 0, (WRONG[self.fault][0],)),)
 
 
@@ -262,56 +285,69 @@ class Crooked(MinimalAnalysis):
 @pytest.mark.parametrize(
     "fault", ["Series as a column", "InputMarks 1-D", "SphereCurves of a plane"]
 )
-def test_the_command_loses_nothing_else(fault, tmp_path, capsys):
+def test_a_command_with_a_wrong_scene_loses_no_other_result(fault, tmp_path, capsys):
+    """The exit status is 4, and one line names the analysis that failed, page and fault.
+
+    The other analysis has its table and figures, and recording and summary are complete.
+    """
     pytest.importorskip("matplotlib")
-    folder, recording = tmp_path / "out", tmp_path / "out" / "four_bar.rrd"
+    folder = tmp_path / "out"
+    recording = folder / "four_bar.rrd"
     arguments = ["run", "four_bar", "--samples", str(SAMPLES), "-o", str(folder)]
-    arguments += ["--figures", "--save", str(recording), "-a", f"crooked:fault={fault}"]
-    with registered(Crooked):
-        assert main([*arguments, "-a", "poles"]) == 4
-    told = capsys.readouterr()
-    (line,) = [x for x in told.err.splitlines() if "crooked" in x and "failed" in x]
+    arguments += ["--figures", "--save", str(recording)]
+    arguments += ["-a", f"crooked:fault={fault}", "-a", "poles"]
+    with registered(AnalysisWithWrongScene):
+        assert main(arguments) == 4
+    output, errors = capsys.readouterr()
+    lines = errors.splitlines()
+    (line,) = [text for text in lines if "crooked" in text and "failed" in text]
     assert line.startswith("spherekit: analysis crooked failed: scene of page 0: ")
-    assert WRONG[fault][1].rpartition(": ")[2].split(",")[0] in line
-    assert "Traceback" not in told.err
-    assert recording.stat().st_size > 10_000
+    fragment = WRONG[fault][1]
+    without_path_and_details = fragment.rpartition(": ")[2].split(",")[0]
+    assert without_path_and_details in line
+    assert "Traceback" not in errors
+    assert recording.stat().st_size > 10_000  # bytes
     assert not [*folder.glob("*.part")]
-    assert (folder / "poles.csv").exists() and [*(folder / "figures").glob("poles*.png")]
-    # The summary, which names the assembly modes, is printed.
-    assert "assembly modes" in told.out
+    assert (folder / "poles.csv").exists()
+    assert [*(folder / "figures").glob("poles*.png")]
+    assert "assembly modes" in output  # of the printed summary
 
 
 @pytest.mark.parametrize(
     "fault", ["Series as a column", "SphereCurves of a plane", "Body labels"]
 )
 def test_conformance_says_what_is_wrong_with_a_scene(fault):
-    report = ConformanceSuite(Crooked(fault=fault), ["four_bar"], SAMPLES).report()
+    analysis = AnalysisWithWrongScene(fault=fault)
+    report = ConformanceSuite(analysis, ["four_bar"], SAMPLES).report()
     assert report["scene"].verdict == "FAILS"
     assert "scene of page 0" in report["scene"].note
     assert all(line.verdict != "FAILS" for line in report if line.name != "scene")
 
 
 def test_shapes_are_in_the_help_of_every_primitive():
-    """Each field that is checked is described with its shape."""
+    """Each field that is checked has a line "name, name : (n, 3) ..." in the docstring."""
     for kind, shapes in ARRAY_SHAPES.items():
-        text = kind.__doc__
-        names = {field.name for field in fields(kind)}
+        description_by_field = {}
+        for line in kind.__doc__.splitlines():
+            names, colon, description = line.partition(" : ")
+            if colon:
+                for name in names.replace(",", " ").split():
+                    assert name not in description_by_field
+                    description_by_field[name] = description
+        field_names = {field.name for field in fields(kind)}
         for name in shapes:
-            assert name in names
-            (line,) = [
-                line
-                for line in text.splitlines()
-                if " : " in line
-                and name in line.partition(" : ")[0].replace(",", " ").split()
-            ]
-            assert "(" in line.partition(" : ")[2], f"{kind.__name__}.{name}"
+            assert name in field_names
+            assert "(" in description_by_field[name], f"{kind.__name__}.{name}"
         assert getattr(plugin, kind.__name__) is kind
 
 
 @final
 @dataclass(frozen=True, kw_only=True)
-class Constant(MinimalAnalysis):
-    """Reads no samples, and has rows with numbers of samples all the same."""
+class AnalysisWithoutSamples(MinimalAnalysis):
+    """Analysis that reads no samples, and has rows with numbers of samples all the same.
+
+    The second row has a status of failure.
+    """
 
     name: ClassVar = "constant"
     version: ClassVar = "1"
@@ -323,9 +359,11 @@ class Constant(MinimalAnalysis):
     rows: int = 3
 
     def needs(self, mechanism):
+        """Return nothing."""
         return Needs()
 
     def compute(self, batch):
+        """Return as many rows as the parameter says, whatever the samples are."""
         numbers = np.arange(self.rows)
         failed = np.where(numbers == 1, sk.Status.NOT_CONVERGED, sk.Status.OK)
         return {
@@ -342,23 +380,24 @@ class Constant(MinimalAnalysis):
 @pytest.mark.parametrize("rows", [0, 1, 3, 10, 20])
 def test_an_analysis_without_samples_may_have_rows_that_name_samples(rows, beside):
     """Ten and twenty are also numbers of rows of the samples beside: five in two modes."""
-    with registered(Constant):
+    with registered(AnalysisWithoutSamples):
         result = sk.run("four_bar", [f"constant:rows={rows}", *beside], samples=SAMPLES)
     assert not result.failures
-    frame = result.frame("constant")
-    assert len(frame) == rows
-    (facts,) = [x for x in result.summary["analyses"] if x["name"] == "constant"]
+    assert len(result.frame("constant")) == rows
+    analyses = result.summary["analyses"]
+    (summary,) = [entry for entry in analyses if entry["name"] == "constant"]
     expected = {"rows": {"NOT_CONVERGED": 1}} if rows > 1 else {}
-    assert facts["failed_rows"] == expected
+    assert summary["failed_rows"] == expected
 
 
-def test_conformance_takes_an_analysis_without_samples():
-    report = ConformanceSuite(Constant(), ["four_bar"], SAMPLES).report()
+def test_an_analysis_without_samples_passes_conformance():
+    report = ConformanceSuite(AnalysisWithoutSamples(), ["four_bar"], SAMPLES).report()
     assert not report.failing, str(report)
 
 
 def test_conformance_says_that_the_main_table_was_empty():
-    report = ConformanceSuite(Constant(rows=0), ["four_bar", "five_bar"], SAMPLES).report()
+    empty = AnalysisWithoutSamples(rows=0)
+    report = ConformanceSuite(empty, ["four_bar", "five_bar"], SAMPLES).report()
     assert report["tables"].verdict == "not checked"
     assert "the main table rows was empty" in report["tables"].note
     sound = ConformanceSuite(Sound, ["four_bar"], SAMPLES).report()

@@ -15,8 +15,8 @@ from spherekit.status import Status
 from spherekit.velocities.pole_evaluation import evaluate
 from spherekit.velocities.pole_request import request
 
-SHIPPED = {
-    # name: (mobility by the graph, by rank)
+MOBILITIES = {
+    # name: (mobility by counting on the graph, by the rank of the velocity equations)
     "five_bar": (2, 2),
     "bevel_differential": (0, 2),
     "two_dof_spm": (2, 2),
@@ -25,98 +25,145 @@ SHIPPED = {
 }
 
 
-def fields_of(tracer, motion):
-    made, poles = tracer.mechanism, all_poles(len(motion.mechanism.links))
-    asked = [request(made, x, poles, poles, by_rank=tracer.by_rank) for x in tracer.inputs]
-    return [evaluate(motion, item) for item in asked]
+def evaluate_all_poles(position_analysis, motion):
+    """Return one field of poles for each input, which moves while the others are locked."""
+    mechanism = position_analysis.mechanism
+    poles = all_poles(len(mechanism.links))
+    fields = []
+    for moving_input in position_analysis.inputs:
+        pole_request = request(
+            mechanism, moving_input, poles, poles, by_rank=position_analysis.by_rank
+        )
+        fields.append(evaluate(motion, pole_request))
+    return fields
 
 
-@pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.parametrize("name", MOBILITIES)
 def test_mobility_by_graph_and_by_rank(name):
-    tracer = PositionAnalysis(sk.load(name), samples=3)
-    motion = tracer.motion()
-    rank = rank_mobility(tracer.solver.closure.tree, motion.vectors[~motion.failed])
-    by_graph, by_rank = SHIPPED[name]
-    assert (graph_mobility(tracer.mechanism), set(rank)) == (by_graph, {by_rank})
+    """Degrees of freedom by counting links and pairs, and by the rank at three samples."""
+    position_analysis = PositionAnalysis(sk.load(name), samples=3)
+    motion = position_analysis.motion()
+    vectors = motion.vectors[~motion.failed]
+    ranks = rank_mobility(position_analysis.solver.closure.tree, vectors)
+    expected_by_graph, expected_by_rank = MOBILITIES[name]
+    assert graph_mobility(position_analysis.mechanism) == expected_by_graph
+    assert set(ranks) == {expected_by_rank}
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("name", SHIPPED)
-def test_poles_of_every_single_freedom_mechanism(name):
-    """Each input moved alone: the velocity equations with the other inputs locked."""
-    tracer = PositionAnalysis(sk.load(name), samples=5)
-    motion = tracer.motion()
-    judged = 0
-    for moved, field in zip(motion.assembly.inputs, fields_of(tracer, motion), strict=True):
+@pytest.mark.parametrize("name", MOBILITIES)
+def test_poles_with_one_moving_input_agree_with_the_velocity_equations(name):
+    """The oracle solves the velocity equations of all loops with the other inputs locked.
+
+    It does not call spherekit's evaluation of poles. Rows near a singularity (ratio of
+    the extreme singular values of the equations below 1e-6) are left out. Rates are per
+    unit rate of the input. Links that do not turn relative to each other have no direction
+    to compare.
+    """
+    position_analysis = PositionAnalysis(sk.load(name), samples=5)
+    motion = position_analysis.motion()
+    fields = evaluate_all_poles(position_analysis, motion)
+    compared_count = 0
+    for moving_input, field in zip(motion.assembly.inputs, fields, strict=True):
         for row in np.flatnonzero(field.status == Status.OK):
-            w, gap = locked_rates(motion, row, moved)
-            if gap < 1e-6:
+            # (links, 3) angular velocities of the links in ground axes
+            w, singular_ratio = locked_rates(motion, row, moving_input)
+            if singular_ratio < 1e-6:
                 continue
-            scale = max(1.0, np.max(np.abs(w)))
+            tolerance = 1e-9 * max(1.0, np.max(np.abs(w)))
             for i, j in all_poles(len(motion.mechanism.links)):
-                vector = w[j] - w[i]
-                size = np.linalg.norm(vector)
+                relative_rate = w[j] - w[i]
+                size = np.linalg.norm(relative_rate)
                 coefficient = field.velocity_coefficient[i, j][row]
+                direction = field.direction[i, j][row]
                 if size < 1e-9:
-                    assert abs(coefficient) < 1e-9 * scale
+                    assert abs(coefficient) < tolerance
                     continue
-                judged += 1
-                ours = coefficient * field.direction[i, j][row]
-                assert np.linalg.norm(ours - vector) < 1e-9 * scale
+                compared_count += 1
+                error = np.linalg.norm(coefficient * direction - relative_rate)
+                assert error < tolerance
                 if size > 1e-4:
-                    assert sine_between_lines(field.direction[i, j][row], vector) < 1e-9
-    assert judged > 50
+                    assert sine_between_lines(direction, relative_rate) < 1e-9
+    assert compared_count > 50
 
 
 @pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])
-def test_a_grid_holds_every_path_and_blocks_do_not_matter(name):
-    made = sk.load(name)
-    counts = [5] * len(made.inputs)
-    tracer = PositionAnalysis(made, samples=counts)
-    whole = tracer.motion()
-    parts = list(tracer.blocks(17))
-    for assembly_mode in tracer.assembly_modes:
-        joined = np.concatenate(
-            [p.values[p.assembly_mode == assembly_mode.number] for p in parts]
-        )
-        ours = whole.values[whole.assembly_mode == assembly_mode.number]
-        assert np.array_equal(joined, ours, equal_nan=True)
+def test_a_motion_over_a_grid_of_inputs_does_not_depend_on_the_size_of_blocks(name):
+    """Blocks of 17 samples, joined, equal the motion in one block, bit by bit."""
+    mechanism = sk.load(name)
+    position_analysis = PositionAnalysis(mechanism, samples=[5] * len(mechanism.inputs))
+    whole = position_analysis.motion()
+    blocks = list(position_analysis.blocks(17))
+    for assembly_mode in position_analysis.assembly_modes:
+        number = assembly_mode.number
+        parts = [block.values[block.assembly_mode == number] for block in blocks]
+        expected = whole.values[whole.assembly_mode == number]
+        assert np.array_equal(np.concatenate(parts), expected, equal_nan=True)
+
+
+def rounded_configurations(motion, sample):
+    """Return the set of configurations of a sample, as cosines and sines to 8 decimals."""
+    values = motion.values[(motion.sample == sample) & ~motion.failed]
+    return {tuple(np.round(np.exp(1j * row), 8)) for row in values}
+
+
+@pytest.mark.parametrize("name", ["five_bar", "two_dof_spm"])
+def test_a_grid_of_inputs_has_the_configurations_of_the_path_on_its_diagonal(name):
+    """On the path, all inputs run from start to stop together, in 5 samples."""
+    mechanism = sk.load(name)
+    counts = [5] * len(mechanism.inputs)
+    grid = PositionAnalysis(mechanism, samples=counts).motion()
+    path = sk.trace(mechanism, samples=5)
     diagonal = np.ravel_multi_index([np.arange(5)] * len(counts), counts)
-    along = sk.trace(made, samples=5)
-    for k in range(5):
-        there = {
-            tuple(np.round(np.exp(1j * v), 8))
-            for v in whole.values[(whole.sample == diagonal[k]) & ~whole.failed]
-        }
-        here = along.values[(along.sample == k) & ~along.failed]
-        assert {tuple(np.round(np.exp(1j * v), 8)) for v in here} <= there
+    for path_sample, grid_sample in enumerate(diagonal):
+        on_path = rounded_configurations(path, path_sample)
+        assert on_path <= rounded_configurations(grid, grid_sample)
 
 
-def test_an_over_constrained_mechanism_moves():
-    """Dixon's K(3,3): mobility 0 by the graph, 1 by rank; bars keep their lengths."""
-    made = dixon_mechanism(np.random.default_rng(3))
-    motion = sk.trace(made, samples=11, search=False)
-    assert graph_mobility(made) == 0
+def test_an_over_constrained_mechanism_moves_and_has_its_poles():
+    """Dixon's K(3,3) has mobility 0 by the graph and yet moves: it closes at 11 samples.
+
+    Relative rates of all 9 links at the middle of three samples agree with the velocity
+    equations of all loops, which are well conditioned there (ratio of the extreme singular
+    values above 1e-3).
+    """
+    mechanism = dixon_mechanism(np.random.default_rng(3))
+    motion = sk.trace(mechanism, samples=11, search=False)
+    assert graph_mobility(mechanism) == 0
     assert np.all(motion.status == Status.OK)
     assert np.max(motion.residual) < 1e-13
-    tracer = PositionAnalysis(made, samples=3, search=False)
-    (field,) = fields_of(tracer, tracer.motion())
-    w, gap = locked_rates(tracer.motion(), 1, tracer.assembly.inputs[0])
-    assert gap > 1e-3
-    for i, j in all_poles(9):
-        ours = field.velocity_coefficient[i, j][1] * np.nan_to_num(field.direction[i, j][1])
-        assert np.linalg.norm(ours - (w[j] - w[i])) < 1e-9
+
+    position_analysis = PositionAnalysis(mechanism, samples=3, search=False)
+    motion = position_analysis.motion()
+    (field,) = evaluate_all_poles(position_analysis, motion)
+    middle = 1
+    (moving_input,) = position_analysis.assembly.inputs
+    w, singular_ratio = locked_rates(motion, middle, moving_input)
+    assert singular_ratio > 1e-3
+    for i, j in all_poles(len(mechanism.links)):
+        direction = np.nan_to_num(field.direction[i, j][middle])
+        relative_rate = field.velocity_coefficient[i, j][middle] * direction
+        assert np.linalg.norm(relative_rate - (w[j] - w[i])) < 1e-9
 
 
 def test_inputs_that_do_not_determine_the_pose_are_a_status():
-    """Where the couplers of a 5R line up, the inputs are not independent freedoms."""
+    """Where both couplers of the five-bar are in line, the inputs are not independent.
 
-    def stretched(q):
-        s, c = np.sin(np.radians(75.0)), np.cos(np.radians(75.0))
-        return -((s * np.sin(q)) ** 2) + 2 * s * c * np.cos(q) - np.cos(np.radians(150.0))
+    By symmetry both cranks have the same angle q. Their ends are then 150 deg apart, the
+    sum of both couplers of 75 deg; the cosine of this arc is an equation for q. The cranks'
+    arcs are 75 deg too, and the base arc is 90 deg.
+    """
+    sine = np.sin(np.radians(75.0))
+    cosine = np.cos(np.radians(75.0))
 
-    q = brentq(stretched, 0.5, 0.5 * np.pi, xtol=1e-15)
-    motion = sk.trace(sk.load("five_bar"), path=np.array([[1.0, 1.0], [q, q]]))
+    def excess_of_cosine(q):
+        """Return the cosine of the arc between the cranks' ends, less that of 150 deg."""
+        between_ends = -((sine * np.sin(q)) ** 2) + 2 * sine * cosine * np.cos(q)
+        return between_ends - np.cos(np.radians(150.0))
+
+    q = brentq(excess_of_cosine, 0.5, 0.5 * np.pi, xtol=1e-15)
+    regular_inputs = [1.0, 1.0]
+    motion = sk.trace(sk.load("five_bar"), path=np.array([regular_inputs, [q, q]]))
     assert np.all(motion.status[motion.sample == 0] == Status.OK)
-    lost = {Status(code) for code in motion.status[motion.sample == 1]}
-    assert lost <= {Status.AT_SINGULARITY, Status.OUT_OF_REACH}
+    status_in_line = {Status(code) for code in motion.status[motion.sample == 1]}
+    assert status_in_line <= {Status.AT_SINGULARITY, Status.OUT_OF_REACH}

@@ -9,57 +9,79 @@ import spherekit as sk
 from spherekit.exchange.exported_pose import find_pose
 from spherekit.exchange.mjcf import MujocoModel
 
-LOADED = {
+MUJOCO_TOLERANCE_RAD = {
     **dict.fromkeys(("stephenson", "universal_joint", "planetary_bevel"), 1e-6),
     **{"roller_cam": 2e-3, "double_butterfly": 1e-4, "three_rrr": 1e-4},
 }
-"""Shipped mechanisms, and how far (rad) MuJoCo may be off."""
+"""Shipped mechanisms with masses and loads, and how far (rad) MuJoCo may be off.
+
+MuJoCo closes loops of pairs by soft constraints, and a cam by a soft contact.
+"""
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("name", LOADED)
-def test_no_table_of_forces_is_empty(name):
+@pytest.mark.parametrize("name", MUJOCO_TOLERANCE_RAD)
+def test_tables_of_forces_have_numbers_and_no_failed_rows(name):
+    """Three analyses with all their tables; every torque and bearing force is noticeable.
+
+    Noticeable is more than 1e-3 N m of torque and 0.1 N of force in a bearing.
+    """
     run = sk.run(name, ["dynamics", "reactions", "statics"], samples=13)
     assert not run.failures
     for analysis in ("dynamics", "reactions", "statics"):
         for table in run.results[analysis].tables:
             rows = run.frame(analysis, table.name)
             numbers = rows.select_dtypes("number")
-            assert len(rows) and numbers.to_numpy()[np.isfinite(numbers)].any(), table.name
+            finite_numbers = numbers.to_numpy()[np.isfinite(numbers)]
+            assert len(rows) > 0, table.name
+            assert finite_numbers.any(), table.name
             assert not np.isin(rows["status"], ("OVERFLOW", "NOT_CONVERGED")).any()
-    for kind in ("dynamics", "statics"):
-        torques = run.frame(kind).filter(like="tau")
-        assert torques.abs().max().min() > 1e-3
-    facts = next(a for a in run.summary["analyses"] if a["name"] == "reactions")
-    couples = [x["largest_couple_force_N"] for x in facts["findings"]["bearings"].values()]
-    assert couples and min(couples) > 0.1
+    for analysis in ("dynamics", "statics"):
+        torques = run.frame(analysis).filter(like="tau")
+        largest_by_input = torques.abs().max()
+        assert largest_by_input.min() > 1e-3
+    summary = next(a for a in run.summary["analyses"] if a["name"] == "reactions")
+    bearings = summary["findings"]["bearings"].values()
+    couple_forces = [bearing["largest_couple_force_N"] for bearing in bearings]
+    assert couple_forces
+    assert min(couple_forces) > 0.1
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("name", LOADED)
-def test_mujoco_moves_it_as_it_moves_here(name):
+@pytest.mark.parametrize("name", MUJOCO_TOLERANCE_RAD)
+def test_mujoco_moves_the_mechanism_as_a_simulation_does(name):
+    """From rest for 0.2 s, by the exported model; inputs move by more than 0.05 rad.
+
+    Friction in bearings follows from reactions, which MuJoCo's loads cannot; it is removed.
+    """
     mujoco = pytest.importorskip("mujoco")
-    made = sk.load(name)
-    bearings = [load.name for load in made.loads if isinstance(load, sk.Bearings)]
-    made, values = find_pose(made.with_loads(without=bearings))
-    written = MujocoModel(made, values, timestep=2.5e-4)
-    assert not [note for note in written.notes if "left out" in note]
-    model = mujoco.MjModel.from_xml_string(written.text)
+    mechanism = sk.load(name)
+    bearings = [load.name for load in mechanism.loads if isinstance(load, sk.Bearings)]
+    mechanism, values = find_pose(mechanism.with_loads(without=bearings))
+    exported = MujocoModel(mechanism, values, timestep=2.5e-4)
+    assert not [note for note in exported.notes if "left out" in note]
+    model = mujoco.MjModel.from_xml_string(exported.text)
     data = mujoco.MjData(model)
-    mujoco.mj_step(model, data, 800)
-    names = [item.pair for item in made.inputs]
-    got = np.array([data.joint(pair).qpos[0] for pair in names])
-    q = tuple(float(values[made.angles[pair]]) for pair in names)
+    step_count = 800  # 0.2 s
+    mujoco.mj_step(model, data, step_count)
+    input_pairs = [item.pair for item in mechanism.inputs]
+    by_mujoco = np.array([data.joint(pair).qpos[0] for pair in input_pairs])
+
+    q = tuple(float(values[mechanism.angles[pair]]) for pair in input_pairs)
     start = sk.Start(q=q, dq=(0.0,) * len(q))
-    found = sk.simulate(made, start, 0.2, assembly_mode=0).at([0.2])
-    assert np.max(np.abs(got - q)) > 0.05
-    assert np.max(np.abs(got - found.inputs[0])) < LOADED[name]
+    state = sk.simulate(mechanism, start, 0.2, assembly_mode=0).at([0.2])
+    assert np.max(np.abs(by_mujoco - q)) > 0.05
+    error = np.max(np.abs(by_mujoco - state.inputs[0]))
+    assert error < MUJOCO_TOLERANCE_RAD[name]
 
 
-def test_sweeps_of_torques_with_rubbing_bearings_name_the_table_that_has_them():
+def test_a_sweep_of_torques_with_friction_of_bearings_names_the_figure_that_works():
+    """`torque` of a row has no such friction; the message has a figure of a table."""
     arcs = {"links.2.arc": [14.0]}
-    with pytest.raises(sk.SpherekitError, match="friction follows") as refused:
+    with pytest.raises(sk.SpherekitError, match="friction follows") as refusal:
         sk.sweep("stephenson", arcs, ["most=max(abs(torque))"], samples=5)
-    (figure,) = re.findall('--reduce "([^"]+)"', str(refused.value))
-    swept = sk.sweep("stephenson", arcs, [f"most={figure}"], samples=5).frame()
-    assert len(swept) == 4 and (swept["most"] > 1e-3).all()
+    (suggested_figure,) = re.findall('--reduce "([^"]+)"', str(refusal.value))
+    rows = sk.sweep("stephenson", arcs, [f"most={suggested_figure}"], samples=5).frame()
+    assembly_mode_count = 4
+    assert len(rows) == assembly_mode_count
+    assert (rows["most"] > 1e-3).all()

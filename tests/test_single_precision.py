@@ -25,102 +25,159 @@ IN_DOUBLE = re.compile(
     r"|v?cvt\w*s[sd]2s[sd]|v?cvt\w*2sd)\b"
 )
 """Operations of x86 on doubles, and conversions between float and double."""
-CALLED = re.compile(r"\bcall\S*\s+\S*<(\w+)")
-CASES = {
+RESULTS_BY_MECHANISM = {
     "four_bar": None,
     "stephenson": ["theta_*", "pole_*", "velocity_coefficient_*", "transmission_angle_*"],
     "five_bar": None,
     "shaped_cam": None,
     "double_butterfly": ["theta_*", "rate_*", "B"],
 }
-"""Closed forms, poles with a sign and a maximum, tables of profiles, Newton's steps."""
+"""Results that are exported, None for all.
+
+They have closed forms, poles with a sign and a maximum, tables of profiles, and Newton's
+steps.
+"""
 QUICK = ("four_bar", "shaped_cam")
 
 
-def program(made, scalar, folder):
-    """Return the path of an object with the functions for a type of numbers."""
-    name = made.mechanism.name
-    (folder / "x.hpp").write_text(source(made, "cpp"))
-    calls = f"{name}_formulas::{name}(motion, mode, size, result);"
-    text = (
-        f'#include "x.hpp"\nextern "C" void rows(const {scalar} *motion, '
-        f"const {scalar} *mode, const {scalar} *size, {scalar} *result)\n"
-        f"{{\n    {calls}\n}}\n"
-    )
-    if made.step:
-        text += (
-            f'extern "C" {scalar} step(const {scalar} *motion, {scalar} *mode, '
-            f"const {scalar} *size)\n{{\n    return {name}_formulas::{name}_step("
-            "motion, mode, size);\n}\n"
-        )
+ROWS_FUNCTION = """
+#include "x.hpp"
+extern "C" void rows(const SCALAR *motion, const SCALAR *mode, const SCALAR *size,
+                     SCALAR *result)
+{
+    NAME_formulas::NAME(motion, mode, size, result);
+}
+"""
+STEP_FUNCTION = """
+extern "C" SCALAR step(const SCALAR *motion, SCALAR *mode, const SCALAR *size)
+{
+    return NAME_formulas::NAME_step(motion, mode, size);
+}
+"""
+"""Functions that use the exported header for a type of numbers and a mechanism."""
+
+
+def compile_object(exported, scalar, folder):
+    """Compile an exported header for a type of numbers, and return the object file.
+
+    It has the function `rows`, and `step` if there are Newton's steps. Warnings are errors.
+
+    Parameters
+    ----------
+    exported
+        Result of `formulas`.
+    scalar
+        Type of numbers, such as "long double".
+    folder
+        Folder for all files.
+    """
+    (folder / "x.hpp").write_text(source(exported, "cpp"))
+    text = ROWS_FUNCTION
+    if exported.step:
+        text += STEP_FUNCTION
+    text = text.replace("SCALAR", scalar).replace("NAME", exported.mechanism.name)
     path = folder / f"{scalar.replace(' ', '_')}.cpp"
+    object_path = path.with_suffix(".o")
     path.write_text(text)
-    words = [GPP, "-std=c++11", "-O2", *WARNINGS.split(), "-c", str(path)]
-    subprocess.run([*words, "-o", str(path.with_suffix(".o"))], check=True)
-    return path.with_suffix(".o")
+    command = [GPP, "-std=c++11", "-O2", *WARNINGS.split(), "-c", str(path)]
+    subprocess.run([*command, "-o", str(object_path)], check=True)
+    return object_path
+
+
+def disassemble(object_path, *options):
+    """Return the instructions of an object file as text."""
+    command = [OBJDUMP or "objdump", "-d", *options, str(object_path)]
+    return subprocess.check_output(command, text=True)
 
 
 @pytest.mark.skipif(not OBJDUMP, reason="no objdump")
 @pytest.mark.parametrize(
     "name",
-    [x if x in QUICK else pytest.param(x, marks=pytest.mark.slow) for x in CASES],
+    [
+        x if x in QUICK else pytest.param(x, marks=pytest.mark.slow)
+        for x in RESULTS_BY_MECHANISM
+    ],
 )
 def test_floats_are_computed_in_single_precision(name, tmp_path):
-    """No operation in double, no conversion, and the functions of <cmath> for floats."""
-    made = formulas(name, CASES[name])
-    text = subprocess.check_output(
-        [OBJDUMP, "-dr", "--no-show-raw-insn", str(program(made, "float", tmp_path))],
-        text=True,
-    )
-    assert "mulss" in text
+    """No instruction of x86 is in double precision or converts to it.
+
+    Functions of <cmath> that are called are those for floats, such as `sinf`.
+    """
+    exported = formulas(name, RESULTS_BY_MECHANISM[name])
+    object_path = compile_object(exported, "float", tmp_path)
+    text = disassemble(object_path, "-r", "--no-show-raw-insn")
+    assert "mulss" in text  # a product of floats
     assert not IN_DOUBLE.findall(text)
-    called = set(re.findall(r"R_X86_64_PLT32\s+(\w+)-", text))
-    functions = {x for x in called if not x.startswith("_")}
-    assert functions and all(x.endswith("f") for x in functions), functions
+    symbols = set(re.findall(r"R_X86_64_PLT32\s+(\w+)-", text))
+    functions = {symbol for symbol in symbols if not symbol.startswith("_")}
+    assert functions
+    assert all(function.endswith("f") for function in functions), functions
 
 
 def test_the_search_for_doubles_finds_them(tmp_path):
-    """The same source for double is full of such operations."""
-    made = formulas("four_bar")
-    text = subprocess.check_output(
-        [OBJDUMP or "objdump", "-d", str(program(made, "double", tmp_path))], text=True
-    )
-    assert len(IN_DOUBLE.findall(text)) > 79
+    """The same source for double has 80 such instructions or more."""
+    object_path = compile_object(formulas("four_bar"), "double", tmp_path)
+    assert len(IN_DOUBLE.findall(disassemble(object_path))) > 79
+
+
+MAIN_FUNCTION = """
+#include <cstdio>
+extern "C" void rows(const SCALAR *, const SCALAR *, const SCALAR *, SCALAR *);
+int main()
+{
+    SCALAR motion[] = {MOTION}, mode[] = {MODE};
+    SCALAR size[1] = {0}, result[COUNT];
+    rows(motion, mode, size, result);
+    for (auto x : result)
+        std::printf("%.21Lg\\n", (long double)x);
+}
+"""
+"""Program that prints all results for the numbers of a motion and of a mode."""
+
+
+def compute_results(exported, scalar, folder):
+    """Return the results of a compiled header at the first mode's own inputs.
+
+    They are computed with a type of numbers, and returned as doubles.
+    """
+    object_path = compile_object(exported, scalar, folder)
+    mode = exported.modes[0]
+    text = MAIN_FUNCTION
+    for word, numbers in (("MOTION", exported.motion and mode.at), ("MODE", mode.values)):
+        literals = [f"({scalar}){number!r}L" for number in numbers]
+        text = text.replace(word, ", ".join(literals) or "0")
+    text = text.replace("COUNT", str(len(exported.results))).replace("SCALAR", scalar)
+    path = folder / f"main_{scalar.replace(' ', '_')}.cpp"
+    program = path.with_suffix("")
+    path.write_text(text)
+    command = [GPP, "-std=c++11", str(path), str(object_path), "-o", str(program)]
+    subprocess.run(command, check=True)
+    printed = subprocess.check_output([str(program)], text=True)
+    return np.array([float(word) for word in printed.split()])
 
 
 @pytest.mark.many
 @pytest.mark.parametrize("name", ["four_bar", "stephenson", "five_bar", "shaped_cam"])
 def test_single_precision_is_near_long_double(name, tmp_path):
-    """Results of floats are off by some 1e-7 times what the dyads enlarge it by."""
-    made = formulas(name, ["theta_*", "rate_*", "velocity_coefficient_*"])
-    mode = made.modes[0]
-    rows = {}
-    for scalar in ("float", "long double"):
-        path = program(made, scalar, tmp_path)
-        values = (made.motion and mode.at, mode.values)
-        lists = [", ".join(f"({scalar}){x!r}L" for x in row) or "0" for row in values]
-        main = tmp_path / "main.cpp"
-        main.write_text(
-            f'#include <cstdio>\nextern "C" void rows(const {scalar} *, const {scalar} *, '
-            f"const {scalar} *, {scalar} *);\nint main()\n{{\n"
-            f"    {scalar} motion[] = {{{lists[0]}}}, mode[] = {{{lists[1]}}};\n"
-            f"    {scalar} size[1] = {{0}}, result[{len(made.results)}];\n"
-            "    rows(motion, mode, size, result);\n    for (auto x : result)\n"
-            '        std::printf("%.21Lg\\n", (long double)x);\n}\n'
-        )
-        made_program = tmp_path / f"{name}_{len(rows)}"
-        words = [GPP, "-std=c++11", str(main), str(path), "-o", str(made_program)]
-        subprocess.run(words, check=True)
-        said = subprocess.check_output([str(made_program)], text=True)
-        rows[scalar] = np.array([float(x) for x in said.split()])
-    assert rows["float"] == pytest.approx(rows["long double"], rel=2e-5, abs=2e-5)
-    assert np.max(np.abs(rows["float"] - rows["long double"])) > 1e-10  # single, not double
+    """Angles, rates and coefficients of floats are off by 2e-5 at most, relative or not.
+
+    A float has 6e-8, which the closed forms of dyads enlarge. Errors above 1e-10 show that
+    the results are not doubles.
+    """
+    exported = formulas(name, ["theta_*", "rate_*", "velocity_coefficient_*"])
+    single = compute_results(exported, "float", tmp_path)
+    expected = compute_results(exported, "long double", tmp_path)
+    assert single == pytest.approx(expected, rel=2e-5, abs=2e-5)
+    assert np.max(np.abs(single - expected)) > 1e-10
 
 
-def test_numbers_of_one_s_own_still_compile(tmp_path):
-    """Dual numbers, of which only operations with themselves and doubles are known."""
-    made = formulas("four_bar", ["theta_*", "pole_4_2_*"])
-    (tmp_path / "x.hpp").write_text(source(made, "cpp"))
+def dual_number_program(exported):
+    """Return a C++ program that computes exported results of a four-bar in dual numbers.
+
+    A dual number has a value x and a derivative d by the input, here 1 for the input
+    itself. The class `Dual` has operations with itself only, and a conversion from double.
+    The program prints value and derivative of each result at the first mode's input.
+    """
     operations = "\n".join(
         f"inline Dual operator{sign}(Dual a, Dual b) {{ return Dual({value}, {slope}); }}"
         for sign, value, slope in (
@@ -138,7 +195,8 @@ def test_numbers_of_one_s_own_still_compile(tmp_path):
             ("sqrt", "0.5 / std::sqrt(a.x)"),
         )
     )
-    (tmp_path / "dual.cpp").write_text(
+    mode = exported.modes[0]
+    return (
         "#include <cmath>\n#include <cstdio>\n"
         "struct Dual { double x, d; Dual(double x = 0.0, double d = 0.0) : x(x), d(d) {} "
         "};\n"
@@ -150,19 +208,33 @@ def test_numbers_of_one_s_own_still_compile(tmp_path):
         "inline bool operator<(Dual a, Dual b) { return a.x < b.x; }\n"
         "inline bool operator!=(Dual a, Dual b) { return a.x != b.x; }\n"
         '#include "x.hpp"\nint main()\n{\n'
-        f"    Dual motion[] = {{Dual({made.modes[0].at[0]!r}, 1.0)}}, "
-        f"mode[] = {{Dual({made.modes[0].values[0]!r})}};\n"
-        f"    Dual size[1], result[{len(made.results)}];\n"
+        f"    Dual motion[] = {{Dual({mode.at[0]!r}, 1.0)}}, "
+        f"mode[] = {{Dual({mode.values[0]!r})}};\n"
+        f"    Dual size[1], result[{len(exported.results)}];\n"
         "    four_bar_formulas::four_bar(motion, mode, size, result);\n"
         "    for (Dual y : result)\n"
         '        std::printf("%.17g %.17g\\n", y.x, y.d);\n}\n'
     )
-    words = [GPP, "-std=c++11", "-Wall", "-Wextra", "-Werror", str(tmp_path / "dual.cpp")]
-    subprocess.run([*words, "-o", str(tmp_path / "dual")], check=True)
-    said = subprocess.check_output([str(tmp_path / "dual")], text=True)
-    found = np.array([line.split() for line in said.splitlines()], dtype=float)
-    here = sk.evaluate("four_bar", made.modes[0].at[0], assembly_mode=0)
-    pairs = [x.removeprefix("theta_") for x in made.results if x.startswith("theta_")]
-    for (value, slope), pair in zip(found, pairs, strict=False):
-        assert abs(np.exp(1j * value) - np.exp(1j * here.variable(pair)[0])) < 1e-12
-        assert slope == pytest.approx(here.variable_coefficient(pair)[0], abs=1e-11)
+
+
+def test_a_number_type_of_the_user_compiles_and_gives_derivatives(tmp_path):
+    """Pair angles in dual numbers: value and derivative are those of `sk.evaluate`."""
+    exported = formulas("four_bar", ["theta_*", "pole_4_2_*"])
+    (tmp_path / "x.hpp").write_text(source(exported, "cpp"))
+    path = tmp_path / "dual.cpp"
+    path.write_text(dual_number_program(exported))
+    program = path.with_suffix("")
+    command = [GPP, "-std=c++11", "-Wall", "-Wextra", "-Werror", str(path)]
+    subprocess.run([*command, "-o", str(program)], check=True)
+    printed = subprocess.check_output([str(program)], text=True)
+    results = np.array([line.split() for line in printed.splitlines()], dtype=float)
+
+    evaluation = sk.evaluate("four_bar", exported.modes[0].at[0], assembly_mode=0)
+    angle_names = [name for name in exported.results if name.startswith("theta_")]
+    # Angles are the first results.
+    for (value, derivative), name in zip(results, angle_names, strict=False):
+        pair = name.removeprefix("theta_")
+        angle = evaluation.variable(pair)[0]
+        assert abs(np.exp(1j * value) - np.exp(1j * angle)) < 1e-12
+        coefficient = evaluation.variable_coefficient(pair)[0]
+        assert derivative == pytest.approx(coefficient, abs=1e-11)

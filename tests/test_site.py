@@ -13,9 +13,9 @@ from filelock import FileLock
 from helpers.public_packages import PUBLIC
 
 ROOT = Path(__file__).parent.parent
-SOME = ("four_bar", "bevel_differential")
+SOME_MECHANISMS = ("four_bar", "bevel_differential")
 """Mechanisms that the site is built with here, beside those that pages link to."""
-OFFLINE = """
+BUILD_OFFLINE = """
 import socket, sys
 
 def refuse(self, address):
@@ -27,6 +27,7 @@ connect, socket.socket.connect = socket.socket.connect, refuse
 from sphinx.cmd.build import main
 sys.exit(main(sys.argv[1:]))
 """
+"""Program that runs Sphinx, where connecting to another machine is an error."""
 
 slow = pytest.mark.slow
 SECTIONS = ("start", "examples", "guide", "methods", "reference")
@@ -34,115 +35,154 @@ TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```$", re.M | re.S)
 
 
 class Page(HTMLParser):
-    """What a page links to, loads, and can be jumped to."""
+    """An HTML page.
+
+    Attributes
+    ----------
+    links
+        Addresses that the page links to.
+    loads
+        Addresses of images, scripts, styles and frames that it loads.
+    anchors
+        Names of its places that links can jump to.
+    """
 
     def __init__(self, text):
+        """Read the text of the page."""
         super().__init__()
-        self.links, self.loads, self.anchors = [], [], set()
+        self.links = []
+        self.loads = []
+        self.anchors = set()
         self.feed(text)
 
     def handle_starttag(self, tag, attrs):
-        named = dict(attrs)
-        self.anchors |= {named[key] for key in ("id", "name") if named.get(key)}
-        if tag == "a" and named.get("href"):
-            self.links.append(named["href"])
-        if tag in ("img", "script", "iframe") and named.get("src"):
-            self.loads.append(named["src"])
-        if tag == "link" and named.get("rel") in ("stylesheet", "preload", "icon"):
-            self.loads.append(named["href"])
+        """Note what a tag of HTML links to, loads, or names."""
+        attributes = dict(attrs)
+        for key in ("id", "name"):
+            if attributes.get(key):
+                self.anchors.add(attributes[key])
+        if tag == "a" and attributes.get("href"):
+            self.links.append(attributes["href"])
+        if tag in ("img", "script", "iframe") and attributes.get("src"):
+            self.loads.append(attributes["src"])
+        if tag == "link" and attributes.get("rel") in ("stylesheet", "preload", "icon"):
+            self.loads.append(attributes["href"])
 
 
-def listed(page):
-    """The pages that a page's toctrees list, from the folder of the pages."""
-    home = ROOT / "docs"
-    entries = [
-        re.sub(r".*<(.*)>", r"\1", line)
-        for lines in TOCTREE.findall((home / f"{page}.md").read_text("utf-8"))
-        for line in lines.splitlines()
-        if line and line[0] != ":"
-    ]
-    folder = Path(page).parent
-    return [name[1:] if name[0] == "/" else (folder / name).as_posix() for name in entries]
+def pages_listed_by(page):
+    """Return the pages that a page lists as its children, in its tables of contents.
+
+    Pages are named by their path below `docs`, without suffix.
+    """
+    text = (ROOT / "docs" / f"{page}.md").read_text("utf-8")
+    children = []
+    for lines in TOCTREE.findall(text):
+        for line in lines.splitlines():
+            is_option = line.startswith(":")
+            if not line or is_option:
+                continue
+            name = re.sub(r".*<(.*)>", r"\1", line)  # of "title <name>"
+            if name.startswith("/"):
+                children.append(name[1:])
+            else:
+                children.append((Path(page).parent / name).as_posix())
+    return children
 
 
-def below(page):
-    if page.startswith("generated/"):
-        return [page]
-    return [page, *(name for child in listed(page) for name in below(child))]
+def pages_below(page):
+    """Return a page and all pages that can be reached from it by lists of children."""
+    pages = [page]
+    if not page.startswith("generated/"):
+        for child in pages_listed_by(page):
+            pages += pages_below(child)
+    return pages
 
 
 def test_every_page_is_in_one_of_five_sections():
-    assert listed("index") == [f"sections/{name}" for name in SECTIONS]
+    """Every written page is reached from the first one, and by one way only."""
+    assert pages_listed_by("index") == [f"sections/{name}" for name in SECTIONS]
     docs = ROOT / "docs"
-    written = {
-        path.relative_to(docs).with_suffix("").as_posix() for path in docs.rglob("*.md")
-    }
-    written = {name for name in written if not name.startswith(("generated/", "paper/"))}
-    reached = below("index")
+    paths = [path.relative_to(docs) for path in docs.rglob("*.md")]
+    names = {path.with_suffix("").as_posix() for path in paths}
+    written = {name for name in names if not name.startswith(("generated/", "paper/"))}
+    reached = pages_below("index")
     assert len(reached) == len(set(reached))
     assert written == {name for name in reached if not name.startswith("generated/")}
 
 
+def first_commands(path):
+    """Return the first block of shell commands of a page."""
+    text = (ROOT / path).read_text("utf-8")
+    return re.search(r"^```sh\n(.*?)^```$", text, re.M | re.S)[1]
+
+
 def test_the_front_page_has_the_commands_of_the_readme():
-    first = [
-        re.search(r"^```sh\n(.*?)^```$", (ROOT / path).read_text("utf-8"), re.M | re.S)[1]
-        for path in ("README.md", "docs/index.md")
-    ]
-    assert first[0] == first[1]
+    assert first_commands("README.md") == first_commands("docs/index.md")
+
+
+def build_site(home):
+    """Build the site in a folder, and return the messages if that fails, else "".
+
+    Nothing is asked from the network, and warnings are errors. Notebooks are not run, as
+    `test_notebooks` runs them.
+    """
+    mechanisms = ",".join(SOME_MECHANISMS)
+    command = [sys.executable, "-c", BUILD_OFFLINE, "-W", "--keep-going", "-q"]
+    command += ["-D", "nb_execution_mode=off"]
+    command += ["-D", "suppress_warnings=config.cache,myst-nb.lexer"]
+    command += ["-b", "html", "-D", f"site_mechanisms={mechanisms}", "-j", "auto"]
+    command += ["-d", str(home / "trees"), str(ROOT / "docs"), str(home / "html")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=900, cwd=ROOT)
+    return done.stderr[-4000:] if done.returncode else ""
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory, worker_id):
-    """The site as it is built from nothing, without a network, warnings being errors.
+    """Return the folder of the built site.
 
-    Workers of one session share it, and what was wrong with it.
+    The first worker of pytest that needs the site builds it. The others wait, and use the
+    site and its messages.
     """
-    shared = tmp_path_factory.getbasetemp()
-    home = (shared if worker_id == "master" else shared.parent) / "site"
-    said = home / "said"
+    temporary_folder = tmp_path_factory.getbasetemp()
+    if worker_id != "master":
+        temporary_folder = temporary_folder.parent  # that of all workers
+    home = temporary_folder / "site"
+    messages_file = home / "messages"
     with FileLock(f"{home}.lock"):
-        if not said.exists():
-            command = [sys.executable, "-c", OFFLINE, "-W", "--keep-going", "-q"]
-            command += ["-D", "nb_execution_mode=off"]  # test_notebooks runs them
-            command += ["-D", "suppress_warnings=config.cache,myst-nb.lexer"]
-            command += ["-b", "html", "-D", f"site_mechanisms={','.join(SOME)}"]
-            command += [
-                "-j",
-                "auto",
-                "-d",
-                str(home / "trees"),
-                str(ROOT / "docs"),
-                str(home / "html"),
-            ]
-            built = subprocess.run(
-                command, capture_output=True, text=True, timeout=900, cwd=ROOT
-            )
-            said.parent.mkdir(exist_ok=True)
-            said.write_text(built.stderr[-4000:] if built.returncode else "", "utf-8")
-    assert not said.read_text("utf-8")
+        if not messages_file.exists():
+            messages = build_site(home)
+            home.mkdir(exist_ok=True)
+            messages_file.write_text(messages, "utf-8")
+    assert not messages_file.read_text("utf-8")
     return home / "html"
 
 
 @pytest.fixture(scope="module")
 def pages(site):
-    found = [x for x in site.rglob("*.html") if not {"_static", "moving"} & {*x.parts}]
-    return {path: Page(path.read_text("utf-8")) for path in found}
+    """Return every page of the site by its path, but for the frames with mechanisms."""
+    pages_by_path = {}
+    for path in site.rglob("*.html"):
+        if not {"_static", "moving"} & {*path.parts}:
+            pages_by_path[path] = Page(path.read_text("utf-8"))
+    return pages_by_path
 
 
 @slow
-def test_every_link_within_the_site_leads_somewhere(site, pages):
-    checked = 0
+def test_every_link_within_the_site_leads_to_a_file_and_an_anchor(site, pages):
+    """Links to other sites are left out; more than 1000 remain."""
+    checked_count = 0
     for path, page in pages.items():
         for link in [*page.links, *page.loads]:
             parts = urlsplit(link)
-            if parts.scheme or parts.netloc:
+            leads_elsewhere = parts.scheme or parts.netloc
+            if leads_elsewhere:
                 continue
             target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
             assert target.exists(), f"{path.relative_to(site)}: {link}"
             if parts.fragment and target in pages:
                 assert unquote(parts.fragment) in pages[target].anchors, f"{path}: {link}"
-            checked += 1
-    assert checked > 1000
+            checked_count += 1
+    assert checked_count > 1000
 
 
 @slow
@@ -161,7 +201,8 @@ def test_formulas_have_their_renderer(site, pages):
 
 
 @slow
-def test_search_knows_words_and_names(site):
+def test_the_search_has_words_of_pages_and_all_public_names(site):
+    """Words are stored by their stem, with the numbers of the pages that have them."""
     text = (site / "searchindex.js").read_text("utf-8")
     index = json.loads(re.fullmatch(r"Search\.setIndex\((.*)\);?", text.strip(), re.S)[1])
     pages = index["docnames"]
@@ -170,21 +211,23 @@ def test_search_knows_words_and_names(site):
         ("kennedi", "planner"),
         ("wiper", "first_mechanism"),
     ):
-        found = [index[terms].get(word, []) for terms in ("terms", "titleterms")]
-        numbers = {n for part in found for n in ([part] if isinstance(part, int) else part)}
-        assert pages.index(page) in numbers, word
+        page_numbers = []
+        for terms in ("terms", "titleterms"):
+            numbers = index[terms].get(word, [])
+            page_numbers += [numbers] if isinstance(numbers, int) else numbers
+        assert pages.index(page) in page_numbers, word
     assert set(PUBLIC) <= set(index["objects"])
 
 
 @slow
 def test_mechanisms_have_their_page_with_numbers_and_file(site):
-    for name in SOME:
+    for name in SOME_MECHANISMS:
         text = (site / "generated" / "mechanisms" / f"{name}.html").read_text("utf-8")
-        for asked in ("mobility", "assembly modes", "angle_unit", "■"):
-            assert asked in text, (name, asked)
+        for word in ("mobility", "assembly modes", "angle_unit", "■"):
+            assert word in text, (name, word)
 
 
-CUT = """() => {
+FIND_CUT_ELEMENTS = """() => {
     const scrolls = at => !at.matches(".bd-article") &&
         (/auto|scroll/.test(getComputedStyle(at).overflowX) || scrolls(at.parentElement));
     const wide = at => at.getBoundingClientRect().right > innerWidth + 1
@@ -195,33 +238,40 @@ CUT = """() => {
         if (all.scrollWidth > all.clientWidth) cut.push(all.tagName);
     return cut;
 }"""
+"""JavaScript that returns the elements of a page that are cut off at the right.
+
+They reach beyond the window, or beyond their own frame, and cannot be scrolled.
+"""
 
 
 @slow
 @pytest.mark.parametrize("width", [1300, 400])
 def test_nothing_is_cut_off_at_the_right(site, pages, browser, width):
+    """In windows of 1300 and 400 pixels. At last a page is made narrow: the check works."""
     tab = browser.new_page(viewport={"width": width, "height": 900})
     for path in pages:
         tab.goto(path.as_uri())
-        cut = tab.evaluate(CUT)
-        assert not cut, f"{path.relative_to(site)}: {[x[:200] for x in cut[:3]]}"
+        cut = tab.evaluate(FIND_CUT_ELEMENTS)
+        assert not cut, f"{path.relative_to(site)}: {[text[:200] for text in cut[:3]]}"
     tab.goto((site / "python.html").as_uri())
     tab.add_style_tag(content="pre { overflow: hidden !important; width: 20rem; }")
-    assert tab.evaluate(CUT)
+    assert tab.evaluate(FIND_CUT_ELEMENTS)
     tab.close()
 
 
 @slow
 def test_mechanisms_move_in_their_pages(site, browser):
+    """The picture of the sphere changes as the first input is moved by 20 key presses."""
     for page in ("index", "generated/mechanisms/five_bar"):
         tab = browser.new_page(viewport={"width": 1300, "height": 900})
         tab.goto((site / f"{page}.html").as_uri())
         frame = tab.frame_locator("iframe.moving")
-        sphere, driven = frame.locator("#sphere"), frame.locator("input[type=range]").first
-        driven.press("ArrowRight")
+        sphere = frame.locator("#sphere")
+        slider = frame.locator("input[type=range]").first
+        slider.press("ArrowRight")
         before = sphere.screenshot()
         for _ in range(20):
-            driven.press("ArrowRight")
+            slider.press("ArrowRight")
         tab.wait_for_timeout(200)
         assert sphere.screenshot() != before, page
         tab.close()

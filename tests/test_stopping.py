@@ -1,4 +1,8 @@
-"""What the system does to a command: signals, streams that take nothing, little memory."""
+"""What a command does at signals, closed or full streams, and with little memory.
+
+pytest may itself be started with signals ignored, as by `nohup` in the background; tests
+set what they need of signals themselves.
+"""
 
 import os
 import signal
@@ -21,11 +25,16 @@ import resource
 SPHEREKIT = [sys.executable, "-m", "spherekit"]
 
 
+def handle_during_test(request, number, handler):
+    """Set the handler of a signal until the test ends."""
+    previous_handler = signal.signal(number, handler)
+    request.addfinalizer(lambda: signal.signal(number, previous_handler))
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_raises_an_interrupt_with_its_number(number, request):
-    # A signal that is ignored, as under nohup, stays ignored. Here it is not ignored.
-    before = signal.signal(number, signal.default_int_handler)
-    request.addfinalizer(lambda: signal.signal(number, before))
+    """The handler from before is back afterwards."""
+    handle_during_test(request, number, signal.default_int_handler)
     with pytest.raises(KeyboardInterrupt) as interrupt, raise_on_interrupt(False):
         signal.raise_signal(number)
     assert interrupt_number(interrupt.value) == number
@@ -34,67 +43,89 @@ def test_a_signal_raises_an_interrupt_with_its_number(number, request):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_that_was_ignored_stays_ignored(number, request):
-    before = signal.signal(number, signal.SIG_IGN)
-    request.addfinalizer(lambda: signal.signal(number, before))
+    """As under `nohup`: nothing is raised."""
+    handle_during_test(request, number, signal.SIG_IGN)
     with raise_on_interrupt(False):
         signal.raise_signal(number)
     assert signal.getsignal(number) is signal.SIG_IGN
 
 
-def children(process):
+def children_of(process):
+    """Return the numbers of the processes that a process has started, from /proc."""
     lists = Path(f"/proc/{process.pid}/task").glob("*/children")
     return [int(pid) for path in lists for pid in path.read_text().split()]
 
 
-def alive(pid):
+def is_alive(pid):
+    """Return whether a process exists and is not just an unread exit status (state Z)."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        text_after_name = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2]
     except OSError:
         return False
+    state = text_after_name.split()[0]
+    return state != "Z"
 
 
-def files(folder):
+def times_of_files(folder):
+    """Return the time of the last change of each file below a folder."""
     return {x: x.stat().st_mtime_ns for x in folder.rglob("*") if x.is_file()}
+
+
+def let_signals_end_the_process():
+    """Forget that SIGINT and SIGTERM are ignored, if they are."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc of Linux")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_processes_of_a_sweep_end_with_it(number, tmp_path):
-    """Ctrl-C goes to all of them, as from a terminal; the others to the first alone."""
+def test_worker_processes_end_with_their_sweep(number, tmp_path):
+    """A sweep of 90000 designs with two workers gets a signal before its first part.
+
+    SIGINT goes to all processes, as Ctrl-C from a terminal; the others go to the first
+    alone. All workers end, and none writes after the first has ended. SIGTERM and SIGINT
+    leave a message of one line and the exit status of shells, 128 plus the signal.
+    """
     words = ["sweep", "four_bar", "--vary", "links.2.arc=10:20:300", "--workers", "2"]
     words += ["--vary", "links.3.arc=0:90:300", "--reduce", "max(rate_41)", "-q", "-o"]
-    running = subprocess.Popen(
+    sweep = subprocess.Popen(
         [*SPHEREKIT, *words, tmp_path],
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=lambda: [signal.signal(x, signal.SIG_DFL) for x in (2, 15)],
+        preexec_fn=let_signals_end_the_process,
     )
-    while len(children(running)) < 2:
-        assert running.poll() is None
+    while len(children_of(sweep)) < 2:
+        assert sweep.poll() is None
         time.sleep(0.02)
-    time.sleep(0.2)  # the last of them is told what it is for
-    others = children(running)
-    (os.killpg if number == signal.SIGINT else os.kill)(running.pid, number)
-    said = running.communicate(timeout=60)[1]  # all that could say something have ended
-    left = files(tmp_path)
-    while any(map(alive, others)):
-        time.sleep(0.02)
-    assert files(tmp_path) == left
-    if number == signal.SIGKILL:
-        assert running.returncode == -number and not said
+    time.sleep(0.2)  # in which the last worker gets its sweep
+    workers = children_of(sweep)
+    if number == signal.SIGINT:
+        os.killpg(sweep.pid, number)
     else:
-        assert running.returncode == 128 + number
-        assert said.startswith("spherekit: stopped; 0 of") and said.count("\n") == 1
-        assert {path.name for path in left} == {"_sweep.json", ".sweep.lock"}
+        os.kill(sweep.pid, number)
+    # Ends when all processes that could write a message have ended.
+    _, message = sweep.communicate(timeout=60)
+    files = times_of_files(tmp_path)
+    while any(is_alive(pid) for pid in workers):
+        time.sleep(0.02)
+    assert times_of_files(tmp_path) == files
+    if number == signal.SIGKILL:
+        assert sweep.returncode == -number
+        assert not message
+    else:
+        assert sweep.returncode == 128 + number
+        assert message.startswith("spherekit: stopped; 0 of")
+        assert message.count("\n") == 1
+        assert {path.name for path in files} == {"_sweep.json", ".sweep.lock"}
 
 
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize(
-    "words, redirected, status, says",
+    "words, redirection, status, fragment",
     [
         ("mechanisms", ">&-", 0, ""),
         ("mechanisms", ">/dev/full", 1, "standard output cannot be written: No space"),
@@ -106,28 +137,42 @@ def test_processes_of_a_sweep_end_with_it(number, tmp_path):
         ("validate /dev/stdin", "< <(yes)", 1, "at most 4194304"),
     ],
 )
-def test_streams_that_take_nothing(words, redirected, status, says, tmp_path):
+def test_commands_end_well_where_streams_are_closed_full_or_endless(
+    words, redirection, status, fragment, tmp_path
+):
+    """A command of bash with redirected streams: exit status, and a fragment of stderr.
+
+    Nothing is on standard output, there is no traceback, and files are written even if
+    their list cannot be printed. `>&-` closes a stream, `/dev/full` takes nothing, `| true`
+    reads nothing, and `< <(yes)` does not end.
+    """
     file = Path(__file__).parent.parent / "mechanisms" / "four_bar.toml"
     (tmp_path / "four_bar.toml").write_bytes(file.read_bytes())
-    script = f"{' '.join(SPHEREKIT)} {words} {redirected}"
+    script = f"{' '.join(SPHEREKIT)} {words} {redirection}"
     done = subprocess.run(
         ["bash", "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path
     )
-    assert done.returncode == status and done.stdout == ""
-    assert says in done.stderr and "Traceback" not in done.stderr
-    assert ("out" in words) == (tmp_path / "out" / "summary.json").exists()
+    assert done.returncode == status
+    assert done.stdout == ""
+    assert fragment in done.stderr
+    assert "Traceback" not in done.stderr
+    writes_files = "-o out" in words
+    assert (tmp_path / "out" / "summary.json").exists() == writes_files
 
 
 @pytest.mark.many
-@pytest.mark.parametrize("limit", [200_000, 500_000])
-def test_little_memory_is_told(limit, tmp_path):
-    script = f"ulimit -v {limit}; {' '.join(SPHEREKIT)} run four_bar --save a.rrd"
+@pytest.mark.parametrize("limit_kib", [200_000, 500_000])
+def test_a_command_without_enough_memory_says_so_in_one_line(limit_kib, tmp_path):
+    """The address space is limited; imports or the recording then fail. No file stays."""
+    script = f"ulimit -v {limit_kib}; {' '.join(SPHEREKIT)} run four_bar --save a.rrd"
     done = subprocess.run(
         ["bash", "-c", script], capture_output=True, text=True, check=False, cwd=tmp_path
     )
-    assert done.returncode == 1 and done.stderr.count("\n") == 1
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
     assert "memory" in done.stderr or "addresses" in done.stderr
-    assert "allow more" in done.stderr and not list(tmp_path.iterdir())
+    assert "allow more" in done.stderr
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -139,7 +184,9 @@ def test_little_memory_is_told(limit, tmp_path):
         RuntimeError("can't start new thread"),
     ],
 )
-def test_faults_of_memory_are_told(fault, capsys, monkeypatch):
+def test_errors_for_want_of_memory_are_reported_as_such(fault, capsys, monkeypatch):
+    """Also where the error has become the cause of another, which would mislead."""
+
     def execute(_):
         try:
             raise fault
@@ -151,8 +198,7 @@ def test_faults_of_memory_are_told(fault, capsys, monkeypatch):
     assert "there is not enough memory" in capsys.readouterr().err
 
 
-def test_limits_of_memory_are_those_of_this_process(tmp_path, monkeypatch):
-    """Address space, and control groups of both versions with those around them."""
+def test_usable_memory_is_below_a_limit_of_the_address_space():
     free = resources.usable_memory()
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (free // 2, hard))
@@ -160,14 +206,29 @@ def test_limits_of_memory_are_those_of_this_process(tmp_path, monkeypatch):
         assert 0 < resources.usable_memory() < free // 2
     finally:
         resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
-    monkeypatch.setattr(resources, "GROUP_LIMITS", tmp_path)
-    monkeypatch.setattr(resources, "GROUP_MEMBERSHIP", tmp_path / "cgroup")
-    for line, name, inner in (
+
+
+@pytest.mark.parametrize(
+    ("membership", "limit_file", "group"),
+    [
         ("0::/a/b", "memory.max", "a/b"),
         ("4:cpu,memory:/a/b", "memory.limit_in_bytes", "memory/a/b"),
-    ):
-        (tmp_path / "cgroup").write_text(f"7:pids:/x\n{line}\n")
-        (tmp_path / inner).mkdir(parents=True)
-        (tmp_path / inner / name).write_text("max\n")
-        (tmp_path / inner).parent.joinpath(name).write_text("70000\n")
-        assert resources.usable_memory() == 70000
+    ],
+    ids=["version 2", "version 1"],
+)
+def test_usable_memory_is_the_limit_of_an_enclosing_control_group(
+    membership, limit_file, group, tmp_path, monkeypatch
+):
+    """The process is in group a/b, which has no limit; the group a has 70000 bytes.
+
+    Files have the layout of Linux control groups: a line of `/proc/self/cgroup`, and a file
+    with the limit in the folder of each group.
+    """
+    monkeypatch.setattr(resources, "GROUP_LIMITS", tmp_path)
+    monkeypatch.setattr(resources, "GROUP_MEMBERSHIP", tmp_path / "cgroup")
+    (tmp_path / "cgroup").write_text(f"7:pids:/x\n{membership}\n")
+    folder = tmp_path / group
+    folder.mkdir(parents=True)
+    (folder / limit_file).write_text("max\n")
+    (folder.parent / limit_file).write_text("70000\n")
+    assert resources.usable_memory() == 70000

@@ -1,4 +1,4 @@
-"""Runs of simulations: which solution their rows are of, and what is told meanwhile."""
+"""Runs of simulations: which solution has their rows, and what is reported meanwhile."""
 
 import numpy as np
 import pytest
@@ -11,104 +11,166 @@ from spherekit.geometry.rotation import quaternion
 from spherekit.runs.run_result import MOTION
 
 START = sk.Start(q=0.3, dq=1.0)
-COUNT = 801
+SAMPLES = 801
 
 
-def simulated(engine, **given):
-    asked = {"start": START, "duration": 20.0, "samples": COUNT, "engine": engine, **given}
-    return sk.run("four_bar", "eksergian", **asked)
+def run_simulation(engine, duration=20.0, **options):
+    """Return a run of the four-bar with 801 times, simulated by an engine for some s."""
+    return sk.run(
+        "four_bar",
+        "eksergian",
+        start=START,
+        duration=duration,
+        samples=SAMPLES,
+        engine=engine,
+        **options,
+    )
 
 
-def test_rows_are_those_of_the_engine_that_ends(monkeypatch):
+def test_rows_come_from_the_engine_that_ends(monkeypatch):
+    """Of both engines at work, that is the compiled one if compiling takes 1 ms only."""
     monkeypatch.setattr(forward_dynamics, "estimate_compile_seconds", lambda *_: 1e-3)
-    result = simulated("auto")
+    result = run_simulation("auto")
     assert result.summary["simulation"]["engine"]["name"] == "compiled"
+    compiled = run_simulation("compiled")
     for name in ("motion", "eksergian"):
-        assert result.frame(name).equals(simulated("compiled").frame(name))
+        assert result.frame(name).equals(compiled.frame(name))
 
 
-def test_rows_are_those_of_the_tighter_run_where_a_tolerance_is_missed(monkeypatch):
-    difference, asked = forward_dynamics._largest_difference, []
+def test_rows_come_from_a_tighter_simulation_where_the_tolerance_is_missed(monkeypatch):
+    """The first comparison of two solutions is made to say that they differ by 1.
 
-    def missed(one, other):
-        asked.append(one)
-        return 1.0 if len(asked) == 1 else difference(one, other)
+    The run then simulates with a tolerance of 1e-11. Its rows agree with that simulation to
+    rounding, and not with the one of the default tolerance.
+    """
+    largest_difference = forward_dynamics._largest_difference
+    calls = []
 
-    monkeypatch.setattr(forward_dynamics, "_largest_difference", missed)
-    frame = simulated("numpy", duration=2.0).frame("motion")
+    def miss_once(first, second):
+        calls.append(first)
+        return 1.0 if len(calls) == 1 else largest_difference(first, second)
+
+    monkeypatch.setattr(forward_dynamics, "_largest_difference", miss_once)
+    frame = run_simulation("numpy", duration=2.0).frame("motion")
     t = frame["t"].to_numpy()
+    q = frame["theta_21"]
     tight = sk.simulate("four_bar", START, 2.0, engine="numpy", tolerance=1e-11).at(t)
     loose = sk.simulate("four_bar", START, 2.0, engine="numpy").at(t)
-    q = frame["theta_21"]
-    assert np.max(np.abs(tight.q - q)) < 1e-14 < np.max(np.abs(loose.q - q))
+    assert np.max(np.abs(tight.q - q)) < 1e-14
+    assert np.max(np.abs(loose.q - q)) > 1e-14
 
 
-def test_a_long_simulation_tells_how_far_it_is(monkeypatch):
+def test_a_long_simulation_reports_the_time_that_it_has_reached(monkeypatch):
+    """With no pause between reports: several of them, from the start to the end."""
     monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
-    said = []
-    with progress.progress_listener(said.append):
-        simulated("numpy", duration=2.0)
-    far = [float(text.split()[1]) for text in said if text.startswith("simulating: ")]
-    assert len(far) > 5 and far[0] < 0.5 and 2.0 in far
-    assert all(text.endswith(" of 2 s") for text in said if text.startswith("simulating"))
+    messages = []
+    with progress.progress_listener(messages.append):
+        run_simulation("numpy", duration=2.0)
+    reports = [text for text in messages if text.startswith("simulating")]
+    assert all(text.endswith(" of 2 s") for text in reports)
+    reached_s = [float(text.split()[1]) for text in reports if ": " in text]
+    assert len(reached_s) > 5
+    assert reached_s[0] < 0.5
+    assert 2.0 in reached_s
 
 
-class Order:
-    """Notes steps of the solver and links of a recorder in the order in which they come."""
+class EventRecorder:
+    """Recorder that notes the solver's steps and its own rows in their order.
+
+    Attributes
+    ----------
+    events
+        Pairs ("step", time reached in s) and ("rows", last time of the rows in s).
+    times
+        Times (s) of all samples, once a recording is started.
+    row_by_sample
+        The time and the quaternions of the links last logged for each sample.
+    """
 
     def __init__(self, monkeypatch):
-        self.events, self.last = [], {}
+        """Replace the solver's `advance` by one that notes each step."""
+        self.events = []
+        self.row_by_sample = {}
         advance = Collocation.advance
 
-        def noted(solver):
+        def advance_and_note(solver):
             goes_on = advance(solver)
             self.events.append(("step", solver.reached))
             return goes_on
 
-        monkeypatch.setattr(Collocation, "advance", noted)
+        monkeypatch.setattr(Collocation, "advance", advance_and_note)
 
     def start(self, head):
+        """Store the times of all samples."""
         self.times = head.times
 
     def log(self, scene, samples, inputs=None, times=None):
+        """Note rows of the motion of assembly mode 0; other scenes are left out."""
         if scene.page == 0 and scene.source == MOTION:
             self.events.append(("rows", float(times[-1])))
             rows = zip(times, scene.primitives[0].quaternions, strict=True)
-            self.last |= dict(zip(samples.tolist(), rows, strict=True))
+            self.row_by_sample |= dict(zip(samples.tolist(), rows, strict=True))
 
 
 @pytest.mark.slow
-def test_links_are_logged_while_a_simulation_is_solved(monkeypatch):
+def test_links_are_recorded_while_a_simulation_is_solved(monkeypatch):
+    """Rows are logged before the solver reaches the end, in the order of time."""
     monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
-    order = Order(monkeypatch)
-    result = simulated("numpy", duration=2.0, recorder=order)
-    first_run = order.events[: order.events.index(("step", 2.0))]
-    came = [t for kind, t in first_run if kind == "rows"]
-    assert len(came) > 5 and came == sorted(set(came)) and came[0] < 0.5 < 1.5 < came[-1]
+    recorder = EventRecorder(monkeypatch)
+    run_simulation("numpy", duration=2.0, recorder=recorder)
+    events_before_end = recorder.events[: recorder.events.index(("step", 2.0))]
+    row_times = [t for kind, t in events_before_end if kind == "rows"]
+    assert len(row_times) > 5
+    assert row_times == sorted(set(row_times))
+    assert row_times[0] < 0.5
+    assert row_times[-1] > 1.5
+
+
+@pytest.mark.slow
+def test_the_recording_of_a_simulation_ends_with_the_rows_of_its_solution(monkeypatch):
+    """Rows recorded meanwhile are replaced; quaternions of the crank agree to 1e-9."""
+    monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
+    recorder = EventRecorder(monkeypatch)
+    result = run_simulation("numpy", duration=2.0, recorder=recorder)
     t = result.frame("motion")["t"].to_numpy()
-    assert np.array_equal(order.times, t) and list(order.last) == list(range(COUNT))
+    assert np.array_equal(recorder.times, t)
+    assert list(recorder.row_by_sample) == list(range(SAMPLES))
+    row_times, quaternions = zip(*recorder.row_by_sample.values(), strict=True)
+    assert np.array_equal(row_times, t)
     motion = sk.simulate("four_bar", START, 2.0, engine="numpy").at(t)
-    logged, turned = zip(*order.last.values(), strict=True)
-    assert np.array_equal(logged, t)
-    assert np.max(np.abs(np.array(turned) - quaternion(motion.rotations[:, 1]))) < 1e-9
-    some = Order(monkeypatch)
-    simulated("numpy", duration=2.0, recorder=some, log_every=300)
-    assert list(some.last) == [0, 300, 600, COUNT - 1]
+    first_moving_link = 1
+    expected = quaternion(motion.rotations[:, first_moving_link])
+    assert np.max(np.abs(np.array(quaternions) - expected)) < 1e-9
 
 
-def test_what_is_refused_for_unfinished_work_is_not_recorded(monkeypatch, tmp_path):
-    order = Order(monkeypatch)
+@pytest.mark.slow
+def test_a_recording_of_some_samples_has_the_first_and_the_last(monkeypatch):
+    monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
+    recorder = EventRecorder(monkeypatch)
+    run_simulation("numpy", duration=2.0, recorder=recorder, log_every=300)
+    assert list(recorder.row_by_sample) == [0, 300, 600, SAMPLES - 1]
 
-    def stopped(scene, samples, inputs=None, times=None):
-        if samples[0] >= COUNT // 2:
+
+def test_a_run_that_is_refused_because_of_unfinished_work_is_not_recorded(
+    monkeypatch, tmp_path
+):
+    """The first run is interrupted half way, as by Ctrl-C; the second lacks `--resume`.
+
+    It is refused after the simulation, before it has started a recording.
+    """
+    interrupted = EventRecorder(monkeypatch)
+
+    def interrupt_half_way(scene, samples, inputs=None, times=None):
+        if samples[0] >= SAMPLES // 2:
             raise KeyboardInterrupt
 
-    asked = {"folder": tmp_path, "block": 50, "duration": 2.0}
+    options = {"folder": tmp_path, "block": 50, "duration": 2.0}
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
-        patched.setattr(order, "log", stopped)
-        simulated("numpy", recorder=order, **asked)
+        patched.setattr(interrupted, "log", interrupt_half_way)
+        run_simulation("numpy", recorder=interrupted, **options)
     monkeypatch.setattr(progress, "REPORT_INTERVAL_S", 0.0)
-    again = Order(monkeypatch)
+    refused = EventRecorder(monkeypatch)
     with pytest.raises(sk.SpherekitError, match="--resume"):
-        simulated("numpy", recorder=again, **asked)
-    assert {kind for kind, _ in again.events} == {"step"} and not hasattr(again, "times")
+        run_simulation("numpy", recorder=refused, **options)
+    assert {kind for kind, _ in refused.events} == {"step"}
+    assert not hasattr(refused, "times")

@@ -23,106 +23,137 @@ STUDY = mechanism_text("study.study")
 
 @pytest.fixture(autouse=True)
 def plugin():
+    """Register the analysis `tuned` of the study, whose parameters have every kind."""
     with registered(Tuned):
         yield
 
 
-def write(folder, text, name="x.study.toml"):
-    path = folder / name
+def write_study(folder, text):
+    """Write the text of a study named x, and return its path."""
+    path = folder / "x.study.toml"
     path.write_text(text)
     return path
 
 
-def fault(folder, text):
-    """Return the message with which a study is refused, and its path."""
-    path = write(folder, text)
-    with pytest.raises(FileError) as caught:
-        make_study_analyses(load_study(path))
-    return str(caught.value), path
-
-
 def test_a_study_is_read_as_written(tmp_path):
-    study = load_study(write(tmp_path, STUDY))
-    assert (study.name, study.mechanism.name) == ("x", "stephenson")
-    assert (study.samples, study.assembly_mode, study.search) == (7, 1, False)
-    assert (study.folder, study.recording) == (Path("out"), Path("x.rrd"))
+    """Every key of the example, in the unit of angles that it states; counts become floats.
+
+    The input 12 runs from -30 to 90 deg.
+    """
+    study = load_study(write_study(tmp_path, STUDY))
+    assert study.name == "x"
+    assert study.mechanism.name == "stephenson"
+    assert study.samples == 7
+    assert study.assembly_mode == 1
+    assert study.search is False
+    assert study.folder == Path("out")
+    assert study.recording == Path("x.rrd")
     assert study.degrees is True
     (driven,) = study.mechanism.inputs
-    expected = ("12", np.radians(-30), np.radians(90))
-    assert (driven.pair, driven.start, driven.stop) == expected
+    assert driven.pair == "12"
+    assert driven.start == np.radians(-30)
+    assert driven.stop == np.radians(90)
     poles, tuned = make_study_analyses(study)
-    assert (poles.only, poles.circles) == (("6/1", "5/1"), "6/1")
+    assert poles.only == ("6/1", "5/1")
+    assert poles.circles == "6/1"
     assert tuned == Tuned(count=3, weight=2.0, kind="b", ends=(1.5, 2.0))
-    assert type(tuned.weight) is type(tuned.ends[1]) is float
+    assert type(tuned.weight) is float
+    assert type(tuned.ends[1]) is float
+
+
+MINIMAL_STUDY = 'format = 1\nmechanism = "four_bar"\n'
 
 
 def test_everything_but_the_mechanism_has_a_default(tmp_path):
-    path = write(tmp_path, 'format = 1\nmechanism = "four_bar"\n')
-    assert load_study(path) == Study("x", sk.load("four_bar"))
-    asked = load_study(write(tmp_path, f"{path.read_text()}verify = 3\n"))
-    assert sk.run(asked, samples=5).summary["verified"]["rows"] == 3
-    write(tmp_path, path.read_text().replace("verify = 3\n", ""))
+    """The default analysis is `poles`. A mechanism alone is a study of its name."""
+    study = load_study(write_study(tmp_path, MINIMAL_STUDY))
+    assert study == Study("x", sk.load("four_bar"))
+    (analysis,) = make_study_analyses(study)
+    assert analysis.name == "poles"
     assert load_study("four_bar") == Study("four_bar", sk.load("four_bar"))
-    walked = [Study("x", sk.load("five_bar"), path=[[0, 0], [1, k]]) for k in (1, 1, 2)]
-    assert walked[0] == walked[1] != walked[2]
-    (only,) = make_study_analyses(load_study(path))
-    assert only.name == "poles"
 
 
-def test_a_study_is_no_mechanism_but_names_its_file(tmp_path, monkeypatch):
+def test_rows_that_a_study_asks_to_verify_are_verified(tmp_path):
+    study = load_study(write_study(tmp_path, f"{MINIMAL_STUDY}verify = 3\n"))
+    assert sk.run(study, samples=5).summary["verified"]["rows"] == 3
+
+
+def test_studies_are_equal_if_their_paths_are():
+    def study_to(last_input):
+        path = [[0, 0], [1, last_input]]
+        return Study("x", sk.load("five_bar"), path=path)
+
+    assert study_to(1) == study_to(1)
+    assert study_to(1) != study_to(2)
+
+
+def test_the_mechanism_of_a_study_is_looked_for_beside_the_study(tmp_path, monkeypatch):
+    """Not from the working folder, which is another here."""
     (tmp_path / "parts").mkdir()
     sk.dump(sk.load("four_bar"), tmp_path / "parts" / "mine.toml")
-    path = write(tmp_path, 'format = 1\nmechanism = "parts/mine.toml"\n')
+    path = write_study(tmp_path, 'format = 1\nmechanism = "parts/mine.toml"\n')
     monkeypatch.chdir(tmp_path / "parts")
     assert load_study(path).mechanism == sk.load("four_bar")
 
 
-def test_a_limit_not_given_is_that_of_the_mechanism(tmp_path):
-    text = 'format = 1\nmechanism = "stephenson"\nangle_unit = "rad"\n[inputs.12]\n'
-    (driven,) = load_study(write(tmp_path, text + "from = 0.5")).mechanism.inputs
+def test_a_limit_that_a_study_does_not_give_is_that_of_the_mechanism(tmp_path):
+    """With `from` alone, and for another input pair with neither limit."""
+    head = 'format = 1\nmechanism = "stephenson"\n'
+    text = f'{head}angle_unit = "rad"\n[inputs.12]\nfrom = 0.5'
+    (driven,) = load_study(write_study(tmp_path, text)).mechanism.inputs
     assert (driven.start, driven.stop) == (0.5, 2 * np.pi)
-    without_unit = text.replace('angle_unit = "rad"\n', "").replace("12", "14")
-    (driven,) = load_study(write(tmp_path, without_unit)).mechanism.inputs
+    text = f"{head}[inputs.14]\n"
+    (driven,) = load_study(write_study(tmp_path, text)).mechanism.inputs
     assert (driven.pair, driven.start, driven.stop) == ("14", 0.0, 2 * np.pi)
 
+
+def test_a_fault_in_the_mechanism_of_a_study_names_the_file_of_the_mechanism(tmp_path):
     (tmp_path / "bad.toml").write_text('format = 1\nname = "bad"\n')
-    message, _ = fault(tmp_path, STUDY.replace("stephenson", "bad.toml"))
-    assert message.startswith(f"{tmp_path / 'bad.toml'}:1: ")
-    path = write(tmp_path, STUDY)
+    path = write_study(tmp_path, STUDY.replace("stephenson", "bad.toml"))
+    with pytest.raises(FileError) as refusal:
+        load_study(path)
+    assert str(refusal.value).startswith(f"{tmp_path / 'bad.toml'}:1: ")
+
+
+def test_a_study_that_is_read_as_a_mechanism_is_refused(tmp_path):
+    path = write_study(tmp_path, STUDY)
     with pytest.raises(FileError, match="is a study, not a mechanism; read it with"):
         sk.load(path)
 
 
-def test_a_study_made_in_python_names_itself_and_the_key():
+def test_a_fault_in_a_study_made_in_python_names_the_study_and_the_key():
     study = Study("mine", sk.load("four_bar"), analyses={"poles": {"onyl": []}})
     with pytest.raises(AnalysisError, match=r"^mine: analyses.poles.onyl: .onyl. is not"):
         sk.run(study)
 
 
+WITHOUT_RECORDING = STUDY.replace('recording = "x.rrd"\n', "")
+
+
 def test_the_command_line_runs_a_study_and_writes_its_output(tmp_path, monkeypatch):
-    text = STUDY.replace('recording = "x.rrd"\n', "")
-    before, _, rest = text.partition("[analyses.tuned]")
-    write(tmp_path, before + rest[rest.index("[output]") :])
+    """The study without its analysis `tuned`: two poles in mode 1, at 7 inputs in deg."""
+    before, _, rest = WITHOUT_RECORDING.partition("[analyses.tuned]")
+    write_study(tmp_path, before + rest[rest.index("[output]") :])
     monkeypatch.chdir(tmp_path)
     assert main(["run", "x.study.toml", "-q"]) == 0
     frame = pd.read_parquet(tmp_path / "out" / "poles.parquet")
-    links = {(r.link, r.relative_to) for r in frame.itertuples()}
-    assert links == {("5", "1"), ("6", "1")}
+    poles = {(row.link, row.relative_to) for row in frame.itertuples()}
+    assert poles == {("5", "1"), ("6", "1")}
     assert set(frame["assembly_mode"]) == {1}
-    np.testing.assert_allclose(
-        frame["q [deg]"].unique(), np.linspace(-30, 90, 7), atol=1e-13
-    )
+    q_deg = frame["q [deg]"].unique()
+    np.testing.assert_allclose(q_deg, np.linspace(-30, 90, 7), atol=1e-13)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["analyses"][0]["parameters"]["only"] == ["6/1", "5/1"]
 
 
 def test_flags_given_override_the_study(tmp_path, monkeypatch, capsys):
-    write(tmp_path, STUDY.replace('recording = "x.rrd"\n', ""))
+    write_study(tmp_path, WITHOUT_RECORDING)
     monkeypatch.chdir(tmp_path)
     flags = "--samples 3 --input 14 --assembly-mode 0 -a poles:only=31 -o other --json -q"
     assert main(["run", "x.study.toml", *flags.split()]) == 0
     summary = json.loads(capsys.readouterr().out)
-    assert (summary["samples"], list(summary["inputs"])) == (3, ["14"])
+    assert summary["samples"] == 3
+    assert list(summary["inputs"]) == ["14"]
     assert [item["number"] for item in summary["assembly_modes"]] == [0]
     assert [item["name"] for item in summary["analyses"]] == ["poles"]
     assert (tmp_path / "other" / "poles.csv").exists()
@@ -130,6 +161,7 @@ def test_flags_given_override_the_study(tmp_path, monkeypatch, capsys):
 
 
 def test_samples_given_replace_the_values_of_a_study(tmp_path, capsys):
+    """The study has two values of each input; 2x3 samples are a grid of them."""
     path = tmp_path / "path.study.toml"
     path.write_text(
         'format = 1\nmechanism = "five_bar"\nangle_unit = "deg"\n'
@@ -140,23 +172,31 @@ def test_samples_given_replace_the_values_of_a_study(tmp_path, capsys):
         assert f'"samples": {count},' in capsys.readouterr().out
 
 
-def test_the_command_line_reports_faults_and_explains_a_study(tmp_path, capsys):
-    path = write(tmp_path, STUDY.replace("only =", "onyl ="))
-    for command in ("run", "explain", "validate"):
-        assert main([command, str(path)]) == 1
-        said = f'{path}:13: analyses.poles.onyl: "onyl" is not a parameter'
-        assert said in capsys.readouterr().err
-    path = write(tmp_path, STUDY.replace("[inputs.12]", "[inputs.14]"))
+@pytest.mark.parametrize("command", ["run", "explain", "validate"])
+def test_commands_report_a_fault_in_a_study_with_line_and_key(command, tmp_path, capsys):
+    path = write_study(tmp_path, STUDY.replace("only =", "onyl ="))
+    assert main([command, str(path)]) == 1
+    message = f'{path}:13: analyses.poles.onyl: "onyl" is not a parameter'
+    assert message in capsys.readouterr().err
+
+
+def test_explain_states_input_analyses_and_poles_of_a_study(tmp_path, capsys):
+    """The input of the study replaces that of the mechanism."""
+    path = write_study(tmp_path, STUDY.replace("[inputs.12]", "[inputs.14]"))
     assert main(["explain", str(path), "--json"]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["inputs"] == ["14"]
     assert facts["analyses"] == ["poles", "tuned"]
     assert facts["asked"] == ["P51", "P61"]
+
+
+def test_validate_accepts_a_study_and_names_its_mechanism(tmp_path, capsys):
+    path = write_study(tmp_path, STUDY.replace("[inputs.12]", "[inputs.14]"))
     assert main(["validate", str(path)]) == 0
     assert "x: ok, study of stephenson" in capsys.readouterr().out
 
 
-def test_shipped_studies_are_found_by_name_and_run():
+def test_shipped_studies_run_by_their_name_without_a_failed_row():
     studies = [name for pack in shipped() for name in pack.studies]
     assert "stephenson_output" in studies
     for name in studies:

@@ -15,33 +15,43 @@ NOT_IN_TABLE = {"EPS"}
 """The spacing of floats decides no status."""
 
 
-def assignments(path):
-    """Yield name, source of the value and docstring of each constant of a module."""
+def constants_of(path):
+    """Yield name, source of the value and docstring of each constant of a module.
+
+    A docstring is the text that stands alone on the lines after the constant; it is empty
+    if there is none.
+    """
     source = path.read_text(encoding="utf-8")
-    body = ast.parse(source).body
-    for statement, following in zip(body, [*body[1:], None], strict=True):
-        if isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name):
+    statements = ast.parse(source).body
+    next_statements = [*statements[1:], None]
+    for statement, following in zip(statements, next_statements, strict=True):
+        if not isinstance(statement, ast.Assign):
+            continue
+        target = statement.targets[0]
+        if not isinstance(target, ast.Name):
+            continue
+        stands_alone = isinstance(following, ast.Expr)
+        if stands_alone and isinstance(following.value, ast.Constant):
+            docstring = following.value.value
+        else:
             docstring = ""
-            if isinstance(following, ast.Expr) and isinstance(
-                following.value, ast.Constant
-            ):
-                docstring = following.value.value
-            value = ast.get_source_segment(source, statement.value)
-            yield statement.targets[0].id, value, docstring
+        yield target.id, ast.get_source_segment(source, statement.value), docstring
 
 
 CONSTANTS = {
     name: (value, docstring)
-    for name, value, docstring in assignments(MODULE)
+    for name, value, docstring in constants_of(MODULE)
     if name not in NOT_IN_TABLE
 }
+"""Source of the value and docstring of each tolerance, by name."""
 
 
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_a_tolerance_says_what_changes_with_it(name):
+    """What a larger value, or one nearer to zero, does; or the same as for another one."""
     _, docstring = CONSTANTS[name]
-    says_both = "arger" in docstring or "earer to zero" in docstring
-    assert says_both or "The same for" in docstring
+    says_effect = "arger" in docstring or "earer to zero" in docstring
+    assert says_effect or "The same for" in docstring
 
 
 def test_the_table_of_the_docs_has_the_names_and_values_of_the_module():
@@ -53,5 +63,5 @@ def test_the_table_of_the_docs_has_the_names_and_values_of_the_module():
 def test_no_other_module_defines_a_constant_of_these_names():
     for path in sorted((ROOT / "spherekit").rglob("*.py")):
         if path != MODULE:
-            names = {name for name, _, _ in assignments(path)}
+            names = {name for name, _, _ in constants_of(path)}
             assert names.isdisjoint(CONSTANTS), path

@@ -50,30 +50,28 @@ ANY_RETIRED = re.compile("|".join(RETIRED))
 
 
 def retired(text):
-    """Return the retired words of a text."""
+    """Return the retired words of a text, but for those in a phrase that is allowed."""
     if not ANY_RETIRED.search(text):
         return []
-    found = []
+    words = []
     for pattern, allowed in RETIRED.items():
         rest = re.sub(allowed, "", text) if allowed else text
-        found += re.findall(pattern, rest)
-    return found
+        words += re.findall(pattern, rest)
+    return words
 
 
 def messages(path):
-    """Return the texts of a module that are no docstrings, with their lines."""
-    docs = {
-        id(node.value)
-        for node in nodes_of(path)
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-    }
-    return [
-        (node.lineno, node.value)
-        for node in nodes_of(path)
-        if isinstance(node, ast.Constant)
-        and isinstance(node.value, str)
-        and id(node) not in docs
-    ]
+    """Return (line, text) of every text of a module that is no docstring."""
+    docstring_ids = set()
+    for node in nodes_of(path):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            docstring_ids.add(id(node.value))
+    texts = []
+    for node in nodes_of(path):
+        is_text = isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if is_text and id(node) not in docstring_ids:
+            texts.append((node.lineno, node.value))
+    return texts
 
 
 def test_retired_words_are_told_apart():
@@ -81,15 +79,18 @@ def test_retired_words_are_told_apart():
     assert not retired("a branching point, there is no pose, a *branch* is a piece of it")
 
 
-def test_messages_and_pages():
-    said = {path: messages(path) for path in (*FILES, *ANALYSES)}
-    said |= {page: enumerate(page.read_text("utf-8").splitlines(), 1) for page in PAGES}
-    assert not [
+def test_messages_and_pages_have_no_retired_words():
+    """Texts of all modules but docstrings, and all lines of the documentation."""
+    texts_by_path = {path: messages(path) for path in (*FILES, *ANALYSES)}
+    for page in PAGES:
+        texts_by_path[page] = enumerate(page.read_text("utf-8").splitlines(), 1)
+    faults = [
         f"{path.relative_to(ROOT)}:{line}: {text}"
-        for path, texts in said.items()
+        for path, texts in texts_by_path.items()
         for line, text in texts
         if retired(text)
     ]
+    assert not faults
 
 
 def locals_of(path):
@@ -102,18 +103,21 @@ def locals_of(path):
 
 
 def test_locals_are_called_by_nouns_of_the_field():
-    there = [
+    faults = [
         f"{path.relative_to(ROOT)}:{line}: {name}"
         for path in (*FILES, *ANALYSES)
         for name, line in locals_of(path)
         if name in VAGUE
     ]
-    assert not there
+    assert not faults
 
 
 @pytest.mark.parametrize("path", sorted(PACKAGE.rglob("*.schema.json")))
-def test_keys_of_files(path):
+def test_keys_of_files_are_no_retired_words(path):
+    """Every property of a JSON schema, at any depth."""
+
     def keys(node):
+        """Yield the keys that a schema, or a list in it, describes."""
         if isinstance(node, dict):
             yield from node.get("properties", {})
             node = list(node.values())
@@ -126,13 +130,13 @@ def test_keys_of_files(path):
 
 @pytest.mark.parametrize("name", analysis_names())
 @pytest.mark.parametrize("mechanism", ["four_bar", "five_bar"])
-def test_columns_and_parameters(name, mechanism):
-    made = analysis_of(name)
-    columns = {
-        column.name: column.meaning
-        for table in made.tables
-        for column in table.of(load(mechanism)).columns
-    }
-    parameters = set(made.__dataclass_fields__)
-    assert not KEYS & (set(columns) | parameters)
-    assert not [meaning for meaning in columns.values() if retired(meaning)]
+def test_columns_and_parameters_of_analyses_are_no_retired_words(name, mechanism):
+    """With one input and with two; nor are such words in the meanings of columns."""
+    analysis = analysis_of(name)
+    meaning_by_column = {}
+    for table in analysis.tables:
+        for column in table.of(load(mechanism)).columns:
+            meaning_by_column[column.name] = column.meaning
+    parameters = set(analysis.__dataclass_fields__)
+    assert not KEYS & (set(meaning_by_column) | parameters)
+    assert not [text for text in meaning_by_column.values() if retired(text)]
