@@ -50,12 +50,19 @@ def test_newton_and_euler_give_the_same_torques_and_reactions(name):
                 assert np.all(moment[count:] == 0.0)
 
 
+FOLLOWER_INERTIA = 0.01
+"""About the follower's pivot, kg m^2."""
+
+
 def pressed(torque):
-    """Return the flat-faced follower with a torque at its pivot and inertia."""
-    made = sk.load("flat_cam").with_inputs("cam_shaft")
-    tensor = np.diag([0.02, 0.02, 0.01])
-    made = made.with_mass("follower", tensor).with_mass("cam", tensor)
-    return made.with_loads(sk.PairTorque("press", "follower_pivot", torque))
+    """Return a cam with a flat-faced follower, both with inertia, pressed by a torque.
+
+    `torque` is an expression (N m) such as "0.5"; the torque acts at the follower's pivot.
+    """
+    mechanism = sk.load("flat_cam").with_inputs("cam_shaft")
+    tensor = np.diag([0.02, 0.02, FOLLOWER_INERTIA])
+    mechanism = mechanism.with_mass("follower", tensor).with_mass("cam", tensor)
+    return mechanism.with_loads(sk.PairTorque("press", "follower_pivot", torque))
 
 
 @pytest.mark.parametrize("torque", ["5", "-5"])
@@ -167,49 +174,103 @@ def test_the_remark_names_the_row_with_the_largest_holding_torque():
     assert abs(float(size)) == pytest.approx(torques.abs().max(), rel=1e-4)
 
 
-def test_bearings_that_lock_are_refused(tmp_path):
-    made, _ = with_masses_and_loads("stephenson", np.random.default_rng(5))
-    tight = sk.Bearings("rub", "14", (0.1,), radius=0.5, coefficient=0.9, speed=0.01)
-    locked = reactions(motion_by_polynomial_laws(made.with_loads(tight), (0.4,), [0.1]))
-    assert locked.torques.status[0] != Status.OK
-    rub = made.with_loads(replace(tight, coefficient=0.01))
+LOCKING_BEARING = sk.Bearings("rub", "14", (0.1,), radius=0.5, coefficient=0.9, speed=0.01)
+"""A bearing of pair 14 so large and rough that it locks itself (radius in m)."""
+
+
+def test_a_bearing_that_locks_has_a_status_of_failure():
+    mechanism, _ = with_masses_and_loads("stephenson", np.random.default_rng(5))
+    mechanism = mechanism.with_loads(LOCKING_BEARING)
+    motion = motion_by_polynomial_laws(mechanism, starts=(0.4,), t=[0.1])
+    assert reactions(motion).torques.status[0] != Status.OK
+
+
+def test_friction_that_follows_from_reactions_is_refused_where_it_is_not_solved(tmp_path):
+    """By the compiled engine, in wide numbers, and in stored models; also if it is small."""
+    mechanism, _ = with_masses_and_loads("stephenson", np.random.default_rng(5))
+    """By the compiled engine, in wide numbers, and in stored models, even if small."""
     start = sk.Start(0.4, 1.0)
-    for refused in (
-        lambda: sk.simulate(rub, start, 1.0, engine="compiled"),
-        lambda: sk.reference_simulation(rub, start, 1e-3),
-        lambda: sk.export(rub, tmp_path / "stored.npz"),
+    for call in (
+        lambda: sk.simulate(rubbing, start, 1.0, engine="compiled"),
+        lambda: sk.reference_simulation(rubbing, start, 1e-3),
+        lambda: sk.export(rubbing, tmp_path / "stored.npz"),
     ):
         with pytest.raises(sk.SpherekitError, match="the reaction of pair 14"):
-            refused()
+            call()
+
+
+PRESSING_TORQUE = 0.5  # N m
+FAST_START = sk.Start(0.5, 18.0)
+"""So fast that the follower of the cam lifts off within a second."""
+
+
+def one_sided_cam():
+    """Return a cam and its pressed follower, with a contact that can push only."""
+    mechanism = pressed(str(PRESSING_TORQUE))
+    pairs = [replace(p, one_sided=p.name == "contact") for p in mechanism.pairs]
+    return replace(mechanism, pairs=tuple(pairs))
+
+
+@pytest.fixture(scope="module")
+def lift_off_simulation():
+    """Return the simulation of the one-sided cam until its contact lifts off."""
+    return sk.simulate(one_sided_cam(), FAST_START, 1.0, tolerance=1e-11, engine="numpy")
 
 
 @pytest.mark.slow
-def test_a_simulation_ends_where_a_one_sided_contact_lifts_off(tmp_path):
-    """Where the torque that presses the follower is all that its acceleration takes.
-
-    The acceleration is that of the follower's angle, by differences of the motion found.
-    """
-    made = pressed("0.5")
-    pairs = [replace(p, one_sided=p.name == "contact") for p in made.pairs]
-    made = replace(made, pairs=tuple(pairs))
-    sk.dump(made, tmp_path / "cam.toml")
+def test_a_file_keeps_that_a_contact_is_one_sided(tmp_path):
+    sk.dump(one_sided_cam(), tmp_path / "cam.toml")
     assert sk.load(tmp_path / "cam.toml").pair("contact").one_sided
-    found = sk.simulate(made, sk.Start(0.5, 18.0), 1.0, tolerance=1e-11, engine="numpy")
-    assert found.end.kind == "lift_off" and "contact lifts off" in found.end.message
-    assert found.events[-1].kind == "lift_off" and 0.0 < found.end.t < 1.0
-    way = {"start": "q=0.5,dq=18", "duration": 30.0, "samples": 61, "engine": "numpy"}
-    late = sk.run(made, "dynamics", **way)
-    end = late.summary["simulation"]["end"]
-    assert end["kind"] == "lift_off" and end["t"] == pytest.approx(found.end.t, rel=1e-6)
-    assert "simulation" in late.summary["cost"]["seconds"]
-    assert "search" not in late.summary["cost"]["seconds"]
-    torque = float(made.loads[0].torque)
-    h, pivot = 1e-4, made.angles["follower_pivot"]
-    t = found.end.t - h * np.arange(6)[::-1]
-    series = np.polynomial.Polynomial.fit(t, found.at(t).values[:, pivot], 5)
-    tensor = 0.01
-    assert tensor * series.deriv(2)(found.end.t) == pytest.approx(torque, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_a_contact_lifts_off_where_the_torque_alone_accelerates_the_follower(
+    lift_off_simulation,
+):
+    """At the end, the follower's inertia times its acceleration is the pressing torque.
+
+    The acceleration is the second derivative of a polynomial through its last six angles,
+    1e-4 s apart.
+    """
+    simulation = lift_off_simulation
+    assert simulation.end.kind == "lift_off"
+    assert "contact lifts off" in simulation.end.message
+    assert simulation.events[-1].kind == "lift_off"
+    assert 0.0 < simulation.end.t < 1.0
+    step = 1e-4
+    t = simulation.end.t - step * np.arange(6)[::-1]
+    pivot = one_sided_cam().angles["follower_pivot"]
+    angles = simulation.at(t).values[:, pivot]
+    series = np.polynomial.Polynomial.fit(t, angles, 5)
+    acceleration = series.deriv(2)(simulation.end.t)
+    assert FOLLOWER_INERTIA * acceleration == pytest.approx(PRESSING_TORQUE, rel=1e-4)
+
+
+@pytest.mark.slow
+def test_the_summary_of_a_run_states_when_a_contact_lifts_off(lift_off_simulation):
+    """The time agrees with a tighter simulation; the cost has no search for modes."""
+    run = sk.run(
+        one_sided_cam(),
+        "dynamics",
+        start="q=0.5,dq=18",
+        duration=30.0,
+        samples=61,
+        engine="numpy",
+    )
+    end = run.summary["simulation"]["end"]
+    assert end["kind"] == "lift_off"
+    assert end["t"] == pytest.approx(lift_off_simulation.end.t, rel=1e-6)
+    seconds = run.summary["cost"]["seconds"]
+    assert "simulation" in seconds
+    assert "search" not in seconds
+
+
+@pytest.mark.slow
+def test_a_simulation_that_begins_where_a_contact_would_pull_is_refused(
+    lift_off_simulation,
+):
+    """It begins 0.05 rad beyond the place where the contact lifts off, at the same rate."""
+    state = lift_off_simulation.at([lift_off_simulation.end.t])
+    beyond = sk.Start(float(state.q[0]) + 0.05, float(state.dq[0]))
     with pytest.raises(sk.SpherekitError, match="would have to pull at the start"):
-        late = found.at([found.end.t])
-        beyond = sk.Start(float(late.q[0]) + 0.05, float(late.dq[0]))
-        sk.simulate(made, beyond, 1.0)
+        sk.simulate(one_sided_cam(), beyond, 1.0)

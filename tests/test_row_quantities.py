@@ -359,17 +359,27 @@ def test_condition_numbers_are_those_of_the_jacobian_of_inverse_kinematics(name)
     assert determinant == pytest.approx(np.linalg.det(jacobian), rel=1e-9)
 
 
-def test_singular_values_are_those_of_lapack():
-    rng = np.random.default_rng(4)
-    for count in (2, 3):
-        matrices = rng.normal(size=(20000, 3, count))
-        matrices[::2] *= 10.0 ** rng.uniform(-4.0, 0.0, size=(10000, 1, count))
-        matrices[:3] = np.eye(3)[:, :count], np.ones((3, count)), np.zeros((3, count))
-        names = symbols(f"x{k}" for k in range(3 * count))
-        values = singular_values([*np.reshape(names, (3, count)).T])
-        own = array_function(values, names)(matrices.reshape(len(matrices), -1).T)
-        wanted = np.linalg.svd(matrices, compute_uv=False)
-        assert np.max(np.abs(own.T - wanted) / (wanted[:, :1] + 1e-300)) < 3e-15
+@pytest.mark.parametrize("columns", [2, 3])
+def test_singular_values_by_expressions_are_those_of_lapack(columns):
+    """Of 20000 random 3 x 2 or 3 x 3 matrices; errors count relative to the largest value.
+
+    Columns of every second matrix have sizes down to 1e-4; the first three matrices are
+    orthogonal, of rank 1, and zero. The tolerance is about 13 roundings.
+    """
+    count = 20000
+    random = np.random.default_rng(4)
+    matrices = random.normal(size=(count, 3, columns))
+    matrices[::2] *= 10.0 ** random.uniform(-4.0, 0.0, size=(count // 2, 1, columns))
+    matrices[0] = np.eye(3)[:, :columns]
+    matrices[1] = 1.0
+    matrices[2] = 0.0
+    entries = symbols(f"x{k}" for k in range(3 * columns))
+    expressions = singular_values([*np.reshape(entries, (3, columns)).T])
+    function = array_function(expressions, entries)
+    values = function(matrices.reshape(count, -1).T).T
+    expected = np.linalg.svd(matrices, compute_uv=False)
+    largest = expected[:, :1] + 1e-300  # not zero
+    assert np.max(np.abs(values - expected) / largest) < 3e-15
 
 
 @pytest.mark.parametrize(
@@ -379,58 +389,94 @@ def test_singular_values_are_those_of_lapack():
         ("five_bar", "links.2.arc", ["A_q_21_by_51", "condition_number_pointer"]),
     ],
 )
-def test_derivatives_by_sizes_are_differences_of_designs(name, key, quantities):
+def test_derivatives_by_a_size_are_differences_of_designs(name, key, quantities):
+    """Five-point differences of the same quantities at four other sizes, 1e-4 rad apart.
+
+    All rows have the same rates and accelerations of the inputs, and the time 0. Errors
+    count relative to the derivative, or to 0.01 where that is smaller.
+    """
     nominal = with_masses(name)
     count = len(nominal.inputs)
-    value = design_variable(document_of(nominal), key).value
+    nominal_size = design_variable(document_of(nominal), key).value  # deg
 
-    def at(mechanism):
+    def values_and_derivatives(mechanism):
+        """Return both at the same samples, as `Sensitivity.at` does."""
         samples = 4 if count == 1 else (2,) * count
         motion = sk.trace(mechanism, samples=samples, search=False)
         sensitivity = Sensitivity(mechanism, [key], quantities)
+        # Columns: inputs, their rates, their accelerations, and the time.
         rows = np.pad(motion.inputs, ((0, 0), (0, 2 * count + 1)))
         rows[:, count:-1] = [*RATES[:count], *ACCELERATIONS[:count]]
         return sensitivity.at(rows, motion.values)
 
-    shares = (-2, -1, 1, 2)
-    moved = [
-        with_file_numbers(nominal, {key: value + np.degrees(1e-4 * k)}) for k in shares
-    ]
-    values = [at(mechanism)[0] for mechanism in moved]
-    wanted = np.tensordot([1.0, -8.0, 8.0, -1.0], values, 1) / 12e-4
-    own = at(nominal)[1][0]
-    assert np.all(np.any(np.isfinite(own) & np.isfinite(wanted), axis=1))
-    assert np.nanmax(np.abs(own - wanted) / (np.abs(wanted) + 1e-2)) < 1e-8
+    step = 1e-4  # rad
+    values = []
+    for position in (-2, -1, 1, 2):
+        size = nominal_size + np.degrees(step * position)
+        design = with_file_numbers(nominal, {key: size})
+        values.append(values_and_derivatives(design)[0])
+    expected = np.tensordot([1.0, -8.0, 8.0, -1.0], values, 1) / (12.0 * step)
+    (derivatives,) = values_and_derivatives(nominal)[1]
+    is_comparable = np.isfinite(derivatives) & np.isfinite(expected)
+    assert np.all(np.any(is_comparable, axis=1))
+    errors = np.abs(derivatives - expected) / (np.abs(expected) + 1e-2)
+    assert np.nanmax(errors) < 1e-8
 
 
-def test_what_points_along_an_axis_follows_it_in_other_designs():
-    key, texts = "links.3.arc", [f"at(direction_pointer_{x}, 50, 60)" for x in "xyz"]
-    figures = [f"{x}={text}" for x, text in zip("xyz", texts, strict=True)]
-    found = sk.sweep("five_bar", {key: [60.0, 80.0]}, figures, samples=3).frame()
-    for arc, rows in found.groupby("links_3_arc"):
-        mechanism = with_file_numbers("five_bar", {key: arc})
-        turned = sk.evaluate(mechanism, np.radians([[50.0, 60.0]])).rotation("3")
-        wanted = turned @ mechanism.outputs[0].direction
-        assert np.allclose(rows[["x", "y", "z"]], wanted, rtol=0.0, atol=1e-12)
+DIRECTION_FIGURES = [f"{x}=at(direction_pointer_{x}, 50, 60)" for x in "xyz"]
+"""Components of the five-bar's output at the inputs 50 and 60 deg, for a sweep."""
+FIGURE_INPUTS = np.radians([[50.0, 60.0]])
 
 
-def test_where_outputs_point_varies(tmp_path):
+def test_an_output_along_an_axis_follows_it_in_other_designs():
+    """Of two designs with another arc of link 3, on which the output's axis lies."""
+    key = "links.3.arc"
+    sweep = sk.sweep("five_bar", {key: [60.0, 80.0]}, DIRECTION_FIGURES, samples=3)
+    for arc, rows in sweep.frame().groupby("links_3_arc"):
+        design = with_file_numbers("five_bar", {key: arc})
+        rotation = sk.evaluate(design, FIGURE_INPUTS).rotation("3")
+        expected = rotation @ design.outputs[0].direction
+        assert np.allclose(rows[["x", "y", "z"]], expected, rtol=0.0, atol=1e-12)
+
+
+LONGITUDE = "outputs.pointer.longitude"
+
+
+@pytest.fixture
+def file_with_direction(tmp_path):
+    """Return a file of the five-bar whose output points along a vector in link 3."""
     text = find("five_bar").read_text().replace('axis = "43"', "xyz = [0.36, 0.48, 0.8]")
-    (path := tmp_path / "bar.toml").write_text(text)
-    key = "outputs.pointer.longitude"
-    figures = [f"{x}=at(direction_pointer_{x}, 50, 60)" for x in "xyz"]
-    found = sk.sweep(path, {key: [20.0, 70.0]}, figures, samples=3).frame()
-    assert len(found) == 4
-    turned = sk.evaluate(path, np.radians([[50.0, 60.0]])).rotation("3")
-    for longitude, rows in found.groupby("outputs_pointer_longitude"):
-        direction = with_file_numbers(path, {key: longitude}).outputs[0].direction
-        assert np.arctan2(*direction[1::-1]) == pytest.approx(np.radians(longitude))
-        own = rows[["x", "y", "z"]]
-        assert np.allclose(own, turned @ direction, rtol=0.0, atol=1e-12)
-    sensitivity = Sensitivity(sk.load(path), [key], ["direction_pointer_y"])
-    motion = sk.trace(path, samples=(2, 2))
-    _, changes = sensitivity.at(sensitivity.at_rest(motion.inputs), motion.values)
-    turned = sk.evaluate(path, motion.inputs[: len(motion) // 2]).rotation("3")
-    x, y, _ = sk.load(path).outputs[0].direction
-    wanted = turned[:, 1] @ [-y, x, 0.0]
-    assert np.allclose(changes[0, 0], wanted, rtol=0.0, atol=1e-12, equal_nan=True)
+    path = tmp_path / "bar.toml"
+    path.write_text(text)
+    return path
+
+
+def test_a_sweep_varies_the_direction_of_an_output(file_with_direction):
+    """Two longitudes in the link's frame, in two modes; the link's rotation is the same."""
+    longitudes = {LONGITUDE: [20.0, 70.0]}
+    frame = sk.sweep(file_with_direction, longitudes, DIRECTION_FIGURES, samples=3).frame()
+    assert len(frame) == 4
+    rotation = sk.evaluate(file_with_direction, FIGURE_INPUTS).rotation("3")
+    for longitude, rows in frame.groupby("outputs_pointer_longitude"):
+        design = with_file_numbers(file_with_direction, {LONGITUDE: longitude})
+        direction = design.outputs[0].direction
+        x, y, _ = direction
+        assert np.arctan2(y, x) == pytest.approx(np.radians(longitude))
+        components = rows[["x", "y", "z"]]
+        assert np.allclose(components, rotation @ direction, rtol=0.0, atol=1e-12)
+
+
+def test_the_derivative_of_a_direction_by_its_longitude_is_a_horizontal_vector(
+    file_with_direction,
+):
+    """The direction (x, y, z) in the link changes by (-y, x, 0) per rad of longitude."""
+    mechanism = sk.load(file_with_direction)
+    sensitivity = Sensitivity(mechanism, [LONGITUDE], ["direction_pointer_y"])
+    motion = sk.trace(file_with_direction, samples=(2, 2))
+    states_at_rest = sensitivity.at_rest(motion.inputs)
+    _, derivatives = sensitivity.at(states_at_rest, motion.values)
+    inputs_of_one_mode = motion.inputs[: len(motion) // 2]
+    rotation = sk.evaluate(file_with_direction, inputs_of_one_mode).rotation("3")
+    x, y, _ = mechanism.outputs[0].direction
+    expected_y = rotation[:, 1] @ [-y, x, 0.0]
+    assert np.allclose(derivatives[0, 0], expected_y, rtol=0.0, atol=1e-12, equal_nan=True)
