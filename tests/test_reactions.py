@@ -186,9 +186,9 @@ def test_a_bearing_that_locks_has_a_status_of_failure():
 
 
 def test_friction_that_follows_from_reactions_is_refused_where_it_is_not_solved(tmp_path):
-    """By the compiled engine, in wide numbers, and in stored models; also if it is small."""
-    mechanism, _ = with_masses_and_loads("stephenson", np.random.default_rng(5))
     """By the compiled engine, in wide numbers, and in stored models, even if small."""
+    mechanism, _ = with_masses_and_loads("stephenson", np.random.default_rng(5))
+    rubbing = mechanism.with_loads(replace(LOCKING_BEARING, coefficient=0.01))
     start = sk.Start(0.4, 1.0)
     for call in (
         lambda: sk.simulate(rubbing, start, 1.0, engine="compiled"),

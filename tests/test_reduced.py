@@ -37,13 +37,13 @@ def four_bar():
 
 @pytest.fixture(scope="module")
 def models(four_bar, tmp_path_factory):
-    """Both modes of the four-bar, saved and loaded."""
+    """Return the stored models of both modes of the four-bar, saved and loaded."""
     path = tmp_path_factory.mktemp("models") / "mode.npz"
-    found = []
+    loaded_models = []
     for assembly_mode in (0, 1):
         reduced_model(four_bar, assembly_mode=assembly_mode).save(path)
-        found.append(load_reduced(path))
-    return found
+        loaded_models.append(load_reduced(path))
+    return loaded_models
 
 
 def largest_error(mechanism, model, assembly_mode, count, names):
@@ -129,7 +129,8 @@ def test_stored_inertia_and_torque_are_those_of_inverse_dynamics(
         assert abs(torque - dynamics.tau[row]) < 1e-12 * np.max(np.abs(dynamics.tau))
 
 
-def test_laps_only_add_whole_turns(models):
+def test_whole_turns_of_the_input_do_not_change_poles(models):
+    """Angles grow by the turns; poles are periodic."""
     model = models[0]
     for x in (-40.0, -0.1, 0.0, 6.9, 300.0):
         assert np.allclose(model.pole("3/1", x), model.pole("1/3", x % TURN), atol=1e-12)
@@ -138,20 +139,29 @@ def test_laps_only_add_whole_turns(models):
 
 
 def test_without_a_crank_the_coordinate_is_the_arc_length(four_bar):
-    links, arcs = four_bar.geometry.links, {"1": 60.0, "2": 55.0, "3": 70.0, "4": 40.0}
-    sizes = {n: replace(links[n], arcs=(np.deg2rad(a),)) for n, a in arcs.items()}
+    """No link of these arcs (deg) turns fully, so the input has no single value.
+
+    The derivatives of all angles by the arc length s are a unit vector. The rate of the
+    pole 2/1 of the input is that of its angle.
+    """
+    links = four_bar.geometry.links
+    sizes = {}
+    for link, arc in {"1": 60.0, "2": 55.0, "3": 70.0, "4": 40.0}.items():
+        sizes[link] = replace(links[link], arcs=(np.deg2rad(arc),))
     mechanism = replace(four_bar, geometry=replace(four_bar.geometry, links=sizes))
     model = reduced_model(mechanism)
-    assert (model.heading.by, model.heading.periodic) == (("s",), True)
+    assert model.heading.by == ("s",)
+    assert model.heading.periodic
     assert model.error < 1e-12
     s = np.linspace(0.0, 40.0, 300)
     tangents = [model.value(f"d({name})/ds", s) for name in mechanism.variable_names]
     assert np.max(np.abs(np.sum(np.square(tangents), axis=0) - 1.0)) < 1e-12
-    # The primary pole of the input has the input's rate.
-    assert np.allclose(np.abs(model.rate("2/1", s)), np.abs(tangents[0]), atol=1e-12)
+    input_rate = tangents[0]
+    assert np.allclose(np.abs(model.rate("2/1", s)), np.abs(input_rate), atol=1e-12)
 
 
-def test_an_open_curve_refuses_places_beyond_its_ends(four_bar):
+def test_an_open_curve_refuses_arc_lengths_beyond_its_ends(four_bar):
+    """The limits of pair 21, 0.5 and 4.5 rad, are the ends."""
     limited = replace(four_bar, joint_limits=(JointLimit("21", 0.5, 4.5),))
     model = reduced_model(limited, poles=("3/1",))
     (high,) = model.heading.high
@@ -223,6 +233,7 @@ def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
 
 
 def test_a_stored_model_needs_numpy_only(models, tmp_path):
+    """In a program that only loads and evaluates one, of all modules that it imports."""
     models[0].save(tmp_path / "model.npz")
     code = """import sys; from spherekit.storage.numpy_archive import write_archive
 from spherekit.dynamics.reduced_model import MODEL_FORMAT, load_reduced
@@ -230,13 +241,13 @@ print(load_reduced(sys.argv[1]).torque(0.3, 1.0, 0.2, 0.1), *sys.modules)"""
     command = [sys.executable, "-c", code, str(tmp_path / "model.npz")]
     torque, *modules = subprocess.check_output(command, text=True).split()
     assert float(torque) == models[0].torque(0.3, 1.0, 0.2, 0.1)
-    own = {"spherekit.mechanism.mechanism", "spherekit.positions", "spherekit.files"}
-    assert not own & {*modules}
-    top = {name.split(".")[0] for name in modules}
-    assert not top & {"scipy", "pandas", "networkx", "heyoka", "rerun"}
+    of_spherekit = {"spherekit.mechanism.mechanism", "spherekit.positions"}
+    assert not (of_spherekit | {"spherekit.files"}) & {*modules}
+    packages = {name.split(".")[0] for name in modules}
+    assert not packages & {"scipy", "pandas", "networkx", "heyoka", "rerun"}
 
 
-def test_the_command_exports_it(tmp_path, capsys):
+def test_the_command_exports_a_stored_model(tmp_path, capsys):
     target = tmp_path / "m.npz"
     words = ["export", "four_bar", "--to", "model", "--poles", "3/1"]
     assert main([*words, "-o", str(target)]) == 0
@@ -246,13 +257,15 @@ def test_the_command_exports_it(tmp_path, capsys):
 
 @pytest.mark.parametrize(("unit", "given"), [("deg", "400"), ("rad", "6.981317007977318")])
 def test_the_input_of_an_exported_pose_is_in_the_unit_of_the_file(unit, given, tmp_path):
-    path, target = tmp_path / "m.toml", tmp_path / "m.xml"
+    """The input 400 deg is one turn and 40 deg; angle 41 closes the loop at 40 deg."""
+    path = tmp_path / "m.toml"
+    target = tmp_path / "m.xml"
     path.write_text(dumps(load("four_bar"), unit))
     words = ["export", str(path), "--to", "mjcf", "-o", str(target), "--at", given]
     assert main(words) == 0
     pose = dict(re.findall(r'<joint name="(\w+)".* ref="([^"]+)"', target.read_text()))
-    q, gap = float(pose["21"]), float(pose["41"])
-    assert q == pytest.approx(np.radians(400.0), abs=1e-12)
-    tracer = PositionAnalysis(load("four_bar"), assembly_mode=0)
-    wanted = tracer.at(np.radians([40.0])).values[0, 3]
-    assert np.exp(1j * gap) == pytest.approx(np.exp(1j * wanted), abs=1e-12)
+    assert float(pose["21"]) == pytest.approx(np.radians(400.0), abs=1e-12)
+    position_analysis = PositionAnalysis(load("four_bar"), assembly_mode=0)
+    values = position_analysis.at(np.radians([40.0])).values[0]
+    expected = np.exp(1j * values[load("four_bar").angles["41"]])
+    assert np.exp(1j * float(pose["41"])) == pytest.approx(expected, abs=1e-12)

@@ -24,9 +24,20 @@ WORDS = ["sweep", "four_bar", "-a", "poles", "--tables", "--samples", "5", "--wo
 WORDS += ["--vary", "links.2.arc=" + ",".join(map(repr, VARY["links.2.arc"])), "-o"]
 
 
-def swept(path, **options):
-    how = {"analyses": ["poles"], "tables": True, "samples": 5, "workers": 1} | options
-    return sk.sweep("four_bar", VARY, folder=path, **how)
+def swept(path, samples=5):
+    """Return the sweep of the four-bar in 40 designs, which makes three parts in a folder.
+
+    Parts that the folder has already are read. `WORDS` is the same sweep as a command.
+    """
+    return sk.sweep(
+        "four_bar",
+        VARY,
+        folder=path,
+        analyses=["poles"],
+        tables=True,
+        samples=samples,
+        workers=1,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -43,11 +54,15 @@ def folder_of_sweep(finished_sweep, tmp_path):
 
 
 def part(path, number=1):
+    """Return the file of a part in the folder of a sweep."""
     return path / "designs" / f"part-{number:06d}.parquet"
 
 
-def elsewhere(path, *environment):
-    """Let the command compute what is missing, by the least kernels of this processor."""
+def complete_with_least_kernels(path):
+    """Let the command compute missing parts by the least instructions of this processor.
+
+    Returns what it prints to stderr.
+    """
     done = subprocess.run(
         [sys.executable, "-m", "spherekit", *WORDS, str(path)],
         env=environment_with_least_kernels(),
@@ -59,14 +74,17 @@ def elsewhere(path, *environment):
 
 
 def test_a_processor_is_known_by_what_it_computes():
+    """The identity is the same in every process, and differs with the least kernels."""
     code = "from spherekit.processor import processor_identity; print(processor_identity())"
-    here = processor.processor_identity()
-    told = [
+    identity = processor.processor_identity()
+    printed = [
         subprocess.check_output([sys.executable, "-c", code], env=env, text=True).strip()
         for env in (os.environ, os.environ, environment_with_least_kernels())
     ]
-    assert told[0] == told[1] == str(here) != told[2]
-    assert set(here) == {"instructions", "blas", "arithmetic"}
+    assert printed[0] == str(identity)
+    assert printed[1] == str(identity)
+    assert printed[2] != str(identity)
+    assert set(identity) == {"instructions", "blas", "arithmetic"}
 
 
 @pytest.mark.slow
@@ -81,7 +99,7 @@ def test_parts_of_another_processor_are_recorded_and_reported(tmp_path):
     assert not expected.remarks
     swept(tmp_path / "mixed")
     part(tmp_path / "mixed").unlink()
-    printed = elsewhere(tmp_path / "mixed")
+    printed = complete_with_least_kernels(tmp_path / "mixed")
     assert "several kinds of processors have computed the parts (2 parts by" in printed
     assert "agree to rounding, not bit by bit" in printed
 
@@ -109,21 +127,26 @@ def test_parts_of_other_versions_are_refused(library, folder_of_sweep, monkeypat
         swept(folder_of_sweep)
 
 
-def rewritten(path, change):
+# Each of these functions replaces the file of a part by one that is no part.
+
+
+def rewrite(path, change):
+    """Replace the table of a file by a changed one."""
     table = pq.read_table(path)
     pq.write_table(change(table), path)
 
 
 def by_pandas(path):
+    """Write the same rows by another program, which drops what identifies the part."""
     pd.read_parquet(path).to_parquet(path)
 
 
 def without_notes(path):
-    rewritten(path, lambda table: table.replace_schema_metadata({}))
+    rewrite(path, lambda table: table.replace_schema_metadata({}))
 
 
 def of_other_columns(path):
-    rewritten(path, lambda table: table.select(table.column_names[1:]))
+    rewrite(path, lambda table: table.select(table.column_names[1:]))
 
 
 def of_another_program(path):
@@ -135,6 +158,7 @@ def of_another_part(path):
 
 
 def of_another_sweep(path):
+    """Replace it by the part of a sweep with other samples."""
     other = path.parents[2] / "other"
     swept(other, samples=7)
     path.write_bytes(part(other).read_bytes())
@@ -161,36 +185,42 @@ FAULTS = [
 @pytest.mark.many
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_file_that_is_no_part_is_refused_in_a_sentence(fault, folder_of_sweep, capsys):
+    """The sentence has the path and one of three reasons."""
     path = part(folder_of_sweep)
     fault(path)
     assert main([*WORDS, str(folder_of_sweep)]) == 1
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and str(path) in said
-    assert (
-        "is not part 1 of this sweep" in said
-        or "is not a Parquet file" in said
-        or ("is not the file that was written there" in said)
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert str(path) in message
+    reasons = (
+        "is not part 1 of this sweep",
+        "is not a Parquet file",
+        "is not the file that was written there",
     )
+    assert any(reason in message for reason in reasons)
 
 
 def test_a_file_that_was_refused_is_made_again_when_it_is_gone(
     finished_sweep, folder_of_sweep
 ):
-    whole, _ = finished_sweep
+    """The command refuses it until it is deleted; then rows are equal bit by bit."""
+    expected, _ = finished_sweep
     by_pandas(part(folder_of_sweep))
     assert main([*WORDS, str(folder_of_sweep)]) == 1
     part(folder_of_sweep).unlink()
-    again = swept(folder_of_sweep)
-    assert again.computed == 1
-    pd.testing.assert_frame_equal(again.frame(), whole.frame(), check_exact=True)
+    result = swept(folder_of_sweep)
+    assert result.computed == 1
+    pd.testing.assert_frame_equal(result.frame(), expected.frame(), check_exact=True)
 
 
 @pytest.mark.parametrize("fault", [by_pandas, of_another_part, of_another_program, cut])
 def test_a_table_that_is_no_part_is_refused_when_it_is_read(fault, folder_of_sweep):
-    found = swept(folder_of_sweep)
-    assert found.computed == 0
+    """The rows of designs, 40 in two assembly modes, can still be read."""
+    result = swept(folder_of_sweep)
+    assert result.computed == 0
     fault(folder_of_sweep / "tables" / "poles" / "part-000001.parquet")
-    assert len(found.frame()) == 80
-    with pytest.raises(SpherekitError) as refused:
-        found.table("poles")
-    assert isinstance(refused.value, FileError) and "part-000001" in str(refused.value)
+    assert len(result.frame()) == 2 * 40
+    with pytest.raises(SpherekitError) as refusal:
+        result.table("poles")
+    assert isinstance(refusal.value, FileError)
+    assert "part-000001" in str(refusal.value)

@@ -31,7 +31,7 @@ found = sk.sweep(
 )
 print(found.computed, len(found.frame()), flush=True)
 """
-"""As in the documentation: no main guard."""
+"""A program as in the documentation, without a main guard."""
 
 PLUGIN = """
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ class Twice(AbstractAnalysis):
 """
 """An analysis that only the script knows."""
 
-OWN = f"""{PLUGIN}
+PROGRAM_WITH_ANALYSIS = f"""{PLUGIN}
 import spherekit as sk
 
 with registered(Twice):
@@ -78,8 +78,15 @@ print(found.computed, found.frame()["most"].max())
 """
 
 
+# Each function `as_...` or `in_...` runs the text of a program in another way, and returns
+# what it printed.
+
+
 def run(words, cwd, **options):
-    """Run Python, and return what it printed, nothing going wrong."""
+    """Run Python in a folder with arguments, and return what it printed.
+
+    Its exit status has to be 0, and there is no traceback.
+    """
     done = subprocess.run(
         [sys.executable, *words], cwd=cwd, capture_output=True, text=True, **options
     )
@@ -89,7 +96,6 @@ def run(words, cwd, **options):
 
 
 def as_script(tmp_path, text):
-    """Run the text as a file."""
     (tmp_path / "script.py").write_text(text)
     return run(["script.py"], tmp_path)
 
@@ -133,6 +139,7 @@ def in_a_notebook(tmp_path, text):
 
 
 def in_a_thread(tmp_path, text):
+    """Run the program in another thread than the main one."""
     (tmp_path / "cell.py").write_text(text)
     code = (
         "import threading, runpy\n"
@@ -144,6 +151,7 @@ def in_a_thread(tmp_path, text):
 
 
 def in_pytest(tmp_path, text):
+    """Run the program as the body of a test function."""
     lines = "".join(f"    {line}\n" for line in text.splitlines() if line)
     (tmp_path / "test_inside.py").write_text(f"def test_it():\n{lines}")
     words = ["-m", "pytest", "-q", "-s", "-n", "0", "-p", "no:cacheprovider"]
@@ -168,20 +176,29 @@ PROGRAMS = [
 @pytest.mark.many
 @pytest.mark.parametrize("program", PROGRAMS)
 def test_a_sweep_needs_no_main_guard(program, tmp_path):
-    """The program is gone through once, and three parts are made."""
-    out = program(tmp_path, PLAIN)
-    assert out.count("begun") == 1
-    assert "3 80" in out
-    assert len(list((tmp_path / "designs" / "designs").glob("part-*.parquet"))) == 3
+    """Workers do not run the program again, however it was started.
+
+    It prints the number of parts, 3, and of rows: 40 designs in two assembly modes.
+    """
+    output = program(tmp_path, PLAIN)
+    assert output.count("begun") == 1
+    assert "3 80" in output
+    parts = list((tmp_path / "designs" / "designs").glob("part-*.parquet"))
+    assert len(parts) == 3
 
 
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("program", [as_script, as_argument, as_input, in_a_notebook])
-def test_analyses_of_the_script_itself_are_sent(program, tmp_path):
-    """With the lambda that they call; and what they print disturbs nobody."""
-    out = program(tmp_path, OWN)
-    assert "3 720.0" in out  # the input turns once, and figures are in degrees
+def test_an_analysis_that_only_the_program_defines_is_sent_to_workers(program, tmp_path):
+    """With the lambda that it calls; what it prints does not disturb the workers' talk.
+
+    It computes twice the input, in degrees; the input turns once.
+    """
+    output = program(tmp_path, PROGRAM_WITH_ANALYSIS)
+    part_count = 3
+    largest_deg = 2.0 * 360.0
+    assert f"{part_count} {largest_deg}" in output
 
 
 def sweep_with_tables(folder, workers=2, **options):
@@ -190,7 +207,8 @@ def sweep_with_tables(folder, workers=2, **options):
     return sk.sweep("four_bar", VARY, folder=folder, workers=workers, **defaults | options)
 
 
-def test_what_cannot_be_sent_is_refused_in_a_sentence(tmp_path, monkeypatch):
+def test_a_sweep_that_cannot_be_sent_is_refused_in_a_sentence(tmp_path, monkeypatch):
+    """A lock in its state cannot be pickled."""
     state = {"lock": threading.Lock()}
     monkeypatch.setattr("spherekit.designs.sweep.Sweep.__getstate__", lambda _: state)
     with pytest.raises(DesignError, match="cannot be sent.*keep locks.*--workers 1"):
@@ -205,26 +223,26 @@ def test_what_cannot_be_sent_is_refused_in_a_sentence(tmp_path, monkeypatch):
         ("/bin/false", "ended as it started .exit status 1"),
     ],
 )
-def test_a_python_that_does_not_start_is_told(python, says, tmp_path, monkeypatch):
+def test_a_python_that_does_not_start_is_reported(python, says, tmp_path, monkeypatch):
+    """Where no Python is known at all, a sweep with default workers uses this process."""
     monkeypatch.setattr(worker_processes, "get_executable", lambda: python)
     with pytest.raises(DesignError, match=f"{says}.*--workers 1"):
         sweep_with_tables(tmp_path)
     monkeypatch.setattr(worker_processes, "get_executable", lambda: None)
-    assert sweep_with_tables(tmp_path, None).computed == 3  # in this process
+    assert sweep_with_tables(tmp_path, workers=None).computed == 3
 
 
 @pytest.mark.slow
 def test_modules_that_a_worker_lacks_are_named(tmp_path, monkeypatch):
-    """A class of a module that was found by a folder that is no longer searched."""
+    """An analysis of a module whose folder is no longer on the path of modules."""
     (tmp_path / "of_elsewhere.py").write_text(PLUGIN)
     monkeypatch.syspath_prepend(tmp_path)
     from of_elsewhere import Twice, registered
 
     sys.path.remove(str(tmp_path))
-    how = {"analyses": ["twice"]}
     says = "cannot load the sweep .ModuleNotFoundError: No module named 'of_elsewhere'"
     with registered(Twice), pytest.raises(DesignError, match=says):
-        sweep_with_tables(tmp_path / "designs", **how)
+        sweep_with_tables(tmp_path / "designs", analyses=["twice"])
 
 
 ENDING = """
