@@ -72,7 +72,7 @@ def test_accelerations_and_moments_that_close_loops_agree_with_mujoco(name):
     assert data.qacc[input_dofs] == pytest.approx(state.input_accelerations[0], rel=3e-4)
 
     # (pairs, 3, 3) axes of each pair's frame in ground axes, and (pairs, 3) moments in it
-    frames = simulation.equation.closure.at(state.values).frames[0]
+    frames = simulation.equation.closure.linearise(state.values).frames[0]
     moments = simulation.moments(np.zeros(1)).moments[0]
     moment_on_link = np.zeros((len(mechanism.links), 3))  # N m, ground axes
     for number, pair in enumerate(mechanism.pairs):

@@ -97,7 +97,7 @@ def folder(request, monkeypatch, tmp_path):
 
     name = request.node.name
     if SHOWS_A_POSE not in name and "answers" not in name:
-        monkeypatch.setattr(Closure, "at", fail)
+        monkeypatch.setattr(Closure, "linearise", fail)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

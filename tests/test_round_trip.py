@@ -102,7 +102,7 @@ def test_an_orientation_returns_from_its_inputs_and_inputs_from_their_orientatio
         start = rows.values[reached]
         start[:, passive] += 1e-4 * type_2[:, None] * noise[: np.sum(reached)]
         values = newton.closure.solve(start, newton.driven).values
-        rotations = newton.closure.at(values).rotations
+        rotations = newton.closure.linearise(values).rotations
         returned = output_orientations(solver.mechanism, solver.output, rotations)
         error = angles_between(returned, orientations[reached])
         check_error_against_measure(error, type_2)
