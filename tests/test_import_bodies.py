@@ -43,27 +43,31 @@ def test_a_ball_joint_at_the_centre_is_left_out_by_the_command(tmp_path, capsys)
 def orientations_by_mujoco(text, angles):
     """Return the rotation (3, 3) of the platform from its first pose, by MuJoCo alone.
 
-    Newton's method closes the loops; inputs m1 to m3 turn in small steps.
+    The inputs m1 to m3 turn to `angles` (rad) in ten steps. After each, Newton's method
+    closes the loops: it moves all other joints until the equality constraints of the model
+    (residual `efc_pos`, Jacobian `efc_J`) are met.
     """
+    input_joints = ("m1", "m2", "m3")
     model = mujoco.MjModel.from_xml_string(text)
     model.opt.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
-    start = data.body("platform").xmat.reshape(3, 3).copy()
-    held = [model.joint(name).dofadr[0] for name in ("m1", "m2", "m3")]
-    free = [k for k in range(model.nv) if k not in held]
-    for part in np.linspace(0.0, 1.0, 11)[1:]:
-        for name, angle in zip(("m1", "m2", "m3"), angles, strict=True):
-            data.joint(name).qpos[0] = part * angle
+    first_orientation = data.body("platform").xmat.reshape(3, 3).copy()
+    input_dofs = [model.joint(name).dofadr[0] for name in input_joints]
+    free_dofs = [dof for dof in range(model.nv) if dof not in input_dofs]
+    for fraction in np.linspace(0.0, 1.0, 11)[1:]:
+        for name, angle in zip(input_joints, angles, strict=True):
+            data.joint(name).qpos[0] = fraction * angle
         for _ in range(8):
             mujoco.mj_forward(model, data)
-            jacobian = data.efc_J.reshape(data.nefc, model.nv)[:, free]
+            jacobian = data.efc_J.reshape(data.nefc, model.nv)[:, free_dofs]
             step = np.zeros(model.nv)
-            step[free] = -np.linalg.lstsq(jacobian, data.efc_pos, rcond=1e-9)[0]
+            # Least squares, because the constraints of loops repeat one another.
+            step[free_dofs] = -np.linalg.lstsq(jacobian, data.efc_pos, rcond=1e-9)[0]
             mujoco.mj_integratePos(model, data.qpos, step, 1.0)
     mujoco.mj_forward(model, data)
     assert np.max(np.abs(data.efc_pos)) < 1e-12
-    return data.body("platform").xmat.reshape(3, 3) @ start.T
+    return data.body("platform").xmat.reshape(3, 3) @ first_orientation.T
 
 
 @pytest.mark.parametrize("angles", [(0.1, 0.1, 0.1), (0.3, -0.2, 0.1), (-0.2, 0.25, 0.4)])

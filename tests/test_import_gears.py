@@ -52,19 +52,21 @@ def sums_of_tendons(text):
 
 
 def with_tendons(*sums):
-    """Return the differential wrist with other couplings: factors of its four joints."""
-    joints = "m_l", "m_r", "pitch", "roll"
-    tendons = "".join(
-        f'<fixed name="t{k}">'
-        + "".join(
-            f'<joint joint="{joint}" coef="{factor!r}"/>'
-            for joint, factor in zip(joints, factors, strict=True)
-            if factor
-        )
-        + "</fixed>"
-        for k, factors in enumerate(sums)
-    )
-    equalities = "".join(f'<tendon tendon1="t{k}"/>' for k in range(len(sums)))
+    """Return the differential wrist as a MuJoCo model with other couplings.
+
+    Each coupling has the factors of the joints m_l, m_r, pitch and roll in a sum that is
+    zero. A tendon of the model holds the sum, and an equality sets the tendon to zero.
+    """
+    joints = ("m_l", "m_r", "pitch", "roll")
+    tendons = ""
+    equalities = ""
+    for number, factors in enumerate(sums):
+        terms = ""
+        for joint, factor in zip(joints, factors, strict=True):
+            if factor:
+                terms += f'<joint joint="{joint}" coef="{factor!r}"/>'
+        tendons += f'<fixed name="t{number}">{terms}</fixed>'
+        equalities += f'<tendon tendon1="t{number}"/>'
     text = DIFFERENTIAL
     for tag, content in (("tendon", tendons), ("equality", equalities)):
         text = re.sub(f"<{tag}>.*</{tag}>", f"<{tag}>{content}</{tag}>", text, flags=re.S)
@@ -134,7 +136,11 @@ def test_couplings_without_gears_are_refused_in_plain_words(tmp_path):
 
 
 def motor_angles(kind, actuators, joints, q):
-    """Return the angles of two actuators by the equations of transmission_interface."""
+    """Return the angles of two actuators by the equations of transmission_interface.
+
+    `actuators` and `joints` are the mechanical reductions of both, and `q` the two joint
+    angles. `kind` is "Differential" or "FourBarLinkage".
+    """
     (n_a1, n_a2), (n_j1, n_j2) = actuators, joints
     if kind == "Differential":
         return n_a1 * (n_j1 * q[0] + n_j2 * q[1]), n_a2 * (n_j1 * q[0] - n_j2 * q[1])
@@ -142,34 +148,40 @@ def motor_angles(kind, actuators, joints, q):
 
 
 def transmission(kind, actuators, joints, form="ros_control"):
-    """Return a URDF of two joints with a transmission of the given reductions."""
-    names = ("m_l", "m_r"), ("pitch", "roll")
-    items = []
-    for tag, of_tag, reductions in zip(
-        ("actuator", "joint"), names, (actuators, joints), strict=True
-    ):
-        for k, (name, reduction) in enumerate(zip(of_tag, reductions, strict=True), 1):
-            if form == "ros_control":
-                items.append(
-                    f'<{tag} name="{name}"><role>{tag}{k}</role>'
-                    f"<mechanicalReduction>{reduction!r}</mechanicalReduction></{tag}>"
-                )
-            else:
-                items.append(
-                    f'<{tag} name="{name}" role="{tag}{k}">'
-                    f"<mechanical_reduction>{reduction!r}</mechanical_reduction></{tag}>"
-                )
-    # In any order: the roles say which is the first.
-    text = "".join(reversed(items))
-    full = f"transmission_interface/{kind}Transmission"
+    """Return a URDF of joints pitch and roll that motors m_l and m_r drive together.
+
+    `kind` is "Differential" or "FourBarLinkage"; `actuators` and `joints` are their
+    mechanical reductions. `form` is the dialect, "ros_control" or "ros2_control".
+    """
+    entries = [
+        ("actuator", 1, "m_l", actuators[0]),
+        ("actuator", 2, "m_r", actuators[1]),
+        ("joint", 1, "pitch", joints[0]),
+        ("joint", 2, "roll", joints[1]),
+    ]
+    elements = []
+    for tag, number, name, reduction in entries:
+        if form == "ros_control":
+            elements.append(
+                f'<{tag} name="{name}"><role>{tag}{number}</role>'
+                f"<mechanicalReduction>{reduction!r}</mechanicalReduction></{tag}>"
+            )
+        else:
+            elements.append(
+                f'<{tag} name="{name}" role="{tag}{number}">'
+                f"<mechanical_reduction>{reduction!r}</mechanical_reduction></{tag}>"
+            )
+    # The order has no meaning, since roles say which is the first; so it is reversed.
+    text = "".join(reversed(elements))
+    plugin = f"transmission_interface/{kind}Transmission"
     if form == "ros_control":
-        element = f'<transmission name="wrist"><type>{full}</type>{text}</transmission>'
+        element = f'<transmission name="wrist"><type>{plugin}</type>{text}</transmission>'
     else:
         element = (
             '<ros2_control name="arm" type="system"><joint name="pitch">'
             '<command_interface name="position"/></joint><joint name="roll">'
             '<command_interface name="position"/></joint>'
-            f'<transmission name="wrist"><plugin>{full}</plugin>{text}</transmission>'
+            f'<transmission name="wrist"><plugin>{plugin}</plugin>{text}</transmission>'
             "</ros2_control>"
         )
     return re.sub(r"<transmission.*</transmission>", element, TRANSMISSION, flags=re.S)
@@ -189,23 +201,27 @@ def transmission(kind, actuators, joints, form="ros_control"):
 def test_motors_turn_by_the_equations_of_transmissions(
     kind, actuators, joints, form, tmp_path
 ):
+    """The rates of motors follow from those of both joints by `motor_angles`.
+
+    The imported mechanism has bevel wheels in place of the transmission. Where a motor
+    turns faster than the wheel, or than the joint, that it drives, a note says how many
+    times. `actuators` and `joints` are mechanical reductions.
+    """
     text = transmission(kind, actuators, joints, form)
-    found = import_text(tmp_path, text, "wrist.urdf")
-    mechanism = found.mechanism
+    imported = import_text(tmp_path, text, "wrist.urdf")
+    mechanism = imported.mechanism
     rates = rates_of_pairs(mechanism)
-    # What the notes say of the motors, read back.
-    told = re.findall(r"motor (\w+) .*turns (\S+) times as far", found.text)
-    ratios = {motor: float(ratio) for motor, ratio in told}
-    inputs = [item.pair for item in mechanism.inputs]
-    for k in range(2):
-        q = rates["pitch"][k], rates["roll"][k]
-        for motor, expected in zip(
-            ("m_l", "m_r"), motor_angles(kind, actuators, joints, q), strict=True
-        ):
-            pair = motor if motor in inputs else "pitch"
-            assert ratios.get(motor, 1.0) * rates[pair][k] == pytest.approx(
-                expected, rel=1e-12, abs=1e-12
-            )
+    notes = re.findall(r"motor (\w+) .*turns (\S+) times as far", imported.text)
+    ratio_by_motor = {motor: float(ratio) for motor, ratio in notes}
+    input_pairs = [item.pair for item in mechanism.inputs]
+    for input_number in range(2):
+        joint_rates = rates["pitch"][input_number], rates["roll"][input_number]
+        expected_rates = motor_angles(kind, actuators, joints, joint_rates)
+        for motor, expected in zip(("m_l", "m_r"), expected_rates, strict=True):
+            # A motor that is no input drives the joint pitch directly.
+            driven_pair = motor if motor in input_pairs else "pitch"
+            rate = ratio_by_motor.get(motor, 1.0) * rates[driven_pair][input_number]
+            assert rate == pytest.approx(expected, rel=1e-12, abs=1e-12)
 
 
 def test_a_differential_of_a_urdf_by_the_command(tmp_path, capsys):

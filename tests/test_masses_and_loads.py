@@ -19,6 +19,10 @@ BASE = LOADED.partition("[mass")[0]
 
 
 def test_every_load_is_read_in_si():
+    """Angles of the file are in degrees and become radians; expressions stay texts.
+
+    The file has one load of each kind, and one joint limit (rad, low and high).
+    """
     mechanism = loads(LOADED)
     assert mechanism.loads == (
         sk.PairTorque("push", "drive", "sin(t) - 2*dtheta_drive"),
@@ -63,25 +67,35 @@ def test_the_arc_of_a_link_runs_between_its_axes():
     np.testing.assert_allclose(mass.centre, expected, rtol=0, atol=1e-16)
 
 
-def test_the_tensor_at_the_centre_is_moved_as_a_cloud_of_points_says():
+def test_a_tensor_at_the_centre_of_mass_is_moved_to_the_centre_of_the_sphere():
+    """Sums over six mass points give the inertia tensors about both centres.
+
+    The file has the tensor about the centre of mass; the mechanism has to hold that about
+    the centre of the sphere (the origin). No parallel axis theorem is used here.
+    """
     random = np.random.default_rng(3)
-    weights, points = random.uniform(0.1, 1, 6), random.normal(size=(6, 3))
+    point_masses = random.uniform(0.1, 1, 6)
+    points = random.normal(size=(6, 3))
 
     def tensor_about(origin):
-        arms = points - origin
-        return sum(
-            w * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-            for w, arm in zip(weights, arms, strict=True)
-        )
+        tensor = np.zeros((3, 3))
+        for point_mass, arm in zip(point_masses, points - origin, strict=True):
+            tensor += point_mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+        return tensor
 
-    mass = float(np.sum(weights))
-    centre = weights @ points / mass
-    moved = tensor_about(centre)
-    rows = [list(map(float, row)) for row in (moved + moved.T) / 2]
-    text = f"[mass.crank]\nmass = {mass}\ncentre = {centre.tolist()}\n"
-    (read,) = loads(BASE + text + f"tensor_at_centre = {rows}\n").masses
-    np.testing.assert_allclose(read.tensor, tensor_about(0), rtol=0, atol=1e-14)
-    assert (read.mass, read.centre) == (mass, tuple(centre.tolist()))
+    mass = float(np.sum(point_masses))
+    centre = point_masses @ points / mass
+    tensor_at_centre = tensor_about(centre)
+    # Rounding leaves a sum that is not quite symmetric.
+    symmetric_tensor = (tensor_at_centre + tensor_at_centre.T) / 2
+    table = (
+        f"[mass.crank]\nmass = {mass}\ncentre = {centre.tolist()}\n"
+        f"tensor_at_centre = {symmetric_tensor.tolist()}\n"
+    )
+    (mass_of_crank,) = loads(BASE + table).masses
+    np.testing.assert_allclose(mass_of_crank.tensor, tensor_about(0), rtol=0, atol=1e-14)
+    assert mass_of_crank.mass == mass
+    assert mass_of_crank.centre == tuple(centre.tolist())
 
 
 def test_a_frame_has_z_along_the_first_axis_and_y_towards_the_second():

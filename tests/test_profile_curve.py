@@ -69,43 +69,62 @@ def test_circle_has_its_closed_form(radius):
     assert np.all(got.curvature_rate == 0.0)
 
 
-def test_circles_equal_their_fourier_series_and_share_its_start():
+def test_a_circle_is_its_fourier_series_and_both_begin_on_the_same_side():
+    """A series with a constant colatitude of 0.7 rad is a circle of that radius.
+
+    Frames and curvature agree at arc lengths over more than a lap. The start lies from the
+    centre towards the x axis, or towards y if the centre is near x.
+    """
+    radius = 0.7
     for centre in (CENTRE, np.array([0.6, 0.0, -0.8]), np.array([-1.0, 0.0, 0.0])):
-        plain, series = (
-            profile_curve.circle(centre, 0.7),
-            profile_curve.fourier(centre, [0.7]),
-        )
+        circle = profile_curve.circle(centre, radius)
+        series = profile_curve.fourier(centre, [radius])
         s = np.linspace(-3.0, 9.0, 31)
-        np.testing.assert_allclose(
-            plain.evaluate(s).frame, series.evaluate(s).frame, atol=1e-14
-        )
-        np.testing.assert_allclose(
-            series.evaluate(s).curvature, 1 / np.tan(0.7), rtol=1e-14
-        )
-        start = plain.evaluate([0.0]).frame[0, :, 2] - np.cos(0.7) * centre
+        frames = series.evaluate(s).frame
+        np.testing.assert_allclose(circle.evaluate(s).frame, frames, atol=1e-14)
+        curvature = series.evaluate(s).curvature
+        np.testing.assert_allclose(curvature, 1 / np.tan(radius), rtol=1e-14)
+
+        start_point = circle.evaluate([0.0]).frame[0, :, 2]
+        start_direction = start_point - np.cos(radius) * centre
         axis = np.eye(3)[1 if abs(centre[0]) > 0.9 else 0]
-        assert start @ axis > 0 and abs(np.cross(centre, axis) @ start) < 1e-15
+        assert start_direction @ axis > 0
+        assert abs(np.cross(centre, axis) @ start_direction) < 1e-15
 
 
 def test_frames_obey_their_equations_in_arc_length(curve):
-    # integral forms over short spans, by Gauss quadrature: p, t, n and k from their rates
-    x, w = leggauss(10)
-    parts = np.union1d(np.linspace(0.0, 1.0, 401) * curve.length, curve.edges)
-    half = 0.5 * np.diff(parts)
-    s = parts[:-1, None] + half[:, None] * (1 + x)
-    got = curve.evaluate(s.ravel())
-    assert np.max(np.abs(transpose(got.frame) @ got.frame - np.eye(3))) < 9e-16
-    np.testing.assert_allclose(np.linalg.det(got.frame), 1.0, rtol=2e-15)
-    t, n, p = (got.frame[:, :, i] for i in range(3))
-    k = got.curvature[:, None]
-    rates = np.concatenate([k * n - p, -k * t, t, got.curvature_rate[:, None]], axis=1)
-    change = half[:, None] * np.einsum("j,ijc->ic", w, rates.reshape(-1, 10, 10))
-    there = curve.evaluate(parts)
-    values = [*(there.frame[:, :, i] for i in range(3)), there.curvature[:, None]]
+    """Frenet's equations on the sphere: t' = k n - p, n' = -k t, p' = t.
+
+    The columns of a frame are the tangent t, the normal n in the sphere and the point p; k
+    is the geodesic curvature. Gauss quadrature of the right sides and of k', with ten nodes
+    in each of about 400 short spans, gives the changes of t, n, p and k over the spans.
+    """
+    nodes, weights = leggauss(10)
+    span_ends = np.union1d(np.linspace(0.0, 1.0, 401) * curve.length, curve.edges)
+    half_spans = 0.5 * np.diff(span_ends)
+    s = span_ends[:-1, None] + half_spans[:, None] * (1 + nodes)
+    evaluated = curve.evaluate(s.ravel())
+    frames = evaluated.frame
+    assert np.max(np.abs(transpose(frames) @ frames - np.eye(3))) < 9e-16
+    np.testing.assert_allclose(np.linalg.det(frames), 1.0, rtol=2e-15)
+
+    t, n, p = (frames[:, :, column] for column in range(3))
+    k = evaluated.curvature[:, None]
+    rates = np.concatenate(
+        [k * n - p, -k * t, t, evaluated.curvature_rate[:, None]], axis=1
+    )
+    rates = rates.reshape(-1, 10, 10)  # (spans, nodes, components of t, n, p and k)
+    integrals = half_spans[:, None] * np.einsum("j,ijc->ic", weights, rates)
+
+    at_ends = curve.evaluate(span_ends)
+    values = [at_ends.frame[:, :, column] for column in range(3)]
+    values.append(at_ends.curvature[:, None])
     if curve.closed:
-        values = [np.concatenate([v[:-1], v[:1]]) for v in values]
-    grown = np.diff(np.concatenate(values, axis=1), axis=0)
-    np.testing.assert_allclose(change, grown, rtol=0, atol=1e-13 * (1 + np.max(np.abs(k))))
+        # The last point of a lap is its first one.
+        values = [np.concatenate([value[:-1], value[:1]]) for value in values]
+    changes = np.diff(np.concatenate(values, axis=1), axis=0)
+    tolerance = 1e-13 * (1 + np.max(np.abs(k)))
+    np.testing.assert_allclose(integrals, changes, rtol=0, atol=tolerance)
 
 
 def test_reversing_and_not_a_number(curve):
@@ -122,37 +141,57 @@ def test_reversing_and_not_a_number(curve):
 
 
 def test_closed_curves_repeat_and_open_ones_stop(curve):
+    """A lap further on, closed curves have the same frames and curvatures, to rounding.
+
+    Open curves have no points beyond their ends: `inside` is false there, and the frame is
+    that of the end.
+    """
     s = np.linspace(0.0, 1.0, 33) * curve.length
-    once, again = curve.evaluate(s), curve.evaluate(s + curve.length)
-    assert np.all(once.inside)
+    first_lap = curve.evaluate(s)
+    next_lap = curve.evaluate(s + curve.length)
+    assert np.all(first_lap.inside)
     if curve.closed:
-        assert np.all(again.inside) and np.all(curve.evaluate(s - 3 * curve.length).inside)
-        scale = np.max(np.abs(once.curvature_rate)) + np.max(np.abs(once.curvature)) + 1
-        np.testing.assert_allclose(again.frame, once.frame, atol=1e-14 * scale)
-        np.testing.assert_allclose(again.curvature, once.curvature, atol=1e-13 * scale)
+        assert np.all(next_lap.inside)
+        assert np.all(curve.evaluate(s - 3 * curve.length).inside)
+        # Rounding of s changes frames by the curvature, and curvatures by their rate.
+        scale = (
+            np.max(np.abs(first_lap.curvature_rate))
+            + np.max(np.abs(first_lap.curvature))
+            + 1
+        )
+        np.testing.assert_allclose(next_lap.frame, first_lap.frame, atol=1e-14 * scale)
+        np.testing.assert_allclose(
+            next_lap.curvature, first_lap.curvature, atol=1e-13 * scale
+        )
     else:
-        assert not np.any(again.inside[1:])
-        np.testing.assert_array_equal(again.frame[5], once.frame[-1])
-        early = curve.evaluate([-0.1])
-        assert not early.inside[0]
-        np.testing.assert_array_equal(early.frame[0], once.frame[0])
+        assert not np.any(next_lap.inside[1:])
+        np.testing.assert_array_equal(next_lap.frame[5], first_lap.frame[-1])
+        before_start = curve.evaluate([-0.1])
+        assert not before_start.inside[0]
+        np.testing.assert_array_equal(before_start.frame[0], first_lap.frame[0])
 
 
 def test_curves_through_points_meet_them_and_converge_to_the_curve_they_are_from():
-    made, errors = cam(), []
+    """Splines through 40, 80 and 160 points of a Fourier cam pass through these points.
+
+    Twice as many points make the error of the curvature at least 2**3.6 times as small.
+    """
+    exact_curve = cam()
+    curvature_errors = []
     for count in (40, 80, 160):
-        points = made.evaluate(made.length * np.arange(count) / count).frame[:, :, 2]
+        arc_lengths = exact_curve.length * np.arange(count) / count
+        points = exact_curve.evaluate(arc_lengths).frame[:, :, 2]
         spline = profile_curve.through(points)
-        edges = spline.table.evaluate_at_edges(spline.path.knots)
-        got = spline.evaluate(edges[:-1]).frame[:, :, 2]
-        np.testing.assert_allclose(got, points, rtol=0, atol=2e-14)
-        s = np.linspace(0.0, 1.0, 500)
-        k = (
-            spline.evaluate(s * spline.length).curvature
-            - made.evaluate(s * made.length).curvature
-        )
-        errors.append(np.max(np.abs(k)))
-    assert np.log2(errors[1] / errors[2]) > 3.6, errors
+        knots = spline.table.evaluate_at_edges(spline.path.knots)
+        points_at_knots = spline.evaluate(knots[:-1]).frame[:, :, 2]
+        np.testing.assert_allclose(points_at_knots, points, rtol=0, atol=2e-14)
+
+        laps = np.linspace(0.0, 1.0, 500)
+        curvature = spline.evaluate(laps * spline.length).curvature
+        exact_curvature = exact_curve.evaluate(laps * exact_curve.length).curvature
+        curvature_errors.append(np.max(np.abs(curvature - exact_curvature)))
+    order = np.log2(curvature_errors[1] / curvature_errors[2])
+    assert order > 3.6, curvature_errors
 
 
 def eight(count, shift):
