@@ -28,23 +28,28 @@ EVERY = (
 
 @pytest.fixture
 def opened(browser, tmp_path):
-    """Opens a mechanism's page from its file; nothing may be said in the console."""
-    said = []
+    """Return a function that opens the page of a mechanism from its file in a browser tab.
 
-    def opener(name, fragment="", **options):
+    `fragment` is the part of the address after "#", which holds the state; `options` are
+    those of Playwright's `new_page`. The test fails at its end if the page wrote to the
+    console, raised an error or asked for anything from the network.
+    """
+    complaints = []
+
+    def open_page(name, fragment="", **options):
         path = tmp_path / f"{name}.html"
         if not path.exists():
             sk.page(name, path)
         tab = browser.new_page(viewport={"width": 1300, "height": 900}, **options)
-        tab.on("console", lambda message: said.append(message.text))
-        tab.on("pageerror", lambda error: said.append(str(error)))
-        tab.route(re.compile("^http"), lambda route: said.append(route.request.url))
+        tab.on("console", lambda message: complaints.append(message.text))
+        tab.on("pageerror", lambda error: complaints.append(str(error)))
+        tab.route(re.compile("^http"), lambda route: complaints.append(route.request.url))
         tab.goto(f"{path.as_uri()}#{fragment}")
         wait_until(tab, "window.spherekit?.timing.pictures > 0")
         return tab
 
-    yield opener
-    assert not said
+    yield open_page
+    assert not complaints
 
 
 def test_a_page_is_one_file_without_a_network(tmp_path, monkeypatch, capsys):
@@ -86,65 +91,83 @@ def test_loads_that_a_page_cannot_follow_are_left_out_and_named(tmp_path):
     assert "turns_of_32" in made.notes[0]
 
 
-def dragged(tab, start, way):
+def drag(tab, start, offset):
+    """Drag the mouse from a point of the page by an offset (pixels: right and down)."""
     tab.mouse.move(*start)
     tab.mouse.down()
-    tab.mouse.move(start[0] + way[0], start[1] + way[1], steps=8)
+    tab.mouse.move(start[0] + offset[0], start[1] + offset[1], steps=8)
     tab.mouse.up()
 
 
-def by_python(mechanism, q, name):
-    """A quantity at inputs in every assembly mode: by rates, axes of pairs, balances."""
+def compute_in_python(mechanism, q, name):
+    """Return a quantity of the page at inputs `q` (rad) in every assembly mode.
+
+    `name` is its key on the page: "velocity_LINK_LINK_INPUT" (a velocity coefficient),
+    "transmission_PAIR" (the angle between both arcs of the dyad with this middle pair) or
+    that of the torque of an input, at unit speeds. None of the page's code is used.
+    """
     rows = sk.evaluate(mechanism, q)
-    first, *others = rows.input_pairs
-    kind, *of = name.split("_")
+    first_input, *further_inputs = rows.input_pairs
+    kind, *parts = name.split("_")
     if kind == "velocity":
-        return rows.velocity_coefficient("/".join(of[1:3]), of[-1] if others else first)
+        input_pair = parts[-1] if further_inputs else first_input
+        return rows.velocity_coefficient("/".join(parts[1:3]), input_pair)
     if kind == "transmission":
-        middle = mechanism.pair_number["_".join(of[1:])]
+        middle = mechanism.pair_number["_".join(parts[1:])]
         groups = plan_assembly(mechanism).groups
         (dyad,) = (x for x in groups if x.is_dyad and x.middle == middle)
         pairs = [mechanism.pairs[dyad.pairs[k]] for k in dyad.dyad_positions]
-        near, at, far = (rows.direction("/".join(pair.links), first) for pair in pairs)
-        one, other = unit_rows(np.cross(near, at)), unit_rows(np.cross(at, far))
-        sine = np.linalg.norm(np.cross(one, other), axis=1)
-        return np.arctan2(sine, np.abs(np.vecdot(one, other)))
+        first_axis, middle_axis, last_axis = (
+            rows.direction("/".join(pair.links), first_input) for pair in pairs
+        )
+        first_normal = unit_rows(np.cross(first_axis, middle_axis))
+        second_normal = unit_rows(np.cross(middle_axis, last_axis))
+        sine = np.linalg.norm(np.cross(first_normal, second_normal), axis=1)
+        return np.arctan2(sine, np.abs(np.vecdot(first_normal, second_normal)))
     speeds = (sk.ConstantSpeed(1.0, x) for x in q)
     laws = dict(zip(rows.input_pairs, speeds, strict=True))
     torques = sk.inverse_dynamics(mechanism, laws, [0.0]).torques
-    return torques[:, rows.input_pairs.index(of[-1]) if others else 0]
+    return torques[:, rows.input_pairs.index(parts[-1]) if further_inputs else 0]
 
 
 @pytest.mark.slow
 @pytest.mark.many
 @pytest.mark.parametrize("name", EVERY)
 def test_numbers_at_the_cursor_are_those_of_python(opened, name, tmp_path):
+    """Python computes the table's numbers for the mechanism that the page saves.
+
+    Before, the knobs of all inputs and the last slider of a size, if there is one, are
+    dragged. The numbers have to be those of one assembly mode to 1e-12.
+    """
     tab = opened(name)
-    before = tab.evaluate("spherekit.state.q")
-    for k in range(len(before)):
-        for way in ((12, -30), (25, 8)):
-            dragged(tab, tab.evaluate(f"spherekit.knobPlace({k})"), way)
+    q_at_first = tab.evaluate("spherekit.state.q")
+    for k in range(len(q_at_first)):
+        for offset in ((12, -30), (25, 8)):
+            drag(tab, tab.evaluate(f"spherekit.knobPlace({k})"), offset)
     q = tab.evaluate("spherekit.state.q")
-    assert all(abs(a - b) > 0.01 for a, b in zip(q, before, strict=True))
+    assert all(abs(a - b) > 0.01 for a, b in zip(q, q_at_first, strict=True))
+
     sliders = tab.locator("#sliders input[type=range]")
     if sliders.count():
         sliders.last.scroll_into_view_if_needed()
         box = sliders.last.bounding_box()
-        dragged(tab, (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2), (6, 0))
+        drag(tab, (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2), (6, 0))
         assert tab.locator("#sliders .changed").count() == 1
     tab.wait_for_timeout(100)
-    with tab.expect_download() as saved:
+    with tab.expect_download() as download:
         tab.click("#save")
-    saved.value.save_as(tmp_path / "changed.toml")
+    download.value.save_as(tmp_path / "changed.toml")
     changed = sk.load(tmp_path / "changed.toml")
     assert (changed == sk.load(name)) == (not sliders.count())
+
     cells = tab.locator("#values td[data-name]").all()
-    there = {x.get_attribute("data-name"): x.get_attribute("data-value") for x in cells}
-    assert there
-    for quantity, value in there.items():
-        # The sense of an axis is a choice.
-        off = np.abs(np.abs(by_python(changed, q, quantity)) - abs(float(value)))
-        assert np.nanmin(off) < 1e-12, (quantity, value)
+    assert cells
+    for cell in cells:
+        quantity = cell.get_attribute("data-name")
+        value = float(cell.get_attribute("data-value"))
+        # The sense of an axis is a choice, so signs are not compared.
+        errors = np.abs(np.abs(compute_in_python(changed, q, quantity)) - abs(value))
+        assert np.nanmin(errors) < 1e-12, (quantity, value)
 
 
 @pytest.mark.slow
