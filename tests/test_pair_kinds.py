@@ -45,22 +45,27 @@ def is_dispatch_on_kinds(table, classes):
     )
 
 
-def asks(path, classes):
-    """Return the lines of a module that depend on the kind of a pair or of a profile."""
+def lines_that_depend_on_kinds(path, classes):
+    """Return the numbers of lines of a module that branch on the kind of a pair or profile.
 
-    def held(nodes, named=()):
-        """Whether expressions name a kind, or a constant of the module that holds one."""
+    `path` is that of the module, `classes` are the names of all classes of joints. A line
+    counts if it checks a type, compares with the name of a kind, matches a kind, has a
+    dispatch table by kinds, or reads the attribute `rolling`.
+    """
+
+    def name_a_kind(nodes, constants=()):
+        """Return whether expressions name a kind, or a constant that holds one."""
         for node in (part for top in nodes for part in ast.walk(top)):
             if isinstance(node, ast.Constant) and node.value in TYPES | PROFILES:
                 return True
-            if getattr(node, "id", getattr(node, "attr", "")) in {*classes, *named}:
+            if getattr(node, "id", getattr(node, "attr", "")) in {*classes, *constants}:
                 return True
         return False
 
     constants = {
         target.id
         for node in tree_of(path).body
-        if isinstance(node, ast.Assign) and held([node.value])
+        if isinstance(node, ast.Assign) and name_a_kind([node.value])
         for target in node.targets
         if isinstance(target, ast.Name)
     }
@@ -70,9 +75,9 @@ def asks(path, classes):
             case ast.Call(
                 ast.Name("isinstance" | "issubclass") | ast.Attribute("register")
             ):
-                asked = node.args
+                expressions = node.args
             case ast.Compare():
-                asked = [
+                expressions = [
                     part
                     for part in (node.left, *node.comparators)
                     if not isinstance(part, ast.Call)
@@ -80,26 +85,27 @@ def asks(path, classes):
             case ast.Dict():
                 # A dispatch table, from kinds to what is done with them. Its keys are kinds
                 # only if all of them can be: names of fields may be spelled like one.
-                asked = node.keys if is_dispatch_on_kinds(node, classes) else []
+                expressions = node.keys if is_dispatch_on_kinds(node, classes) else []
             case ast.match_case():
-                asked = [node.pattern]
+                expressions = [node.pattern]
             case ast.Attribute(attr="rolling"):
                 lines.add(node.lineno)
                 continue
             case _:
                 continue
-        if held(asked, constants):
-            lines.add(asked[0].lineno)
+        if name_a_kind(expressions, constants):
+            lines.add(expressions[0].lineno)
     return lines
 
 
 @pytest.mark.slow
 def test_files_that_branch_on_the_kind_of_a_pair_are_few_and_listed():
+    """At most eight files do, and the architecture page's table lists exactly these."""
     classes = joint_classes()
     asking = {
         path.relative_to(ROOT).as_posix(): sorted(lines)
         for path in (*FILES, *ANALYSES)
-        if (lines := asks(path, classes))
+        if (lines := lines_that_depend_on_kinds(path, classes))
     }
     assert len(asking) <= MOST, asking
     text = PAGE.read_text(encoding="utf-8")
@@ -125,5 +131,6 @@ def test_files_that_branch_on_the_kind_of_a_pair_are_few_and_listed():
     ],
 )
 def test_a_table_of_fields_that_are_spelled_like_kinds_is_no_dispatch(table, is_dispatch):
+    """`table` is the source of a dict; it is a dispatch if its keys are all kinds."""
     (statement,) = ast.parse(table).body
     assert is_dispatch_on_kinds(statement.value, {"Revolute", "Rolling"}) == is_dispatch
