@@ -31,7 +31,7 @@ INSIDE = {
     "ContactFriction": "supported_loads",
     "Digits": "within",
     "Mechanism": "angle_between names_of variables_of",
-    "Motion": "joined put rows",
+    "Motion": "assign_rows concatenate rows",
     "Plan": "name pole",
     "RerunRecorder": "log start",
     "InverseKinematics": "no_closed_form",

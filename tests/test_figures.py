@@ -369,7 +369,7 @@ class AnalysisWithoutScene(MinimalAnalysis):
     rowwise: ClassVar[bool] = True
     tables: ClassVar[tuple[Table, ...]] = (
         Table(
-            "bare", "", (SAMPLE, ASSEMBLY_MODE, INPUT, Column("v", "rad", "angle angle"))
+            "bare", "", (SAMPLE, ASSEMBLY_MODE, INPUT, Column("v", "rad", "some angle"))
         ),
     )
 
