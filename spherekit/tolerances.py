@@ -161,8 +161,10 @@ MAX_RATE_SENSITIVITY = 1e12
 loops open) of a row whose rates are computed from the decimal sizes.
 
 Rows with a larger norm are AT_SINGULARITY. At a dead centre, the norm is about the
-reciprocal of the distance in the pair variables. Larger: rows nearer to a singularity
-have rates. Smaller: more rows are AT_SINGULARITY.
+reciprocal of the distance in the pair variables. Only rows that `SINGULAR_RATIO` or
+`MAX_RATE_ERROR` rejects are computed from the decimal sizes, so for a distance above 1e-11
+`SINGULAR_RATIO` has to be as large as the distance. Larger: rows nearer to a singularity
+have rates. Smaller: more of these rows are AT_SINGULARITY.
 """
 
 # ---- Reasons for the end of a path: AT_SINGULARITY, CURVATURE, OFF_PROFILE or MODE_LOST

@@ -1,7 +1,8 @@
 """Reductions: the ways in which values at samples become one figure of merit.
 
 Each way is one entry of `REDUCTION_BY_NAME`, with its meaning, the number that it gives and
-the derivatives of this number. A new reduction needs an entry here and nothing else.
+the derivatives of this number. A new reduction needs an entry here, and its name in the
+help of ``--reduce`` in `cli/sweep.py`, which loads no other module.
 """
 
 from collections.abc import Callable, Mapping
@@ -123,17 +124,17 @@ def sample_weights(
     return weights(SampledValues(no_inputs, values[:, None], is_closed_path), figure)
 
 
-def _smallest(samples: SampledValues) -> Floats:
+def _least(samples: SampledValues) -> Floats:
     # fmin ignores NaN.
     return np.asarray(np.fmin.reduce(samples.values))
 
 
-def _largest(samples: SampledValues) -> Floats:
+def _greatest(samples: SampledValues) -> Floats:
     return np.asarray(np.fmax.reduce(samples.values))
 
 
 def _range(samples: SampledValues) -> Floats:
-    return _largest(samples) - _smallest(samples)
+    return _greatest(samples) - _least(samples)
 
 
 def _sum(samples: SampledValues) -> Floats:
@@ -163,31 +164,31 @@ def _only_value(samples: SampledValues) -> Floats:
     return samples.values[-1]
 
 
-def _input_at_smallest(samples: SampledValues) -> Floats:
+def _input_at_least(samples: SampledValues) -> Floats:
     row = np.argmin(np.nan_to_num(samples.values, nan=np.inf), axis=0)
     has_value = np.any(np.isfinite(samples.values), axis=0)
     return np.where(has_value, samples.q[row], np.nan)
 
 
-def _input_at_largest(samples: SampledValues) -> Floats:
+def _input_at_greatest(samples: SampledValues) -> Floats:
     # The largest value is the smallest one with the sign changed.
-    return _input_at_smallest(SampledValues(samples.q, -samples.values))
+    return _input_at_least(SampledValues(samples.q, -samples.values))
 
 
-def _smallest_weights(samples: SampledValues, figure: float) -> Floats:
+def _least_weights(samples: SampledValues, figure: float) -> Floats:
     weights = np.zeros(len(samples.values))
     weights[np.nanargmin(samples.values)] = 1.0
     return weights
 
 
-def _largest_weights(samples: SampledValues, figure: float) -> Floats:
+def _greatest_weights(samples: SampledValues, figure: float) -> Floats:
     weights = np.zeros(len(samples.values))
     weights[np.nanargmax(samples.values)] = 1.0
     return weights
 
 
 def _range_weights(samples: SampledValues, figure: float) -> Floats:
-    return _largest_weights(samples, figure) - _smallest_weights(samples, figure)
+    return _greatest_weights(samples, figure) - _least_weights(samples, figure)
 
 
 def _sum_weights(samples: SampledValues, figure: float) -> Floats:
@@ -213,8 +214,8 @@ def _swing_weights(samples: SampledValues, figure: float) -> Floats:
 
 
 REDUCTION_BY_NAME: Mapping[str, Reduction] = {
-    "min": Reduction("the least value", _smallest, _smallest_weights),
-    "max": Reduction("the greatest value", _largest, _largest_weights),
+    "min": Reduction("the least value", _least, _least_weights),
+    "max": Reduction("the greatest value", _greatest, _greatest_weights),
     "mean": Reduction("the mean over the samples", _mean, _mean_weights),
     "rms": Reduction(
         "the root of the mean square", _root_mean_square, _root_mean_square_weights
@@ -225,10 +226,10 @@ REDUCTION_BY_NAME: Mapping[str, Reduction] = {
     ),
     "sum": Reduction("the sum over the rows", _sum, _sum_weights),
     "argmin": Reduction(
-        "the input at which it is least", _input_at_smallest, returns_input=True
+        "the input at which it is least", _input_at_least, returns_input=True
     ),
     "argmax": Reduction(
-        "the input at which it is greatest", _input_at_largest, returns_input=True
+        "the input at which it is greatest", _input_at_greatest, returns_input=True
     ),
     "at": Reduction(
         "the value at an input: at(EXPRESSION, Q); at several: at(EXPRESSION, Q, Q)",
