@@ -281,17 +281,24 @@ def perform(
 
 
 def _document(mechanism: Mechanism, subject: Subject) -> Document:
-    """Return the document (the parsed TOML file) of a mechanism.
+    """Return the document (the parsed TOML file) of a mechanism, whose numbers can vary.
+
+    It is the file of the mechanism, if the mechanism is that of the file apart from its
+    inputs, because the choice of inputs changes no number of the file. Otherwise, as when
+    pairs are locked or a study changes the mechanism, a document is made from the
+    mechanism.
 
     Parameters
     ----------
+    mechanism
+        The mechanism.
     subject
-        The file or object from which the mechanism was made. If the mechanism differs from
-        that of the file, because pairs are locked or a study changes it, a new document is
-        made from the mechanism.
+        The file or object from which the mechanism was made. If it is a study file or an
+        object, the document is made from the mechanism.
     """
     if isinstance(subject, str | os.PathLike) and not is_study(find(subject)):
         if replace(load(subject), inputs=()) == replace(mechanism, inputs=()):
             return document_of(subject)
+        # The new document has its angles in the unit that the user chose for the file.
         return document_of(mechanism, angle_unit_of(subject))
     return document_of(mechanism)

@@ -58,9 +58,9 @@ class CollocationStep:
     series
         (N, states) Legendre coefficients of the rate of the state over the step.
     frames
-        (k, m, variables) frames at k times, evenly over the step: the coefficients of the
-        pair variables in the m coordinates to which the momenta belong. With one degree of
-        freedom these are the unit tangents of the configuration curve at the nodes, with
+        (k, m, variables) frames at k times of the step, in their order: the coefficients of
+        the pair variables in the m coordinates to which the momenta belong. With one degree
+        of freedom these are the unit tangents of the configuration curve at the nodes, with
         several there is a single frame for the whole step.
     """
 

@@ -619,13 +619,17 @@ class Collocation:
         def probe(_: Indices, fractions: Floats) -> tuple[Floats, Floats]:
             """Compare the rates of the momenta with the loads at n times of the step.
 
-            Returns errors (n,), relative to the allowed ones, and the arguments of steep
-            functions in the loads (n, arguments). `fractions` (n,) are times from 0 at the
-            start of the step to 1 at its end.
+            `fractions` (n,) are times from 0 at the start of the step to 1 at its end.
+            Returned are errors (n,), relative to the allowed ones, and (n, arguments) the
+            arguments of steep functions in the loads. A load can change abruptly where such
+            an argument is zero or extreme, so `find_first_errors` also probes these times.
             """
             t = step.start + fractions * step.length
-            # With one degree of freedom the frames are the tangents at the nodes, which are
-            # in [-1, 1]. The nearest one is used.
+            # A frame has the coefficients of the pair variables in the coordinates to which
+            # the momenta belong. With several degrees of freedom one frame applies to the
+            # whole step. With one, each node of the step has its frame, the unit tangent of
+            # the configuration curve, and the frame of the nearest node is used. The times
+            # of the nodes, `GAUSS_NODES`, are in [-1, 1], from start to end of the step.
             distances = np.abs(2.0 * fractions[:, None] - 1.0 - GAUSS_NODES)
             nearest = np.argmin(distances, axis=1)
             frame = step.frames[nearest] if equation.freedoms == 1 else self.frame

@@ -50,16 +50,15 @@ class StoredFunction:
 class StoredLoad:
     """A load of a mechanism, as a reduced model stores it.
 
-    A load is the sum of its components. The power of a component is its magnitude times the
-    rate of the variable on which it works.
+    A load is the sum of its components. The power of a component is its magnitude times a
+    velocity: the rate of a pair variable, or a velocity that is stored for this load.
 
     Attributes
     ----------
     name
         Name of the load.
     works_on
-        For each component the variable on which it works: a pair variable, or a velocity
-        that is stored for this load.
+        For each component the name of this pair variable, or of this stored velocity.
     components
         Expressions of the magnitudes in pair variables, their rates and the time. Empty if
         the torque is given by a table.

@@ -151,19 +151,26 @@ def _fit_curve_group(
 ) -> PiecewiseChebyshev:
     """Return the Chebyshev series of one group of functions along the whole curve.
 
+    All functions of a group are fitted together, on the same cells of the coordinate. Group
+    0 has the functions of the motion, each further group those of one pole.
+
     Parameters
     ----------
     sampler
-        Computes exact values of the functions.
+        Computes exact values of the functions at values of the coordinate of the
+        configuration curve.
     group
         Index of the group.
     tolerance
         Error to reach, relative to the scales.
     scales
-        (F,) scales of the functions of the group.
+        (F,) scales of the F functions of the group.
     """
+    # The curve has one coordinate, so `sampler.high` has one element. A function can lose
+    # digits by rounding, and its error then hardly decreases in smaller cells. A relative
+    # error below LOSSY_TOLERANCE is accepted there.
     return PiecewiseChebyshev.fit(
-        lambda x: sampler.evaluate_groups([group], x),
+        lambda coordinates: sampler.evaluate_groups([group], coordinates),
         low=0.0,
         high=float(sampler.high[0]),
         tolerance=tolerance,
@@ -176,7 +183,10 @@ def _fit_curve_group(
 def _measure_curve_errors(
     series: PiecewiseChebyshev, sampler: CurveSampler, group: int
 ) -> Floats:
-    """Return the largest error (F,) of each function of a group between fitted samples."""
+    """Return the largest error (F,) of each of the F functions of a group.
+
+    The series are compared with exact values between the samples of the fit.
+    """
     # Three places in each cell, at multiples of the golden ratio: these are neither nodes
     # of the series nor the places at which the fit checked itself.
     fractions = np.arange(1, 4)[:, None] * (0.5 * (np.sqrt(5.0) - 1.0)) % 1.0

@@ -129,21 +129,27 @@ class ClosedConfigurations:
 
 
 def load_velocity_names(loads: Loads) -> dict[int, str]:
-    """Return the names of stored velocities by the index of the load's component.
+    """Return the names of the load velocities that a reduced model stores.
 
-    A load has one component or, as a force, up to three. The name is that of the load,
-    followed by x, y or z if it has several components. Components that act at a pair are
-    left out: they work on the rate of the pair, which is stored anyway.
+    A load has one component or, as a force, up to three. The power of a component is its
+    magnitude times its load velocity, the velocity on which it works. The model stores this
+    velocity per unit rate of each coordinate. A component that acts at a pair works on the
+    rate of the pair. The model stores this rate for every pair, so the component needs no
+    load velocity of its own.
+
+    Returns
+    -------
+    Names by the index of the component in `loads.components`. A name is that of the load,
+    followed by x, y or z if the load has several components.
     """
     names = {}
-    # `owners` has the index of the load to which each component belongs.
-    for component, load in enumerate(loads.load_of_component):
-        if loads.components[component].pair:
+    for component_index, load_index in enumerate(loads.load_of_component):
+        if loads.components[component_index].pair:
             continue
-        names[component] = f"load {loads.names[load]}"
-        if loads.load_of_component.count(load) > 1:
-            first_component = loads.load_of_component.index(load)
-            names[component] += f" {'xyz'[component - first_component]}"
+        names[component_index] = f"load {loads.names[load_index]}"
+        if loads.load_of_component.count(load_index) > 1:
+            first_index = loads.load_of_component.index(load_index)
+            names[component_index] += f" {'xyz'[component_index - first_index]}"
     return names
 
 
@@ -189,7 +195,8 @@ class Sampler:
         self.poles = poles
         self.closure = position_analysis.solver.closure
         self.loads = Loads(self.mechanism)
-        # Names of the stored velocities, by the index of the load's component.
+        # Names of the velocities on which components of loads work, by the index of the
+        # component.
         self.load_velocities = load_velocity_names(self.loads)
         self.has_dynamics = bool(self.mechanism.masses or self.mechanism.loads)
 
@@ -763,26 +770,30 @@ def _describe_loads(
 ) -> tuple[StoredLoad, ...]:
     """Return the loads of a mechanism as a reduced model stores them.
 
-    The power of a load's component is its magnitude times the rate of the stored function
-    on which it works.
+    A load is a sum of components. The power of a component is its magnitude times a
+    velocity: the rate of a pair variable, or the load velocity that the model stores for
+    the component.
 
     Parameters
     ----------
     loads
         The loads of the mechanism.
     load_velocities
-        Names of stored velocities by the index of the load's component.
+        Names of the load velocities by the index of the component in `loads.components`.
+        Components at pairs are not among them.
     """
     # A torque table has no expression and is stored as numbers.
     stored_loads = []
     for load_index, load in enumerate(loads.mechanism.loads):
-        # For each component of the load, the function on which it works, and its magnitude.
+        # For each component of the load: the name of the pair variable or load velocity on
+        # which it works, and its magnitude.
         works_on = []
         expressions = []
         for component_index, component in enumerate(loads.components):
             if loads.load_of_component[component_index] != load_index:
                 continue
-            # A component at a pair works on the pair variable, others on load velocities.
+            # A component at a pair works on the rate of the pair variable, and the name of
+            # the variable is stored. The others work on their load velocities.
             works_on.append(load_velocities.get(component_index, f"theta_{component.pair}"))
             if isinstance(component.magnitude, Expression):
                 expressions.append(component.magnitude.text)

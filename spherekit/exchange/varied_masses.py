@@ -33,18 +33,24 @@ def express_masses(
     pair_rotations: PairRotations,
     expression_by_path: Mapping[KeyPath, Expr],
 ) -> tuple[Mass, ...]:
-    """Return the masses of a mechanism, with expressions for all elements that vary.
+    """Return the masses of a mechanism as expressions of the numbers that can vary.
+
+    A mass has an inertia tensor, and may have an amount (kg) and a centre of mass. They
+    become expressions if one of their numbers has an expression, or if the file states them
+    by axes of pairs whose directions depend on sizes of links. All other masses stay as
+    they are.
 
     Parameters
     ----------
     document
-        The mechanism file.
+        The mechanism file. Its table "mass" has the mass of each link.
     mechanism
-        Its mechanism.
+        The mechanism of this file.
     pair_rotations
-        Axes of the pairs, in which sizes of links are symbols.
+        The pairs as rotations between their links, which give the axes of pairs in link
+        axes. Sizes of links are symbols in them.
     expression_by_path
-        Expressions of numbers of the document (SI), by their paths.
+        Expressions that replace numbers of the document (SI), by the paths of the numbers.
 
     Returns
     -------
@@ -66,10 +72,11 @@ def _express_mass(
     pair_rotations: PairRotations,
     expression_by_path: Mapping[KeyPath, Expr],
 ) -> Mass:
-    """Return the mass of one link, unchanged if nothing in it varies.
+    """Return the mass of one link, unchanged if no element of it is an expression.
 
-    The numbers of the file become expressions, from which the inertia tensor about the
-    centre of the sphere is computed as it is from plain numbers.
+    The elements are those of the inertia tensor, the amount (kg) and the centre of mass.
+    The inertia tensor about the centre of the sphere is computed from expressions as it is
+    from plain numbers.
 
     Parameters
     ----------

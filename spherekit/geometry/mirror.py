@@ -47,8 +47,9 @@ def mirror_angles(normals: Floats) -> tuple[Floats, Floats, Floats]:
 def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
     """Return the unit normals (n, 3) of mirrors with the angles phi and gamma.
 
-    Both are arrays (n,) in rad. No mirror has angles with sin^2(phi / 2) + sin^2(gamma / 2)
-    > 1; the normal is then NaN.
+    Both are arrays (n,) in rad. They define the normal (-sin(phi / 2), sin(gamma / 2), n_z)
+    with n_z >= 0. If sin^2(phi / 2) + sin^2(gamma / 2) > 1, no unit vector has these
+    components, and the normal is NaN.
     """
     half_phi = 0.5 * np.asarray(phi, dtype=float)
     half_gamma = 0.5 * np.asarray(gamma, dtype=float)
@@ -65,10 +66,12 @@ def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
 def normal_at(phi: float, gamma: float) -> Floats:
     """Return the unit normal (3,) of the mirror with the angles phi and gamma, rad.
 
+    The angles define the normal (-sin(phi / 2), sin(gamma / 2), n_z) with n_z >= 0.
+
     Raises
     ------
     SolveError
-        If no mirror has these angles.
+        If sin^2(phi / 2) + sin^2(gamma / 2) > 1: no unit vector has these components.
     """
     normal = normals_of(phi, gamma)
     if np.any(np.isnan(normal)):

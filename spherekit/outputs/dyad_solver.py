@@ -76,6 +76,7 @@ class DyadKinematics(ClosedKinematics):
             if link not in ends:
                 continue
             real_axis = axis_in(solver.mechanism, solver.joints, real_pair, link)
+            # The sine of so small an arc is the arc itself (rad).
             if arc(real_axis, virtual_axis) < COLLINEAR_SINE:
                 return real_pair
         return pair

@@ -312,10 +312,20 @@ def _collect_axis_ranges(
 def _limit_axis_angles(
     kinematics: LimitedOutput, constraints: Constraints
 ) -> tuple[AngleLimit, ...]:
-    """Return the limits of angles between axes: a lower and an upper one for two axes.
+    """Return the limits of angles between axes of pairs, which restrict the poses.
 
-    Of several ranges of the same angle the strictest limits are returned, with the
-    constraints that they come from.
+    The reach of the legs, the width of links and `constraints.apart` give ranges of these
+    angles. Several ranges of the same angle are replaced by one with the largest lower and
+    the smallest upper limit. A limit names the constraint that it comes from. Limits at 0
+    and pi are left out, because every angle keeps them.
+
+    Parameters
+    ----------
+    kinematics
+        The output with the reach of its legs. `kinematics.carrying` is the mechanism that
+        carries it, without wheels. The pairs have their numbers in that mechanism.
+    constraints
+        The constraints that the user sets.
 
     Raises
     ------
@@ -329,6 +339,8 @@ def _limit_axis_angles(
         strictest_high = min(ranges, key=lambda angle_range: angle_range.high)
         low = strictest_low.low
         high = strictest_high.high
+        # The sine of so small an angle is the angle itself, so that COLLINEAR_SINE also
+        # serves as an angle (rad). In a narrower range the poses form no area.
         if high - low < COLLINEAR_SINE:
             raise _error(
                 kinematics.carrying,
@@ -359,7 +371,8 @@ def _is_always_kept(
     """Return whether a range of the angle between two axes is kept in every pose.
 
     The range is always kept if both axes are on one link: their angle is then constant and
-    has to be in the range. Otherwise the angle depends on the pose.
+    has to be in the range, up to an angle of `COLLINEAR_SINE` (rad). Otherwise the angle
+    depends on the pose.
 
     Parameters
     ----------

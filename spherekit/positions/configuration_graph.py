@@ -149,8 +149,9 @@ class ConfigurationGraph:
         (missing,) = np.nonzero(nodes < 0)
         if not len(missing):
             return nodes
-        # The sign of the determinant with locked inputs distinguishes configurations that
-        # are near to each other on both sides of a singular one.
+        # The sign of the determinant of the closure Jacobian with locked inputs
+        # distinguishes configurations that are near to each other on both sides of a
+        # singular one.
         linearisation = self.solver.closure.linearise(values[missing])
         passive_jacobian = np.delete(linearisation.jacobian, self._driven, axis=2)
         signs = determinant_sign(passive_jacobian)
@@ -365,10 +366,10 @@ class ConfigurationGraph:
         neighbouring sample in the direction. It may join two pieces if
 
         - the node is not singular, and its piece has no node at the target yet, and
-        - a node at the target can be its end: it is not singular, has the same sign of the
-          determinant, which a verified path cannot change, and no path has reached it yet.
-          This is not required at a target where configurations may be missing, because
-          the path can lead to a new node there.
+        - a node at the target can be its end: it is not singular, the determinant of its
+          closure Jacobian has the same sign, which a verified path cannot change, and no
+          path has reached it yet. This is not required at a target where configurations may
+          be missing, because the path can lead to a new node there.
         """
         # `_is_regular` marks nodes that are not singular. -1 means: no sample (`target`),
         # no node (`ends`), no path (`_partner`).
@@ -425,12 +426,25 @@ class ConfigurationGraph:
         return np.sort(nodes[order[rank < paths_per_piece]])
 
     def _join_along_paths(self, nodes: Indices, direction: int) -> None:
-        """Follow paths from nodes (m,) to the next samples in a direction, and join them.
+        """Follow paths from nodes to the next samples in a direction, and join their ends.
 
-        A node is one configuration at one sample of the inputs. Ends of paths that are not
-        nodes yet are added. The attributes `_edges` (joined nodes), `_partner` (end of the
-        path from a node in a direction), `_is_tried` and `_piece` (set of joined nodes, at
-        most one per sample) are updated.
+        A node is one closed configuration at one sample of the inputs. A path leads from a
+        node to a configuration at the neighbouring sample. This configuration becomes a
+        node if it is none yet. These attributes are updated:
+
+        - `_is_tried`: whether a path from a node in a direction was followed,
+        - `_partner`: the node to which this path led,
+        - `_edges`: the nodes at the starts and at the ends of the paths,
+        - `_piece` and `_nodes_of_piece`: the pieces, sets of joined nodes with at most one
+          node per sample.
+
+        Parameters
+        ----------
+        nodes
+            (m,) nodes at which the paths start.
+        direction
+            Row of `InputGrid.neighbours`: 2 a leads to the next sample along axis a, and
+            2 a + 1 to the previous one.
         """
         self._is_tried[direction, nodes] = True
         old_node_count = len(self.sample)
@@ -443,17 +457,19 @@ class ConfigurationGraph:
             target = self._neighbours[direction][self.sample[chunk]]
             is_verified, values = self._follow_paths(chunk, target)
             starts_of_chunks.append(chunk[is_verified])
+            # `add` returns the node of each configuration, new or already present.
             ends_of_chunks.append(self.add(target[is_verified], values[is_verified]))
         starts = np.concatenate(starts_of_chunks)
         ends = np.concatenate(ends_of_chunks)
         # Verified paths are reversible, so two of them cannot end at one node. If they do,
-        # a step has changed the mode unnoticed. Several paths of this call to one node are
-        # therefore all left out, and so is a path to a node that a path of an earlier call
-        # has reached. All chunks are followed before this is judged, so the result does not
-        # depend on their size.
+        # one of them has jumped to another assembly mode, and its tests did not notice it.
+        # Several paths of this call to one node are therefore all left out, and so is a
+        # path to a node that a path of an earlier call has reached. All chunks are followed
+        # before this is judged, so the result does not depend on their size.
         paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
         is_sound = (paths_to_end == 1) & (self._partner[direction ^ 1][ends] < 0)
-        # A path to an old node must also keep the sign of the determinant.
+        # A path to an old node must also keep the sign of the determinant of the closure
+        # Jacobian without the inputs.
         is_sound &= (ends >= old_node_count) | (
             self._determinant_sign[ends] == self._determinant_sign[starts]
         )

@@ -171,22 +171,26 @@ class QuadAssembly:
     ) -> QuadConfigurations:
         """Return the configurations of an assembly mode at given inputs.
 
+        They are computed in quad precision (33 digits).
+
         Parameters
         ----------
         signs
             Sign of each group in the assembly mode: 1 or -1 for a dyad, 0 for other groups.
         determinants
-            Sign of the determinant of each group in the mode, or empty if not known.
+            For each group the sign that the determinant of the Jacobian of its closure
+            equations has in the assembly mode. Empty if the signs are not known.
         q
-            (n, inputs) values of the inputs (rad). They are used exactly as the float64
-            numbers are.
+            (n, inputs) float64 values of the inputs (rad). The configurations belong to
+            exactly these values; the error bounds do not include their rounding.
         starts
             (n, variables) float64 configurations (rad), from which Newton's method starts
             for groups that are not dyads.
 
         Returns
         -------
-        Configurations with their status and error bounds.
+        The configurations in quad precision and rounded to float64, with their status and
+        error bounds.
         """
         with np.errstate(all="ignore"):
             # A body is a set of links whose relative orientations are known. Each group
@@ -200,14 +204,16 @@ class QuadAssembly:
                     determinant = determinants[position] if determinants else 0.0
                     self._close_group(bodies, group, determinant=determinant, starts=starts)
             values = bodies.values.astype(float)
-        # The rounding to float64, and that of bringing angles into one turn.
+        # Rounding an angle of up to pi to float64 changes it by at most EPS. The factor 4
+        # also covers the rounding when angles are brought into one turn.
         error = 4.0 * EPS + bodies.error
         error = np.where(np.all(np.isfinite(values), axis=1), error, np.inf)
         status = np.full(len(q), Status.OK, dtype=np.int8)
         is_doubtful = bodies.is_at_dead_centre | ~(error <= MAX_SINGULAR_ANGLE_ERROR_RAD)
         status[is_doubtful] = Status.AT_SINGULARITY
         status[bodies.is_out_of_reach] = Status.OUT_OF_REACH
-        # There is one body now. Its axes are replaced by those of the ground, link 0.
+        # There is one body now. Its axes are replaced by those of the ground, link 0. The
+        # operator @ returns wrong numbers for stacks of quad matrices, so it is not used.
         ground_from_body = transpose_matrices(bodies.body_from_link[0])
         rotations = [
             multiply_matrices(ground_from_body, bodies.body_from_link[link])

@@ -291,20 +291,23 @@ def find_piece(
 
 @dataclass(frozen=True)
 class ArcBounds:
-    """Bounds for one arc, or arrays of bounds for many half lengths and radii.
+    """Bounds for one arc of configurations, or for arcs in many boxes about one centre.
 
-    The arc is a function y(s), with the coordinate s along the tangent at its centre and
-    the coordinates y along the normals N. F' are the derivatives of the equations, and the
-    matrix Y is near the inverse of F'N.
+    All configurations of the mechanism satisfy equations F(z) = 0 in its variables z. An
+    arc of them near a centre z0 is z = z0 + t s + N y(s). The tangent t and the normals N
+    are those of the configuration curve at the centre. The box of the arc has |s| up to a
+    half length and each |y_i| up to a radius. F' are the derivatives of F by z. The matrix
+    Y is near the inverse of F'N at the centre.
 
     Attributes
     ----------
     distance
-        Largest |y_i| (rad) of the arc.
+        Largest |y_i| (rad) of the arc, its distance from the axis y = 0.
     contraction
-        Largest row sum of |Y F'N - 1|. Below 1 the arc is unique.
+        Largest row sum of |Y F'N - 1| in the box, with the identity 1. Below 1 the arc is
+        unique.
     slope
-        Largest |y_i'|, the slope of the arc against the axis.
+        Largest |dy_i/ds|, the slope of the arc relative to the axis.
     """
 
     distance: Floats
@@ -403,7 +406,8 @@ class TubeTest:
         Parameters
         ----------
         half_length, radius
-            In rad, numbers or arrays that broadcast against each other.
+            Limits (rad) of |s| and of each |y_i|: numbers, or arrays that broadcast against
+            each other.
         """
         outer = np.multiply.outer
         along_tangent = self._tangent_coordinates

@@ -175,7 +175,10 @@ def compute_timed_tables(
     setting: Setting,
     reference_fields: Sequence[PoleField] = (),
 ) -> TimedTables:
-    """Compute the tables of an analysis with a setting, and measure the time.
+    """Compute the tables of an analysis with a setting, and measure the processor time.
+
+    The time until the run is planned does not depend on the number of samples. It is
+    returned separately, so that the time of a run with more samples can be estimated.
 
     Parameters
     ----------
@@ -192,22 +195,27 @@ def compute_timed_tables(
     """
     start = time.process_time()
     run_plan = make_analysis_plan(sampling, analysis, setting)
-    first_seconds = time.process_time() - start
+    planning_seconds = time.process_time() - start
 
     def make_batches() -> Iterator[Batch]:
-        """Yield the batches of all blocks."""
+        """Yield the data of each block of samples, as the analysis reads them."""
+        # `source` computes the motion of each block. The poles of a block, and its
+        # variables without jumps of whole turns, are evaluated from the motion.
         blocks = run_plan.source.blocks(run_plan.block_size)
-        for motion, fields, angles in run_plan.evaluate_blocks(blocks):
+        for motion, pole_fields, continued_angles in run_plan.evaluate_blocks(blocks):
             if reference_fields:
-                # Rows of the reference that belong to the rows of this block. It has all
-                # samples of the first assembly mode, then those of the next mode.
+                # The reference has len(sampling) rows for the first assembly mode, then as
+                # many for the next mode. The block has `motion.samples` rows for each mode,
+                # and `motion.sample` is the number of the sample of each row.
                 first_rows = np.arange(len(motion.assembly_modes)) * len(sampling)
-                rows = motion.sample + np.repeat(first_rows, motion.samples)
-                fields = align_directions(fields, reference_fields, rows)
-            yield run_plan.make_batch(analysis, motion, fields, angles)
+                reference_rows = motion.sample + np.repeat(first_rows, motion.samples)
+                pole_fields = align_directions(
+                    pole_fields, reference_fields, reference_rows
+                )
+            yield run_plan.make_batch(analysis, motion, pole_fields, continued_angles)
 
     tables = run_plan.join_tables(analysis, make_batches())
-    return TimedTables(tables, first_seconds, time.process_time() - start)
+    return TimedTables(tables, planning_seconds, time.process_time() - start)
 
 
 def measure_candidates(

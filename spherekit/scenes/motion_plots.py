@@ -11,14 +11,21 @@ from spherekit.scenes.scene import Series
 
 
 def motion_plots(motion: Motion, is_over_time: bool) -> list[list[Series]]:
-    """Return the plots of a block of samples, one list for each assembly mode.
+    """Return the plots that a recording shows beside the moving links, for a block.
+
+    Over time these are the pair variables. Over values of the inputs there are none.
 
     Parameters
     ----------
     motion
-        The motion of the block.
+        The motion of the block of samples.
     is_over_time
-        Whether the samples are times. Then the pair variables are plotted.
+        Whether the samples are times. Otherwise they are values of the inputs.
+
+    Returns
+    -------
+    One list for each assembly mode, which is empty if the samples are not times. The caller
+    adds it to the links of the mode.
     """
     plots_by_mode = []
     for position in range(len(motion.assembly_modes)):

@@ -198,21 +198,26 @@ class Relation:
 
 @dataclass(frozen=True)
 class ThirdAxis:
-    """The third pole axis of a relation c y' = d q' of three links.
+    """The third pole axis of the relation c y' = d q' between the rates of three links.
 
-    The pole axes (axes of relative rotation) of any two of three links are in one plane.
-    Two of them are those of the input rate q' and of the output rate y'. The third axis is
-    the remaining one.
+    q' is the rate of the input, y' that of the output. Each is the relative rate of two
+    links, so four links take part. If two of the four are the same link, there are three
+    links. The three pole axes (axes of relative rotation) of any two of them are in one
+    plane with the unit normal n. One is the axis u_q of the input, another the axis u_y of
+    the output, and the third axis p is the remaining one. The coefficients are
+    c = n . (u_y x p) and d = n . (u_q x p), or -n . (u_q x p).
 
     Attributes
     ----------
     name
-        Field name in `SixPoles`.
+        Name of the third axis among the fields of `SixPoles`, such as "io" for the pole
+        axis of the links i and o.
     sign_of_d
-        Sign of the coefficient d.
+        1 or -1, the sign in the formula of d.
     label_suffix
-        End of the names that Di Gregorio's lecture gives to the conditions in this case,
-        empty if the lecture does not number them.
+        End of the label of a condition for a singularity, after its type I, II or III. It
+        depends on which two of the four links are the same, as in the lecture of Di
+        Gregorio. It is empty if the lecture does not number the conditions.
     """
 
     name: str
@@ -224,6 +229,8 @@ def find_third_axis(form: Form, links: FourLinks) -> ThirdAxis:
     """Return the third axis of a relation if two of its four links are the same link.
 
     Three links have three pole axes in one plane: those of input and output, and this one.
+    `form` is "i" if the output is the rotation of link o relative to s, and "ii" if it is
+    that relative to r. In both forms the input is the rotation of link i relative to r.
     """
     if form == "ii":
         return ThirdAxis("os" if links.s == links.i else "io", 1.0, "")

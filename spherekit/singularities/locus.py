@@ -276,8 +276,9 @@ class SingularityLocus:
         """Return how near the configurations of a tangent space are to being singular.
 
         A configuration is singular if a unit vector x of rates closes the loops and has
-        E x = 0. The least size of E x over all such x is the smallest singular value of E
-        on an orthonormal basis of these rates.
+        E x = 0, where E x are the rates of the inputs (type II) or of the output (type I).
+        The least size of E x over all x that close the loops is the smallest singular value
+        of E on an orthonormal basis of these rates.
         """
         motion_space = self.motion_space(space)
         equations = self.constraint.equations(space.linearisation)
@@ -320,8 +321,9 @@ class SingularityLocus:
         """Return the points of the locus with borders @ values = targets.
 
         The locus is the set of configurations in which a singular motion exists: unit rates
-        x of the V variables that close the loops, with E x = 0. The mechanism has g degrees
-        of freedom. Newton's method solves for the configuration and the motion together.
+        x of the V variables that close the loops, with E x = 0. E x are the rates of the
+        inputs (type II) or of the output (type I). The mechanism has g degrees of freedom.
+        Newton's method solves for the configuration and the motion together.
 
         Parameters
         ----------
@@ -333,7 +335,8 @@ class SingularityLocus:
             than g - 1 of them, Newton's steps are the shortest ones.
         reference_basis
             (n, V, g + k) the bases of the result are aligned to these, see
-            `LocusPoints.basis`. They then change continuously from point to point.
+            `LocusPoints.basis`. They then change continuously from point to point. k is the
+            dimension of the space of motions in which x is looked for.
         max_steps
             Most Newton steps.
 
@@ -395,10 +398,13 @@ class SingularityLocus:
     ) -> Floats:
         """Return Newton's steps (n, 2 V) of the unknowns: variables, then motions.
 
-        The equations of a point of the locus are: the loops are closed, the motion x is a
-        unit vector of rates that close the loops, E x = 0, and borders @ values = targets.
-        They are solved in coordinates along the tangent spaces. V is the number of
-        variables.
+        The locus is the set of singular configurations. The equations of its points are:
+        the loops are closed, the motion x is a unit vector of rates that close the loops,
+        E x = 0, and borders @ values = targets. E x are the rates of the inputs (type II)
+        or of the output (type I). The unknowns of the linear system are g coordinates of
+        the change of the configuration along the tangent space of the loops, and k
+        coordinates of the change of x along the space of motions. The steps of the V
+        variables and V rates follow from them.
 
         Parameters
         ----------
@@ -415,7 +421,9 @@ class SingularityLocus:
         closed_values = values + space.closing_step
         border_residual = targets - np.matvec(borders, closed_values)
         constraint_residual = -linearised.constraint_residual - linearised.closing_change
+        # `unit_motions` have |x| = 1 already. The steps to them are added below.
         norm_residual = np.zeros((len(values), 1))
+        # The rows are in the order of `linearised.equations`.
         right_side = np.concatenate(
             [constraint_residual, norm_residual, border_residual], axis=1
         )
@@ -435,9 +443,11 @@ class SingularityLocus:
         # continue to close the loops when the variables change.
         motion_steps = linearised.unit_motions - motions
         motion_steps = motion_steps + linearised.motion_space.to_rates(motion_coordinates)
-        along_basis = linearised.motion_corrections[..., :-1]
-        along_closing_step = linearised.motion_corrections[..., -1]
-        motion_steps += along_closing_step + np.matvec(along_basis, value_coordinates)
+        # The corrections of the motion for unit changes of the configuration along the g
+        # columns of the basis, and, in the last column, for the step that closes the loops.
+        basis_corrections = linearised.motion_corrections[..., :-1]
+        closing_correction = linearised.motion_corrections[..., -1]
+        motion_steps += closing_correction + np.matvec(basis_corrections, value_coordinates)
         return np.concatenate([value_steps, motion_steps], axis=1)
 
     def _linearise(
@@ -449,7 +459,8 @@ class SingularityLocus:
     ) -> _LinearisedLocus:
         """Return the equations of the locus, linearised at configurations and motions.
 
-        Rows of the matrix are: E x = 0 (m), |x| = 1 (one), and the borders (b). Columns are
+        E x are the rates of the inputs (type II) or of the output (type I). Rows of the
+        matrix are: E x = 0 (m), |x| = 1 (one), and the borders (b). Columns are
         the coordinates of the change of the configuration in the tangent space (g), then
         those of the change of the motion x in the space of motions (k). The derivative of
         E x by the configuration has two terms: E changes, and x has to go on closing the

@@ -65,32 +65,45 @@ def convert_to_graph(
         "min": lambda *items: -1.0 * reduce(form_maximum, (-1.0 * item for item in items)),
     }
 
-    def convert_operation(name: str, parts: list[tuple[Expr, Expr]]) -> tuple[Expr, Expr]:
-        """Return the full and reduced value of an operation, from those of its parts.
+    def convert_operation(
+        name: str, operands: list[tuple[Expr, Expr]]
+    ) -> tuple[Expr, Expr]:
+        """Return the full and the reduced value of an operation.
 
         A reduced value differs from the full value by a number of whole revolutions. An
-        angle of many revolutions has fewer exact digits, so periodic functions take the
-        reduced value, at which they have the same value.
+        angle of many revolutions has fewer exact digits. Sines, cosines and tangents
+        therefore take the reduced values of their operands, at which they have the same
+        value. All other operations compute their full value from full values.
+
+        Parameters
+        ----------
+        name
+            Name of the operation, such as "+" or "sin".
+        operands
+            Full and reduced value of each operand.
         """
-        full_arguments, reduced_arguments = zip(*parts, strict=True)
-        if name == "/" and full_arguments[1] == 0.0:
-            # The text of the whole expression, for the message.
-            what = f'"{expression.text}"' if expression.text else "a load"
-            raise EngineError(f"{what} divides by what is zero everywhere")
+        full_operands, reduced_operands = zip(*operands, strict=True)
+        # A denominator that is zero only at some values of the names is not an error.
+        if name == "/" and full_operands[1] == 0.0:
+            subject = f'"{expression.text}"' if expression.text else "a load"
+            raise EngineError(f"{subject} divides by what is zero everywhere")
         is_periodic = name in PERIODIC_FUNCTIONS
-        arguments = reduced_arguments if is_periodic else full_arguments
+        arguments = reduced_operands if is_periodic else full_operands
+        # All operations that are not in `operations`, such as "sin", are functions by name.
         if name in operations:
-            value = operations[name](*arguments)
+            full_result = operations[name](*arguments)
         else:
-            value = function(name, *arguments)
-        # The operation of the reduced values is a reduced value of the result if both
-        # results differ by whole revolutions: for sums, and for a product with an integer.
+            full_result = function(name, *arguments)
+        # Sums of reduced values differ from the full result by whole revolutions, and so
+        # does the product of an integer and a reduced value. Both values of a number are
+        # the number itself, so the integer factor is the same in both products.
         is_integer_multiple = name == "*" and any(
-            isinstance(x, float) and x % 1.0 == 0.0 for x in full_arguments
+            isinstance(x, float) and x % 1.0 == 0.0 for x in full_operands
         )
         if name in PRESERVES_WHOLE_REVOLUTIONS or is_integer_multiple:
-            return value, operations[name](*reduced_arguments)
-        return value, value
+            return full_result, operations[name](*reduced_operands)
+        # The reduced value of any other result is the full value.
+        return full_result, full_result
 
     # Both values of a number are the number itself.
     full_value, _ = fold(

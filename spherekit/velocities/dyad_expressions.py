@@ -81,7 +81,11 @@ def place_by_inputs(
     """Return the orientations of all links for given inputs and signs.
 
     A dyad is two links in series between two other links. It can be closed in two ways,
-    between which its sign chooses.
+    between which its sign chooses. Links whose relative orientations are known form a body.
+    The inputs determine the bodies at the beginning, and each dyad unites three of them.
+
+    The rotation of a link from link axes to ground axes is `basis @ basis_from_link`, see
+    `LinkOrientation`. Only `basis` changes when a body is turned.
 
     Parameters
     ----------
@@ -92,6 +96,11 @@ def place_by_inputs(
     signs
         +1 or -1 for each dyad in solving order: the sign of u_1 . (u_2 x u_3) with the axes
         of its pairs in file order, as in `AssemblyMode`.
+
+    Returns
+    -------
+    The orientations, and for each dyad the square of the triple product u_1 . (u_2 x u_3),
+    which is negative if the dyad does not close.
 
     Raises
     ------
@@ -108,22 +117,26 @@ def place_by_inputs(
     driven_angles = dict(zip(structure.inputs, q, strict=True))
     driven_angles |= structure.follower_angles(q)
     variables = [driven_angles.get(v) for v in range(len(mechanism.variable_names))]
-    # First the links of each body are placed relative to each other, by the driven pairs.
+    # The driven pairs place the links of each body relative to its first link.
     steps = find_spanning_tree(mechanism.ends, assembly.bodies, assembly.inputs)
     orientations = place_by_variables(mechanism, structure.pairs, variables, steps)
-    # Each dyad then becomes part of the first body of its group.
+    # Each dyad then becomes part of the first body of its group. `_close_dyad` changes
+    # `orientations` in place.
     triple_squares = [
         _close_dyad(structure, group, sign, orientations)
         for group, sign in zip(assembly.groups, signs, strict=True)
     ]
     ground = orientations[0]
     if ground.depth:
-        # The ground belongs to a body that was turned into its place. All links are turned
-        # back together, so that the ground has its own axes again.
-        back = constants(ground.basis_from_link.T) @ ground.basis.T
+        # The depth is not 0 if the ground was placed relative to another link of its body,
+        # or if a dyad has turned this body. All links are turned by the inverse of the
+        # rotation of the ground, so that the ground has its own axes again.
+        inverse_rotation = constants(ground.basis_from_link.T) @ ground.basis.T
         orientations = [
             replace(
-                orientation, basis=back @ orientation.basis, depth=orientation.depth + 1
+                orientation,
+                basis=inverse_rotation @ orientation.basis,
+                depth=orientation.depth + 1,
             )
             for orientation in orientations
         ]

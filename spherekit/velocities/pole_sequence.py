@@ -255,10 +255,11 @@ class PlannedPoles:
     def great_circles(self, pole: Pole) -> Floats:
         """Return the unit normals (n, 2, 3) of two great circles that meet in a pole.
 
-        The two circles are those from which the plan computes the pole. If the plan
-        computes it in another way, each circle passes through the poles that the two links
-        have with a third body. The result is NaN if there are fewer than two such bodies,
-        or if both links belong to one body.
+        The plan computes a pole as the intersection of two great circles, as the axis of a
+        pair, or from velocity equations. In the first case the result is these two circles.
+        Otherwise each circle passes through the poles that the two links have with a third
+        body. The result is NaN if there are fewer than two such bodies, or if both links
+        belong to one body.
 
         Parameters
         ----------
@@ -272,6 +273,8 @@ class PlannedPoles:
         with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             if body_pole not in self._circle_normals:
                 i, j = body_pole
+                # Bodies k whose poles with i and j are both known. `pole_of` gives the key
+                # of a pole, and `directions` has the known ones.
                 third_bodies = [
                     k
                     for k in self.plan.bodies
@@ -281,14 +284,16 @@ class PlannedPoles:
                 ]
                 if len(third_bodies) < 2:
                     return no_circles
-                # A step of a plan as if the pole were computed from these bodies.
+                # A step of a plan as if the pole were computed from these bodies. Its round
+                # is not read here.
                 circles = self._choose_great_circles(
-                    LinePole(body_pole, 0, tuple(third_bodies))
+                    LinePole(body_pole, round=0, via=tuple(third_bodies))
                 )
-                normals = circles.first_normal, circles.second_normal
-                self._circle_normals[body_pole] = normals
-            both = np.stack(self._circle_normals[body_pole])
-            return (both / norm_columns(both)[:, None]).transpose(2, 0, 1)
+                both_normals = circles.first_normal, circles.second_normal
+                self._circle_normals[body_pole] = both_normals
+            # The axes are: circle (2), component (3), row (n).
+            normals = np.stack(self._circle_normals[body_pole])
+            return (normals / norm_columns(normals)[:, None]).transpose(2, 0, 1)
 
 
 def _unit_vectors(vectors: Floats) -> Floats:

@@ -100,8 +100,9 @@ def draw_sphere() -> Stills:
 def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
     """Yield the data of a primitive that are the same in all rows and are logged once.
 
-    Each item is a path below the path of the primitive, and the data to be logged there.
-    Many primitives log only their appearance here; their positions follow row by row, see
+    Each item is a path below the path of the primitive, and the data to be logged there by
+    rerun (`rr`), which shows recordings. The path `ENTITY_ITSELF` is the primitive. Many
+    primitives log only their appearance here; their positions follow row by row, see
     `moving_columns`.
 
     Parameters
@@ -156,8 +157,9 @@ def moving_columns(
 ) -> Iterator[Moving]:
     """Yield the data of a primitive that change from row to row, for one block of rows.
 
-    Each item is a path below the path of the primitive, and the columns to be logged there.
-    A row without a configuration is NaN: it gets no arrow, point or label.
+    Each item is a path below the path of the primitive, and the columns to be logged there
+    by rerun (`rr`), which shows recordings. The path `ENTITY_ITSELF` is the primitive. A
+    row without a configuration is NaN: it gets no arrow, point or label.
 
     Parameters
     ----------
@@ -173,6 +175,8 @@ def moving_columns(
             yield from diagrams.moving_columns(primitive)
         case Body(quaternions=quaternions) if quaternions is not None:
             yield ENTITY_ITSELF, _rotation_columns(quaternions)
+            # The labels move with the link and were logged by `draw_static`. Each row says
+            # whether they are shown.
             yield "labels", rr.Points3D.columns(show_labels=all_finite(quaternions, 1))
         case Arrow():
             yield from _arrow_columns(primitive, labels)
@@ -183,6 +187,8 @@ def moving_columns(
         case Portrait():
             points = place_in_frame(primitive.placed())
             is_valid = all_finite(points, 1)
+            # The points themselves differ from row to row. `partition` gives each valid row
+            # one point, and the others none.
             columns = rr.Points2D.columns(positions=points[is_valid])
             yield "mark", columns.partition(is_valid)
         case Series(values=values):
@@ -225,6 +231,7 @@ def _arrow_columns(arrow: Arrow, labels: NDArray[np.object_] | None) -> Iterator
         used in all rows.
     """
     is_valid = all_finite(arrow.directions, 1)
+    # `partition` gives each row for which its argument is True one item, the others none.
     directions = arrow.directions[is_valid]
     length = PAIR_ARROW_LENGTH if arrow.primary else POLE_ARROW_LENGTH
     yield (
