@@ -104,7 +104,8 @@ class _Bodies:
         (n, variables) pair variables (rad) in quad precision, NaN as long as they are
         unknown.
     error
-        (n,) bound of the error (rad) of the rotations if the inputs are exact.
+        (n,) bound of the error (rad) of the rotations if the inputs are exact. At a dead
+        centre it also covers the rounding of the inputs.
     rounding
         (n,) rounding error (rad) of the inputs.
     is_out_of_reach
@@ -182,7 +183,8 @@ class QuadAssembly:
             equations has in the assembly mode. Empty if the signs are not known.
         q
             (n, inputs) float64 values of the inputs (rad). The configurations belong to
-            exactly these values; the error bounds do not include their rounding.
+            exactly these values. Their rounding only counts for the status, and for the
+            error bounds at a dead centre.
         starts
             (n, variables) float64 configurations (rad), from which Newton's method starts
             for groups that are not dyads.

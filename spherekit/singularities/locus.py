@@ -460,11 +460,11 @@ class SingularityLocus:
         """Return the equations of the locus, linearised at configurations and motions.
 
         E x are the rates of the inputs (type II) or of the output (type I). Rows of the
-        matrix are: E x = 0 (m), |x| = 1 (one), and the borders (b). Columns are
-        the coordinates of the change of the configuration in the tangent space (g), then
-        those of the change of the motion x in the space of motions (k). The derivative of
-        E x by the configuration has two terms: E changes, and x has to go on closing the
-        loops.
+        matrix are: E x = 0 (m), |x| = 1 (one), and the borders (b). Columns are the
+        coordinates of the change of the configuration in the tangent space (g), then those
+        of the change of the motion x in the space of motions (k). The derivative of E x by
+        the configuration has two terms: E changes, and x changes because it must continue
+        to close the loops.
 
         Parameters
         ----------
