@@ -270,5 +270,7 @@ def test_some_rows_of_several_modes_have_poles():
     made = sk.load("four_bar")
     (motion,) = make_sampling(Study(made.name, made, 9)).blocks(9)
     poles = all_poles(len(made.links))
-    field = evaluate(motion.rows([2]), request(made, made.inputs[0].pair, poles, poles))
+    field = evaluate(
+        motion.rows([2]), request(made, made.inputs[0].pair, poles, rates=poles)
+    )
     assert all(len(u) == 1 and np.all(np.isfinite(u)) for u in field.direction.values())

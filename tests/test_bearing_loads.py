@@ -80,27 +80,34 @@ def test_bearing_forces_are_those_of_free_bodies(name):
     In `bearing_forces` every link is a free body that only its bearings and contacts hold.
     Teeth touch with one of two flanks and can only push; every combination of flanks is
     solved, and exactly one has pushing forces only.
+
+    The forces of the reference are those of the first link of a pair on the second, in
+    ground axes. Their keys are (name of the bearings, number of the bearing) for R pairs
+    and (name of the pair, 0) for contacts.
     """
     mechanism, joint = mechanism_on_bearings(name)
-    found_reactions = reactions(
+    computed_reactions = reactions(
         motion_by_polynomial_laws(mechanism, STARTS[name], [0.0, 0.2])
     )
-    assert not np.any(found_reactions.open_forces)
-    assert not found_reactions.lacking.wanted
-    torques = found_reactions.torques
+    # The file determines all forces: no component is open, and no information is missing.
+    assert not np.any(computed_reactions.open_forces)
+    assert not computed_reactions.lacking.wanted
+    torques = computed_reactions.torques
     meshes = [pair.name for pair in mechanism.pairs if pair.pressure_angle is not None]
     for row in range(len(torques.t)):
         arguments = row_of_torques(torques, row, joint)
-        frames = found_reactions.frames[row]
+        frames = computed_reactions.frames[row]
         solutions = []
         for signs in product((1.0, -1.0), repeat=len(meshes)):
             sides = dict(zip(meshes, signs, strict=True))
             solution = bearing_forces(*arguments, sides)
-            pushes = [
+            # The y axis of a pair of toothed wheels points to the side of the first wheel,
+            # so that a push of the first wheel on the second is negative along it.
+            y_components = [
                 solution[0][mesh, 0] @ frames[mechanism.pair_number[mesh]][:, 1]
                 for mesh in meshes
             ]
-            if all(push < 0.0 for push in pushes):
+            if all(y_component < 0.0 for y_component in y_components):
                 solutions.append(solution)
         ((forces, undetermined, residual),) = solutions
         largest_force = max(np.max(np.abs(force)) for force in forces.values())
@@ -111,10 +118,10 @@ def test_bearing_forces_are_those_of_free_bodies(name):
             # Reactions are given in the frame of the pair, the reference in ground axes.
             if pair.kind.has_axis:
                 load = f"at_{pair.name}"
-                in_ground = found_reactions.on_bearings[load][row] @ frames[k].T
+                in_ground = computed_reactions.on_bearings[load][row] @ frames[k].T
                 reference = np.array([forces[load, n] for n in (0, 1)])
             else:
-                in_ground = found_reactions.forces[row, k] @ frames[k].T
+                in_ground = computed_reactions.forces[row, k] @ frames[k].T
                 reference = forces[pair.name, 0]
             assert in_ground == pytest.approx(reference, abs=1e-11 * largest_force)
 
@@ -133,11 +140,11 @@ def test_a_vertical_shaft_stands_on_its_fixed_bearing(speed, tmp_path):
     (tmp_path / "shaft.toml").write_text(SHAFT)
     shaft = sk.load(tmp_path / "shaft.toml")
     angle = 0.4
-    found_reactions = reactions(
+    computed_reactions = reactions(
         motion_by_polynomial_laws(shaft, (angle,), [0.0], speed, 0.0)
     )
-    ((first, second),) = found_reactions.on_bearings["bearings"]
-    frame = found_reactions.frames[0, 0]
+    ((first, second),) = computed_reactions.on_bearings["bearings"]
+    frame = computed_reactions.frames[0, 0]
     outwards = np.array([np.cos(angle), np.sin(angle), 0.0])  # x of the shaft
     radial = np.array([frame @ first, frame @ second]) @ outwards
     pull = speed**2
@@ -257,12 +264,12 @@ def test_reactions_name_what_is_missing_to_determine_forces():
     light = replace(mechanism.masses[2], mass=None, centre=None)
     masses = (*mechanism.masses[:2], light, *mechanism.masses[3:])
     mechanism = replace(mechanism, masses=masses, loads=mechanism.loads[1:])
-    found_reactions = reactions(
+    computed_reactions = reactions(
         motion_by_polynomial_laws(mechanism, STARTS["stephenson"], [0.0])
     )
-    assert found_reactions.lacking.centres == (light.link,)
-    assert len(found_reactions.lacking.floating) == 6
-    assert np.all(found_reactions.open_forces)
+    assert computed_reactions.lacking.centres == (light.link,)
+    assert len(computed_reactions.lacking.floating) == 6
+    assert np.all(computed_reactions.open_forces)
 
     run = sk.run(mechanism, "reactions", samples=3)
     (analysis,) = run.summary["analyses"]

@@ -93,6 +93,8 @@ def test_bounds_of_rows_in_quad_precision_are_those_of_rounding_at_least():
     made = random_mechanism(2)[1]
     tracer = PositionAnalysis(made, search=False, samples=3, assembly_mode=0)
     poles = all_poles(len(made.links))
-    field = evaluate(tracer.motion(), request(made, made.inputs[0].pair, poles, poles))
+    field = evaluate(
+        tracer.motion(), request(made, made.inputs[0].pair, poles, rates=poles)
+    )
     assert np.all(field.is_quad_precision)
     assert all(np.all(error > EPS) for error in field.direction_error.values())

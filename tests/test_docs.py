@@ -352,16 +352,19 @@ NAMING = ("column", "table", "key", "parameter", "quantity")
 """Heads of tables that list columns, keys and parameters."""
 
 OTHERS = {"framequat", "mj_rnePostConstraint", "float128", "q_left", "q_right"}
-"""Names of other programs, and of what mechanisms of the pages are called."""
+"""Names of other programs, and columns of a mechanism that only a page describes."""
 
 OF_OTHER_PROGRAMS = ("--editable", "--dist", "--extra", "--keep-going")
 
 
 def is_declared(name, names):
-    """Whether a name is there, or stands for some: capitals are any name of the user's."""
+    """Whether a name is in `names`, or is a pattern that fits one of them.
+
+    In a pattern, such as theta_PAIR, a part in capitals stands for a name of the user's.
+    """
     pattern = re.sub(r"(?<![A-Za-z])[A-Z][A-Z0-9]*(?![A-Za-z])", r"\\w+", name)
     return name in names or (
-        pattern != name and any(re.fullmatch(pattern, known) for known in names)
+        pattern != name and any(re.fullmatch(pattern, full_name) for full_name in names)
     )
 
 
@@ -411,23 +414,25 @@ def test_options_that_pages_name_are_those_of_commands(capsys):
 
 
 def test_names_in_pages_exist_in_the_sources(declared):
-    """Whatever a page quotes as a name is declared, or is a word in a source file.
+    """Every name in backquotes in the text of a page is one of the following.
 
-    Words in code blocks of the pages and names of shipped files are also known.
+    It is declared (see `declared`), listed in `OTHERS`, a word of a source file or of a
+    code block of a page, or the name of a source file or shipped mechanism. Quoted words
+    that begin with a capital or end with a digit are not checked.
     """
-    known_names = declared | OTHERS
-    known_names |= {path.name.split(".")[0] for path in MECHANISMS.iterdir()}
+    permitted_names = declared | OTHERS
+    permitted_names |= {path.name.split(".")[0] for path in MECHANISMS.iterdir()}
     for folder in ("spherekit", "analyses", "benchmarks", "tests", "docs/site_pages"):
         for path in (ROOT / folder).rglob("*.py"):
-            known_names.add(path.stem)
-            known_names |= set(re.findall(r"\w+", path.read_text("utf-8")))
+            permitted_names.add(path.stem)
+            permitted_names |= set(re.findall(r"\w+", path.read_text("utf-8")))
     for text in PAGES.values():
         for _, code in BLOCK.findall(text):
-            known_names |= set(re.findall(r"\w+", code))
+            permitted_names |= set(re.findall(r"\w+", code))
     unknown = []
     for page, text in PAGES.items():
         for name in quoted(BLOCK.sub("", text)):
             is_name = re.fullmatch(r"[a-z]\w*(?<!\d)", name)
-            if is_name and not is_declared(name, known_names):
+            if is_name and not is_declared(name, permitted_names):
                 unknown.append(f"{page}: {name}")
     assert not unknown, "; ".join(unknown)

@@ -37,6 +37,7 @@ FLAT = np.radians([60.0, 40.0, 60.0, 40.0])
 FLAT_ONE = replace(example_mechanisms.four_bar(FLAT), loads=())
 TURN = np.linspace(0.0, 2.0 * np.pi, 121)
 DRIVING = "10*sin(2*t)"
+"""Torque (N m) of the input over time (s)."""
 
 
 # --- the four-bar in 50 digits ------------------------------------------------------
@@ -247,7 +248,11 @@ def differences_of_the_source(mechanism, start, duration, torque, step):
 
 @pytest.mark.slow
 def test_the_finite_differences_of_the_source_converge_to_the_simulation(four_bar):
-    """The differences are of first order: half the step has half the error."""
+    """Differences of Di Gregorio (2024) are of first order: half the step, half the error.
+
+    `differences_of_the_source` takes one torque, as a function of time: that of `DRIVING`.
+    The loads of the file are therefore removed from the simulation.
+    """
     mechanism = replace(four_bar, loads=())
     start = Start(0.3, 1.0)
     duration = 0.5

@@ -104,7 +104,7 @@ def check_rates_against_null_space(mechanism, samples=9):
     poles = all_poles(len(mechanism.links))
     (driven_pair,) = mechanism.input_pairs
     pole_request = request(
-        mechanism, driven_pair, poles, poles, by_rank=position_analysis.by_rank
+        mechanism, driven_pair, poles, rates=poles, by_rank=position_analysis.by_rank
     )
     field = evaluate(motion, pole_request)
     driven = mechanism.pair_number[driven_pair]

@@ -29,10 +29,11 @@ FRAME_ROTATION = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
 def evaluate_fields(mechanism, samples=3):
     """Return the motion of mode 0 and {input pair: velocity field} at these samples.
 
-    A field holds the angular velocities of all links while one input moves and the others
-    are locked.
+    A field holds the poles, their velocity coefficients and the angular velocities of all
+    links while one input moves and the others are locked.
     """
     with warnings.catch_warnings():
+        # A warning of NumPy (division by zero, invalid value) fails the test.
         warnings.simplefilter("error", RuntimeWarning)
         position_analysis = PositionAnalysis(
             mechanism, search=False, samples=samples, assembly_mode=0
@@ -41,11 +42,13 @@ def evaluate_fields(mechanism, samples=3):
         poles = all_poles(len(mechanism.links))
         fields = {}
         for input_pair in position_analysis.inputs:
+            # Plan the poles as the positions were planned: `by_rank` says that the freedom
+            # of each input follows from ranks and not from counting.
             pole_request = request(
                 position_analysis.mechanism,
                 input_pair,
-                poles,
-                poles,
+                poles=poles,
+                rates=poles,
                 by_rank=position_analysis.by_rank,
             )
             fields[input_pair] = evaluate(motion, pole_request)
@@ -166,7 +169,8 @@ def follow_to_next_sample(motion, row, steps=40):
 def check_rows_stay_in_one_mode(motion):
     """Assert that each row is reached from the row before it by a continuous motion.
 
-    Rows near singularities are skipped, where `follow_to_next_sample` gives None.
+    Rows near singularities are skipped, where `follow_to_next_sample` gives None. In the
+    other rows the sign of the determinant with inputs locked must not change either.
     """
     mechanism = motion.mechanism
     is_angle = [mechanism.pairs[p].type == "R" for p in mechanism.variable_owners]

@@ -48,7 +48,7 @@ def random_poses(kinematics, count, seed):
     return rotations[:, :, 2] if kinematics.wrist.points else rotations
 
 
-MADE = {
+MECHANISMS = {
     **{name: lambda name=name: sk.load(name) for name in SHIPPED},
     "unlike_legs": platform_with_unlike_legs,
     "serial_3": lambda: serial_chain(3),
@@ -57,9 +57,9 @@ MADE = {
 }
 
 
-@pytest.fixture(params=MADE)
-def made(request):
-    return MADE[request.param]()
+@pytest.fixture(params=MECHANISMS)
+def mechanism(request):
+    return MECHANISMS[request.param]()
 
 
 def test_tilt_and_torsion_and_euler_angles_lead_back():
@@ -92,21 +92,25 @@ def test_tilt_and_torsion_are_euler_angles_of_scipy():
     assert np.allclose(tilt_torsion(rotation), angles, atol=1e-15)
 
 
-def test_vectors_agree_with_the_positions_of_all_links(made):
-    """Closed-form inputs agree with the position analysis of all links, in every mode.
+def test_vectors_agree_with_the_positions_of_all_links(mechanism):
+    """Inputs computed by vectors agree with the positions of all links, in every mode.
 
-    A working mode has one sign per leg. Errors grow with 1 / type_1, the distance of a leg
-    from its dead centre (0 to 1).
+    Inverse kinematics has closed forms in vectors. The reference is a position solver of
+    the mechanism with a wrist, a chain of three virtual pairs from the base to the output.
+    Its inputs are the angles of the wrist: azimuth and tilt if the output is a direction
+    (`wrist.points`), otherwise Euler angles z-y-z. A working mode has one sign per leg.
+    Errors grow with 1 / type_1, the distance of a leg from its dead centre (0 to 1).
     """
-    kinematics = sk.InverseKinematics(made)
+    kinematics = sk.InverseKinematics(mechanism)
     poses = random_poses(kinematics, 60, 3)
     coordinates = azimuth_tilt(poses) if kinematics.wrist.points else euler_zyz(poses)
     inverse = kinematics.at(poses)
     assert len(inverse.modes) == 2 ** len(kinematics.legs)
     for k, signs in enumerate(inverse.modes):
-        graph = kinematics.solver.evaluate(AssemblyMode(0, signs), coordinates)
-        assert np.array_equal(graph.status, inverse.status[k])
-        differences = graph.values[:, kinematics.driven] - inverse.inputs[k]
+        # The mode is selected by its signs; 0 is its number.
+        positions = kinematics.solver.evaluate(AssemblyMode(0, signs), coordinates)
+        assert np.array_equal(positions.status, inverse.status[k])
+        differences = positions.values[:, kinematics.driven] - inverse.inputs[k]
         is_valid = inverse.status[k] == Status.OK
         differences = np.abs(np.angle(np.exp(1j * differences[is_valid])))
         assert np.max(differences * inverse.type_1[k][is_valid], initial=0.0) < 2e-13
@@ -121,10 +125,12 @@ def test_inverse_kinematics_can_be_sent_to_other_processes_after_use():
     assert np.array_equal(copy.at(poses).inputs, inverse.inputs, equal_nan=True)
 
 
-def pair_frames(made):
+def pair_frames(mechanism):
     """Return the frames (3, 3) of each pair in its first and second link, by name."""
-    joints = make_joints(made)
-    return {p.name: (j.first, j.second) for p, j in zip(made.pairs, joints, strict=True)}
+    joints = make_joints(mechanism)
+    return {
+        p.name: (j.first, j.second) for p, j in zip(mechanism.pairs, joints, strict=True)
+    }
 
 
 def test_the_margin_of_a_three_legged_wrist_is_that_of_its_nearest_leg():
@@ -185,13 +191,13 @@ def test_the_measures_of_a_three_legged_wrist_are_those_of_its_leg_planes():
         assert np.max(np.abs(type_2 - inverse.type_2[mode][is_valid])) < 1e-12
 
 
-def test_the_jacobian_inverts_differences_of_the_inputs(made):
+def test_the_jacobian_inverts_differences_of_the_inputs(mechanism):
     """The Jacobian (output by inputs) is the inverse of the inputs' central differences.
 
     The inverse kinematics is evaluated at poses turned by 1e-5 rad about x, y and z, away
     from singularities.
     """
-    kinematics = sk.InverseKinematics(made)
+    kinematics = sk.InverseKinematics(mechanism)
     poses = random_poses(kinematics, 300, 11)
     inverse = kinematics.at(poses, normals=True)
     is_regular = (inverse.status == Status.OK) & (np.min(inverse.type_1, axis=2) > 0.2)
@@ -248,15 +254,15 @@ def test_an_output_relative_to_a_moving_link():
 
     The ground is then placed like any other link. Forward kinematics leads back.
     """
-    made = sk.load("three_rrr")
-    made = replace(made, outputs=(Output("o", "coupler2", "crank1"),))
-    kinematics = sk.InverseKinematics(made)
+    mechanism = sk.load("three_rrr")
+    mechanism = replace(mechanism, outputs=(Output("o", "coupler2", "crank1"),))
+    kinematics = sk.InverseKinematics(mechanism)
     poses = random_rotations(5, 18)
     poses[1] = np.nan
     solutions = kinematics.solutions(poses)
     assert len(solutions.row) and 1 not in solutions.row
     assert np.max(np.abs(solutions.rotations - poses[solutions.row])) < 1e-13
-    forward = ForwardKinematics(made)
+    forward = ForwardKinematics(mechanism)
     for row in (0, len(solutions.row) - 1):
         forward_solutions = forward.solutions(solutions.inputs[row][None])
         gap = np.max(
@@ -270,14 +276,13 @@ THREE, FIVE = sk.load("three_rrr"), sk.load("five_bar")
 
 def inverse_kinematics_between(name, link, base):
     """Return the inverse kinematics of a link relative to another."""
-    made = replace(sk.load(name), outputs=(Output("o", link, base),))
-    return sk.InverseKinematics(made)
+    mechanism = replace(sk.load(name), outputs=(Output("o", link, base),))
+    return sk.InverseKinematics(mechanism)
 
 
 @pytest.mark.parametrize("call", TABLES["inverse kinematics"])
 def test_bad_arguments_of_inverse_kinematics_are_refused(call):
-    """Each call of "inverse kinematics" in `refusals.toml` raises the error stated there.
-    """
+    """A call of "inverse kinematics" in `refusals.toml` raises the error stated there."""
     check_call(call, globals(), TABLES["inverse kinematics"][call])
 
 

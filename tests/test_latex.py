@@ -51,16 +51,16 @@ def rows_of(text):
 
 def printed_values(text):
     """Return the printed values of symbols: angles (rad), vectors and tensors."""
-    found = {}
+    values = {}
     for symbol, value, _ in VALUE.findall(text):
         if value.startswith("("):
-            found[symbol] = mpmath.matrix([scalar(x) for x in value[1:-1].split(",")])
+            values[symbol] = mpmath.matrix([scalar(x) for x in value[1:-1].split(",")])
         elif rows_of(value):
             rows = [[scalar(x) for x in row.split("&")] for row in rows_of(value)]
-            found[symbol] = mpmath.matrix(rows)
+            values[symbol] = mpmath.matrix(rows)
         else:
-            found[symbol] = mpmath.radians(scalar(value.removesuffix(r"^{\circ}")))
-    return found
+            values[symbol] = mpmath.radians(scalar(value.removesuffix(r"^{\circ}")))
+    return values
 
 
 @functools.cache
@@ -84,33 +84,35 @@ def is_vector(x):
     return isinstance(x, mpmath.matrix)
 
 
-def evaluate_tree(node, at):
+def evaluate_tree(node, values):
     """Return the value of a tree, a number or a vector, for values of its symbols.
 
     Between vectors a division stands for the cross product (see the module docstring), and
     a product for the scalar one.
     """
     if node.is_Symbol:
-        return at[node.name]
+        return values[node.name]
     if node.is_Number:
         return mpmath.mpf(node.p) / node.q if node.is_Rational else mpmath.mpf(str(node))
     if node.is_Mul:
-        made = mpmath.mpf(1)
+        product = mpmath.mpf(1)
         for factor in node.args:
             inverse = factor.is_Pow and factor.exp == -1
-            part = evaluate_tree(factor.base if inverse else factor, at)
-            if is_vector(made) and made.cols == 3:
-                made = made * part
+            part = evaluate_tree(factor.base if inverse else factor, values)
+            if is_vector(product) and product.cols == 3:
+                product = product * part
             elif is_vector(part):
-                both = is_vector(made)
-                if both and not inverse:
-                    made = (made.T * part)[0]
+                has_two_vectors = is_vector(product)
+                if has_two_vectors and not inverse:
+                    product = (product.T * part)[0]
                 else:
-                    made = cross_product(made, part) if both else made * part
+                    product = (
+                        cross_product(product, part) if has_two_vectors else product * part
+                    )
             else:
-                made = made / part if inverse else made * part
-        return made
-    parts = [evaluate_tree(x, at) for x in node.args]
+                product = product / part if inverse else product * part
+        return product
+    parts = [evaluate_tree(x, values) for x in node.args]
     if node.is_Add:
         return functools.reduce(lambda a, b: a + b, parts)
     if node.is_Pow:
@@ -126,30 +128,38 @@ def evaluate_document(text, given):
     """Return the values of all symbols of a document, by symbol.
 
     `given` holds the values that are not printed: inputs, their rates, time and signs. The
-    printed formulas are evaluated in their order, in 40 digits.
+    printed formulas are evaluated in their order, in 40 digits. The formula of a column
+    is evaluated row by row.
     """
     with mpmath.workdps(40):
-        known = {**printed_values(text), **given}
-    rows = formulas(text)
-    every = sorted({*known, *rows}, key=len, reverse=True)
-    symbols = re.compile(
-        "|".join(rf"(?<![a-zA-Z\\]){re.escape(x)}(?![a-zA-Z])" for x in every)
+        values = {**printed_values(text), **given}
+    formula_of_symbol = formulas(text)
+    # Longer symbols first, since a symbol may be the beginning of another.
+    sorted_symbols = sorted({*values, *formula_of_symbol}, key=len, reverse=True)
+    symbol_pattern = re.compile(
+        "|".join(rf"(?<![a-zA-Z\\]){re.escape(x)}(?![a-zA-Z])" for x in sorted_symbols)
     )
 
-    def read(right):
-        names = {}
-        marked = symbols.sub(
-            lambda found: names.setdefault(found[0], f"x_{{{len(names) + 1}}}"), right
+    def evaluate_formula(formula):
+        # SymPy cannot read the printed symbols (see the module docstring): number them.
+        numbered_symbols = {}
+        numbered_formula = symbol_pattern.sub(
+            lambda match: numbered_symbols.setdefault(
+                match[0], f"x_{{{len(numbered_symbols) + 1}}}"
+            ),
+            formula,
         )
-        at = {mark: known[symbol] for symbol, mark in names.items()}
-        return evaluate_tree(parse_formula(marked), at)
+        value_of_number = {
+            number: values[symbol] for symbol, number in numbered_symbols.items()
+        }
+        return evaluate_tree(parse_formula(numbered_formula), value_of_number)
 
     with mpmath.workdps(40):
-        for left, right in rows.items():
-            several = rows_of(right)
-            parts = [read(part) for part in several or [right]]
-            known[left] = mpmath.matrix(parts) if several else parts[0]
-    return known
+        for left_side, right_side in formula_of_symbol.items():
+            rows = rows_of(right_side)
+            entries = [evaluate_formula(row) for row in rows or [right_side]]
+            values[left_side] = mpmath.matrix(entries) if rows else entries[0]
+    return values
 
 
 def plain(vector):
@@ -169,92 +179,110 @@ LOADS = (
 RUBBING = ("crankshaft", "driving", "driven", "pin_32", "pin_43")
 
 
-def with_random_sizes(made, rng):
+def with_random_sizes(mechanism, rng):
     """Return a mechanism whose sizes differ by up to 3 degrees."""
-    sizes = made.geometry.links
+    sizes = mechanism.geometry.links
 
-    def other(numbers):
+    def with_deviations(numbers):
         return [np.degrees(x) + rng.uniform(-3.0, 3.0) for x in numbers]
 
-    arcs = {link: other(of.arcs) for link, of in sizes.items() if of.arcs}
-    angles = {link: other(of.angles) for link, of in sizes.items() if of.angles}
-    zeros = {pair.name: rng.uniform(-180.0, 180.0) for pair in made.pairs}
-    return made.with_sizes(angle_unit="deg", arcs=arcs, angles=angles, zeros=zeros)
+    arcs = {
+        link: with_deviations(link_sizes.arcs)
+        for link, link_sizes in sizes.items()
+        if link_sizes.arcs
+    }
+    angles = {
+        link: with_deviations(link_sizes.angles)
+        for link, link_sizes in sizes.items()
+        if link_sizes.angles
+    }
+    zeros = {pair.name: rng.uniform(-180.0, 180.0) for pair in mechanism.pairs}
+    return mechanism.with_sizes(angle_unit="deg", arcs=arcs, angles=angles, zeros=zeros)
 
 
 def mechanisms(rng):
     """Yield mechanisms of dyads, without friction that follows from reactions."""
     for name in ("four_bar", "universal_joint", "stephenson", "watt", "five_bar"):
-        made = sk.load(name)
-        made = made.with_loads(without=[x.name for x in made.loads if x.name in RUBBING])
-        yield made
-        yield with_random_sizes(made, rng)
+        mechanism = sk.load(name)
+        mechanism = mechanism.with_loads(
+            without=[x.name for x in mechanism.loads if x.name in RUBBING]
+        )
+        yield mechanism
+        yield with_random_sizes(mechanism, rng)
         if name == "stephenson":
-            yield with_random_sizes(made.with_loads(*LOADS), rng)
+            yield with_random_sizes(mechanism.with_loads(*LOADS), rng)
     yield sk.load("eight_bar_12")
 
 
-def printed_poles(known):
+def printed_poles(values):
     """Yield symbol, name of the pole, index of the moving input, and value of what is
     printed.
     """
-    for symbol, value in known.items():
-        found = POLE.fullmatch(symbol)
-        if found:
-            kind, *links, moving = found.groups()
+    for symbol, value in values.items():
+        match = POLE.fullmatch(symbol)
+        if match:
+            kind, *links, moving = match.groups()
             ground = ["1"] if kind == r"\mathbf{w}" else []
             pole = "/".join(filter(None, [*links, *ground]))
             yield symbol, pole, int(moving or 1) - 1, value
 
 
-def largest_deviation(made, text, here, found, row):
+def largest_deviation(mechanism, text, evaluation, dynamics, row):
     """Return the largest deviation of a document's values from the engine's, at one row.
 
     Angles of pairs, poles, coefficients and their derivatives, and torques are compared. A
     pole and its coefficient may change sign together.
     """
-    inputs = here.input_pairs
-    one = len(inputs) == 1
-    ends = [""] if one else [f"_{{{k + 1}}}" for k in range(len(inputs))]
-    given = {"t": mpmath.mpf(TIMES[here.sample[row]])}
+    inputs = evaluation.input_pairs
+    has_one_input = len(inputs) == 1
+    ends = [""] if has_one_input else [f"_{{{k + 1}}}" for k in range(len(inputs))]
+    given = {"t": mpmath.mpf(TIMES[evaluation.sample[row]])}
     for k, end in enumerate(ends):
-        q, dq, ddq = LAWS[k].at(TIMES[[here.sample[row]]])
+        q, dq, ddq = LAWS[k].at(TIMES[[evaluation.sample[row]]])
         for letter, value in zip(("q", r"\dot{q}", r"\ddot{q}"), (q, dq, ddq), strict=True):
             given[letter + end] = mpmath.mpf(value.item())
     for sign, axes in SIGN.findall(text):
         names = ("/".join(filter(None, x[1:5])) for x in POLE.findall(axes))
-        triple = [here.direction(name, inputs[0])[row] for name in names]
+        triple = [evaluation.direction(name, inputs[0])[row] for name in names]
         given[sign] = int(np.sign(np.linalg.det(triple)))
-    known = evaluate_document(text, given)
-    off = []
-    for pair, (a, b) in zip(made.pairs, made.ends, strict=True):
-        both = (made.links[b], made.links[a])
-        index = "".join(both) if max(map(len, both)) == 1 else ",".join(both)
+    values = evaluate_document(text, given)
+    deviations = []
+    for pair, (a, b) in zip(mechanism.pairs, mechanism.ends, strict=True):
+        pair_links = (mechanism.links[b], mechanism.links[a])
+        index = (
+            "".join(pair_links) if max(map(len, pair_links)) == 1 else ",".join(pair_links)
+        )
         if pair.name not in inputs:
-            theta = float(known[rf"\theta_{{{index}}}"])
-            off.append(np.sin(0.5 * (theta - here.variable(pair.name)[row])))
-    for symbol, pole, k, value in printed_poles(known):
-        there = here.direction(pole, inputs[k])[row]
+            theta = float(values[rf"\theta_{{{index}}}"])
+            deviations.append(np.sin(0.5 * (theta - evaluation.variable(pair.name)[row])))
+    for symbol, pole, k, value in printed_poles(values):
+        pole_axis = evaluation.direction(pole, inputs[k])[row]
         if "^" not in symbol:  # an axis of a pair, which may not move by the first input
-            there = next(filter(is_finite, (here.direction(pole, x)[row] for x in inputs)))
+            pole_axis = next(
+                filter(is_finite, (evaluation.direction(pole, x)[row] for x in inputs))
+            )
         if symbol.startswith("m"):
-            velocity = here.velocity_coefficient(pole, inputs[k])[row]
+            velocity = evaluation.velocity_coefficient(pole, inputs[k])[row]
             sense = np.sign(velocity * float(value))
-            off.append(float(value) * sense - velocity)
-            slope = known.get(f"{symbol}'" if one else f"\\partial_{{{k + 1}}}{symbol}")
+            deviations.append(float(value) * sense - velocity)
+            slope = values.get(
+                f"{symbol}'" if has_one_input else f"\\partial_{{{k + 1}}}{symbol}"
+            )
             if slope is not None:
-                second = here.acceleration_coefficient(pole, inputs[k])[row]
-                off.append((float(slope) * sense - second) / (1.0 + abs(second)))
+                acceleration = evaluation.acceleration_coefficient(pole, inputs[k])[row]
+                deviations.append(
+                    (float(slope) * sense - acceleration) / (1.0 + abs(acceleration))
+                )
         elif symbol.startswith(r"\mathbf{u}"):
-            off += [*np.cross([float(x) for x in value], there)]
+            deviations += [*np.cross([float(x) for x in value], pole_axis)]
         else:
-            velocity = here.velocity_coefficient(pole, inputs[k])[row]
-            off += [*([float(x) for x in value] - velocity * there)]
-    if found is not None:
+            velocity = evaluation.velocity_coefficient(pole, inputs[k])[row]
+            deviations += [*([float(x) for x in value] - velocity * pole_axis)]
+    if dynamics is not None:
         for k, end in enumerate(ends):
-            torque = found.torques[row, k]
-            off.append((float(known[rf"\tau{end}"]) - torque) / (1.0 + abs(torque)))
-    return np.max(np.abs(off))
+            torque = dynamics.torques[row, k]
+            deviations.append((float(values[rf"\tau{end}"]) - torque) / (1.0 + abs(torque)))
+    return np.max(np.abs(deviations))
 
 
 @pytest.mark.many
@@ -265,17 +293,23 @@ def test_printed_formulas_give_what_the_engine_gives(number):
 
     The mechanisms (see `mechanisms`) are chains of dyads, as shipped and with other sizes.
     """
-    made = [*mechanisms(np.random.default_rng(number))][number]
-    text = latex(made)
-    several = len(made.inputs) > 1
-    laws = dict(zip(made.input_pairs, LAWS, strict=True)) if several else LAWS[0]
-    found = sk.inverse_dynamics(made, laws, TIMES) if made.masses else None
+    mechanism = [*mechanisms(np.random.default_rng(number))][number]
+    text = latex(mechanism)
+    has_several_inputs = len(mechanism.inputs) > 1
+    laws = (
+        dict(zip(mechanism.input_pairs, LAWS, strict=True))
+        if has_several_inputs
+        else LAWS[0]
+    )
+    dynamics = sk.inverse_dynamics(mechanism, laws, TIMES) if mechanism.masses else None
     inputs = np.stack([law.at(TIMES)[0] for law in LAWS], axis=1)
-    here = sk.evaluate(made, inputs if several else inputs[:, 0])
-    rows = np.flatnonzero(here.status == sk.Status.OK)
+    evaluation = sk.evaluate(mechanism, inputs if has_several_inputs else inputs[:, 0])
+    rows = np.flatnonzero(evaluation.status == sk.Status.OK)
     assert len(rows) >= 4
-    off = [largest_deviation(made, text, here, found, row) for row in rows]
-    assert max(off) < 1e-12
+    deviations = [
+        largest_deviation(mechanism, text, evaluation, dynamics, row) for row in rows
+    ]
+    assert max(deviations) < 1e-12
 
 
 def four_bar_of_the_paper(q, p):
@@ -377,8 +411,7 @@ def test_only_what_is_asked_for_is_printed():
 
 
 def test_sizes_that_vary_stay_symbols():
-    """Sizes named in `vary` are symbols; with other values they give the changed mechanism.
-    """
+    """Sizes named in `vary` are symbols; other values give the changed mechanism."""
     made = sk.load("universal_joint")
     keys = ["links.3.arc", "links.4.arc", "mass.3.tensor.0.0"]
     with pytest.raises(sk.SpherekitError, match="not a symbol"):

@@ -57,7 +57,7 @@ def test_coefficient_where_the_published_formula_is_indeterminate():
     made = four_bar(np.radians([15.0, 60.0, 55.0, 70.0]))
     tracer = PositionAnalysis(made)
     poles = all_poles(4)
-    asked = request(tracer.mechanism, "21", poles, poles)
+    asked = request(tracer.mechanism, "21", poles, rates=poles)
     for assembly_mode in range(2):
         one = PositionAnalysis(made, assembly_mode=assembly_mode)
 

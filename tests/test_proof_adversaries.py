@@ -134,8 +134,7 @@ STRETCHED_INPUT = np.arccos(
 
 
 def test_dead_centres_at_one_input_in_different_modes_are_each_certified():
-    """A dead centre of the first dyad is certified once in either mode of the second one.
-    """
+    """A dead centre of the first dyad is certified once in either mode of the second."""
     curves = certify_curves(two_dyads(50, 20, 70, 60, 55), ("80", "110"))
     assert curves.completeness.guarantee is Guarantee.CERTIFIED
     # the second dyad closes in two modes, so that the first one's dead centre comes twice
@@ -148,12 +147,15 @@ def test_dead_centres_at_one_input_in_different_modes_are_each_certified():
 
 @pytest.mark.slow
 def test_two_equal_dyads_that_fold_together_leave_one_small_part_undecided():
-    """Where two equal dyads are stretched at one input, no precision decides the outcome.
+    """Two equal dyads are stretched at one input, and a range about it stays undecided.
 
-    A saddle of the configuration curves is a place where two curves cross or pass at a
-    small distance; the sign of its level tells which. Here it is zero, but no loop in line
-    proves it, so that the sign stays open in any number of bits. A small range about the
-    input is left undecided, with 4 modes before and none after it.
+    Near a saddle, the configurations are the zeros of a function g(u, v). Its level is the
+    value of g at the saddle point: two curves cross if it is zero, and miss each other
+    otherwise. `level_sign` is its sign, or None if no sign is proven; `gap` bounds the
+    distance (rad) at which the curves miss each other. In this mechanism the level is zero.
+    Computed with an error bound it has no sign, in any number of bits. spherekit proves
+    that a level is zero only where all axes of a loop of four pairs are in one plane, which
+    is not so here. There are 4 modes before the range and none after it.
     """
     mechanism = two_dyads(ground=60, crank=50, turn=140, coupler=40, rocker=35)
     curves = certify_curves(mechanism, ("80", "110"))

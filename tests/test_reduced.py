@@ -63,7 +63,7 @@ def largest_error(mechanism, model, assembly_mode, count, names):
     inputs = np.sort(np.random.default_rng(5).uniform(0.0, TURN, count))
     motion = position_analysis.at(inputs)
     poles = [parse_pole(mechanism, name) for name in names]
-    pole_request = request(mechanism, position_analysis.inputs[0], poles, poles)
+    pole_request = request(mechanism, position_analysis.inputs[0], poles, rates=poles)
     field = evaluate(motion, pole_request)
     errors = []
     for name, pole in zip(names, poles, strict=True):
@@ -139,10 +139,13 @@ def test_whole_turns_of_the_input_do_not_change_poles(models):
 
 
 def test_without_a_crank_the_coordinate_is_the_arc_length(four_bar):
-    """No link of these arcs (deg) turns fully, so the input has no single value.
+    """No link of these arcs (deg) turns fully, so that the model cannot use the input.
 
-    The derivatives of all angles by the arc length s are a unit vector. The rate of the
-    pole 2/1 of the input is that of its angle.
+    On the closed configuration curve the input goes forth and back through its values. The
+    coordinate of the model (`heading.by`) is therefore the arc length s of the curve in
+    the space of all pair angles: the derivatives of the angles by s are a unit vector. The
+    velocity coefficient of the pole 2/1, the axis of the input, is the derivative of its
+    angle by s.
     """
     links = four_bar.geometry.links
     sizes = {}

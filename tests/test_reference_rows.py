@@ -399,7 +399,7 @@ def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name
     input_pairs = motion.assembly.inputs
     exact_by_input = exact_rows_by_input(motion, chosen, input_pairs)
     for exact, number in zip(exact_by_input, input_pairs, strict=True):
-        pole_request = request(mechanism, mechanism.pairs[number].name, poles, poles)
+        pole_request = request(mechanism, mechanism.pairs[number].name, poles, rates=poles)
         field = evaluate(motion, pole_request).rows(chosen)
         reference = exact_field(exact, pole_request, field)
         rounding = 60 * EPS * exact.condition

@@ -33,7 +33,9 @@ def request_of_all_poles(position_analysis, moving_input):
     """Return the request of all poles and coefficients while one input moves."""
     mechanism = position_analysis.mechanism
     poles = all_poles(len(mechanism.links))
-    return request(mechanism, moving_input, poles, poles, by_rank=position_analysis.by_rank)
+    return request(
+        mechanism, moving_input, poles, rates=poles, by_rank=position_analysis.by_rank
+    )
 
 
 def well_conditioned_rows(motion, field_by_route):

@@ -296,9 +296,12 @@ class StencilLaw:
 def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(name):
     """A_q, A_dq and B_torque are derivatives of accelerations at given torques.
 
-    From M ddq + h(q, dq) = torque they are -M^-1 times the derivatives of the torque at
-    given accelerations, and M^-1. The derivatives are five-point differences of inverse
-    dynamics in each input (steps of `STEP` rad or rad/s), all states in one run.
+    From M ddq + h(q, dq) = torque, A_q and A_dq are -M^-1 times the derivatives of the
+    torque by q and dq at given accelerations, and B_torque is M^-1. The derivatives are
+    five-point differences in each input, with steps of `STEP` rad or rad/s.
+
+    One run of inverse dynamics evaluates all states of the differences, one at each time.
+    The times are `MOMENT` apart, and `StencilLaw` returns the state of number t / `MOMENT`.
     """
     rows = RowsOfFirstSample(name, lambda x: x.startswith(("A_", "B_torque")))
     count = len(rows.inputs)
@@ -306,15 +309,16 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
     # Order: angle or rate, input, position in the stencil.
     changes = list(product((0, 1), range(count), (-2, -1, 1, 2)))
     states = np.tile(state, (len(changes), 1, 1))
-    for row, (kind, j, share) in enumerate(changes):
-        states[row, kind, j] += share * STEP
+    for row, (kind, j, steps) in enumerate(changes):
+        states[row, kind, j] += steps * STEP
     laws = {}
     for k, pair in enumerate(rows.inputs):
         laws[pair] = StencilLaw(states[:, :, k].T)
     times = MOMENT * np.arange(len(states))
     torques = sk.inverse_dynamics(rows.mechanism, laws, times).torques
     torques = torques.reshape(-1, 2, count, 4, count)
-    # n: modes, k: angle or rate, j: changed input, s: stencil, i: torque
+    # The axes are those of `changes`, for every mode and torque. In the letters below,
+    # n: modes, k: angle or rate, j: changed input, s: stencil, i: torque.
     weights = [1.0, -8.0, 8.0, -1.0]
     slopes = np.einsum("s,nkjsi->nkij", weights, torques) / (12.0 * STEP)
     inverse_mass = np.linalg.inv(rows.dynamics.M)
@@ -322,6 +326,7 @@ def test_linearised_accelerations_agree_with_differences_of_inverse_dynamics(nam
     is_good = np.all(np.isfinite(expected), axis=(1, 2, 3))
     assert np.any(is_good)
 
+    # Names of quantities end in the accelerated input and then the changed input (j).
     for j, (suffix, _) in enumerate(rows.input_suffixes()):
         suffixes = [f"{component}{suffix}" for component in rows.component_suffixes()]
         for kind, quantity in enumerate(("A_q", "A_dq")):

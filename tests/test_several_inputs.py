@@ -32,7 +32,7 @@ def evaluate_all_poles(position_analysis, motion):
     fields = []
     for moving_input in position_analysis.inputs:
         pole_request = request(
-            mechanism, moving_input, poles, poles, by_rank=position_analysis.by_rank
+            mechanism, moving_input, poles, rates=poles, by_rank=position_analysis.by_rank
         )
         fields.append(evaluate(motion, pole_request))
     return fields

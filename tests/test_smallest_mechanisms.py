@@ -101,7 +101,7 @@ def test_rotations_and_rates_of_open_chains_are_those_by_exponentials(chain, rou
     assert position_analysis.claim.guarantee == Guarantee.COMPLETE
     poles = all_poles(len(mechanism.links))
     for pair_number, pair in enumerate(mechanism.pairs):
-        pole_request = request(mechanism, pair.name, poles, poles)
+        pole_request = request(mechanism, pair.name, poles, rates=poles)
         field = evaluate(motion, pole_request, route=route)
         assert np.all(field.status == Status.OK)
         moved_links = links_beyond(mechanism, pair_number)

@@ -19,6 +19,7 @@ from spherekit.runs.registry import registered
 from spherekit.runs.study_analyses import make_study_analyses
 
 STUDY = mechanism_text("study.study")
+"""The text of tests/files/study.study.toml, a study of the analyses `poles` and `tuned`."""
 
 
 @pytest.fixture(autouse=True)
@@ -36,9 +37,11 @@ def write_study(folder, text):
 
 
 def test_a_study_is_read_as_written(tmp_path):
-    """Every key of the example, in the unit of angles that it states; counts become floats.
+    """Every key of `STUDY` has its value in the study that is read.
 
-    The input 12 runs from -30 to 90 deg.
+    Angles of the file are in degrees; the input of the pair "12" runs from -30 to 90 deg.
+    The integers in `weight = 2` and `ends = [1.5, 2]` become floats, because these
+    parameters have the type float.
     """
     study = load_study(write_study(tmp_path, STUDY))
     assert study.name == "x"

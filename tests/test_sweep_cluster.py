@@ -28,7 +28,7 @@ import os
 access = os.access
 os.access = lambda path, mode: ".sweep-work" not in str(path) and access(path, mode)
 """
-"""A worker that does not see the folders of sweeps."""
+"""Code by which a worker takes the folders of sweeps for not writable (a blind worker)."""
 
 SLOW = """
 import time
@@ -176,7 +176,13 @@ def test_threads_of_one_worker_make_the_same_rows(tmp_path, expected_tables):
 def test_a_relative_folder_is_relative_to_the_command(
     site, machines, tmp_path, expected_tables, monkeypatch
 ):
-    """Workers run in other folders; those that cannot see the folder send their parts."""
+    """A relative folder of a sweep is in the folder of the command, not of the workers.
+
+    Each worker runs in a folder of its own. `site` is code that Python executes when the
+    worker starts: none, or `BLIND`, by which the worker takes the folder of the sweep for
+    not writable. A blind worker must return the files of its parts to the command, which
+    writes them. `expected_tables` come from a sweep without workers.
+    """
     machines.start_scheduler()
     machines.start_worker(site)
     working_folder = tmp_path / "here"
@@ -187,6 +193,7 @@ def test_a_relative_folder_is_relative_to_the_command(
     assert result.folder == Path("designs")
     assert_same_rows(result, expected_tables)
     names = {path.name for path in Path("designs").iterdir()}
+    # Within the folder, "designs" is the data set of designs and "tables" that of tables.
     assert names == {"designs", "tables", "_sweep.json", ".sweep.lock"}
     # Workers leave nothing in their own folders.
     assert not list((tmp_path / "machines").rglob("part-*"))
@@ -198,6 +205,7 @@ def test_parts_of_seeing_and_blind_workers_are_one_data_set(
     machines, tmp_path, expected_tables
 ):
     machines.start_scheduler()
+    # Each part takes at least a second, which leaves time for both workers to take parts.
     machines.start_worker(BLIND + SLOW)
     machines.start_worker(SLOW)
     assert_same_rows(

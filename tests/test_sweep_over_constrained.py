@@ -87,9 +87,13 @@ VARIANTS = {
         "7",
     ),
 }
+"""Mechanisms whose constraints repeat each other.
 
-
-"""A key of the file with its number, two links and a passive pair to compare, samples."""
+Each value holds a function that returns the mechanism; the key of a size in its file, with
+the number that it has there; two links whose relative rotation is compared; a passive pair
+whose angle is compared; and the samples. Where links and pair are None, the last and the
+second link and the last pair but one are compared.
+"""
 
 SLOW = ("cardan_dup", "miura_2x2v", "posed_rods")
 
@@ -101,13 +105,15 @@ def marked(names):
 
 @pytest.mark.parametrize("name", marked(VARIANTS))
 def test_the_nominal_design_has_the_figures_of_a_run(name, tmp_path):
-    """Largest coefficients of a pole and the rms sine of a passive angle, mode by mode.
+    """A sweep of the file's own number gives the figures of merit that follow from a run.
 
-    Poles and positions of a run give the expected figures. With several inputs a figure
-    ends in `_by_` and the input that moves.
+    Figures are the largest velocity and acceleration coefficient of a pole and the root
+    mean square of the sine of a passive angle, in each assembly mode. Tables of a run give
+    the expected figures. With several inputs, the name of a figure ends in `_by_` and the
+    input that moves.
     """
-    make, (key, nominal), links, pair, samples = VARIANTS[name]
-    mechanism = make()
+    make_mechanism, (key, nominal_size), links, pair, samples = VARIANTS[name]
+    mechanism = make_mechanism()
     if links is None:
         links = (mechanism.links[-1], mechanism.links[1])
         pair = mechanism.pairs[-2].name
@@ -123,7 +129,9 @@ def test_the_nominal_design_has_the_figures_of_a_run(name, tmp_path):
         for kind in ("velocity", "acceleration"):
             quantity = f"{kind}_coefficient_{first_link}_{second_link}{suffix}"
             figures[f"{kind}{suffix}"] = f"max(abs({quantity}))"
-    frame = sweep_by_command(path, {key: [nominal]}, figures, tmp_path / "sweep", samples)
+    frame = sweep_by_command(
+        path, {key: [nominal_size]}, figures, tmp_path / "sweep", samples
+    )
     assert set(frame["status"]) == {"OK"}
     assert set(frame["closes"]) == {1.0}
 

@@ -221,7 +221,11 @@ def test_an_output_that_moves_with_locked_inputs_has_a_measure_of_zero():
 
 @pytest.mark.parametrize("name", ["bevel_differential", "three_rrr", "two_dof_spm"])
 def test_the_measure_does_not_depend_on_the_frame_or_the_ground(name):
-    """All vectors are turned and scaled by 3, or another link is the ground."""
+    """The measure of type II stays if vectors are turned, or another link is the ground.
+
+    The axes of the pairs are also scaled by 3, because their lengths do not matter. The
+    directions of outputs that point are unit vectors and are only turned.
+    """
     mechanism = sk.load(name)
     motion = PositionAnalysis(mechanism, samples=3, assembly_mode=0).motion()
     values = motion.values[~motion.failed][:2]

@@ -39,6 +39,6 @@ def evaluate_poles_of_motion(mechanism, samples=361, search=True, wanted=None):
     position_analysis = PositionAnalysis(mechanism, search=search, samples=samples)
     poles = all_poles(len(mechanism.links)) if wanted is None else wanted
     mechanism = position_analysis.mechanism
-    pole_request = request(mechanism, mechanism.inputs[0].pair, poles, poles)
+    pole_request = request(mechanism, mechanism.inputs[0].pair, poles, rates=poles)
     motion = position_analysis.motion()
     return motion, evaluate(motion, pole_request)

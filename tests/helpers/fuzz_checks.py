@@ -92,6 +92,7 @@ def _check_seed(seed, tally):
         if len(mechanism.links) > MOST_LINKS_BY_RANK:
             plan_assembly(mechanism)  # refuses where the count of freedoms does
         with warnings.catch_warnings():
+            # A warning of NumPy (division by zero, invalid value) is an error.
             warnings.simplefilter("error", RuntimeWarning)
             position_analysis = PositionAnalysis(
                 mechanism, search=False, samples=SAMPLES, assembly_mode=0
@@ -102,8 +103,8 @@ def _check_seed(seed, tally):
                 pole_request = request(
                     position_analysis.mechanism,
                     mechanism.pairs[pair].name,
-                    poles,
-                    poles,
+                    poles=poles,
+                    rates=poles,
                     by_rank=position_analysis.by_rank,
                 )
                 fields[pair] = evaluate(motion, pole_request)
@@ -323,6 +324,10 @@ def _find_wrong_directions(field, row, free_matrix, tally):
     the motion with the moving input free: the last right singular vector of the velocity
     equations without the equations of this input, of unknown scale.
 
+    A direction may deviate by the largest of four limits: `TOLERANCE`; rounding, which
+    grows if a second motion is nearly possible; the misfit of the reference motion; and the
+    error bound that spherekit states for the direction.
+
     Parameters
     ----------
     field, row
@@ -336,8 +341,9 @@ def _find_wrong_directions(field, row, free_matrix, tally):
     has_all_values = len(singular_values) == free_matrix.shape[1]
     # The last value is zero if there is a motion, the last but one if there are two.
     gap = singular_values[-2] / singular_values[0] if has_all_values else 0.0
-    # Loops that close in one place only have no exact motion, but one up to this ratio.
-    unsolved = singular_values[-1] / singular_values[-2] if has_all_values else 0.0
+    # The last value is not zero if no motion satisfies all velocity equations. The
+    # reference motion then satisfies them only up to this ratio.
+    motion_misfit = singular_values[-1] / singular_values[-2] if has_all_values else 0.0
     w = np.concatenate([np.zeros(3), right_vectors[-1]]).reshape(-1, 3)
     faults = []
     for pole, directions in field.direction.items():
@@ -346,7 +352,7 @@ def _find_wrong_directions(field, row, free_matrix, tally):
             continue
         relative_w = w[pole[1]] - w[pole[0]]
         tally.poles["direction alone"] += 1
-        limit = max(TOLERANCE, CONDITIONED * EPS / max(gap, EPS), SPREAD * unsolved)
+        limit = max(TOLERANCE, CONDITIONED * EPS / max(gap, EPS), SPREAD * motion_misfit)
         limit = max(limit, BOUND * field.direction_error[pole][row] * _length(relative_w))
         deviation = _length(np.cross(direction, relative_w))
         if not deviation <= limit:

@@ -16,6 +16,10 @@ def mid_plane_mechanism(alphas):
     of the axis 74 of the end effector (link 4).
     """
     a1, a2, a3, a4, a5, a6, a7, a8 = map(float, alphas)
+    # Arcs of a link lead from its first axis to each further axis. The third leg is in the
+    # middle between the other two, on the base (link 1) and on the end effector (link 4).
+    # Links 2, 6 and 8 have equal arcs, because the hinge of link 9, 10 or 11 is on the same
+    # axis as the joint with the next link of the leg.
     arcs = {
         "1": (a1, 0.5 * a1),
         "2": (a2, a2),
@@ -28,6 +32,7 @@ def mid_plane_mechanism(alphas):
     }
     mechanism = sk.load("two_dof_spm").with_sizes(angle_unit="rad", arcs=arcs)
     (pointer,) = mechanism.outputs
+    # The direction is stored in the frame of link 4, where it depends on the arcs.
     direction = tuple(link_axes(mechanism)["4"]["74"].tolist())
     return replace(mechanism, outputs=(replace(pointer, direction=direction),))
 

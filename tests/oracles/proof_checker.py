@@ -596,7 +596,10 @@ DEEPEST = 60
 
 
 class Wide:
-    """F and F' by all variables, the input last, over balls."""
+    """The closure equations F and their derivatives F' by all variables, over balls.
+
+    Variables are the unknown pair angles and, as the last, the input.
+    """
 
     def __init__(self, system):
         self.system, self.names = system, system.unknowns + system.inputs
@@ -663,7 +666,26 @@ def boxed(piece, place, sizes):
 
 
 class Arc:
-    """The arc of a piece, enclosed over parts of its length."""
+    """The arc of a configuration curve in a piece, enclosed over parts of its length.
+
+    Points of a piece are centre + s t + across y, where s is the coordinate along the
+    straight axis of the piece and y are those across it, up to `radius`. The arc is the set
+    of points with F = 0, one y for each s.
+
+    Attributes
+    ----------
+    t, across
+        Unit vector (variables,) of the axis, and the unit vectors (variables, y) across it.
+    value
+        F at the centre.
+    near
+        Approximate inverse of F' across the axis, by which Krawczyk's operator is
+        preconditioned.
+    one
+        Identity matrix of the size of `near`.
+    all
+        Balls of all y of the piece.
+    """
 
     def __init__(self, piece, wide):
         self.piece, self.wide, self.radius = piece, wide, arb(piece["radius"])
@@ -682,8 +704,8 @@ class Arc:
         half = arb(self.piece["half"])
         step = arb(0, half / halves)
         for part in range(halves):
-            here = self.centre + half * (2 * part + 1 - halves) / halves * self.t
-            image = self._image(here, here + step * self.t, step, cuts)
+            axis_point = self.centre + half * (2 * part + 1 - halves) / halves * self.t
+            image = self._image(axis_point, axis_point + step * self.t, step, cuts)
             if not np.all(size(image) < self.radius):
                 return False
         return True
@@ -692,51 +714,74 @@ class Arc:
         """Whether the arc is within SLACK of the centre at s = 0."""
         return np.all(size(self.near @ self.value) < SLACK / 4)
 
-    def _image(self, here, axis, step, cuts):
-        """What the operator makes of all y, with F' over parts of them."""
-        whole = None
+    def _image(self, axis_point, axis_points, step, cuts):
+        """Return Krawczyk's operator on all y of the piece, over a part of its axis.
+
+        Parameters
+        ----------
+        axis_point, axis_points
+            Middle of the part of the axis, and balls of all its points.
+        step
+            Ball of s in the part, relative to its middle.
+        cuts
+            Parts that each y is cut into; F' is evaluated on each of them.
+        """
+        slopes = None
         for cell in itertools.product(range(cuts), repeat=len(self.near)):
             middle = self.radius * (2 * ball(cell) + 1 - cuts) / cuts
             y = middle + arb(0, (self.radius / cuts).upper())
-            sides = self.wide(axis + self.across @ y)[1] @ self.across
-            whole = sides if whole is None else union(whole, sides)
-        change = self.wide(here)[0] + self.wide(axis)[1] @ self.t * step
-        return (self.one - self.near @ whole) @ self.all - self.near @ change
+            part_slopes = self.wide(axis_points + self.across @ y)[1] @ self.across
+            slopes = part_slopes if slopes is None else union(slopes, part_slopes)
+        change = self.wide(axis_point)[0] + self.wide(axis_points)[1] @ self.t * step
+        return (self.one - self.near @ slopes) @ self.all - self.near @ change
 
     def at(self, s):
         """Return balls of all variables for arc lengths in a ball s."""
-        middle = arb(s.mid())
-        step = s - middle
-        axis = self.centre + middle * self.t
-        spread = axis + step * self.t
-        y = self._narrowed(self.all, axis, spread, step)
+        middle_s = arb(s.mid())
+        step = s - middle_s
+        axis_point = self.centre + middle_s * self.t
+        axis_points = axis_point + step * self.t
+        y = self._narrowed(self.all, axis_point, axis_points, step)
         if any(item.rad() > 0.9 * self.radius for item in y):
-            # Nothing was gained: use derivatives over parts of the width to begin with.
-            images = (self._image(axis, spread, step, cuts) for _, cuts in PARTS)
+            # The balls are hardly smaller: begin with derivatives over parts of the width.
+            images = (self._image(axis_point, axis_points, step, cuts) for _, cuts in PARTS)
             small = (image for image in images if np.all(size(image) < self.radius))
-            y = self._narrowed(next(small, self.all), axis, spread, step)
-        return spread + self.across @ y
+            y = self._narrowed(next(small, self.all), axis_point, axis_points, step)
+        return axis_points + self.across @ y
 
-    def _narrowed(self, y, axis, spread, step):
-        """Return balls within those of y, by Krawczyk's operator while it narrows them.
+    def _narrowed(self, y, axis_point, axis_points, step):
+        """Return smaller balls of the y with F = 0, for all s of a range.
 
-        `axis` is a point of the axis of the piece and `spread` the same over a step; y are
-        the coordinates across the axis.
+        Krawczyk's operator maps balls of y to balls that hold the same solutions of F = 0.
+        It is applied as long as it narrows a ball to less than 0.9 of its radius.
+
+        Parameters
+        ----------
+        y
+            Balls of the coordinates across the axis.
+        axis_point, axis_points
+            Point of the axis at the middle of the range, and balls of its points for all s.
+        step
+            Ball of s relative to the middle of the range.
         """
         for _ in range(30):
-            before = y
-            fixed = mid(y)
-            value, _ = self.wide(axis + self.across @ fixed)
-            _, slope = self.wide(spread + self.across @ y)
-            image = fixed - self.near @ (value + slope @ self.t * step)
-            image += (self.one - self.near @ (slope @ self.across)) @ (y - fixed)
+            previous = y
+            middle_y = mid(y)
+            value, _ = self.wide(axis_point + self.across @ middle_y)
+            _, slope = self.wide(axis_points + self.across @ y)
+            image = middle_y - self.near @ (value + slope @ self.t * step)
+            image += (self.one - self.near @ (slope @ self.across)) @ (y - middle_y)
             y = shared(y, image)
-            if not any(b.rad() < 0.9 * a.rad() for a, b in zip(before, y, strict=True)):
+            if not any(b.rad() < 0.9 * a.rad() for a, b in zip(previous, y, strict=True)):
                 break
         return y
 
     def rate(self, s, variable):
-        """A ball of the rate of a variable, times what is never zero."""
+        """Return a ball of the rate of a variable along the arc, up to a factor.
+
+        The rate is the determinant of F' without the column of the variable, times a factor
+        that is never zero. It is zero where the variable stops.
+        """
         _, slope = self.wide(self.at(s))
         return matrix(np.delete(slope, variable, axis=1)).det()
 
@@ -883,6 +928,8 @@ def check_curves(certificate):
 def check(certificate):
     """Check a certificate of any statement.
 
+    The checks set the working precision of flint, which is global; it is restored.
+
     Raises
     ------
     Refused
@@ -894,6 +941,7 @@ def check(certificate):
         if certificate["statement"] == "curves over a range":
             check_curves(certificate)
         elif certificate["statement"] == "modes over boxes":
+            # Modules of other statements import from this one, so they are imported late.
             from oracles.proof_checker_systems import check_map
 
             check_map(certificate)

@@ -265,7 +265,7 @@ class Axis:
         self.rest = self.image(self.radius)
 
     def image(self, radius):
-        """What the operator makes of all w of a radius, within that."""
+        """Return Krawczyk's operator on all w of a radius; it must lie within them."""
         around = np.full(len(self.centre), square(radius))
         _, slope = self.half.values(self.along + around, self.given)
         inner = slope[:, : len(self.centre)]
