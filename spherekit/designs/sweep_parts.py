@@ -413,7 +413,8 @@ class _Progress:
     def _count(self, number: int, size: int) -> None:
         """Record that a part is stored, and which kind of processor has computed it.
 
-        Results of different processors can differ by rounding.
+        The kind of processor is read from the notes in the file of the part
+        (`Sweep.notes_of_part`). Results of different processors can differ by rounding.
 
         Parameters
         ----------
@@ -424,6 +425,8 @@ class _Progress:
 
         Raises
         ------
+        FileError
+            If the file of the part cannot be read.
         OutputError
             If the file of the part does not belong to this sweep.
         """

@@ -182,7 +182,8 @@ def _simulate_and_compare(
 
     If the error exceeds the tolerance, the more accurate simulation takes the place of the
     first one, and is compared with another one of a still smaller tolerance. This ends at
-    the smallest tolerance that the engine allows.
+    `CHECK_MIN_TOLERANCE_RATIO` times the smallest tolerance of the engine. The returned
+    simulation states the tolerance that was asked for, with which its error is compared.
 
     Parameters
     ----------
@@ -194,6 +195,9 @@ def _simulate_and_compare(
     simulation = _simulate_problem(problem, tolerance, engine)
     # Both simulations are made by the engine that was chosen for the first.
     engine = simulation.engine.name
+    # The tolerance for which the steps of `simulation` were made. The compiled engine can
+    # make steps for a smaller one than it was asked for, because it needs them to notice
+    # crossings. The tolerance of the reference has to be much smaller than that one too.
     step_tolerance = tolerance
     if engine == "compiled":
         step_tolerance = min(tolerance, MAX_STEP_TOLERANCE)
@@ -203,7 +207,9 @@ def _simulate_and_compare(
         smaller_tolerance = max(CHECK_TOLERANCE_RATIO * step_tolerance, smallest)
         reference = _simulate_problem(problem, smaller_tolerance, engine)
         error = _largest_difference(simulation, reference)
+        # `tolerance` is that of the user, although steps may be made for a smaller one.
         simulation = replace(simulation, error=error, tolerance=tolerance)
+        # `missed` is None if the error is within the tolerance and the power is balanced.
         if simulation.missed is None or smaller_tolerance <= smallest:
             return simulation
         # The more accurate simulation takes its place, and is compared in its turn.
@@ -211,6 +217,8 @@ def _simulate_and_compare(
             f"{simulation.engine.reason}; off by {error:.1e} rad with steps for "
             f"{step_tolerance:g} rad, so in shorter ones"
         )
+        # `forecast` is the expected computing times by which the engine was chosen. They
+        # belong to the first simulation.
         report = replace(
             reference.engine, reason=reason, forecast=simulation.engine.forecast
         )

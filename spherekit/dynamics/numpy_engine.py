@@ -670,7 +670,8 @@ class Collocation:
         step
             The step.
         orientations
-            (N,) determinants at its nodes, whose sign changes at a crossing.
+            (N,) determinants at its nodes, from `CollocationStep.closure_determinants`. The
+            sign changes at a crossing.
         """
         if not self.problem.passes_crossings:
             return True
@@ -695,19 +696,25 @@ class Collocation:
     def _needs_careful_step(self, orientations: Floats) -> bool:
         """Return whether a step has to be repeated with a smaller tolerance.
 
-        It has to be repeated if a crossing of curves may be near, and the tolerance is too
-        large to recognise the crossing. Also updates `is_near_crossing`, which makes the
-        following steps use the smaller tolerance.
+        It has to be repeated if a crossing of configuration curves may be near, and the
+        tolerance is too large to recognise the crossing. Also updates `is_near_crossing`,
+        which makes the following steps use the smaller tolerance. If crossings are passed,
+        the result is False, because `_stays_on_set` has tested the step.
 
         Parameters
         ----------
         orientations
-            (N,) determinants at the nodes of the step, whose sign changes at a crossing.
+            (N,) determinants at the nodes of the step. The matrix is the Jacobian of the
+            loop-closure equations with the rates of the variables as further rows. The sign
+            of its determinant changes at a crossing.
         """
         if self.problem.passes_crossings:
             return False
         largest, sign = self._largest_orientation(orientations)
-        # A configuration off its curve by d misses a crossing by about sqrt(d).
+        # `sign` is a number with the sign that the determinants had until this step. With
+        # this sign they are positive before a crossing and become negative beyond it. A
+        # configuration off its curve by d misses a crossing by about sqrt(d), so smaller
+        # determinants, relative to the largest, may belong to a crossing.
         is_near = orientations * np.sign(sign) < np.sqrt(self.tolerance) * largest
         was_near_crossing = self.is_near_crossing
         self.is_near_crossing = bool(np.any(is_near))
@@ -718,9 +725,10 @@ class Collocation:
         """Return the largest size of an orientation so far, and a number with its sign.
 
         An orientation is the determinant whose sign changes where curves of configurations
-        cross. Those at the nodes of the current step, `orientations` (N,), are included.
-        The sign is that before this step, or that of its first node if it is the first
-        step.
+        cross. Those at the nodes of the current step, `orientations` (N,), are included in
+        the largest size, which is positive. The second number has the sign that the
+        determinant had before this step, or at its first node if it is the first step. Its
+        size has no meaning.
         """
         largest = max(abs(self.orientation), float(max_abs(orientations)))
         return largest, self.orientation or float(orientations[0])

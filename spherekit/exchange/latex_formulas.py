@@ -28,8 +28,10 @@ class LatexFormulas:
     ground_axes
         (3, 3) matrix whose columns are the axes i, j, k of the ground.
     free_sizes
-        Numbers that stay symbols whatever their values: ("arcs", (link, pair)),
-        ("angles", (link, pair)), ("zeros", pair) or ("mass", link), by names.
+        Numbers that stay symbols whatever their values. A number is ("arcs", (link, pair)),
+        an arc of a link; ("angles", (link, pair)), an angle between two of its arcs;
+        ("zeros", pair), the angle of a pair at which its variable reads zero; or ("mass",
+        link). Links and pairs are given by names.
 
     Attributes
     ----------

@@ -103,7 +103,9 @@ class PositionFormulas:
         (3, 3) matrix whose columns are the axes i, j, k of the ground.
     free_sizes
         Sizes that stay symbols even if their angle is a multiple of 90 degrees. A size is
-        ("arcs", (link, pair)), ("angles", (link, pair)) or ("zeros", pair), by names.
+        ("arcs", (link, pair)), an arc of a link; ("angles", (link, pair)), an angle between
+        two of its arcs; or ("zeros", pair), the angle of a pair at which its variable reads
+        zero. Links and pairs are given by names.
 
     Attributes
     ----------
@@ -202,13 +204,16 @@ class PositionFormulas:
     ) -> AngleExpression:
         """Declare the symbol of a size (an angle), and return the size as an expression.
 
-        The sine and cosine of multiples of 90 degrees are numbers, which makes formulas
-        shorter. A free size remains a symbol, since users insert other values.
+        If the angle is a multiple of 90 degrees, its sine and cosine become numbers, which
+        makes formulas shorter. A free size is an exception: its sine and cosine remain
+        symbols, since users insert other values of it in the formulas.
 
         Parameters
         ----------
         size
-            Kind and owner of the size, as in `free_sizes`: for example ("zeros", pair).
+            Kind and owner of the size, as in `free_sizes`: ("arcs", (link, pair)) for an
+            arc of a link, ("angles", (link, pair)) for an angle between two of its arcs, or
+            ("zeros", pair) for the angle of a pair at which its variable reads zero.
         name, meaning
             LaTeX of its symbol, and its meaning.
         value

@@ -159,9 +159,18 @@ def convert_loads(mechanism: Mechanism) -> MujocoLoads:
 def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes:
     """Return a load as the attributes of an actuator of MuJoCo.
 
-    The force of the actuator is biasprm[0] + biasprm[1] length + biasprm[2] rate, times the
-    vector `gear` (force and moment at a site). Sites are given by the name of the load,
-    which `MujocoModel` replaces by the name of the site in the model.
+    The attributes of MuJoCo have these meanings:
+
+    - ``joint``: the pair at which a torque acts;
+    - ``site``: the point of a link at which a force or moment acts;
+    - ``refsite``: the site in whose axes the vector of a force or moment is given, which is
+      a site of the ground; without it these are the axes of ``site``;
+    - ``gear``: (6,) the vector of the force, then that of the moment (it is no gear);
+    - ``biasprm``: factors of the magnitude biasprm[0] + biasprm[1] length + biasprm[2]
+      rate, by which ``gear`` is multiplied. At a joint the length is its angle.
+
+    Both sites get the name of the load here. `MujocoModel` replaces it by two different
+    names of sites in the model.
 
     Parameters
     ----------
@@ -177,7 +186,8 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
         (component,) = load.components(mechanism)
         return {"joint": load.pair, "biasprm": _find_affine_law(component, load.pair)}
     components = load.components(mechanism)
-    # One component for each coordinate of the vector. All are constant.
+    # One component for each coordinate of the vector. All must be constant: without a pair,
+    # a component may depend on no variable, and its first factor is its magnitude.
     vector = [_find_affine_law(component, pair="")[0] for component in components]
     zeros = [0.0] * 3
     gear = [*vector, *zeros] if isinstance(load, PointForce) else [*zeros, *vector]

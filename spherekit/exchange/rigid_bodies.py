@@ -251,12 +251,13 @@ def _find_noncircular_links(pair: Pair) -> list[str]:
 
 
 def _find_gear_equation(
-    mechanism: Mechanism, joints: Sequence[Joint], contact: int, hinges: Collection[int]
+    mechanism: Mechanism, joints: Sequence[Joint], contact: int, tree_pairs: Collection[int]
 ) -> dict[str, float]:
-    """Return the equation of a rolling contact between the rates of hinges.
+    """Return the equation of a rolling contact between the rates of R pairs.
 
     Two circles that roll on each other have a constant ratio if both turn on one link (the
-    carrier), each on a hinge through its centre.
+    carrier), each on an R pair through its centre. The equation is only between R pairs of
+    the spanning tree, which joins all links to the ground without a loop.
 
     Parameters
     ----------
@@ -264,20 +265,22 @@ def _find_gear_equation(
         Joints of the mechanism, one for each pair.
     contact
         Number of the contact.
-    hinges
-        Numbers of the pairs that are hinges of the tree.
+    tree_pairs
+        Numbers of the R pairs of the spanning tree.
 
     Returns
     -------
-    Factors by pair in a sum that is zero; the largest is 1 or -1.
+    Factors by pair: the sum of the factors times the rates of these pairs is zero. The
+    largest factor is 1 or -1.
 
     Raises
     ------
     ModelError
-        If the ratio is not constant.
+        If the ratio is not constant: no link carries both circles, or a profile is no
+        circle. The model cannot have such a pair. Users can leave it out of the file.
     """
     pair = mechanism.pairs[contact]
-    carried_contact = find_carried_contact(mechanism, joints, contact, pairs=hinges)
+    carried_contact = find_carried_contact(mechanism, joints, contact, pairs=tree_pairs)
     if carried_contact is not None:
         factors = carried_contact.angle_factors()
         largest_factor = max(map(abs, factors.values()))

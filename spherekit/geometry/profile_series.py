@@ -64,10 +64,16 @@ class ProfileSeries:
 
     @staticmethod
     def fit(curve: Curve) -> "ProfileSeries":
-        """Return the series of a curve, as accurate as the curve up to rounding."""
+        """Return the series of a curve, as accurate as the curve up to rounding.
+
+        The eight columns are functions of the arc length s: the tangent (3), the point (3),
+        the geodesic curvature k and dk/ds. A bound of |d2k/ds2| is added, which the error
+        bounds of velocities contain (`spherekit.velocities.carried_vectors`).
+        """
         samples = _evaluate_columns(
             curve, np.linspace(0.0, curve.length, PROFILE_SCALE_SAMPLES)
         )
+        # Errors are relative to the largest sampled value of each column, at least to 1.
         series = PiecewiseChebyshev.fit(
             lambda s: _evaluate_columns(curve, s),
             low=0.0,
@@ -79,7 +85,9 @@ class ProfileSeries:
             max_cells=MAX_PROFILE_CELLS,
             rounding_tolerance=SERIES_ROUNDING_TOLERANCE,
         )
-        # Column 7 is dk/ds, so its derivative is d2k/ds2.
+        # The last column, 7, is dk/ds, so its derivative is d2k/ds2. Its largest value at
+        # some positions in each cell is enlarged by a factor, because |d2k/ds2| can be
+        # larger between these positions.
         positions = series.spread_positions(SLOPE_SAMPLES - 1)
         curvature_second = np.abs(series.derivative.evaluate(positions)[:, 7])
         bound = SLOPE_SAFETY_FACTOR_OF_PROFILES * float(np.max(curvature_second))

@@ -139,9 +139,10 @@ class DyadChain:
     dyad_of_link, dyad_of_pair
         Numbers of the dyads to which links and pairs belong.
     sign_dependencies
-        Numbers of the dyads on whose signs a computed quantity depends. They are noted when
-        the quantity is computed for the first time, see
-        `spherekit.outputs.working_mode`.
+        By computed quantity, the numbers of the dyads on whose signs it depends. The sign
+        of a dyad says which of its two possible assemblies it has. A quantity is the name
+        of a method of `spherekit.outputs.working_mode.WorkingMode`, with its arguments. Its
+        dyads are noted when it is computed for the first time.
     """
 
     def __init__(
@@ -152,17 +153,28 @@ class DyadChain:
         base: int,
         posed_link: int,
     ) -> None:
-        """Collect the dyads, and note to which dyad each link and pair belongs."""
+        """Collect the dyads, and note to which dyad each link and pair belongs.
+
+        The links `base` and `posed_link`, given by their numbers, are placed before all
+        dyads. Vectors are in the axes of the base. A pose gives the orientation of the
+        posed link, or at least the axes of its pairs. The class explains the other
+        parameters.
+        """
         self.ends = mechanism.ends
         self.joints = joints
         self.base = base
         self.posed_link = posed_link
-        # From here on `axis_source` and `vector_weights` remember their results.
+        # The methods `axis_source` (from which placed link the axis of a pair is known) and
+        # `vector_weights` (a vector of a link, expressed by the axes of the link's pairs)
+        # remember their results, which are the same in all poses.
         self._cache_methods()
         self.dyads = tuple(self._make_dyad(group) for group in assembly.groups)
         self.dyad_of_link: dict[int, int] = {}
         self.dyad_of_pair: dict[int, int] = {}
-        # By quantity: the dyads on whose signs it depends. Filled while modes are computed.
+        # The sign of a dyad, 1 or -1, says which of its two possible assemblies it has. By
+        # computed quantity (the name of a method of `WorkingMode` and its arguments): the
+        # numbers of the dyads on whose signs the quantity depends. `WorkingMode` fills this
+        # when it computes a quantity for the first time.
         self.sign_dependencies: dict[Hashable, frozenset[int]] = {}
         for number, dyad in enumerate(self.dyads):
             for link in (dyad.near_link, dyad.far_link):
@@ -218,7 +230,10 @@ class DyadChain:
             # The sum of both ends less one of them is the other one.
             near_support=sum(self.ends[near_pair]) - near_link,
             far_support=sum(self.ends[far_pair]) - far_link,
+            # 1 or -1. Let a, b, c be the axes of the near, middle and far pair. Then
+            # b . (a x c) has the sign parity * (sign of the dyad in the assembly mode).
             parity=group.dyad_parity,
+            # The angle between the axes at both ends of each link: near link, far link.
             arcs=(
                 self._arc(near_link, near_pair, middle_pair),
                 self._arc(far_link, far_pair, middle_pair),
@@ -263,7 +278,7 @@ class DyadChain:
         return joint.first if self.ends[pair][0] == link else joint.second
 
     def _arc(self, link: int, pair: int, other_pair: int) -> float:
-        """Return the angle (rad) between the axes of two pairs of a link."""
+        """Return the angle (rad) between the axes of two pairs of a link, in any order."""
         return float(arc(self.axis_in(pair, link), self.axis_in(other_pair, link)))
 
     def _compute_vector_weights(self, link: int, *vector: float) -> Floats:

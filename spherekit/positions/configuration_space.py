@@ -350,7 +350,8 @@ class _CurveSearch:
     low, high
         Ends of the range of the input (rad).
     longest
-        Length (rad) after which an open curve is ended in each sense.
+        Curves are followed from their starts in both senses. One that does not close is
+        ended after this length (rad) in each sense.
 
     Attributes
     ----------

@@ -161,7 +161,8 @@ def follow_arc(
         Lowest and highest value (rad) of variables, by their numbers, at which the curve
         is ended.
     longest
-        Length (rad) after which an open curve is ended in each sense.
+        The curve is followed from the configuration in both senses. If it does not close,
+        it is ended after this length (rad) in each sense.
 
     Raises
     ------
@@ -181,21 +182,26 @@ def follow_arcs(closure: Closure, starts: Floats, longest: float) -> list[ArcCur
     Parameters
     ----------
     closure
-        The loops of the whole mechanism, which may have variables locked at n values.
+        The loops of the whole mechanism. It may have locked variables, whose values can
+        differ from configuration to configuration.
     starts
         (n, variables) closed configurations (rad).
     longest
-        Length (rad) after which an open curve is ended in each sense.
+        Curves are followed from their starts in both senses. One that does not close is
+        ended after this length (rad) in each sense.
 
     Returns
     -------
     n curves. None for a configuration for which `follow_arc` raises an error.
     """
+    # Without `stops`, curves end only at limits of the mechanism itself: the ends of open
+    # profiles, and equal curvatures of profiles in contact.
     limits = CurveLimits.of_mechanism(closure, stops={})
     # Start nodes by number of the configuration. Those with an error are left out.
     start_nodes: dict[int, _ArcNodes] = {}
     for row, values in enumerate(starts):
         with suppress(SolveError):
+            # `select_rows` gives the loops with the locked values of this configuration.
             start_nodes[row] = _make_start_node(
                 closure.select_rows(np.array([row])), values, limits
             )
@@ -223,13 +229,13 @@ def _follow_both_senses(
     Parameters
     ----------
     closure
-        The loops, at n samples if variables are locked.
+        The loops. Locked variables can have a value of their own for each of n nodes.
     starts
         n start nodes.
     limits
         The limits at which curves end.
     longest
-        Length (rad) after which an open curve is ended in each sense.
+        A curve that does not close is ended after this length (rad) in each sense.
 
     Returns
     -------

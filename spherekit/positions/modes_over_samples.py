@@ -299,15 +299,19 @@ class SampledModes:
     def _add_sheets(self, values: Floats, samples: Indices) -> Indices:
         """Follow and add the sheets of configurations that are not in the graph yet.
 
-        A sheet is the set of configurations that verified steps over the samples reach from
-        one configuration. No further sheet is followed once there are `MAX_ASSEMBLY_MODES`.
+        A sample is one choice of values for all inputs, and a node of the graph is one
+        configuration at one sample. Steps lead from a configuration to those at
+        neighbouring samples. They are verified: tests detect a step that leads to another
+        path of configurations. The configurations that verified steps reach from one start,
+        at most one at each sample, are called a sheet. No further sheet is followed once
+        there are `MAX_ASSEMBLY_MODES`.
 
         Parameters
         ----------
         values
             (m, variables) configurations (rad).
         samples
-            (m,) index of the sample of each configuration.
+            (m,) index of the sample of the inputs to which each configuration belongs.
 
         Returns
         -------

@@ -154,10 +154,13 @@ class GroupLoops:
         """Evaluate the loop equations at variables (n, pairs), in rad.
 
         Bodies are placed along the pairs of a spanning tree. Each other pair, a chord,
-        closes a loop. Its frame follows from each of its two bodies, and the residual is
-        the rotation between the two frames.
+        closes a loop. Its frame is computed twice, from each of the two bodies that it
+        joins. If the loop is closed, both results are equal. The residual is the rotation
+        between them. Residuals are in quad precision, the Jacobian is in float64.
         """
-        # F_first Z(angle): the frame of each pair in its first body, after the rotation.
+        # A pair has one frame that is fixed in its first body and one that is fixed in its
+        # second body. The z axis of both is the axis of the pair. If the first frame is
+        # rotated by the angle of the pair, F_first Z(angle), it coincides with the second.
         turned_frames = [
             multiply_matrices(frame_in_first, rotate_about_z(values[:, k]))
             for k, (frame_in_first, _) in enumerate(self.pair_frames)
@@ -190,8 +193,9 @@ class GroupLoops:
             residuals.append(
                 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=-1)
             )
-        # The axis of each pair is the z axis of its frame. The tree of loops combines the
-        # axes to the Jacobian of the residuals.
+        # The axis of each pair is the z axis of its frame. While the residual of a loop is
+        # small, its derivative by the angle of a pair is this axis, with a sign, if the
+        # loop passes the pair, and 0 otherwise.
         axes = []
         for (first_body, _), (frame_in_first, _) in zip(
             self.group.ends, self.pair_frames, strict=True
@@ -200,6 +204,7 @@ class GroupLoops:
         return LoopEvaluation(
             rotations=[rotations[body] for body in range(len(rotations))],
             residual=np.concatenate(residuals, axis=1),
+            # Newton's method inverts the Jacobian in float64, so its axes are rounded.
             jacobian=self.tree.jacobian(np.stack(axes, axis=1).astype(float)),
         )
 

@@ -55,8 +55,9 @@ class Verification:
     turn
         Least cosine of the angle between the tangents at both ends.
     middle
-        The prediction of the middle from both ends may be wrong by `middle` times the
-        length of the step.
+        Largest distance between the point about half-way on a step and its prediction from
+        both ends, divided by the length of the step. The prediction is a Hermite
+        polynomial.
     """
 
     correction: float = 0.05
@@ -103,6 +104,11 @@ class Verification:
         self, miss: Floats | float, length: Floats | float, rounding: Floats | float = 0.0
     ) -> Bools:
         """Return (n,) whether the middles of steps are where both ends predict them.
+
+        A step leads from one point of a path to another one. The values and derivatives of
+        the path at both ends predict a point about half-way (Hermite polynomial), and
+        Newton's method has found the true one. Their distance may be at most `self.middle`
+        times the length of the step, plus rounding.
 
         Parameters
         ----------

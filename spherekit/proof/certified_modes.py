@@ -318,7 +318,8 @@ class _RootSearch:
     circle_points
         (known, 2) cosines and sines of these.
     roots
-        The roots that are proven so far; they are proven different.
+        The complex roots, real ones among them, that are proven so far. They are proven to
+        be different.
     """
 
     def __init__(
@@ -343,11 +344,17 @@ class _RootSearch:
     ) -> Sequence[EquationSystem]:
         """Try to prove the roots that homotopies find.
 
-        A homotopy follows approximate roots from a system with known roots to the equations
-        of the mechanism. Several homotopies with different random numbers are tried. The
-        search ends in one of three cases: all roots are proven; as many finite roots as
-        there can be are approximated; or the real roots are proven to be complete, one
-        system of equations after another.
+        A root is a choice of the unknown angles, real or complex, that solves the equations
+        of the mechanism. A homotopy follows approximate roots from a system with known
+        roots to these equations. Up to `HOMOTOPY_SEEDS` homotopies with different random
+        numbers are tried, until
+
+        - as many roots are proven, or finite ones approximated, as there can be, or
+        - the real roots are proven to be complete.
+
+        For the second case the equations are divided into small systems, which are solved
+        one after another (`spherekit.proof.modes_over_boxes.count_modes`). If this proves
+        the number of real roots, and as many real roots are proven here, none is missing.
 
         Parameters
         ----------
@@ -356,8 +363,10 @@ class _RootSearch:
 
         Returns
         -------
-        The systems that prove the real roots complete, else an empty tuple.
+        The systems if they have proven the real roots complete. In all other cases an empty
+        tuple, also if all roots are proven.
         """
+        # The largest possible number of complex roots, by the degrees of the equations.
         bound = self.equations.construction.mode_bound
         for seed in range(HOMOTOPY_SEEDS):
             modes = approximate_modes(self.equations, self.circle_points, seed)
@@ -372,7 +381,8 @@ class _RootSearch:
             if max(len(self.roots), np.sum(is_finite)) >= bound:
                 break
             if len(modes):
-                # -1 if the systems do not prove the number of real roots.
+                # The number of real roots by the systems. If they do not prove it, it is
+                # -1, which differs from any number of roots.
                 real_count, systems = self.real_roots_by_systems
                 if real_count == len(self.real):
                     return systems

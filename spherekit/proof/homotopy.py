@@ -89,7 +89,10 @@ class HomotopyStart:
     Attributes
     ----------
     ends
-        For each equation (1, 2, sizes) its coefficients at t = 0 [0] and at t = 1 [1].
+        For each equation (1, 2, sizes) its coefficients. The first axis has one entry, for
+        one choice of the given variables. The second axis has the start system at t = 0 and
+        the system to be solved at t = 1. Then there is one axis for each unknown, whose
+        index is the power of the unknown.
     solutions
         (n, k) e^(i angle) of all solutions at t = 0.
     """
@@ -250,14 +253,19 @@ def _evaluate_homotopy(
     Parameters
     ----------
     ends
-        For each equation (1, 2, sizes) its coefficients at t = 0 [0] and at t = 1 [1].
+        For each equation (1, 2, sizes) its coefficients. The first axis has one entry, for
+        one choice of the given variables. The second axis has the start system at t = 0 and
+        the system to be solved at t = 1. Then there is one axis for each unknown, whose
+        index is the power of the unknown.
     points
-        n points. Each coordinate is e^(i angle) of an unknown, or its inverse.
+        n points. Each coordinate is z = e^(i angle) of an unknown, or 1 / z if z is large,
+        so that infinite solutions have finite coordinates.
     t
         (n,) the parameter of each point.
     """
-    # (n, k, 2) and (n, k, k, 2): values, and derivatives by z, of both systems. The last
-    # axis is the system, at t = 0 and at t = 1.
+    # Derivatives of order 0 are the values (n, k, 2) of both systems, those of order 1 are
+    # (n, k, k, 2) derivatives by z. The last axis is the second axis of the coefficients:
+    # the systems at t = 0 and at t = 1.
     end_values = points.derivatives(ends, 0)
     end_slopes = points.derivatives(ends, 1)
     # n: point, k: equation, l: unknown, e: system.

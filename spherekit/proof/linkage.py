@@ -323,20 +323,24 @@ class Linkage:
         """Return the orientations of all links, and the residuals of the loops.
 
         Links are placed from the ground on, each across one pair. Every further pair closes
-        a loop. The residual of a loop is the rotation that remains after one way round it.
+        a loop. After one way round a loop a rotation remains, which is the identity if the
+        loop closes.
 
         Parameters
         ----------
         values
-            (n, variables) pair variables (rad), balls or power series.
+            (n, variables) pair variables (rad). They are balls, which are numbers with a
+            bound of their error, or power series of balls, which also give the derivatives
+            along a motion.
 
         Returns
         -------
         orientations
             (n, links, 3, 3) rotations from link axes to ground axes.
         residuals
-            (n, 3 loops) vectors (rad) of the rotations by which loops stay open, three
-            columns for each loop; 0 if all loops close.
+            (n, 3 loops) three columns for each loop: the axis of the remaining rotation, in
+            ground axes, times the sine of its angle. They are 0 if the loop closes, and
+            also if half a turn remains.
         """
         # By pair: rotations (n, 3, 3) of the second link relative to the first.
         rotations = [
@@ -355,6 +359,7 @@ class Linkage:
         for pair in self._loop_pairs:
             first, second = self.mechanism.ends[pair]
             remaining = placed[first] @ rotations[pair] @ placed[second].swapaxes(1, 2)
+            # The skew part of a rotation is its axis times the sine of its angle.
             residuals.append(skew_part(remaining))
         orientations = np.stack([placed[link] for link in range(len(placed))], axis=1)
         return orientations, np.concatenate(residuals, axis=1)
@@ -589,7 +594,10 @@ def angular_velocities(rotations: Array, order: int) -> list[Array]:
 
 
 def skew_part(matrices: Array) -> Array:
-    """Return the vectors (..., 3) of the skew parts of matrices (..., 3, 3)."""
+    """Return the vectors (..., 3) of the skew parts of matrices (..., 3, 3).
+
+    The vector of a rotation matrix is its axis times the sine of its angle.
+    """
     twice_skew = matrices - matrices.swapaxes(-1, -2)
     components = [twice_skew[..., 2, 1], twice_skew[..., 0, 2], twice_skew[..., 1, 0]]
     return np.stack(components, axis=-1) / 2

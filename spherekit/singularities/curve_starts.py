@@ -105,7 +105,12 @@ class LocusPointSearch:
     ) -> None:
         """Check the request, and follow slices if they are needed.
 
-        The class explains the parameters.
+        The search yields singular configurations of one type (`kind`) of an output. The
+        output is the orientation of a link, or one direction fixed in it (`pointing`).
+        Points are searched on slices, which are curves of configurations with all inputs
+        but one locked. `section` has slices that were followed before. Without it, slices
+        are followed here, with each input locked at `slices_of_each` values. With 0 values,
+        points are searched from random starts. The class explains the other parameters.
         """
         stationary_output = output_of(mechanism, output, pointing)
         solver = solver_of(mechanism)
@@ -114,6 +119,8 @@ class LocusPointSearch:
                 f"{mechanism.name} has {len(solver.driven)} inputs; curves of singular "
                 "configurations are those of a mechanism with two, surfaces those of three"
             )
+        # A direction can move in two ways only. With three inputs, some motion of them
+        # leaves it at rest in every configuration, so that all are singular of type I.
         if kind == "I" and stationary_output.equation_count < input_count:
             raise AnalysisError(
                 f"{mechanism.name}: three inputs move a direction in more ways than it "
@@ -123,9 +130,12 @@ class LocusPointSearch:
         self.time_limit = time_limit or TimeLimit()
         self.section = section
         self.is_everywhere = is_singular_everywhere(self.report)
+        # No points are yielded if every configuration is singular, so no slices are needed.
         if section is None and slices_of_each and not self.is_everywhere:
             slice_limit = self.time_limit.part(TIME_SHARE_OF_SLICES)
             self.section = cut(solver, ranges_of(mechanism), slices_of_each, slice_limit)
+        # The course of the search, from which it is decided when it ends, and which
+        # `completeness` reports.
         self._random_starts = 0
         self._singular_points = 0
         self._searched_slice_curves = 0

@@ -158,8 +158,11 @@ def least_transmission(
 ) -> tuple[float, float, tuple[int, ...]] | None:
     """Return the transmission angle of an output that is nearest to type II.
 
-    It is the angle of the dyad (two links in series) that places the output, in the range
-    of the input. Minima between samples and crossings of curves are included.
+    If a dyad (two links in series) places the output, its transmission angle is the acute
+    angle between the planes of the arcs of both links. It is 0 where the dyad is stretched
+    or folded. This is a singularity of type II: the output can move although the inputs are
+    locked. The smallest angle in the range of the input is found among the local minima
+    along all configuration curves, also between samples, and the crossings of curves.
 
     Parameters
     ----------
@@ -183,16 +186,19 @@ def least_transmission(
 
         positions, _ = local_minima(sampled, number, angles)
         minima = list(zip(positions, curve.at(positions).values, strict=True))
+        # A curve ends a little before a crossing with other curves. `crossing_ends` gives
+        # the arc length of such an end, and the configuration of the crossing itself.
         for s, values in [*minima, *sampled.crossing_ends(number)]:
             (angle,) = sampled.transmission_angles(values[None])[output]
-            # An angle of zero up to rounding is zero.
+            # Type II is at the angle 0. An angle of zero up to rounding is zero.
             is_zero = distance_from_type_two(angle) <= SINGULAR_TRANSMISSION
             rounded_angle = 0.0 if is_zero else float(angle)
             for q, modes in _inputs_and_modes(sampled, number, float(s), values):
                 candidates.append((rounded_angle, q, modes))
     if not candidates:
         return None
-    # The angle is NaN everywhere if no dyad places the output.
+    # The angle is NaN if a group other than a dyad places the output. The same group does
+    # so in all configurations, so the first angle shows whether all angles are NaN.
     first_angle, _, _ = candidates[0]
     if not np.isfinite(first_angle):
         return None

@@ -96,12 +96,21 @@ def evaluate_unsigned(
     route: Route = "best",
     order: EliminationOrder | None = None,
 ) -> PoleField:
-    """Return the requested poles, whose directions may reverse from row to row.
+    """Return the requested poles, before the signs of their directions are continuous.
 
-    A pole is the axis about which two links turn relative to each other. The velocity
-    equations of the mechanism give all poles. The plan computes poles one after another, as
-    intersections of great circles. Its poles replace those that the equations leave
-    undetermined, and all poles on the routes "first" and "conditioned".
+    A row is one configuration of the motion. A pole is the axis about which two links turn
+    relative to each other. Its direction may reverse from one row to the next, since both
+    directions give the same axis. `evaluate` makes the signs continuous afterwards.
+
+    There are two ways to compute poles:
+
+    - The velocity equations of the whole mechanism give the angular velocities of all
+      links, and the poles follow from these.
+    - The plan computes poles one after another, as intersections of two great circles.
+
+    The routes "first" and "conditioned" use the plan for all poles. For each pole, "first"
+    takes the first two great circles of the plan, "conditioned" the two best ones. The
+    other routes use the equations, and the plan only for directions that these leave open.
 
     Parameters
     ----------
@@ -138,6 +147,7 @@ def evaluate_unsigned(
             add_locked_pole(field, motion, pole)
         else:
             _add_pole(field, row_velocities, pole, get_planned_poles)
+    # Poles for which the normals of two great circles through them are requested as well.
     for pole in request.planes:
         field.planes[pole] = get_planned_poles().great_circles(pole)
 
@@ -184,7 +194,7 @@ def _add_pole(
         Two links that move relative to each other.
     get_planned_poles
         Returns the poles by the plan. They replace directions that the velocity equations
-        leave open, or all directions on the routes of the plan.
+        leave open, or all directions on the routes "first" and "conditioned".
     """
     n = len(row_velocities.status)
     errors = row_velocities.pole_errors.get(pole)

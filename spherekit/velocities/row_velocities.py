@@ -262,21 +262,27 @@ class RowVelocities:
         is_certified = self._bound("condition_number") <= 1.0 / MIN_RECIPROCAL_CONDITION
         # Above 1, the two profiles of a contact have nearly the same curvature.
         is_certified &= self._bound("curvature_uncertainty") <= 1.0
+        # dw are the derivatives of the angular velocities of all links by the input.
         is_certified &= self._bound("dw_error") <= MAX_CERTIFIED_DW_ERROR
         for pole in self._signed_poles:
-            # The derivative of the direction is bounded more simply here than by its bound.
             errors = self.pole_errors[pole]
             direction_error = errors["direction_error"]
+            # The coefficients are the components of v and dv along the direction. Their
+            # error bounds also bound the errors of the vectors v and dv.
             v_error = errors["velocity_coefficient_error"]
             dv_error = errors["acceleration_coefficient_error"]
             v_size = norm_columns(self.relative_velocity(pole))
             dv_size = norm_columns(self.relative_velocity_derivative(pole))
-            # The derivative of the direction has an error of at most 2 dv_error / |v|. It
-            # is compared with the largest error with which this derivative is returned.
+            # The direction may have the error `MAX_CERTIFIED_ERROR_RAD`, and its derivative
+            # `MAX_DIRECTION_DQ_ERROR`. The ratio of both limits converts an error of the
+            # derivative, which is at most 2 dv_error / |v|, to an equally serious error of
+            # the direction. The sum of both must not exceed the limit of the direction.
             uncertainty = (
                 direction_error
                 + 2.0 * MAX_CERTIFIED_ERROR_RAD / MAX_DIRECTION_DQ_ERROR * dv_error / v_size
             )
+            # The links do not move relative to each other: v and dv are zero within their
+            # error bounds, and the bound of dv is small enough to call that no motion.
             has_no_motion = (v_size <= v_error) & (dv_size <= dv_error)
             has_no_motion &= dv_error <= NO_MOTION
             is_certified &= (uncertainty <= MAX_CERTIFIED_ERROR_RAD) | has_no_motion
