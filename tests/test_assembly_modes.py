@@ -209,29 +209,34 @@ def test_a_double_root_is_one_mode():
 
 
 def test_a_platform_that_can_move_with_locked_inputs_is_searched(monkeypatch):
-    """Two legs on the same axes are one condition, so configurations form a curve.
+    """If configurations form a curve, a random search replaces elimination.
 
-    Elimination reports infinitely many roots, and the description of the method says that a
-    random search (here one without starts) replaces it.
+    Two legs of the platform have common axes and are one condition on it. Elimination
+    reports infinitely many roots. The description of the method names the search, which is
+    replaced by one without starts: it is in doubt whether configurations are missing.
     """
+    # Axes 0 to 2 are those on the base, 3 to 5 the elbows, 6 to 8 those on the platform.
     axes = random_axes(np.random.default_rng(11), 9)
-    axes[4] = axes[3]  # elbows of the first and second leg
-    axes[7] = axes[6]  # their axes on the platform
+    axes[4] = axes[3]
+    axes[7] = axes[6]
     group, closure = alone(made_of(*PLATFORM, axes))
     result = solve_by_elimination(group, closure)
     assert "infinitely many" in result.problem
     assert not len(result.angles)
 
+    # The statistics of a search for 9 variables, before its first start
     monkeypatch.setattr(
         "spherekit.positions.group_solutions.search_group", lambda *a: SearchStatistics(9)
     )
     _, method = find_group_configurations(group, closure)
     description = "search (there are infinitely many complex solutions): 0 random starts"
+    # The doubt is the share of starts that may lead to a missed configuration, at most 1.
     assert method.doubt > 0.9
     assert method.description.startswith(description)
 
 
 def test_a_bar_without_arc_is_searched_and_said_to_be():
+    """Elimination gives the reason if elbow and platform axis of a leg coincide."""
     axes = random_axes(np.random.default_rng(12), 9)
     axes[6] = axes[3]
     group, closure = alone(made_of(*PLATFORM, axes))

@@ -31,8 +31,9 @@ STARTS["bevel_differential"] = (0.3, 0.2)
 def mechanism_on_bearings(name, seed=3, distance=0.7):
     """Return a shipped mechanism with masses, loads and two bearings in every R pair.
 
-    Bearings float along the axis (`axial` 0) in as many pairs as is needed to make all
-    forces determined; the others hold their links along the axis at the first bearing.
+    Redundant constraints would leave some forces undetermined. Therefore both bearings of
+    some pairs are floating bearings and let the links slide along the axis. In the other
+    pairs the first bearing is a fixed one, which supports the whole axial force.
 
     Parameters
     ----------
@@ -47,6 +48,7 @@ def mechanism_on_bearings(name, seed=3, distance=0.7):
         As in `with_masses_and_loads`.
     """
     mechanism, joint = with_masses_and_loads(name, np.random.default_rng(seed))
+    # Inputs become declared ones, if they are not declared in the file.
     mechanism = mechanism.with_inputs(*[item.pair for item in mechanism.inputs])
     pairs = []
     for pair in mechanism.pairs:
@@ -56,6 +58,7 @@ def mechanism_on_bearings(name, seed=3, distance=0.7):
         pairs.append(pair)
     mechanism = replace(mechanism, pairs=tuple(pairs))
 
+    # All forces are determined if the pairs in `floating` let their links slide.
     lacking = reactions(
         motion_by_polynomial_laws(mechanism, STARTS[name], [0.0, 0.2])
     ).lacking
@@ -65,6 +68,7 @@ def mechanism_on_bearings(name, seed=3, distance=0.7):
     bearings = []
     for pair in mechanism.pairs:
         if pair.kind.has_axis:
+            # Share of the axial force that each of the two bearings supports
             axial = (0.0, 0.0) if pair.name in lacking.floating else (1.0, 0.0)
             bearings.append(
                 sk.Bearings(f"at_{pair.name}", pair.name, BEARING_POSITIONS_M, axial=axial)

@@ -12,7 +12,22 @@ SIDEWAYS = np.array([-0.8, 0.6, 0.0])
 
 
 def points_of(move, count=9, whole=2.0 * np.pi):
-    """Return points near a circle, and what they move by, random numbers apart."""
+    """Return points of a family of point sets near a circle.
+
+    Parameters
+    ----------
+    move
+        Parameter of the family.
+    count, whole
+        Number of points, and range (rad) of their azimuths.
+
+    Returns
+    -------
+    points
+        (count, 3) unit vectors.
+    change
+        (count, 3) their random derivatives by the parameter, at the parameter 0.
+    """
     rng = np.random.default_rng(4)
     a = np.arange(count) * whole / count
     r = 0.7 + 0.1 * np.cos(2.0 * a) + 0.03 * rng.normal(size=count)
@@ -24,18 +39,23 @@ def points_of(move, count=9, whole=2.0 * np.pi):
 
 
 def turned(angle):
+    """Return the unit vector at an angle (rad) from `CENTRE` towards `SIDEWAYS`."""
     return np.cos(angle) * CENTRE + np.sin(angle) * SIDEWAYS
 
 
 def curves(kind, backwards=False):
-    """Return a family of curves and its derivative by the parameter of the family.
+    """Return a family of curves, and the derivative that spherekit computes for it.
+
+    The derivative by the parameter of the family is what the tests compare with differences
+    of the curves.
 
     Parameters
     ----------
     kind
         "circle", "fourier", or "closed" or "open" for curves through points.
     backwards
-        Whether the derivative is that of the reversed curve.
+        Whether the derivative is that of the reversed curve. `curve_at` returns the curve
+        in its first direction; the caller reverses it.
 
     Returns
     -------
@@ -43,7 +63,8 @@ def curves(kind, backwards=False):
         Function that returns the curve of the family at a parameter x. Near x = 0 its
         centre moves along `SIDEWAYS`, and its sizes or points change linearly.
     derivative
-        Derivative at x = 0 as spherekit evaluates it: a function of arc length.
+        Derivative at x = 0 by `differentiate_fourier` or `differentiate_spline`: a function
+        of the arc length.
     """
     centre = (CENTRE, SIDEWAYS)
     if kind == "circle":
@@ -63,6 +84,7 @@ def curves(kind, backwards=False):
 
         return fourier_at, derivative
     is_closed = kind == "closed"
+    # The points of an open curve cover 4 rad of azimuth, less than a turn.
     azimuth_range = 2.0 * np.pi if is_closed else 4.0
     points, rates = points_of(0.0, whole=azimuth_range)
     derivative = differentiate_spline(points, rates, is_closed, backwards)
@@ -107,10 +129,11 @@ def test_the_derivative_of_a_changing_curve_is_its_central_difference(kind, back
 @pytest.mark.many
 @pytest.mark.parametrize("kind", ["circle", "fourier", "closed", "open"])
 def test_the_second_derivative_of_the_curvature(kind):
-    made, _ = curves(kind)
-    for curve in (made(0.0), made(0.0).reversed()):
+    """The second derivative of curvature by arc length is a difference of the first."""
+    curve_at, _ = curves(kind)
+    for curve in (curve_at(0.0), curve_at(0.0).reversed()):
         s = np.linspace(0.05, 0.93, 37) * curve.length
-        more, less = (curve.evaluate(s + h).curvature_rate for h in (STEP, -STEP))
+        above, below = (curve.evaluate(s + h).curvature_rate for h in (STEP, -STEP))
         second = curve.curvature_second(s)
-        wanted = (more - less) / (2.0 * STEP)
-        assert second == pytest.approx(wanted, rel=1e-6, abs=1e-4)
+        expected = (above - below) / (2.0 * STEP)
+        assert second == pytest.approx(expected, rel=1e-6, abs=1e-4)

@@ -309,11 +309,13 @@ def test_labels_of_crowded_points_do_not_cover_each_other():
 def test_axodes_touch_at_the_pole(pair):
     """At the first configuration the fixed and the moving axode meet in the figure.
 
-    Axodes are the cones of the pole of two links, seen from either. Driven at pair 41, no
-    mode has a configuration at the first samples.
+    Axodes are the cones of the pole of two links, seen from either. Each is drawn as a
+    curve on two panels, one for each hemisphere.
     """
     result = run_with_axodes(pair)
+    # Driven at pair 41, the mechanism has no configuration at the first samples.
     first = np.argmax(np.isfinite(result.frame("poles")["ux"].to_numpy()))
+    # The file defines the modes p0 and p1 for the input 21. Another input drops the names.
     mode_names = (
         ("0 (+, p1)", "1 (\u2212, p0)") if pair == "21" else ("0 (+)", "1 (\u2212)")
     )
@@ -322,6 +324,7 @@ def test_axodes_touch_at_the_pole(pair):
         assert list(legend_of(figure)) == ["fixed axode of P31", "moving axode of P31"]
         touching_panels = 0
         for panel in figure.axes:
+            # Axodes have a point for each of the 91 samples, other lines do not.
             curves = [line.get_xydata() for line in panel.lines]
             starts = np.array([curve[first] for curve in curves if len(curve) == 91])
             if not np.isfinite(starts).all():
@@ -368,9 +371,7 @@ class AnalysisWithoutScene(MinimalAnalysis):
     name: ClassVar[str] = "bare"
     rowwise: ClassVar[bool] = True
     tables: ClassVar[tuple[Table, ...]] = (
-        Table(
-            "bare", "", (SAMPLE, ASSEMBLY_MODE, INPUT, Column("v", "rad", "some angle"))
-        ),
+        Table("bare", "", (SAMPLE, ASSEMBLY_MODE, INPUT, Column("v", "rad", "some angle"))),
     )
 
     def compute(self, batch):
@@ -439,6 +440,8 @@ def test_pages_of_notebooks_show_plan_mechanism_and_result(four_bar):
     """In notebooks a plan, a mechanism and a result are shown as tables of their content.
     """
     mechanism = sk.load("four_bar")
+    # The plan is a table of 4 x 4 links with each pole twice: 4 axes of pairs ("x") and 2
+    # poles of the first pass ("I"). On the diagonal a link meets itself ("■").
     marks = [
         text for tag, text in elements_of(sk.plan(mechanism)._repr_html_()) if tag == "td"
     ]
@@ -450,6 +453,7 @@ def test_pages_of_notebooks_show_plan_mechanism_and_result(four_bar):
     assert ("th", "q [rad]") in cells
     row = f"{frame['velocity_coefficient'].iloc[1]:.6g}"
     assert ("td", row) in cells
+    # Findings are list items. In both modes the output rests at two ends of its motion.
     assert any(tag == "li" and "4 of type I" in text for tag, text in cells)
 
 

@@ -293,8 +293,9 @@ def test_a_urdf_closes_loops_by_elements_in_use(loop, tmp_path):
 
 
 def test_axes_that_miss_are_refused_with_their_distances(tmp_path, capsys):
-    """Joint axes that miss the common centre by 1 cm are refused, unless `within` allows
-    it.
+    """An axis that misses the common centre by 1 cm is refused, unless `within` allows it.
+
+    In the URDF model the joint `pivot` is at -0.09 m. At -0.1 m all axes would meet.
     """
     path = write_model(
         tmp_path, URDF.format(pivot=-0.09, loop=LOOPS["origins"]), "off.urdf"

@@ -159,10 +159,13 @@ def test_the_margin_of_a_three_legged_wrist_is_that_of_its_nearest_leg():
 def test_the_measures_of_a_three_legged_wrist_are_those_of_its_leg_planes():
     """Distances from singularities follow from the normals of crank-coupler planes.
 
-    Type I (a leg at a dead centre): the sine between normal and base axis. Type II: a leg
-    with its crank locked resists about its normal alone, like three springs in a row, and
-    three legs side by side like one spring; so the measure is the least singular value of
-    the three normals over sqrt(3).
+    The measure of type I (a leg at a dead centre) is the sine of the angle between the base
+    axis and the plane of crank and coupler, whose normal is n. The measure of type II is
+    sqrt(rho S), where S is the least sum of squares of misfits (relative rates that pairs
+    do not allow) with which the platform turns at 1 rad/s while the cranks are locked. A
+    leg allows rates w of the platform with n.w = 0. For others, each of its three pairs
+    takes a third of n.w, which adds (n.w)^2 / 3 to S. The factor rho of three legs of three
+    pairs is 1. So the measure is the least singular value of the normals over sqrt(3).
     """
     mechanism = sk.load("three_rrr")
     poses = random_rotations(500, 10)
@@ -183,6 +186,7 @@ def test_the_measures_of_a_three_legged_wrist_are_those_of_its_leg_planes():
             sine = normal @ in_ground[:, 2]
             type_1 = inverse.type_1[mode][is_valid, leg]
             assert np.max(np.abs(np.abs(sine) - type_1)) < 1e-12
+            # Normals point in the sense in which the rate of the input is positive.
             normal *= np.sign(sine)[:, None]
             assert np.max(np.abs(normal - inverse.normals[mode][is_valid, leg])) < 1e-12
             normals.append(normal)
@@ -353,8 +357,9 @@ def test_solutions_close_where_the_axes_of_a_dyad_coincide():
 def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equations():
     """Inverse kinematics at poses of a motion has the Jacobian of its link velocities.
 
-    At driving angles of 14 and 23 deg, each configuration of the trace is a pose. Rates of
-    the pointer are those of the output without the part along the pointer.
+    The poses are the 16 configurations at driving angles of 14 and 23 deg. Rates of the
+    pointer are those of the output without the part along the pointer. For each pose that
+    moves, a working mode must have the same inputs and the same Jacobian.
     """
     mechanism = sk.load("two_dof_spm")
     kinematics = sk.InverseKinematics(mechanism)
@@ -366,11 +371,14 @@ def test_the_jacobian_of_the_mid_plane_mechanism_is_that_of_the_velocity_equatio
     along_pointer = np.einsum("ni,nij->nj", pointers, rates)
     rates = rates - pointers[:, :, None] * along_pointer[:, None]
 
+    # Newton's method finds the turn about the pointer from `near`. The results of shape
+    # (modes, poses, ...) are compared in every mode with the motion, (poses, ...).
     inverse = kinematics.at(pointers, near=rotations, normals=True)
     input_gaps = np.angle(np.exp(1j * (inverse.inputs - motion.inputs)))
     is_same = np.max(np.abs(input_gaps), axis=2) < 1e-9
     is_same &= inverse.status == Status.OK
     has_same_rates = np.max(np.abs(inverse.jacobian - rates), axis=(2, 3)) < 1e-8
+    # In four configurations the pointer rests; inverse kinematics does not converge there.
     moves = np.max(np.abs(rates), axis=(1, 2)) > 1e-6
     assert np.sum(moves) >= 8
     assert np.all(np.any(is_same & has_same_rates, axis=0)[moves])

@@ -167,12 +167,13 @@ def geared_gimbal(has_roll):
 @pytest.mark.many
 @pytest.mark.parametrize("mechanism_name", ["differential", "pan_tilt", "pan_tilt_roll"])
 def test_closed_form_inverse_kinematics_match_the_general_solver(mechanism_name, wrist):
-    """The closed form (by dyads) agrees with the solver for any graph of links.
+    """The closed form (by dyads) agrees with the numerical solver for any graph of links.
 
-    The general solver finds solutions numerically. Compared are inputs (rad), pair rates
-    and the conditioning of type I and II singularities. It may choose other turns of the
-    wheels, so at least one of both solutions of each pose must have equal inputs. Forward
-    kinematics of the closed form must lead back to all poses.
+    The closed form has two solutions for each pose. A solution of the general solver may
+    have inputs that differ by whole turns of the wheels. Therefore only half of the
+    solutions, as many as there are poses, must have equal inputs (rad). These must have
+    equal pair rates and measures of singularities of types I and II. Forward kinematics of
+    the closed form must lead back to all poses.
     """
     if mechanism_name == "differential":
         mechanism = wrist

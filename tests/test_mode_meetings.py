@@ -104,12 +104,22 @@ def symmetric_range(random):
 
 
 def compare_with_proof(count, seed):
-    """Compare the meetings of modes of random four-bars with proofs.
+    """Assert that runs of random four-bars contradict no proof about meetings of modes.
+
+    Assembly modes meet at an input where their configuration curves cross. A run names
+    these inputs; `certify_curves` proves where curves cross (see `find_contradictions`).
+
+    Parameters
+    ----------
+    count
+        Number of four-bars, whose curves cross in a flat configuration.
+    seed
+        Seed of the random numbers.
 
     Returns
     -------
     int
-        Number of the `count` mechanisms whose run names a meeting of modes.
+        Number of the four-bars for which the run names a meeting of modes.
     """
     random = np.random.default_rng(seed)
     compared = 0
@@ -117,6 +127,7 @@ def compare_with_proof(count, seed):
     while compared < count:
         arcs = random_crossing_arcs(random, KINDS[compared % len(KINDS)])
         low, high = symmetric_range(random)
+        # Angles of pairs count from one or the other of both flat positions.
         text = four_bar_text(arcs, low, high, zero=str(random.choice(["0", "180"])))
         try:
             contradictions, named_count = find_contradictions(text, low, high)

@@ -19,81 +19,109 @@ NAMES = ("four_bar", "stephenson", "roller_cam", "five_bar", "planetary_bevel", 
 
 
 def at(name):
-    inputs = len(sk.load(name).inputs)
-    return sk.evaluate(name, [0.7, 1.1][:inputs] if inputs > 1 else [0.7, 1.1])
+    """Return a shipped mechanism at the inputs 0.7 and 1.1 rad.
+
+    A mechanism with one input has two configurations, one with two inputs has one.
+    """
+    input_count = len(sk.load(name).inputs)
+    return sk.evaluate(name, [0.7, 1.1][:input_count] if input_count > 1 else [0.7, 1.1])
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_coefficient_times_axis_is_that_of_the_first_link(name):
-    here = at(name)
-    for moving in here.input_pairs:
-        for first, second in permutations(here.mechanism.links, 2):
-            pole, other = f"{first}/{second}", f"{second}/{first}"
-            coefficient = here.velocity_coefficient(pole, moving)
-            axis = here.direction(pole, moving)
-            difference = here.angular_velocity(first, moving)
-            difference = difference - here.angular_velocity(second, moving)
-            known = np.isfinite(axis[:, 0])
-            turned = coefficient[:, None] * axis
-            np.testing.assert_allclose(turned[known], difference[known], atol=1e-12)
-            opposite = here.velocity_coefficient(other, moving)
-            np.testing.assert_array_equal(opposite, 0.0 - coefficient)
-            np.testing.assert_array_equal(here.direction(other, moving), axis)
+    """The coefficient of the pole J/I times its axis is w_J - w_I, for all pairs of links.
+
+    J is the first link of the name, and w are angular velocities at unit rate of one input.
+    In the other order the axis is the same and both coefficients have the opposite sign.
+    """
+    evaluation = at(name)
+    for input_pair in evaluation.input_pairs:
+        for first, second in permutations(evaluation.mechanism.links, 2):
+            pole = f"{first}/{second}"
+            opposite_pole = f"{second}/{first}"
+            coefficient = evaluation.velocity_coefficient(pole, input_pair)
+            axis = evaluation.direction(pole, input_pair)
+            relative_rate = evaluation.angular_velocity(first, input_pair)
+            relative_rate = relative_rate - evaluation.angular_velocity(second, input_pair)
+            has_axis = np.isfinite(axis[:, 0])
+            rate_of_pole = coefficient[:, None] * axis
+            np.testing.assert_allclose(
+                rate_of_pole[has_axis], relative_rate[has_axis], atol=1e-12
+            )
+            # 0.0 - x is -x without negative zeros.
+            opposite_coefficient = evaluation.velocity_coefficient(
+                opposite_pole, input_pair
+            )
+            np.testing.assert_array_equal(opposite_coefficient, 0.0 - coefficient)
             np.testing.assert_array_equal(
-                here.acceleration_coefficient(other, moving),
-                0.0 - here.acceleration_coefficient(pole, moving),
+                evaluation.direction(opposite_pole, input_pair), axis
+            )
+            np.testing.assert_array_equal(
+                evaluation.acceleration_coefficient(opposite_pole, input_pair),
+                0.0 - evaluation.acceleration_coefficient(pole, input_pair),
             )
 
 
 def test_the_acceleration_coefficient_is_the_derivative_in_both_orders():
-    """Against a central difference, whose error is some 1e-10."""
+    """The acceleration coefficient is the derivative of the velocity coefficient.
+
+    It is compared with a central difference, whose error is about 1e-10.
+    """
     step = 1e-5
     for pole in ("4/1", "1/4", "3/1", "1/3"):
-        low, here, high = (
+        below, evaluation, above = (
             sk.evaluate("four_bar", 0.7 + k * step, assembly_mode=0) for k in (-1, 0, 1)
         )
-        sides = (high.velocity_coefficient(pole) - low.velocity_coefficient(pole)) / 2
-        expected = here.acceleration_coefficient(pole)
-        np.testing.assert_allclose(sides / step, expected, atol=1e-8)
+        change = (above.velocity_coefficient(pole) - below.velocity_coefficient(pole)) / 2
+        expected = evaluation.acceleration_coefficient(pole)
+        np.testing.assert_allclose(change / step, expected, atol=1e-8)
 
 
 def test_stored_models_have_the_same_signs():
+    """The rates of a reduced model change their sign with the order of the links."""
     model = sk.reduced_model("four_bar", assembly_mode=0)
-    here = sk.evaluate("four_bar", 0.7, assembly_mode=0)
+    evaluation = sk.evaluate("four_bar", 0.7, assembly_mode=0)
     for pole in ("4/1", "1/4", "2/1", "1/2", "4/3", "3/4"):
-        turned = model.rate(pole, 0.7) * model.pole(pole, 0.7)
-        expected = here.velocity_coefficient(pole)[0] * here.direction(pole)[0]
-        np.testing.assert_allclose(turned, expected, atol=1e-10)
-        other = "/".join(reversed(pole.split("/")))
-        assert model.rate(other, 0.7) == -model.rate(pole, 0.7)
-        assert model.rate_derivative(other, 0.7) == -model.rate_derivative(pole, 0.7)
+        relative_rate = model.rate(pole, 0.7) * model.pole(pole, 0.7)
+        expected = evaluation.velocity_coefficient(pole)[0] * evaluation.direction(pole)[0]
+        np.testing.assert_allclose(relative_rate, expected, atol=1e-10)
+        opposite_pole = "/".join(reversed(pole.split("/")))
+        assert model.rate(opposite_pole, 0.7) == -model.rate(pole, 0.7)
+        assert model.rate_derivative(opposite_pole, 0.7) == -model.rate_derivative(
+            pole, 0.7
+        )
 
 
 def test_quantities_of_sources_and_sweeps_have_the_sign_of_their_first_link():
-    """Without a shared pair the axis is along the difference of angular velocities."""
+    """Coefficient times axis is w_A - w_B in exported formulas, for all pairs of links.
+
+    The axis of links that share a pair is that of the pair, and the coefficient has a sign.
+    The axis of other links has the sense of w_A - w_B, so the coefficient is not negative.
+    """
     links = sk.load("four_bar").links
     pairs = [*permutations(links, 2)]
     names = [f"velocity_coefficient_{a}_{b}" for a, b in pairs]
     names += [f"pole_{a}_{b}_{x}" for a, b in pairs for x in "xyz"]
-    made = formulas("four_bar", names)
-    (mode,) = [mode for mode in made.modes if mode.number == 0]
+    formula_set = formulas("four_bar", names)
+    (mode,) = [mode for mode in formula_set.modes if mode.number == 0]
     point = np.array([[0.7], *([sign] for sign in mode.values)])
-    terms = [*made.variables[0], *made.variables[1]]
-    values = array_function(list(made.outputs), terms)(point)[:, 0]
+    terms = [*formula_set.variables[0], *formula_set.variables[1]]
+    values = array_function(list(formula_set.outputs), terms)(point)[:, 0]
     coefficients, axes = values[: len(pairs)], values[len(pairs) :].reshape(-1, 3)
-    here = sk.evaluate("four_bar", 0.7, assembly_mode=0)
-    w = {link: here.angular_velocity(link)[0] for link in links}
-    joined = {frozenset(pair.links) for pair in here.mechanism.pairs}
+    evaluation = sk.evaluate("four_bar", 0.7, assembly_mode=0)
+    w = {link: evaluation.angular_velocity(link)[0] for link in links}
+    joined = {frozenset(pair.links) for pair in evaluation.mechanism.pairs}
     for (a, b), coefficient, axis in zip(pairs, coefficients, axes, strict=True):
         np.testing.assert_allclose(coefficient * axis, w[a] - w[b], atol=1e-12)
         if frozenset((a, b)) in joined:
-            expected = here.velocity_coefficient(f"{a}/{b}")[0]
+            expected = evaluation.velocity_coefficient(f"{a}/{b}")[0]
             assert coefficient == pytest.approx(expected, abs=1e-12)
         else:
             assert coefficient >= 0.0
 
 
 def test_tables_name_the_later_link_first_whatever_was_asked(tmp_path):
+    """The table has the same rows for 4/1 and 1/4; its coefficients are those of 4/1."""
     tables = []
     for only in ("4/1+3/1", "1/4+1/3"):
         folder = tmp_path / only.replace("/", "")
@@ -102,10 +130,10 @@ def test_tables_name_the_later_link_first_whatever_was_asked(tmp_path):
         tables.append((folder / "poles.csv").read_text())
     assert tables[0] == tables[1]
     frame = sk.run("four_bar", "poles:only=1/4", samples=7).frame()
-    here = sk.evaluate("four_bar", frame["q"].unique())
+    evaluation = sk.evaluate("four_bar", frame["q"].unique())
     assert set(frame["link"].astype(str)) == {"4"}
     of_mode = frame[frame["assembly_mode"] == 0]["velocity_coefficient"].to_numpy()
-    expected = here.velocity_coefficient("4/1")[here.assembly_mode == 0]
+    expected = evaluation.velocity_coefficient("4/1")[evaluation.assembly_mode == 0]
     np.testing.assert_allclose(of_mode, expected, atol=1e-12)
 
 

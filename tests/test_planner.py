@@ -34,29 +34,31 @@ def test_steps_of_a_plan_are_those_of_the_lecture_table():
 
 @pytest.mark.slow
 def test_a_plan_for_one_pole_has_only_its_ancestors():
-    """Each step of a plan for one pole uses earlier poles, and is used by a later step.
+    """A plan for one pole has only the steps that this pole needs.
 
-    A step intersects great circles through pairs of poles (Aronhold-Kennedy); all eight-
-    bars and all of their poles are planned.
+    A step of the kind `LinePole` intersects great circles through pairs of poles
+    (Aronhold-Kennedy). These poles must be those of earlier steps, and a later step must
+    use the result. This is checked for each pole of each eight-bar.
     """
     planned = sk.plan(sk.load("stephenson"), ["5/2"])
     intersections = [step.pole for step in planned.steps if isinstance(step, LinePole)]
     assert intersections == [(0, 2), (0, 4), (1, 4)]
-    primary_poles = 7
+    primary_poles = 7  # the axes of the seven pairs
     assert len(planned.steps) == primary_poles + 3
     for chain in EIGHT_BARS:
         axes = random_axes(np.random.default_rng(1), 10)
         mechanism = mechanism_from_chain(chain, axes)
         for pole in all_poles(8):
-            available = set()
-            used = {pole}
-            intersected = set()
+            available = set()  # poles of the steps before
+            used = {pole}  # the pole that is asked for, and those that steps start from
+            intersected = set()  # poles of steps of the kind `LinePole`
             for step in plan(mechanism, [pole]).steps:
                 if isinstance(step, LinePole):
                     assert len(step.via) >= 2
                     assert set(step.sources) <= available
                     used |= set(step.sources)
                     intersected.add(step.pole)
+                # A step gives one pole, or all poles of an irreducible part (`poles`).
                 available |= set(step.poles) if hasattr(step, "poles") else {step.pole}
             assert pole in available
             assert intersected <= used

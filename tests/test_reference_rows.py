@@ -432,7 +432,12 @@ def test_pole_fields_of_reference_rows_agree_with_float64_within_its_bounds(name
 
 
 def test_inertia_and_its_derivative():
-    """Against float64, and the derivative against a difference of inputs 2^-50 apart."""
+    """The inertia B of a four-bar and its derivative by the input are right in 50 digits.
+
+    Both are compared with the float64 numbers of the analysis `eksergian`. The derivative
+    is also compared with the central difference of B over inputs 2^-48 rad below and above,
+    2^-47 apart. The step is a power of 2, so that float64 has the changed inputs exactly.
+    """
     motion = traced("four_bar")
     chosen = select_good_rows(motion, 2)
 
@@ -443,8 +448,8 @@ def test_inertia_and_its_derivative():
     B, dB = inertia(0.0)
     frame = sk.run(sk.load("four_bar"), "eksergian", samples=5).frame()
     for numbers, name in ((B, "B"), (dB, "dB_dq")):
-        given = frame[name].to_numpy()[chosen]
-        assert np.max(np.abs(centre_floats(numbers) - given)) < 1e-14
+        of_analysis = frame[name].to_numpy()[chosen]
+        assert np.max(np.abs(centre_floats(numbers) - of_analysis)) < 1e-14
     slope = (inertia(2.0**-48)[0] - inertia(-(2.0**-48))[0]) * 2.0**47
     assert np.max(np.abs(slope - dB)) < 1e-25
 

@@ -208,7 +208,11 @@ def test_orientations_and_rates_by_quantities_are_those_of_evaluation(name, comp
 @pytest.mark.many
 @pytest.mark.parametrize("name", MARKED)
 def test_pole_axes_by_quantities_are_those_of_relative_rates(name, compared_rows):
-    """Pole times coefficient is the relative rate; poles of pairs are their axes."""
+    """Pole axes by names such as `pole_4_2_y` are those of relative rates of links.
+
+    Pole times velocity coefficient is the difference of the angular velocities by
+    `sk.evaluate`. The pole of two links that a pair joins is the axis of the pair.
+    """
     rows = compared_rows(name)
     links = links_to_compare(name)
     for suffix, moving in rows.input_suffixes():
@@ -223,6 +227,7 @@ def test_pole_axes_by_quantities_are_those_of_relative_rates(name, compared_rows
             assert np.allclose(np.linalg.norm(pole[turns], axis=1), 1.0, rtol=1e-13)
     for pair in rows.mechanism.pairs:
         if pair.kind.has_axis and {*pair.links} <= {*links}:
+            # The axis is the same for each input that moves; `suffix` is that of the last.
             first, second = pair.links
             axis = rows.vector(f"axis_{pair.name}")
             assert np.array_equal(axis, rows.vector(f"pole_{second}_{first}", suffix))

@@ -73,12 +73,11 @@ def sample_rows(motion):
 def test_derivatives_agree_with_differences_in_fifty_digits(
     name, keys, difference, tmp_path
 ):
-    """Angles, rates and an acceleration coefficient, at up to six configurations.
+    """Derivatives of angles, rates and an acceleration coefficient by sizes are right.
 
-    For each size, mechanisms with that size changed are read from a document and their
-    configurations are solved to 50 digits. The weighted difference has a relative error
-    below 5e-12. The acceleration coefficient's sign depends on the sense of its pole, so it
-    is adjusted.
+    They are compared at up to six configurations with weighted differences. For these, each
+    size is changed in the document of the mechanism, and the changed mechanisms are solved
+    to 50 digits. The relative error of the difference is below 5e-12.
     """
     step, weights = difference
     path = tmp_path / "written.toml"
@@ -93,6 +92,7 @@ def test_derivatives_agree_with_differences_in_fifty_digits(
     sensitivity = Sensitivity(mechanism, keys, [*angles, *rates, coefficient])
 
     motion = sk.trace(mechanism, samples=4)
+    # The first sample, at the start of the range of the input, is left out.
     is_usable = ~motion.failed & (motion.sample != 0)
     motion = motion.rows(np.flatnonzero(is_usable)[:6])
     values, gradients = sensitivity.at(sample_rows(motion), motion.values)
@@ -108,10 +108,12 @@ def test_derivatives_agree_with_differences_in_fifty_digits(
         input_variables = list(mechanism.variables_of(driven))
         solution = closure.solve(motion.values, input_variables)
         changed_motion = replace(motion, mechanism=changed, values=solution.values)
+        # The condition `sample >= 0` selects all rows.
         exact = exact_rows(changed_motion, motion.sample >= 0, driven, sk.Digits(50))
         w = exact.w[:, link_number]
         dw = exact.dw[:, link_number]
-        # d|w|/dq = w . dw / |w|
+        # The velocity coefficient is |w| or -|w|; the derivative is that of |w|:
+        # d|w|/dq = w . dw / |w|.
         acceleration = np.sum(w * dw, axis=1) / np.sum(w * w, axis=1) ** 0.5
         return np.concatenate(
             [exact.values[:, columns], exact.rates[:, columns], acceleration[:, None]],
@@ -126,6 +128,7 @@ def test_derivatives_agree_with_differences_in_fifty_digits(
             changed = read(with_numbers(document, {size_path: nominal + side * step}))
             weighted_sum = weighted_sum + exact_quantities(changed) * weight
         derivative = (weighted_sum / step).astype(float)
+        # A pole axis can have either sense, which decides the sign of the coefficient.
         derivative[:, -1] *= np.sign(derivative[:, -1] * gradient[-1])
         largest = np.max(np.abs(derivative))
         assert np.max(np.abs(gradient.T - derivative)) < 5e-12 * largest
@@ -220,10 +223,13 @@ def test_derivatives_of_transmission_angles_predict_those_of_a_sweep():
 
 @pytest.mark.slow
 def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path):
-    """Three Fourier coefficients of a cam deviate; a file with the sums is traced.
+    """A draw of deviating profiles has the values of a mechanism with these profiles.
 
-    Near its dead centre Newton's method does not reach the deviating configuration at once.
-    Each drawn value is one of the values that the other mechanism has at that input.
+    In the draw, three Fourier coefficients of a cam deviate. The other mechanism is read
+    from a file in which the deviations are added to the coefficients. Each drawn value must
+    be one that the other mechanism has in one of its modes at the same input. Near a dead
+    centre, Newton's method does not reach the configuration of the draw in one go, so that
+    the deviations have to be added gradually.
     """
     coefficients = "cosines = [15.0, 0.0, 3.0]"
     before, last = find("two_contacts").read_text().rsplit(coefficients, 1)
@@ -237,6 +243,7 @@ def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path
     quantity = ["velocity_coefficient_3_1"]
     motion = sk.trace(mechanism, samples=4)
     sensitivity = Sensitivity(mechanism, keys, quantity)
+    # (rows, draws) values of the only quantity; there is a single draw.
     (drawn,) = sensitivity.scattered(sample_rows(motion), motion.values, deviations)
     drawn = drawn[:, 0]
 
@@ -249,6 +256,7 @@ def test_draws_of_deviating_profiles_are_mechanisms_with_these_profiles(tmp_path
     for q, value in zip(motion.q, drawn, strict=True):
         possible = other_values[np.isclose(other_motion.q, q)]
         assert np.min(np.abs(possible - value)) < 1e-9 * np.max(np.abs(possible))
+    # All drawn values differ, so no two modes lead to the same configuration.
     assert len(set(np.round(drawn, 9))) == len(motion.q)
 
 

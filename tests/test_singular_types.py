@@ -349,16 +349,21 @@ def test_types_of_shipped_mechanisms_are_those_of_the_kernel(name):
 @pytest.mark.many
 @pytest.mark.parametrize("name", ["five_bar", "three_rrr", "agile_eye", "two_dof_spm"])
 def test_measures_of_singularities_agree_with_inverse_kinematics(name):
-    """Twenty random poses: the measure of type II is equal, that of type I is bounded.
+    """At twenty random poses two analyses agree in the measures of types I and II.
 
-    Rates of inputs q' = P w follow from that of the output. Inverse kinematics has
-    type_1 = 1 / |row i of P| for each input i, and the singularities type_one = 1 /
-    hypot(1, |P|) for all. So |P| lies between the largest row's size and sqrt(inputs)
-    times that.
+    The measures of type II are equal. Those of type I have different definitions. Let
+    q' = P w be the rates of the inputs at an angular velocity w of the output, and |P| the
+    largest singular value of P:
+
+    - `type_1` of inverse kinematics is 1 / |row i of P|, a number for each input i;
+    - `type_one` of singularities is 1 / hypot(1, |P|), one number for all inputs.
+
+    |P| is at least the largest |row| and at most sqrt(inputs) times that.
     """
     mechanism = sk.load(name)
     kinematics = output_kinematics(mechanism)
     random = np.random.default_rng(4)
+    # Directions if the output points, otherwise orientations as quaternions
     poses = random.normal(size=(20, 3 if kinematics.points else 4))
     poses /= np.linalg.norm(poses, axis=1, keepdims=True)
     if not kinematics.points:
@@ -372,6 +377,7 @@ def test_measures_of_singularities_agree_with_inverse_kinematics(name):
     rows = coefficients(motion, output_of(mechanism))
     assert np.max(np.abs(rows.type_two - solutions.type_2[reached])) < 1e-12
     largest_row_size = 1.0 / np.min(solutions.type_1[reached], axis=1)
+    # The sine of an angle is 1 / hypot(1, |P|) if its tangent is 1 / |P|.
     size_of_P = 1.0 / np.tan(np.arcsin(rows.type_one))
     input_count = len(mechanism.inputs)
     assert np.all(size_of_P < np.sqrt(input_count) * largest_row_size * (1.0 + 1e-9))

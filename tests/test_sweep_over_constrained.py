@@ -260,14 +260,16 @@ def test_torques_are_those_of_a_run():
 
 
 def test_an_equation_that_is_only_rounding_is_not_used_for_rates():
-    """In mode 4 of the folding pattern a vertex stays flat, so one loop equation is empty.
+    """Rates of an over-constrained folding pattern do not follow from empty equations.
 
-    Largest rates of three pairs per unit rate of the input z00 are compared with the null
-    space of all loop equations, which needs no choice of equations.
+    In one of its modes (4) a vertex stays flat, so that a loop equation has only rounding
+    errors. In all modes the largest rates of three pairs, per unit rate of the input z00,
+    must be those of the null space of all loop equations. It needs no choice of equations.
     """
     motion = sk.trace(MIURA, samples=5)
     mechanism = motion.mechanism
     pairs = ("h11", "z21", "z10")
+    # The only design is that of the file, in which the value of z00 is 60 deg.
     frame = sk.sweep(
         mechanism,
         {"pairs.z00.value": [60.0]},
@@ -276,6 +278,7 @@ def test_an_equation_that_is_only_rounding_is_not_used_for_rates():
     ).frame()
     rates = np.array([null_vector(matrix) for matrix in motion.linearisation.jacobian])
     rates /= rates[:, [mechanism.angles["z00"]]]
+    # The sweep has a row for each mode, in the order of the modes of the trace.
     for mode, (_, row) in enumerate(frame.iterrows()):
         rates_of_mode = rates[motion.assembly_mode == mode]
         for pair in pairs:

@@ -69,9 +69,11 @@ def write_mechanism(folder, text):
     "case", [pytest.param(case, marks=SLOW if case == "geared" else ()) for case in CASES]
 )
 def test_a_sweep_of_wheels_or_contacts_has_the_figures_of_separate_runs(case, tmp_path):
-    """Sine, cosine and rate of a passive pair at two inputs, mode by mode.
+    """A sweep by the compiled kernel has the same numbers as a run of each design.
 
-    A design that does not close is refused by a run. Modes of both are matched by sorting.
+    They are sine, cosine and rate of a passive pair at two inputs, for all modes. The modes
+    of sweep and run may differ in order, so both lists of rows are sorted. A design whose
+    loops do not close is not OK in the sweep, and a run refuses it.
     """
     text, vary, pair, inputs_deg = CASES[case]
     mechanism = write_mechanism(tmp_path, text) if text else case
@@ -79,13 +81,15 @@ def test_a_sweep_of_wheels_or_contacts_has_the_figures_of_separate_runs(case, tm
     rate = f"rate_{pair}_by_right" if has_several_inputs else f"rate_{pair}"
     columns = {"sine": f"sin(theta_{pair})", "cosine": f"cos(theta_{pair})", "rate": rate}
     figures = []
-    for k, place in enumerate(inputs_deg):
-        place_text = ", ".join(map(str, np.atleast_1d(place)))
+    for k, input_deg in enumerate(inputs_deg):
+        input_text = ", ".join(map(str, np.atleast_1d(input_deg)))
         for name, column in columns.items():
-            figures.append(f"{name}_{k}=at({column}, {place_text})")
+            figures.append(f"{name}_{k}=at({column}, {input_text})")
     result = sk.sweep(mechanism, vary, figures, samples=9)
+    # Without a kernel the sweep would itself make separate runs.
     assert result.sweep.evaluator.kernel is not None
     frame = result.frame()
+    # No mode is missing; the claim of designs without modes may be empty.
     assert set(frame["claim"]) <= {"complete", ""}
 
     for _, rows in frame.groupby("design"):
@@ -99,11 +103,13 @@ def test_a_sweep_of_wheels_or_contacts_has_the_figures_of_separate_runs(case, tm
         rates = run.variable_coefficient(pair, "right" if has_several_inputs else None)
         run_columns = np.array([np.sin(theta), np.cos(theta), rates]).T
         for k in range(len(inputs_deg)):
-            is_place = np.arange(len(theta)) % len(inputs_deg) == k
-            expected = run_columns[is_place & (run.status == 0)]
+            # The run has a row for each mode and input; the input changes fastest.
+            is_input_k = np.arange(len(theta)) % len(inputs_deg) == k
+            expected = run_columns[is_input_k & (run.status == 0)]
             swept = rows[[f"{name}_{k}" for name in columns]].to_numpy()
             swept = swept[np.isfinite(swept[:, 0])]
             assert len(swept) == len(expected) > 0
+            # Sorted by rounded numbers, so that rounding errors do not change the order
             swept = swept[np.lexsort(np.round(swept.T, 6))]
             expected = expected[np.lexsort(np.round(expected.T, 6))]
             assert swept == pytest.approx(expected, rel=1e-12, abs=1e-12)

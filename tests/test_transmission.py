@@ -159,24 +159,29 @@ def test_all_analyses_measure_type_2_as_the_velocity_equations(name):
 def test_all_analyses_see_a_type_2_singularity_on_the_path_of_the_paper(
     rotation_of_the_paper, distance_rad
 ):
-    """At the crossing of the paper's path the links move although both inputs stand still.
+    """Every analysis has the same measure of type II near a singularity.
 
-    Near the crossing the measure is 0.6315 times the distance, as found in 50 digits from
-    the determinant of base axes and elbows. Every analysis must return that number, and
-    the status and the type that follow from it. Differences below 2e-14 are rounding.
+    The path of the paper crosses a singularity of type II: the links can move although both
+    inputs stand still. The measure is about 0.6315 times the distance from the crossing,
+    which is an angle in rad along the path. This factor was computed in 50 digits. Status
+    and type follow from the measure. Differences below 2e-14 are rounding.
     """
     mechanism = sk.load("two_dof_spm")
     (crossing,) = rotation_of_the_paper.crossings
     on_path = rotation_of_the_paper.at(np.array([crossing + distance_rad]))
     values = on_path.values
+    # 1. The reference: the velocity equations of all links
     (expected,) = measure_by_velocity_equations(mechanism, values)
     assert expected == pytest.approx(0.6315 * distance_rad, rel=0.3, abs=2e-14)
+    # 2. The rotation about a fixed axis
     assert on_path.type_2[0] == pytest.approx(expected, rel=1e-3, abs=2e-14)
 
+    # 3. Inverse kinematics of the direction of the output
     direction = on_path.orientation @ np.array(mechanism.outputs[0].direction)
     rows = output_kinematics(mechanism).inverse(direction, ["-++"])
     assert rows.type_2[0] == pytest.approx(expected, rel=1e-3, abs=2e-13)
 
+    # 4. Singularities of a motion
     motion = make_motion(PositionSolver(mechanism, plan_assembly(mechanism)), values)
     singularities = coefficients(motion, output_of(mechanism))
     assert singularities.type_two[0] == pytest.approx(expected, rel=1e-3, abs=2e-14)
@@ -186,6 +191,8 @@ def test_all_analyses_see_a_type_2_singularity_on_the_path_of_the_paper(
     assert (on_path.status[0] == Status.AT_SINGULARITY) == is_singular
     assert (rows.status[0] == Status.AT_SINGULARITY) == is_singular
 
+    # 5. The workspace. The arcsine of the measure is an angle to the singularity. The
+    # margin is its excess over the least angle that is asked for.
     least_angle = np.radians(5.0)
     kinematics = closed_kinematics(mechanism)
     bounds = bounds_of(kinematics, Constraints(near=least_angle))
@@ -248,14 +255,18 @@ def test_the_measure_does_not_depend_on_the_frame_or_the_ground(name):
 
 
 def test_turning_about_the_direction_of_an_output_does_not_count_as_motion():
-    """Crank and coupler of a five-bar are in line: the coupler may turn about its pointer.
+    """A coupler that can turn about its pointer does not count as one that moves.
 
-    Row 0 is stretched exactly; in row 1 the middle axis is off by 1e-6. The direction of
-    the output does not move in either, so both measures are finite and nearly equal.
+    In a five-bar whose cranks are locked, both couplers (links 3 and 4) are in line. The
+    output is link 3. It can turn about the axis of the pair at the end of its crank, which
+    is the direction of the output here. This direction does not move, so the measure of
+    type II is not 0, and nearly the same as for couplers that are not quite in line.
     """
     mechanism = sk.load("five_bar")
     transmission = Transmission.from_mechanism(mechanism, mechanism.outputs[0])
-    # Pairs 1 to 3 lie on one great circle in the plane z = 0; pairs 0 and 4 do not.
+    # The axes are those of the pairs 21, 32, 43, 54 and 51, of which 21 and 51 are inputs.
+    # The axes 1 to 3 of the couplers lie in the plane z = 0. In row 1 the middle one is off
+    # by 1e-6, so that the couplers are stretched nearly.
     axes = np.zeros((2, 5, 3))
     azimuths = np.radians([0.0, 75.0, 150.0])
     axes[:, 1:4, 0] = np.cos(azimuths)

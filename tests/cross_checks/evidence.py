@@ -28,24 +28,27 @@ SECONDS = 8.0
 
 
 class Kind(Enum):
-    """How bad a finding is."""
+    """How bad a finding is. All kinds but `SHORT` are faults."""
 
     CONTRADICTION = "contradicts"
+    """Two results disagree."""
     SILENT = "silent"
     """A table is empty, a unit or a claim is missing, and nothing says so."""
     FAULT = "faults"
+    """A command fails without a proper message."""
     SHORT = "not found"
     """Something exists that a search missed, and its claim says that this may be."""
 
 
 @dataclass
 class Notes:
-    """Findings of a check of one mechanism.
+    """Findings of a check of one mechanism, and the number of comparisons.
 
     Attributes
     ----------
     compared
-        Number of comparisons, so that a check that compares nothing is noticed.
+        Number of comparisons, so that a check that compares nothing is noticed. `judged`
+        and `contradiction` count them, `found` does not.
     findings
         Kind and words of each finding.
     """
@@ -54,11 +57,11 @@ class Notes:
     findings: list = field(default_factory=list)
 
     def judged(self, count=1):
-        """Count comparisons."""
+        """Count comparisons, with or without a finding."""
         self.compared += int(count)
 
     def found(self, words, kind=Kind.CONTRADICTION):
-        """Add a finding."""
+        """Add a finding, whose comparison is counted elsewhere."""
         self.findings.append((kind, words))
 
     def contradiction(self, is_wrong, words):
@@ -69,7 +72,11 @@ class Notes:
 
     @property
     def wrong(self):
-        """Findings that no claim excuses: all but results that a search may miss."""
+        """Findings that are faults: all but those of the kind `SHORT`.
+
+        A finding of that kind is a result that a search missed, and the claim of the search
+        says that results may be missing.
+        """
         return [finding for finding in self.findings if finding[0] is not Kind.SHORT]
 
 

@@ -20,58 +20,73 @@ CLOSED_RAD = 1e-40
 
 
 def _linkage(motion):
-    """Return the linkage of a motion with decimal sizes, its inputs, and its rows."""
+    """Return the equations of a motion, its inputs, and its rows as start values.
+
+    Returns
+    -------
+    linkage
+        Closure equations with the decimal sizes of the file.
+    input_variables
+        Numbers of the variables that are inputs.
+    start
+        (rows, variables) values (rad) as balls: numbers with 50 digits and an error bound.
+    """
     mechanism = motion.mechanism
     linkage = Linkage(mechanism, read_decimals(mechanism).revolute_frames())
-    held = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
+    input_variables = [mechanism.variables_of(pair)[0] for pair in motion.assembly.inputs]
     start = exact_balls(motion.values)
-    start[:, held] = exact_balls(motion.inputs)
-    return linkage, held, start
+    start[:, input_variables] = exact_balls(motion.inputs)
+    return linkage, input_variables, start
 
 
 def deviations(motion):
-    """Return (rows,) rad how far variables are from the solution, NaN where none is found.
+    """Return the largest deviation (rows,) of a variable from the solution, in rad.
 
-    Newton's method starts from the rows. At a dead centre it halves the distance with each
-    step, and where nothing closes it does not converge.
+    Newton's method starts from the rows and keeps the inputs. At a dead centre it halves
+    the distance with each step. If no configuration closes at an input, it does not
+    converge and the deviation is NaN.
     """
     arithmetic = Digits(DIGITS)
     with arithmetic.within(), np.errstate(all="ignore"):
-        linkage, held, start = _linkage(motion)
-        solution = linkage.close_loops(start, held, arithmetic.eps)
-        away = np.max(np.abs(centre_floats(solution.values - start)), axis=1)
-    return np.where(solution.status == Status.OK, away, np.nan)
+        linkage, input_variables, start = _linkage(motion)
+        solution = linkage.close_loops(start, input_variables, arithmetic.eps)
+        deviation = np.max(np.abs(centre_floats(solution.values - start)), axis=1)
+    return np.where(solution.status == Status.OK, deviation, np.nan)
 
 
 def deviations_beside(motion):
     """Return how far variables and inputs are from the nearest closed configuration.
 
-    Inputs move too, so a solution is found also beside a dead centre, where nothing closes
-    at the input of the row itself.
+    Newton's method changes the inputs too. It therefore finds a solution also if no
+    configuration closes at the input of the row itself, beside a dead centre.
 
     Returns
     -------
-    away, shift
-        (rows,) rad the largest change of a variable, and of an input in roundings of it.
-        NaN where no solution is found.
+    deviation
+        (rows,) largest change of a variable in rad; NaN if no solution is found.
+    input_shift
+        (rows,) largest change of an input, divided by the rounding error of an input in
+        float64; NaN if no solution is found.
     """
     arithmetic = Digits(DIGITS)
     with arithmetic.within(), np.errstate(all="ignore"):
-        linkage, held, start = _linkage(motion)
+        linkage, input_variables, start = _linkage(motion)
         values = start.copy()
         for _ in range(25):
-            placed, gaps = linkage.place_links(values)
+            orientations, residuals = linkage.place_links(values)
             jacobian = centre_floats(
-                linkage.jacobian(linkage.variable_vectors(values, placed))
+                linkage.jacobian(linkage.variable_vectors(values, orientations))
             )
             jacobian = np.nan_to_num(jacobian)
-            # The residual has 50 digits, so each step gains the digits of the inverse.
+            # The residuals have 50 digits, but the inverse only those of float64. A step
+            # does not square the error; it gains about as many digits as the inverse has.
             inverse = exact_balls(np.linalg.pinv(jacobian, rcond=1e-7))
-            values = exact_centres(values - np.matvec(inverse, gaps))
-        _, gaps = linkage.place_links(values)
-        is_closed = np.max(np.abs(centre_floats(gaps)), axis=1) < CLOSED_RAD
+            # Without the error bounds, which would grow with each step.
+            values = exact_centres(values - np.matvec(inverse, residuals))
+        _, residuals = linkage.place_links(values)
+        is_closed = np.max(np.abs(centre_floats(residuals)), axis=1) < CLOSED_RAD
         change = np.abs(centre_floats(values - start))
-    away = np.max(change, axis=1)
+    deviation = np.max(change, axis=1)
     rounding = EPS * np.maximum(1.0, np.max(np.abs(motion.inputs), axis=1))
-    shift = np.max(change[:, held], axis=1) / rounding
-    return np.where(is_closed, away, np.nan), np.where(is_closed, shift, np.nan)
+    input_shift = np.max(change[:, input_variables], axis=1) / rounding
+    return np.where(is_closed, deviation, np.nan), np.where(is_closed, input_shift, np.nan)
