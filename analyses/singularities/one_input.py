@@ -108,13 +108,15 @@ class OneInput:
 
     @cached_property
     def sampled(self) -> SampledSingularities:
-        """The singularities on all configuration curves, with the rows on each curve.
+        """The singularities on all configuration curves, and where each row is on them.
 
-        A configuration curve has all configurations that one continuous motion passes.
+        A configuration curve has all configurations that one continuous motion passes. A
+        row is one configuration of the batch.
         """
         batch = self.batch
-        # A motion with a sense of travel is a simulation, which passes parts of curves
-        # only. Then only singularities on the passed parts count as inside the range.
+        # The motion of a simulation has a sense of travel, and passes parts of curves only.
+        # Singularities count as inside the range if they are on the passed parts. These are
+        # found from the inputs of the rows.
         is_simulation = batch.motion.sense is not None
         return SampledSingularities(
             batch.tracer,

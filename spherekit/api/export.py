@@ -150,10 +150,12 @@ def export(
         Of sources and LaTeX: what they compute, by names or patterns such as ``"theta_*"``,
         and keys of the file, such as ``"links.2.arc"``, whose numbers are arguments.
     crossings
-        Of sources: whether assembly modes keep the signs of their dyads where curves cross
-        (``"end"``, the default), or follow the smooth curves through the range of the only
-        input (``"pass"``), as in `evaluate`. A function of the source then gives the signs
-        at an input.
+        For sources: how an assembly mode continues where its curve of configurations
+        crosses that of another mode. With ``"end"``, the default, it keeps the signs of its
+        dyads. A dyad is two links with three R pairs, and its sign is one of two ways to
+        assemble it. With ``"pass"`` the mode follows the smooth curve, which is possible
+        with a single input. A function of the source then gives the signs at an input. Both
+        are as in `evaluate`.
 
     Raises
     ------

@@ -391,8 +391,10 @@ def evaluate(
         file; by default all. With several inputs and groups that are no dyads the numbers
         are those of this call: that of the first input, and so on.
     crossings
-        Whether modes keep the signs of their dyads where curves cross (``"end"``), or
-        follow the smooth curves through the range of the only input (``"pass"``).
+        How an assembly mode continues where its curve of configurations crosses that of
+        another mode. With ``"end"`` it keeps the signs of its dyads. A dyad is two links
+        with three R pairs, and its sign is one of two ways to assemble it. With ``"pass"``
+        the mode follows the smooth curve, which is possible with a single input.
 
     Raises
     ------

@@ -39,22 +39,26 @@ def page(
         Keys of the file, such as ``"links.2.arc"``, that have sliders; by default all arcs
         and angles of links, or the axes of a reference pose.
     quantities
-        Names of `spherekit.velocities.row_quantities`, or patterns of such, that have
-        curves; by default velocity coefficients of outputs, transmission angles and, where
-        links have masses, driving torques.
+        Names of quantities that have curves over the input, or patterns of such names. The
+        module `spherekit.velocities.row_quantities` forms the names. By default they are
+        velocity coefficients of outputs, transmission angles and, where links have masses,
+        driving torques.
     input_pair
         The driven pairs, by default the inputs of the mechanism.
     crossings
-        Whether modes keep the signs of their dyads where curves cross (``"end"``), or
-        follow the smooth curves through the range of the only input (``"pass"``), as in
-        `evaluate`. The page finds the crossings for the sizes that its reader chooses.
+        How an assembly mode continues at an input where its curve of configurations crosses
+        that of another mode. With ``"end"`` it keeps the signs of its dyads. A dyad is two
+        links with three R pairs, and its sign is one of two ways to assemble it. With
+        ``"pass"`` the mode follows the smooth curve, which is possible with a single input.
+        Both are as in `evaluate`. The page finds the crossings for the sizes that its
+        reader chooses.
 
     Raises
     ------
     OutputError
         If the file has another ending or cannot be written.
     EngineError, DesignError, SolveError, PlanError
-        If the mechanism has no such formulas, or no assembly mode.
+        If no formulas can be exported for the mechanism, or if it has no assembly mode.
 
     Examples
     --------

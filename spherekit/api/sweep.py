@@ -80,8 +80,10 @@ def sweep(
         Samples of the inputs that each design goes through, on the straight way through
         their ranges, or a number for each input of a grid; by default the study's.
     crossings
-        Whether modes keep the signs of their dyads where curves cross (``"end"``), or
-        follow the smooth curves (``"pass"``); by default the study's.
+        How an assembly mode continues where its curve of configurations crosses that of
+        another mode. With ``"end"`` it keeps the signs of its dyads. A dyad is two links
+        with three R pairs, and its sign is one of two ways to assemble it. With ``"pass"``
+        the mode follows the smooth curve. By default the study's.
     designs, scheme, seed
         How many designs, by ``"sobol"``, ``"latin"`` or ``"random"``; without them the
         grid of all combinations.

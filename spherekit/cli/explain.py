@@ -187,6 +187,7 @@ def _print_description(description: Facts, link_count: int) -> None:
     print(f"positions, group by group:{'' if groups else ' no loop to close'}")
     for group in groups:
         print(f"  {group['group']} of pairs {', '.join(group['pairs'])}")
+    # Some analyses also compute configurations that are not at samples.
     analyses_with_search = description["other_configurations"]
     if analyses_with_search:
         print(
@@ -200,8 +201,9 @@ def _print_description(description: Facts, link_count: int) -> None:
             f"{', '.join(at_once['analyses'])}; about {size_text(at_once['bytes_a_row'])} "
             "of memory for each sample of each assembly mode"
         )
-    # Poles are the instantaneous axes of two links; primary ones are axes of pairs. There
-    # is one plan for each input that moves while the others are locked.
+    # Poles are the instantaneous axes of two links. The poles that the analyses ask for are
+    # printed first. There is one plan for each input that moves while the others are
+    # locked. A plan evaluates these poles and those from which they follow.
     poles = description["asked"]
     if not poles:
         print("asked of the samples: no poles")
@@ -211,6 +213,8 @@ def _print_description(description: Facts, link_count: int) -> None:
     for plan in description["plans"]:
         if plan["locked"]:
             print(f"while {plan['moving']} moves, {', '.join(plan['locked'])} locked:")
+        # Primary poles are axes of pairs. Secondary poles are intersections of great
+        # circles; those of irreducible parts of the mechanism are solved together instead.
         counts = plan["counts"]
         secondary = counts["secondary"] + counts["irreducible"]
         print(
@@ -219,6 +223,8 @@ def _print_description(description: Facts, link_count: int) -> None:
         )
         for step in plan["steps"]:
             print(f"  {step}")
+        # The first order is the angular velocity per unit rate of the input, the second its
+        # derivative by the input.
         orders = "first and second order" if plan["derivatives"] else "first order"
         print(f"rates of links {', '.join(plan['links_with_rates'])}, {orders}")
 

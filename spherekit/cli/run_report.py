@@ -236,13 +236,16 @@ def duration(seconds: float) -> str:
 def accuracy_line(choice: Any) -> str:
     """Return the line about the setting that was chosen for a tolerance.
 
-    A setting is a way to compute the tables. Its error was predicted by a measurement of
-    all settings, and may also have been checked at some rows of the run.
+    A setting is a way to compute the tables. A trade has the measured time and error of
+    each setting. The error of the trade is the predicted error of the run. The run may also
+    have been compared with accurate values at some rows, the check rows.
 
     Parameters
     ----------
     choice
-        The entry ``accuracy`` of the summary. Errors in it may be None.
+        The entry ``accuracy`` of the summary. Its key ``why`` has the reason of the choice
+        as a phrase. The predicted error is None without a trade, and the achieved error is
+        None without check rows.
     """
     predicted_error = choice["predicted_error"]
     achieved_error = choice["achieved_error"]

@@ -515,6 +515,8 @@ def select_unbeaten(
     """
     unbeaten = []
     for optimum in optima:
+        # Optima have different designs. `continues_in` follows the assembly mode of the
+        # other design to the design of this optimum, and tells whether it is the same mode.
         is_beaten = any(
             other.mode.continues_in(optimum.mode) and is_better(other, optimum, tolerance)
             for other in optima

@@ -73,8 +73,10 @@ class DesignSamples:
     shape
         Number of samples along a path, or along each axis of a grid.
     crossings
-        ``"pass"`` if modes follow smooth curves where curves of configurations cross, or
-        ``"end"`` if they keep the signs of their dyads.
+        How an assembly mode continues where its curve of configurations crosses that of
+        another mode. With ``"end"`` it keeps the signs of its dyads. A dyad is two links
+        with three R pairs, and its sign is one of two ways to assemble it. With ``"pass"``
+        the mode follows the smooth curve.
     """
 
     inputs: Names

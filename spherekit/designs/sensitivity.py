@@ -416,8 +416,9 @@ class Sensitivity:
     def at(self, samples: Floats, values: Floats) -> tuple[Floats, Floats]:
         """Return quantities and their derivatives by the sizes at n configurations.
 
-        The inputs are constant, and the loops stay closed: if a size changes, the variables
-        of the other pairs change such that the closure equations still hold.
+        The derivatives are for constant inputs, with the same rates and accelerations. The
+        loops stay closed: if a size changes, the variables of the other pairs change such
+        that the closure equations are still satisfied.
 
         Parameters
         ----------
@@ -425,8 +426,9 @@ class Sensitivity:
             (n, 3 inputs + 1) the inputs (rad), their rates (rad/s) and accelerations
             (rad/s2), and the time (s).
         values
-            (n, variables) pair variables (rad) with which all loops close. The angles of
-            pairs with loads that depend on revolutions (`wound`) count whole revolutions.
+            (n, variables) pair variables (rad) with which all loops close. Loads may depend
+            on the angle of a pair with its whole revolutions, as that of a wound spring.
+            The angles of these pairs (property `wound`) include whole revolutions.
 
         Returns
         -------
@@ -437,6 +439,8 @@ class Sensitivity:
         """
         if any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.quantities):
             check_torque_tables_cover(self.mechanism, samples[:, -1])
+        # The variables of the kernel are those of the linkage in which links replace
+        # contacts. The columns of profiles (curves of contacts) need the pair variables.
         column_gradients = self._nominal_design.evaluate_gradients(
             self._gradient_kernel,
             samples.T,

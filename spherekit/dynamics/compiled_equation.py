@@ -90,15 +90,18 @@ class CompiledEquation:
         run. The functions may be called by several threads at once.
     rates_function
         Computes from the variables the homogeneous rates of all variables by each
-        coordinate, then the measure of independence. Homogeneous rates are those per unit
-        rate of the coordinate, times the determinant of the velocity equations.
+        coordinate, then the measure of independence of the loop-closure equations.
+        Homogeneous rates are those per unit rate of the coordinate, times the determinant D
+        of the velocity equations for given rates of the coordinates. They stay finite where
+        D is zero, and the coordinates do not determine the rates.
     switch_function
         Computes from state, time and parameters the switch conditions, then their rates by
         time. A load changes abruptly where a condition is zero. None without conditions.
     probe_function
         Computes from state, time and parameters the rates of the momenta, then the
-        arguments at whose zeros and extrema loads may change faster than a series shows.
-        None if no load has such arguments.
+        arguments of steep functions in loads, such as x in tanh(1000 x). Near a zero or an
+        extremum of its argument, such a function changes too fast for the Taylor series of
+        a step. None if no load has such functions.
     tolerance
         Tolerance of a step, relative to the largest element of the state.
     arguments
@@ -119,15 +122,27 @@ class CompiledEquation:
         return _compile_again, (self.arguments,)
 
     def homogeneous_rates(self, values: Floats) -> Floats:
-        """Return the homogeneous rates (n, m, variables) at variables (n, variables)."""
+        """Return the homogeneous rates by m coordinates at n configurations.
+
+        Parameters
+        ----------
+        values
+            (n, variables) pair variables (rad).
+
+        Returns
+        -------
+        (n, m, variables) rates of all variables by each coordinate, times the determinant
+        of the velocity equations.
+        """
         outputs: Floats = self.rates_function(values.T)
         layout = self.layout
         return outputs[:-1].T.reshape(-1, layout.freedoms, layout.variable_count)
 
     def measure_independence(self, values: Floats) -> Floats:
-        """Return the measure (n,) of independence at variables (n, variables).
+        """Return the measure (n,) of independence of the loop-closure equations.
 
-        It is zero where sets of configurations cross.
+        It is zero where these equations depend on each other, so that sets of
+        configurations cross. `values` (n, variables) are the pair variables (rad).
         """
         return self.rates_function(values.T)[-1]
 

@@ -263,7 +263,7 @@ class Sampler:
     def _label_inertia(self, heading: StoredHeading) -> list[FunctionLabel]:
         """Return the labels of the inertia matrix and of its Christoffel symbols.
 
-        Along a curve these are only the inertia B and its derivative dB/dx.
+        With one coordinate x these are only the inertia B and its derivative dB/dx.
         """
         labels = [
             FunctionLabel(name, "kg m2", FunctionKind.INERTIA) for name in heading.inertia
@@ -297,8 +297,9 @@ class Sampler:
         motion
             n configurations by m coordinates.
         christoffel_factor
-            Factor of the stored Christoffel symbols: 2 along a curve, where dB/dx is
-            stored, and 1 over a box.
+            Factor of the Christoffel symbols in the result. With one coordinate x the only
+            symbol is 1/2 dB/dx, and the model stores dB/dx: the factor is 2. With several
+            coordinates the model stores the symbols: the factor is 1.
         """
         n, m = motion.rates.shape[:2]
         # The derivatives of one variable by all coordinates are next to each other.
@@ -448,16 +449,34 @@ class CurveSampler(Sampler):
         return labels
 
     def evaluate_groups(self, groups: Sequence[int], x: Floats) -> Floats:
-        """Return the functions (n, F) of some groups at coordinates x (n,), in rad.
+        """Return the values of the functions that a reduced model stores.
 
-        Group 0 has the functions of the motion, group k + 1 those of pole k.
+        All are functions of the model's only coordinate x, which determines the
+        configuration. The equation of motion is B x'' + 1/2 dB/dx x'^2 = Q + tau, with the
+        inertia B, the generalised force Q of the loads and the driving torque tau.
+
+        Parameters
+        ----------
+        groups
+            Groups of functions that are computed. Group 0 has the pair variables v, dv/dx,
+            B, dB/dx, and the velocities on which loads act (`label_motion_functions`).
+            Group k + 1 has the five functions of pole number k (`label_pole_functions`).
+        x
+            (n,) values of the coordinate (rad): the input variable q, or the arc length s
+            of the configuration curve.
+
+        Returns
+        -------
+        (n, F) values of the F functions of these groups, one group after another. The
+        labels state the units.
         """
         motion = self._compute_motion(x)
         directions = self._evaluate_directions(x, motion) if any(groups) else {}
         functions = []
         for group in groups:
             if group == 0:
-                # Along a curve dB/dx is stored, twice the Christoffel symbol.
+                # The model stores dB/dx. The only Christoffel symbol of one coordinate is
+                # half of it, so the symbol is multiplied by 2.
                 functions.append(self._evaluate_motion(motion, christoffel_factor=2.0))
             else:
                 pole = self.poles[group - 1]

@@ -576,8 +576,9 @@ class TaylorIntegration:
     def _normalise(self, integrator: Integrator, target: float) -> None:
         """Keep the numbers of the state small between two segments.
 
-        Angles are reduced by whole revolutions, work is added to a separate sum, and the
-        unit of momentum is adapted.
+        Angles are reduced by whole revolutions (arc lengths of contacts are not), work is
+        added to a separate sum, and the unit of momentum is adapted. After a fixed number
+        of segments the variables are also put back onto the closed loops (`project`).
 
         Parameters
         ----------
@@ -600,12 +601,15 @@ class TaylorIntegration:
         works = state[self.layout.work_slice]
         self.work = self.work + works * self.momentum_unit**2
         works[:] = 0.0
-        # The unit only grows, so that a mechanism near rest does not lose digits.
+        # The momenta are multiples of their unit. If they exceed it, the unit becomes their
+        # size. The unit only grows, so that a mechanism near rest does not lose digits.
         momenta = state[self.layout.momentum_slice]
         size = float(np.linalg.norm(momenta))
         if size > 1.0:
             self.momentum_unit *= size
             momenta /= size
+        # The integrator changes signs of switch conditions at their zeros. They are read
+        # here, before all parameters are set again.
         self.switch_signs = self._all_parameters(integrator)[
             self.layout.switch_parameters :
         ]

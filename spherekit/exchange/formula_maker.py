@@ -90,8 +90,11 @@ def formulas(
     assembly_mode
         The only assembly mode to be named, by default all.
     crossings
-        Whether assembly modes keep the signs of their dyads where curves cross ("end"), or
-        follow smooth curves through the crossings of the mechanism in the file ("pass").
+        How an assembly mode continues where its curve of configurations crosses that of
+        another mode. With "end" it keeps the signs of its dyads. A dyad is two links
+        with three R pairs, and its sign is one of two ways to assemble it. With "pass"
+        the mode follows the smooth curve through the crossings of the mechanism in the
+        file.
 
     Raises
     ------

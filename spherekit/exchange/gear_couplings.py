@@ -405,11 +405,18 @@ def construct_bevel_gears(
         the first link, and the second link by y about B relative to the carrier.
     factors
         The factors u and v. Neither is zero.
+
+    Returns
+    -------
+    The circles, in the order of the links if they touch from outside. Otherwise the smaller
+    one, which rolls inside the larger one, comes first.
     """
     u, v = factors
     # The relative angular velocity of the links is x A + y B. It lies along the common line
     # of the pitch cones if u x + v y = 0.
     contact_line = unit_rows(v * axes[0] - u * axes[1])
+    # A circle has two centres on the sphere, opposite to each other on its axis. The one
+    # nearer to the contact line is taken, so that the radius is at most a quarter turn.
     centres = [axis if axis @ contact_line >= 0.0 else -axis for axis in axes]
     first, second = (
         PitchCircle(float(arc(centre, contact_line)), link, centre)
@@ -419,6 +426,7 @@ def construct_bevel_gears(
     # line.
     normals = np.cross(centres, contact_line)
     is_external = bool(normals[0] @ normals[1] < 0.0)
+    # The smaller circle of an internal pair comes first, see `BevelGears`.
     if not is_external and second.radius < first.radius:
         first, second = second, first
     return BevelGears((first, second), is_external)

@@ -172,8 +172,10 @@ def compare_modes(
     assembly_mode
         Number or name of the only assembly mode to write. By default all are written.
     crossings
-        Whether modes keep the signs of their dyads where curves cross ("end"), or follow
-        smooth curves through the crossings ("pass").
+        How an assembly mode continues where its curve of configurations crosses that of
+        another mode. With "end" it keeps the signs of its dyads. A dyad is two links
+        with three R pairs, and its sign is one of two ways to assemble it. With "pass"
+        the mode follows the smooth curve through the crossing.
 
     Returns
     -------

@@ -600,7 +600,8 @@ class _MechanismReader:
         def find_centres() -> tuple[list[Vector], float]:
             """Return the axes of both cones in their links, and the angle between them.
 
-            The carrier is the link in which both axes are fixed.
+            The carrier is the link in which both axes are fixed. The angle (rad) between
+            them is the shaft angle.
             """
             carrier = find_gear_carrier(self.joined_links, self.axes_in_links, links, axes)
             centres = [
@@ -609,6 +610,7 @@ class _MechanismReader:
             ]
             return centres, carrier.shaft_angle
 
+        # `call_model` adds file, line and key to the message of any error in a function.
         centres, shaft_angle = self.call_model((*path, "axes"), find_centres)
         # The radius of a circle is the half angle of its cone.
         contact = item.get("contact", "external")

@@ -105,7 +105,9 @@ class Profile:
 
 @dataclass(frozen=True)
 class Pair:
-    """A kinematic pair. Its variable moves the second link relative to the first.
+    """A kinematic pair. Its variables move the second link relative to the first.
+
+    A sliding contact has two variables, the other types of pairs have one.
 
     Attributes
     ----------
@@ -157,7 +159,8 @@ class Pair:
     def rolls(self) -> bool:
         """Whether the pair is a rolling contact.
 
-        Its constraints may repeat constraints of other pairs.
+        The constraints of a rolling contact may depend on those of other pairs. A count of
+        all constraints then gives a mobility that is too small.
         """
         return not self.kind.has_axis and self.kind.variable_count == 1
 

@@ -126,7 +126,10 @@ def axes_from_sizes(sizes: LinkSizes) -> AxesOfLink:
 
 
 def reference_frame(axes: Mapping[str, Floats], name: str) -> Floats:
-    """Return the frame (3, 3) of an axis in its link, before it is rotated to the zero.
+    """Return the frame (3, 3) of a pair axis in its link, by the other axes of the link.
+
+    The columns are the x, y and z axes in link axes. In the first link of a pair, callers
+    then rotate the frame about z by the zero angle of the pair, at which its variable is 0.
 
     Parameters
     ----------

@@ -260,16 +260,22 @@ class PoseFinder:
     def _make_candidates(self, values: Floats, labels: Sequence[str]) -> PoseCandidates:
         """Return configurations as candidates for the start or end of a rotation.
 
-        A configuration is singular if its loops do not determine the links, if the inputs
-        do not determine the output, or if the output link cannot turn in as many ways as
-        there are inputs. Singular ones come last.
+        A configuration is singular if one of three measures is nearly zero:
+
+        - `loop_conditioning`, if the loops do not determine the links,
+        - `output_singular_value`, if the output link cannot turn in as many ways as there
+          are inputs,
+        - the transmission, if the inputs do not determine the output (type II).
+
+        Singular configurations come last.
 
         Parameters
         ----------
         values
             (k, variables) closed configurations (rad).
         labels
-            (k,) the signs of the dyads of each configuration, as text.
+            (k,) the signs of the dyads of each configuration, as text. A dyad is two links
+            with three R pairs, and its sign is one of two ways to assemble it.
         """
         output_link = OutputLink.from_output(self.mechanism, self.output)
         # Only the conditioning is read, which does not depend on the target orientation.

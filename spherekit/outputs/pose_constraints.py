@@ -150,13 +150,13 @@ class Constraints:
     near
         Least distance (rad) to a singularity; 0 for no limit. At type I an input moves
         while the output rests, at type II the output can move although the inputs are
-        locked. A measure of each type is 0 there, and the distance is the angle whose sine
-        is the measure. The limit applies to type I of every input and to type II.
+        locked. The distance is the angle whose sine is `type_1` of an input, or `type_2`,
+        of `ModeAtPoses`. The limit applies to type I of every input and to type II.
     width, radius
         Width of the links and radius of the sphere that they are on, in the same unit of
-        length; 0 for no limit. If the two links of a leg can lie over each other, the outer
-        axes of the leg must stay so far apart that the links do not touch (Chen et al.
-        2021, section 3).
+        length; 0 for no limit. A leg has two links and three axes. If it can fold so that
+        its links overlap, the angle between its first and its third axis must stay so large
+        that the links do not touch (Chen et al. 2021, section 3).
     """
 
     limits: tuple[JointLimit, ...] = ()

@@ -180,11 +180,16 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
     A primary pole is the axis or contact line of a pair and needs no other. A secondary
     pole P_ij is the intersection of great circles, each through the poles P_ik and P_jk of
     a third body k. Its sources are the poles on those circles that need the fewest other
-    poles. The poles of an irreducible part of the mechanism are computed together, from the
-    primary poles of its pairs.
+    poles. A part of the mechanism is irreducible if its poles do not follow one by one from
+    such circles. They are computed together, from the primary poles of its pairs.
+
+    Returns
+    -------
+    For each pole the poles that it needs directly. Primary poles need none.
     """
     # The ancestors of a pole are all poles to be computed until it is known, itself
-    # included. Primary poles have none, because they cost nothing.
+    # included. They measure the cost of the pole. Primary poles are known from the pairs
+    # without computation, so they have none and count as none.
     ancestors: dict[Pole, frozenset[Pole]] = {}
     sources_by_pole: dict[Pole, Iterable[Pole]] = {}
     for step in whole_plan.steps:
@@ -195,9 +200,11 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
                 ancestors[pole] = frozenset([pole])
                 sources_by_pole[pole] = primary_poles
         elif isinstance(step, LinePole):
-            # `via` are the third bodies of the chosen circles.
+            # `via` are the third bodies k of the chosen circles. Bodies that turn about a
+            # common axis (`coaxial`) give the same circle, which is counted once.
             via, needed = _choose_cheapest_lines(step, ancestors, whole_plan.coaxial)
             ancestors[step.pole] = needed | {step.pole}
+            # The step with the chosen circles only: its sources are P_ik and P_jk.
             sources_by_pole[step.pole] = replace(step, via=via).sources
         else:
             ancestors[step.pole] = frozenset()

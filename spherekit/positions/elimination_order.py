@@ -49,9 +49,11 @@ class BinaryLink(NamedTuple):
 class EliminationOrder(NamedTuple):
     """The t unknown angles and t removed links of a group, in an order that can be solved.
 
-    If t links with two pairs (binary links) are removed from the group, the other bodies
-    form a tree. Each removed link gives one equation in the angles of the tree. All numbers
-    are positions in `Group.bodies` and `Group.pairs`.
+    A group has b bodies, p R pairs and no mobility: 3 (b - 1) = 2 p. It has
+    t = p - b + 1 loops, so that b = 2 t + 1 and p = 3 t. If t links with two pairs (binary
+    links) are removed, the other t + 1 bodies form a tree with t pairs. Each removed link
+    gives one equation in the angles of the tree. All numbers are positions in
+    `Group.bodies` and `Group.pairs`.
 
     Attributes
     ----------
@@ -83,9 +85,10 @@ class EliminationOrder(NamedTuple):
     def root_count(self) -> int:
         """Number of complex solutions with multiplicity; 0 if this order cannot be solved.
 
-        It follows from the graph alone: from which equation contains which angle. A
-        polynomial in cos and sin of the first angle has twice as many complex roots as
-        its degree.
+        The other angles are eliminated, and a polynomial in cos and sin of the first angle
+        remains. It has twice as many complex roots as its degree. The degree follows from
+        which equation contains which angle. `eliminant_degree` returns 0 if an equation
+        lacks an angle that the elimination in this order needs.
         """
         return 2 * eliminant_degree(self.incidence)
 

@@ -235,13 +235,16 @@ def _follow_from_dead_centre(
     the dead centre itself.
     """
     # (k, variables) points near the dead centre, one on each branch of a curve through it.
-    # The input has to change from the dead centre to the point.
+    # The input has to change from the dead centre to the point, by more than this angle
+    # (rad). The constant is used here as an angle, and as a ratio elsewhere.
     points = find_outgoing_points(closure, values)
     input_changes = points[:, driven] - values[driven]
     points = points[np.abs(input_changes) > DEAD_CENTRE_RATIO]
-    # A definite order, which does not depend on rounding, gives the same mode in each run.
+    # Points with larger values of the first variables come first. Any definite order that
+    # does not depend on rounding gives the same mode in each run.
     ordered = sorted(points, key=lambda point: tuple(np.round(values - point, 6)))
-    # The last start is the dead centre itself.
+    # The last start is the dead centre itself. Its derivatives by the input are infinite or
+    # inaccurate, so its curve is the result only if no other one reaches the dead centre.
     starts = _nodes_with_rising_input(closure, driven, np.array([*ordered, values]))
     curves = _follow_from_nodes(closure, driven, starts=starts, low=low, high=high)
     tried_steps = sum(curve.tried_steps for curve in curves)
@@ -250,9 +253,10 @@ def _follow_from_dead_centre(
             difference = curve.values[end] - values
             input_difference = difference[driven]
             if input_difference and max_abs(difference) < DEAD_CENTRE_END_RAD:
-                # Insert the dead centre before the first node, or behind the last one. Its
-                # slope by the input is infinite. The slope of the straight line from the
-                # dead centre to the node is used instead.
+                # Insert the dead centre before the first of n nodes (end 0: index 0), or
+                # behind the last one (end -1: index n). Its slope by the input is infinite.
+                # The slope of the straight line from the dead centre to the node is used
+                # instead.
                 index = end % (len(curve.inputs) + 1)
                 slope = difference / input_difference
                 return ModeCurve(

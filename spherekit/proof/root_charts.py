@@ -160,11 +160,11 @@ class ChartRoots:
         return ChartRoots(self.z[chosen], self.inverse[chosen], self.row[chosen])
 
     def derivatives(self, polynomials: Sequence[Complexes], order: int = 0) -> Complexes:
-        """Return the derivatives of polynomials by z at all points, in their charts.
+        """Return the derivatives of polynomials by the stored z at all n points.
 
-        The chart of a coordinate is z = e^(i angle) or its inverse. In the chart of the
-        inverse the polynomial is multiplied by the highest power, so that the coefficients
-        belong to the powers in reverse order.
+        The stored z of an unknown is e^(i angle) or its inverse. If it is the inverse, the
+        polynomial is multiplied by its highest power, so that the coefficients belong to
+        the powers of z in reverse order.
 
         Parameters
         ----------
@@ -197,11 +197,12 @@ class ChartRoots:
         return stacked.reshape(shape)
 
     def _powers(self, column: int, size: int, order: int) -> Complexes:
-        """Return derivatives (n, size) of the powers of z that belong to coefficients.
+        """Return the derivatives (n, size) of the factors of coefficients at n points.
 
-        A coefficient belongs to a power of the coordinate z. If 1/z is stored instead of z
-        (the chart of the inverse), the polynomial is multiplied by the highest power, and
-        the powers are in reverse order.
+        A polynomial of one unknown has the coefficients c_0, c_1, ... of the powers of
+        e^(i angle). If z = e^(i angle) is stored, the factor of c_p is z^p. If the inverse
+        z = e^(-i angle) is stored, the polynomial is multiplied by z^(size - 1), and the
+        factor of c_p is z^(size - 1 - p). The derivatives are by the stored z.
 
         Parameters
         ----------
@@ -210,11 +211,11 @@ class ChartRoots:
         size
             Number of coefficients.
         order
-            Order of the derivative.
+            Order of the derivative: 0, 1 or 2.
         """
         ascending = np.arange(size)
         exponents = np.where(self.inverse[:, column, None], ascending[::-1], ascending)
-        # The derivative of z^k of this order is k (k - 1) ... z^(k - order).
+        # The first derivative of z^p is p z^(p - 1), the second p (p - 1) z^(p - 2).
         factor = np.prod([exponents - step for step in range(order)], axis=0)
         return factor * self.z[:, column, None] ** np.maximum(exponents - order, 0)
 
@@ -315,21 +316,21 @@ def _bound_rounding(polynomials: Polynomials, rows: Indices) -> Floats:
 
 @dataclass(frozen=True)
 class ChangeBounds:
-    """Bounds of the changes of polynomials P and their derivatives near n roots.
+    """Bounds of errors and changes of the k polynomials P of a system near n roots.
 
-    A tube is a region that contains a root for all inputs of a box. Its axis is the
-    approximate root, which moves linearly with the inputs.
+    `enclose_roots` proves with them that there is exactly one root for all inputs of a box.
+    The unknowns z have changed by at most a radius, and the given variables g by as much as
+    they change over the box. P_z and P_g are the derivatives of P by z and by g.
 
     Attributes
     ----------
     value_error
-        (n, k) error bound of P.
+        (n, k) error bound of the computed values of P.
     slope_change
-        (n, k, k) bound of the change of the derivatives P_z by the unknowns z, within a
-        radius about the root and over the box of inputs.
+        (n, k, k) bound of the change of P_z. The axes are root, equation and unknown.
     drift
-        (n, k) bound of the error that is made if P is taken as linear along the axis of
-        the tube.
+        (n, k) bound of the change of P by g that the constant slope P_g of the root does
+        not explain.
     """
 
     value_error: Floats
@@ -340,52 +341,71 @@ class ChangeBounds:
 def _bound_changes(
     polynomials: Polynomials, roots: ChartRoots, radius: Floats, given_change: Floats
 ) -> ChangeBounds:
-    """Return bounds of the changes of polynomials and their derivatives near roots.
+    """Return bounds of how far polynomials P are from linear near approximate roots.
 
-    A change is bounded by two terms. The first one has second derivatives at the root,
-    times the radius about the root or the changes of the given variables. The second one is
-    a remainder with third derivatives. By Bernstein's inequality, a third derivative is at
-    most `derivative_bound` times the product of the degrees in its variables.
+    P depends on the unknowns z and the given variables g. A change of a derivative of P is
+    bounded by two terms. The first has the computed second derivatives at the root, times
+    the changes of z and g. The second is a remainder, by Bernstein's inequality: a
+    derivative of any order is at most C = `derivative_bound` times the degree in each
+    variable by which P is differentiated.
 
     Parameters
     ----------
-    polynomials, roots
-        The polynomials and their approximate roots.
+    polynomials
+        The k polynomials at m choices of the given variables.
+    roots
+        n approximate roots. `roots.row` is the choice of the given variables of each root.
     radius
-        (n,) radius about each root, in z.
+        (n,) radius about each root, in z: largest change of each unknown.
     given_change
         (n, given) largest change (rad) of the given variables over the box.
     """
     count = roots.z.shape[1]
+    # A trigonometric polynomial of degree d, times z^d, is a polynomial of degree 2 d in z.
     degrees_in_z = 2.0 * polynomials.degrees[:, :count]
     degrees_in_given = polynomials.degrees[:, count:]
     # Outside the unit circle a polynomial of degree d grows at most by |z|^d.
     largest_magnitude = np.maximum(np.abs(roots.z) + radius[:, None], 1.0)
     growth = np.exp(np.log(largest_magnitude) @ degrees_in_z.T) * ROUND_UP
-    bound = polynomials.derivative_bound * growth
+    derivative_bound = polynomials.derivative_bound * growth
     value_error = growth * _bound_rounding(polynomials, roots.row)
-    # Sums of degree times change: for the unknowns, for the given variables, for all.
-    by_radius = radius[:, None] * np.sum(degrees_in_z, axis=1)
-    by_given = given_change @ degrees_in_given.T
-    total = by_radius + by_given
-    degrees_at_least_one = np.maximum(degrees_in_z, 1.0)
+    # (n, k) sums of degree times change, without unit. P changes at most by C times the
+    # sum. A derivative of P changes at most by its own bound times the sum.
+    change_by_z = radius[:, None] * np.sum(degrees_in_z, axis=1)
+    change_by_given = given_change @ degrees_in_given.T
+    total_change = change_by_z + change_by_given
+    # P_z is bounded by C times this degree. For an unknown that an equation does not
+    # contain, 1 is more than necessary.
+    slope_degrees = np.maximum(degrees_in_z, 1.0)
+
+    # Change of P_z. First term: second derivatives by g and z and by z, times the changes.
     # i: equation, j: unknown, g: given variable.
-    mixed = np.einsum(
+    slope_change_by_given = np.einsum(
         "nijg,ng->nij", np.abs(roots.derivatives(polynomials.slopes, 1)), given_change
     )
-    second = np.sum(np.abs(roots.derivatives(polynomials.coefficients, 2)), axis=3)
-    slope_change = second * radius[:, None, None] + mixed
-    remainder = 0.5 * bound * total**2 + value_error * total
-    slope_change += remainder[:, :, None] * degrees_at_least_one
-    # The change of the derivatives by the given variables, times the change of these: from
-    # mixed second derivatives, from second derivatives by the given variables, and from
-    # third derivatives. The change grows at most linearly, so that its mean is half of it.
-    mixed_drift = np.sum(mixed, axis=2) * radius[:, None]
-    drift = mixed_drift + bound * by_given * (by_given + by_radius**2)
+    second_by_z = np.sum(np.abs(roots.derivatives(polynomials.coefficients, 2)), axis=3)
+    slope_change = second_by_z * radius[:, None, None] + slope_change_by_given
+    # Second term, without the factor `slope_degrees`: third derivatives times half of the
+    # square of the change, and the error of the computed second derivatives.
+    remainder = 0.5 * derivative_bound * total_change**2 + value_error * total_change
+    slope_change += remainder[:, :, None] * slope_degrees
+
+    # Change of P_g, times the change of g. Let z change first, then g. The change of z
+    # gives the second derivatives by z and g, and third ones: by g, z and z. These have the
+    # factor 1/2, which is left out. The change of g gives the second derivatives by g,
+    # which are not computed, so that C bounds them.
+    drift_by_z = np.sum(slope_change_by_given, axis=2) * radius[:, None]
+    largest_drift = drift_by_z + derivative_bound * change_by_given * (
+        change_by_given + change_by_z**2
+    )
+    # Errors of the computed P_g, and of its computed derivatives by z.
+    derivative_error = value_error * (1.0 + total_change) * total_change
     return ChangeBounds(
         value_error=value_error,
         slope_change=slope_change,
-        drift=0.5 * drift + value_error * (1.0 + total) * total,
+        # P_g changes at most linearly with the inputs, so that its mean change is half of
+        # its largest one.
+        drift=0.5 * largest_drift + derivative_error,
     )
 
 
@@ -498,10 +518,11 @@ def enclose_roots(
 
     # |1 - Y P_z|: at the approximation, and its change within the radius and over the box.
     changes = _bound_changes(polynomials, roots, uniqueness_radius, given_change)
-    degrees_at_least_one = np.maximum(2.0 * polynomials.degrees[:, :count], 1.0)
+    # Bounds of derivatives by z have these factors, see `_bound_changes`.
+    slope_degrees = np.maximum(2.0 * polynomials.degrees[:, :count], 1.0)
     deviation = np.abs(np.eye(count) - inverse @ by_unknowns) + PRODUCT_ROUNDING
     deviation += inverse_size @ (
-        changes.value_error[:, :, None] * degrees_at_least_one
+        changes.value_error[:, :, None] * slope_degrees
         + PRODUCT_ROUNDING * np.abs(by_unknowns)
     )
     deviation_change = inverse_size @ changes.slope_change

@@ -29,8 +29,8 @@ INSTALLED_PACKAGES_FOLDER = sysconfig.get_path("purelib")
 def describe_failed_rows(summary: Facts) -> list[str]:
     """Return a sentence for each table with failed rows, with their number and status.
 
-    Rows are counted only if their configuration was computed, so that the failure is one of
-    the analysis.
+    The numbers are those of ``failed_rows`` in the summary. The run has counted there only
+    rows whose configuration was computed, so that the failure is one of the analysis.
 
     Parameters
     ----------

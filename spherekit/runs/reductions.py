@@ -107,19 +107,22 @@ def sample_weights(
     values
         (k,) values, NaN where the mechanism cannot be assembled.
     figure
-        The reduced number.
+        The reduced number. It occurs in some of the derivatives, such as that of the root
+        of the mean square.
     is_closed_path
         Whether the last sample is the first one after full revolutions of the inputs.
 
     Returns
     -------
-    (k,) derivatives, zero at samples that do not count. None if the number is an input.
+    (k,) derivatives, zero at samples that do not count. None if the reduced number is an
+    input, such as the input at which the value is smallest (``"argmin"``).
     """
     weights = REDUCTION_BY_NAME[reduction].weights
     if weights is None:
         return None
     if not np.any(np.isfinite(values)):
         return np.zeros(len(values))
+    # No function of `weights` reads the inputs, so they are NaN.
     no_inputs = nans(len(values))
     return weights(SampledValues(no_inputs, values[:, None], is_closed_path), figure)
 

@@ -77,8 +77,8 @@ def compute_deviations(
     Some errors are absolute, such as those of angles. The others are relative to the
     largest reference value of all columns of the table with the same unit, because the
     values of one column may all be rounding errors, for example a torque that balances
-    others. If all derivatives by an angle are rounding errors, their errors are relative to
-    the functions that are differentiated.
+    others. If all derivatives by an angle (such as N m/rad) are rounding errors, their
+    errors are relative to the functions that are differentiated (`_find_scale`).
 
     Parameters
     ----------
@@ -112,6 +112,7 @@ def compute_deviations(
             differences, reference_count = _subtract(
                 column, columns[column.name], reference_columns[column.name]
             )
+            # A deviation below one rounding of float64 counts as one rounding.
             deviations.append(
                 Deviation(
                     column=f"{table.name}.{column.name}",

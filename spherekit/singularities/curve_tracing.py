@@ -103,21 +103,25 @@ class _LocusNodes(CurvePoints):
 def _bordered_equations(points: LocusPoints, tangents: Floats) -> Floats:
     """Return the equations of points of the locus, with the tangent as a further row.
 
-    The further row makes the matrix regular as long as curves do not cross.
+    A point of the locus is a configuration in which some unit rates x close the loops while
+    the inputs, or the output, are at rest. These rates are the singular motion. The further
+    row makes the matrix regular as long as curves do not cross.
 
     Parameters
     ----------
     points
         n points with their linearised equations, (n, equations, g + k). The unknowns are g
-        coordinates of the configuration, then k of the motion that is singular there.
+        coordinates of the configuration, then k coordinates of its singular motion. Curves
+        have g = `CURVE_FREEDOMS`.
     tangents
-        (n, variables) tangents of the curve in the pair variables. They are converted to
-        the g coordinates; the further row has zeros for those of the motion.
+        (n, variables) tangents of the curve in the pair variables.
 
     Returns
     -------
     (n, equations + 1, g + k) matrices.
     """
+    # (n, g + k) products of the tangent with the basis vectors of all unknowns. The tangent
+    # is a change of the configuration, so the elements of the singular motion are zero.
     border = np.einsum("nv,nvg->ng", tangents, points.basis)
     border[:, CURVE_FREEDOMS:] = 0.0
     return np.concatenate([points.equations, border[:, None]], axis=1)

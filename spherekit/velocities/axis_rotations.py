@@ -139,8 +139,9 @@ class PairRotations:
     sides
         By the number of each contact, its two profiles.
     followers
-        R pairs whose angle follows from the inputs through wheels. By the number of the
-        pair: the factors of the input angles, then the angle (rad) at inputs of zero.
+        R pairs whose angle follows from the inputs through wheels, by the number of the
+        pair. The angle is the sum of a factor times each input angle, and of a constant. A
+        sequence has the factors in the order of the inputs, then the constant (rad).
     """
 
     chains: tuple[JointTransform, ...]
@@ -149,12 +150,19 @@ class PairRotations:
 
     def axes(self, pair: int) -> tuple[Entries, Entries]:
         """Return the axis (3,) of an R pair in the axes of its first and second link."""
+        # R_second = R_first C_0 Z C_1, where Z rotates about the z axis of a joint frame.
+        # C_0 has the axes of this frame in the first link as columns. C_1 has its axes in
+        # the second link as rows.
         chain = self.chains[pair]
         return chain.constants[0][:, 2], chain.constants[-1][2]
 
     @property
     def sides_with_columns(self) -> tuple[ProfileSide, ...]:
-        """The profiles that have columns, in the order of these columns."""
+        """The profiles whose `PROFILE_COLUMNS` are variables of the expressions.
+
+        These numbers (tangent, point and curvature at the contact) are computed for each
+        configuration and follow the pair variables. The profiles are in the same order.
+        """
         return tuple(
             side
             for both_sides in self.sides.values()

@@ -202,25 +202,30 @@ def passive_equations(
 ) -> tuple[Floats, Floats]:
     """Return the loop equations of the passive variables, on orthonormal bases.
 
-    Passive variables are those that no input locks. The equations are written with an
-    orthonormal basis of the cycles of the graph of links and pairs, and with orthonormal
-    vectors of the variables. The singular values of the equations are therefore sines of
-    angles between two spaces of relative velocities: those that the passive pairs allow,
-    and those that bodies can have.
+    Passive variables are those that no input locks. A vector of a variable is the relative
+    angular velocity of the links of its pair per unit rate of the variable.
+
+    The singular values of the equations are sines of angles between two spaces of relative
+    velocities of all pairs: those that the passive pairs allow, and those that bodies can
+    have. The reason is that both factors of the equations are orthonormal bases. The
+    vectors are a basis of the first space. The cycles of the graph of links and pairs are a
+    basis of all relative velocities at right angles to the second space. The singular
+    values are the cosines of the angles between these two bases.
 
     Parameters
     ----------
     tree, driven
         The loops, and the variables that inputs lock.
     vectors
-        (n, variables, 3) vectors of the variables.
+        (n, variables, 3) vectors of the variables, in one frame.
 
     Returns
     -------
     columns
         (n, 3, passive) orthonormal vectors of the variables of each pair.
     loops
-        (n, 3 loops, passive) coefficients of the rates along these vectors.
+        (n, 3 loops, passive) coefficients of the rates along these vectors. The three
+        components of the equation of each loop are next to each other.
     """
     passive = passive_variables(tree, driven)
     columns = np.swapaxes(_orthonormal_vectors(tree, vectors)[:, passive], 1, 2)

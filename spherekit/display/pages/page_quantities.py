@@ -137,8 +137,8 @@ class PageQuantities:
         """Return the quantities whose sign depends on the sense of a pole, by the pole.
 
         A pole is the axis of the relative rotation of two links while one input moves. If
-        no pair joins the links, the axis may point either way. The page chooses its sense,
-        and the signs of the coefficients along it, as `sk.evaluate` does.
+        no pair joins the links, the axis may point either way. The HTML page chooses its
+        sense, and the signs of the coefficients along it, as `sk.evaluate` does.
 
         Parameters
         ----------
@@ -168,13 +168,22 @@ class PageQuantities:
     def sign_velocities(self, names: Iterable[str]) -> list[str]:
         """Return the names of the angular velocities by which the page finds signs.
 
-        The sense of the pole axis of two links that no pair joins is found from the angular
-        velocities of both links. The ground has none.
+        The page is an HTML file that computes the mechanism in the browser. A velocity
+        coefficient of two links is positive or negative along the axis of their relative
+        rotation, the pole axis. If no pair joins the links, this axis has no sense of its
+        own. The page continues its sense from sample to sample. To do so, it needs the
+        direction of the relative angular velocity: the difference of the angular velocities
+        of both links. The ground has none.
 
         Parameters
         ----------
         names
             Quantities that the page computes.
+
+        Returns
+        -------
+        Names of the x, y and z components of these angular velocities. They end with the
+        suffix of the input that moves (`SignedPole.suffix`).
         """
         components: list[str] = []
         for pole in self.signed_poles(names):
