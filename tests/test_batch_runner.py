@@ -56,7 +56,7 @@ def compare_kernel_with_reference(mechanism, same_signs=True, **options):
 @pytest.mark.many
 @pytest.mark.parametrize("name", [n for n in list_own_mechanisms() if n not in SLOW])
 def test_kernel_agrees_with_reference_for_shipped_mechanisms(name):
-    """The same numbers within their bounds, the same statuses."""
+    """Kernel and reference have the same statuses, and numbers within error bounds."""
     assert compare_kernel_with_reference(sk.load(name), samples=9) is not None
 
 

@@ -149,7 +149,7 @@ def test_the_trace_is_shown_when_asked_for(tmp_path, capsys):
 
 @pytest.mark.parametrize("name", ["four_bar", "five_bar", "roller_cam", "eight_bar_04"])
 def test_a_mechanism_turned_or_renamed_is_the_same(name):
-    """By the axes and orientations of its configurations."""
+    """Its configurations have the same pair axes, turned with the mechanism."""
     given = replace(sk.load(name), loads=())
     names = {given.ground: "base"} | {link: f"b_{link}" for link in given.links[:0:-1]}
     motions = [

@@ -32,7 +32,7 @@ def random_curve(random, kind):
     """Return a random profile curve of one of `KINDS`, about a random axis.
 
     Circles have radii of 0.05 to 2.5 rad. The others have a radius with random waves; those
-    through points have 12 to 30 of them, and open ones half as many. Curves that the
+    through points have 12 to 29 of them, and open ones half as many. Curves that the
     package refuses are drawn again.
     """
     axis = random.normal(size=3)

@@ -151,7 +151,10 @@ def test_what_is_written_agrees(language, files, tmp_path, capsys):
 
 
 def test_sweeps_trades_and_evaluations_without_inputs_equal_those_with_one(files):
-    """From Python: a sweep over an arc, a trade of accuracy for time, and `evaluate`."""
+    """A file without inputs has the default input, as if the file stated it.
+
+    Compared are a sweep over an arc, a trade of accuracy for time, and `evaluate`.
+    """
     silent, stated = map(sk.load, files)
     assert silent == stated
     assert silent.content == stated.content

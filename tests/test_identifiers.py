@@ -244,7 +244,7 @@ def tabled(name):
 
 
 def test_reserved_words_of_julia_are_renamed():
-    """Of the manual's list of keywords, and of the functions that a source calls."""
+    """Keywords in the manual's list and functions that a source calls get a prefix "m_"."""
     words = re.findall(r"\w+", JULIA)
     text = source(named("four_bar", tabled("shaped_cam")), "julia")
     functions = set(re.findall(r"\b([a-z]\w+)\(", text))

@@ -28,7 +28,7 @@ MERIT = ("--reduce", "s=range(theta_41)")
 @pytest.mark.many
 @pytest.mark.parametrize(("mode", "label"), [("0", "+"), ("1", "-"), ("p0", "-")])
 def test_a_sweep_has_the_rows_of_the_mode_that_is_asked_for(mode, label, capsys):
-    """By number or name, with the values that the mode has among all modes."""
+    """The rows of a mode, by number or name, are its rows in a sweep over all modes."""
     _, every = said(capsys, *SWEEP, *MERIT, "--json")
     status, text = said(capsys, *SWEEP, *MERIT, "--json", "--assembly-mode", mode)
     assert status == 0

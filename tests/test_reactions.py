@@ -186,7 +186,7 @@ def test_a_bearing_that_locks_has_a_status_of_failure():
 
 
 def test_friction_that_follows_from_reactions_is_refused_where_it_is_not_solved(tmp_path):
-    """By the compiled engine, in wide numbers, and in stored models, even if small."""
+    """Compiled engine, reference simulation and stored models refuse small friction too."""
     mechanism, _ = with_masses_and_loads("stephenson", np.random.default_rng(5))
     rubbing = mechanism.with_loads(replace(LOCKING_BEARING, coefficient=0.01))
     start = sk.Start(0.4, 1.0)

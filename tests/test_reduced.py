@@ -236,7 +236,11 @@ def test_damaged_files_of_stored_models_are_refused(models, tmp_path):
 
 
 def test_a_stored_model_needs_numpy_only(models, tmp_path):
-    """In a program that only loads and evaluates one, of all modules that it imports."""
+    """A program that only loads and evaluates a stored model needs no other package.
+
+    It does not import SciPy, pandas, NetworkX, heyoka or rerun, nor the parts of spherekit
+    for mechanisms, files and positions.
+    """
     models[0].save(tmp_path / "model.npz")
     code = """import sys; from spherekit.storage.numpy_archive import write_archive
 from spherekit.dynamics.reduced_model import MODEL_FORMAT, load_reduced

@@ -111,7 +111,10 @@ def test_a_load_with_a_kink_is_integrated_exactly_on_both_sides():
 
 @pytest.mark.slow
 def test_dry_friction_stops_a_link_at_the_time_and_angle_of_uniform_deceleration():
-    """From 1 rad/s with the deceleration a: at the time 1 / a and the angle 1 / (2 a)."""
+    """A link that starts at 1 rad/s with the deceleration a stops at the time 1 / a.
+
+    Until then it turns by 1 / (2 a).
+    """
     mechanism = pendulum(PairTorque("brake", "12", "-0.6*sign(dtheta_12)"))
     simulation = reference_simulation(mechanism, Start(0.0, 1.0), 2.0)
     deceleration = mp.mpf(0.6) / INERTIA
@@ -197,7 +200,10 @@ def test_a_four_bar_with_a_spring_keeps_its_energy(four_bar_motion):
 
 @pytest.mark.slow
 def test_rates_of_a_reference_simulation_are_derivatives_of_its_inputs():
-    """By a five-point difference with steps of 2^-12 s, whose error is below 1e-10."""
+    """Rates agree with a five-point difference of the inputs with steps of 2^-12 s.
+
+    Its error is below 1e-10.
+    """
     step = 2.0**-12
     times = 0.25 + step * np.arange(-2, 3)
     q, dq = reference_simulation(FOUR_BAR, START, 0.5).at(times)[:2]
@@ -299,9 +305,11 @@ def tables_of_simulation(mechanism, analysis, setting, t, start):
 
 @pytest.mark.slow
 def test_errors_that_a_trade_measures_are_right_within_a_factor_two(four_bar_motion):
-    """Against errors from tables in 50 digits, for engines with tolerances 1e-4 to 1e-15.
+    """Errors by a trade are at least half and at most twice the errors from 50 digits.
 
-    The reference of the trade is a simulation in 20 digits.
+
+    The reference of the trade is a simulation in 20 digits. The settings are engines with
+    tolerances of 1e-4 to 1e-15.
     """
     t, q, rates = four_bar_motion
     result = trade_eksergian(

@@ -371,7 +371,7 @@ def test_condition_numbers_are_those_of_the_jacobian_of_inverse_kinematics(name)
 
 @pytest.mark.parametrize("columns", [2, 3])
 def test_singular_values_by_expressions_are_those_of_lapack(columns):
-    """Of 20000 random 3 x 2 or 3 x 3 matrices; errors count relative to the largest value.
+    """Values agree for 20000 random 3 x 2 or 3 x 3 matrices, relative to the largest one.
 
     Columns of every second matrix have sizes down to 1e-4; the first three matrices are
     orthogonal, of rank 1, and zero. The tolerance is about 13 roundings.
@@ -439,7 +439,7 @@ FIGURE_INPUTS = np.radians([[50.0, 60.0]])
 
 
 def test_an_output_along_an_axis_follows_it_in_other_designs():
-    """Of two designs with another arc of link 3, on which the output's axis lies."""
+    """In designs with another arc of link 3 the direction is that of the displaced axis."""
     key = "links.3.arc"
     sweep = sk.sweep("five_bar", {key: [60.0, 80.0]}, DIRECTION_FIGURES, samples=3)
     for arc, rows in sweep.frame().groupby("links_3_arc"):

@@ -60,7 +60,10 @@ def test_a_frame_that_is_changed_does_not_change_the_result(result):
 
 
 def test_written_tables_are_read_back_bit_by_bit(result, tmp_path):
-    """From CSV and from Parquet, in a folder that did not exist; no partial file stays."""
+    """Tables in CSV and Parquet, in a new folder, have the same numbers bit by bit.
+
+    No partial file stays.
+    """
     folder = tmp_path / "new" / "folder"
     paths = result.write(folder)
     assert sorted(path.name for path in paths) == [
