@@ -171,8 +171,9 @@ class Loads:
         t
             (n,) time, s.
         carried
-            (n, k) load that each of the `friction_components` carries: a force (N) of a
-            bearing or a moment (N m) of a contact. If it is None, this friction is zero.
+            (n, k) load on the bearing or contact of each of the `friction_components`: a
+            force (N) on a bearing, a moment (N m) at a contact. Friction is proportional to
+            it, and zero if it is None.
         """
         laws = [component.magnitude for component in self.components]
         magnitudes = self.evaluate_laws(laws, motion, speed, t)
@@ -247,12 +248,15 @@ class Loads:
         t
             (n,) times, s.
         carried
-            (n, k) load that each of the `friction_components` carries: a force (N) of a
-            bearing or a moment (N m) of a contact. If it is None, this friction is zero.
+            (n, k) load on the bearing or contact of each of the `friction_components`: a
+            force (N) on a bearing, a moment (N m) at a contact. Friction is proportional to
+            it, and zero if it is None.
         """
         magnitudes = self.evaluate_magnitudes(motion, speed, t, carried)
+        # (n, m, components): the power of a component per unit rate of a coordinate is its
+        # magnitude times the velocity on which it works at this rate.
         component_forces = magnitudes[:, None] * self.velocities(motion)
-        # The components of one load are neighbours, and are added.
+        # The components of one load follow one another in the array, and are added.
         return np.add.reduceat(component_forces, self._first_components, axis=2)
 
 

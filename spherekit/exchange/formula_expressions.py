@@ -117,9 +117,10 @@ class SmoothModes(NamedTuple):
     inputs: Floats
 
     def pieces(self, mode: int) -> list[tuple[float, float, Floats]]:
-        """Return the stretches of the input in which a mode has constant places.
+        """Return the parts of the range in which a mode has constant places.
 
-        Places are the values that select the mode in the formulas.
+        The places are the values from which the formulas compute this mode: the signs of
+        its dyads, or the variables (rad) from which Newton's method starts.
 
         Parameters
         ----------
@@ -128,19 +129,22 @@ class SmoothModes(NamedTuple):
 
         Returns
         -------
-        For each stretch its first input (rad), an input (rad) of a configuration with these
-        places, and the places. Intervals in which no configuration of the mode is known are
-        left out.
+        For each part the input (rad) at which it begins, the input (rad) of a configuration
+        with these places, and the places. A part ends where the next one begins. No part
+        begins with an interval in which no configuration of the mode is known.
         """
         pieces: list[tuple[float, float, Floats]] = []
-        for start, known_input, values in zip(
+        # In each interval the mode has one input and one row of places.
+        for start, known_input, mode_places in zip(
             self.starts, self.inputs[:, mode], self.places[:, mode], strict=True
         ):
-            if np.isnan(known_input) or np.any(np.isnan(values)):
+            if np.isnan(known_input) or np.any(np.isnan(mode_places)):
                 continue
-            # An interval with the same places as the last piece belongs to that piece.
-            if not pieces or not np.array_equal(pieces[-1][2], values):
-                pieces.append((max(start, self.low), float(known_input), values))
+            # An interval with the same places as the last piece belongs to that piece, even
+            # if intervals without a configuration are between them.
+            if not pieces or not np.array_equal(pieces[-1][2], mode_places):
+                # The first interval begins at -inf, but the range begins at `low`.
+                pieces.append((max(start, self.low), float(known_input), mode_places))
         return pieces
 
 

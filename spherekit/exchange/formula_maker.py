@@ -59,7 +59,15 @@ The number of the dyad follows, from 1 on. Only closed forms have these quantiti
 
 @dataclass(frozen=True)
 class MotionArguments:
-    """The arguments of formulas that describe a motion, and their symbols."""
+    """The arguments of formulas that describe a motion, and their symbols.
+
+    Attributes
+    ----------
+    arguments
+        Name and unit of each argument in the source code.
+    terms
+        For each argument the symbol in the expressions that stands for it.
+    """
 
     arguments: tuple[Argument, ...]
     terms: tuple[ExpressionNode, ...]
@@ -402,17 +410,23 @@ def _write_newton_step(design_expressions: DesignExpressions) -> list[Expr]:
 def _find_motion_arguments(
     design_expressions: DesignExpressions, outputs: Sequence[Expr]
 ) -> MotionArguments:
-    """Return the arguments that describe a motion: inputs, and others that results contain.
+    """Return the arguments that describe a motion.
 
-    These are rates and accelerations of the inputs, the time, whole turns of pairs, and
-    torques that tables give.
+    The angles of the inputs are always arguments. The following are arguments only if the
+    results contain them:
+
+    - rates and accelerations of the inputs, and the time;
+    - for each passive pair whose angle a load depends on, the angle (rad) of its whole
+      revolutions. Configurations contain its angle from -pi to pi only, but a spring, for
+      example, also depends on earlier revolutions;
+    - torques that tables give.
 
     Parameters
     ----------
     design_expressions
         Expressions of the mechanism.
     outputs
-        The results.
+        Expressions of the results.
     """
     # Sample symbols are the inputs, their rates, their accelerations, and the time.
     inputs = design_expressions.inputs
@@ -426,8 +440,10 @@ def _find_motion_arguments(
     # The inputs are arguments in any case.
     used_symbols = _list_symbols(outputs)
     used_symbols |= {*design_expressions.sample_symbols[: len(inputs)]}
-    terms = tuple(symbol for symbol in unit_by_symbol if symbol in used_symbols)
+    argument_symbols = tuple(symbol for symbol in unit_by_symbol if symbol in used_symbols)
+    # The first argument of a symbol, as a node of the graph, is its name.
     arguments = tuple(
-        Argument(symbol.arguments[0], unit_by_symbol[symbol]) for symbol in terms
+        Argument(name=symbol.arguments[0], unit=unit_by_symbol[symbol])
+        for symbol in argument_symbols
     )
-    return MotionArguments(arguments, terms)
+    return MotionArguments(arguments=arguments, terms=argument_symbols)

@@ -367,10 +367,11 @@ class EquationOfMotion:
         return power
 
     def _write_load_name(self, name: str) -> tuple[Expr, Expr]:
-        """Return the expression of a variable name in the formula of a load, twice.
+        """Return the full and the reduced value of a name in the formula of a load.
 
-        `convert_to_graph` takes two expressions for each name, which may differ by whole
-        turns. In print both are the same.
+        `convert_to_graph` takes both for each name. The reduced value of an angle leaves
+        out whole revolutions. When sines and cosines of it are evaluated, fewer digits are
+        lost. A printed formula is not evaluated, so both values are the same expression.
 
         Parameters
         ----------
@@ -386,11 +387,14 @@ class EquationOfMotion:
         angle = self._positions.pair_angles[pair]
         if kind != "dtheta":
             return angle, angle
-        coefficients = [
+        # The rate of the pair is the sum of its derivatives with respect to the inputs,
+        # each multiplied by the rate of the input.
+        derivatives = [
             self._coefficients.pair_coefficient(k, pair) for k in self._input_indices
         ]
+        # The first argument of a symbol, as a node of the graph, is its name in LaTeX.
         rate_name = angle.arguments[0].replace(r"\theta", r"\dot{\theta}")
         rate = self._formula_list.write(
-            make_symbol(rate_name), dot(coefficients, self._positions.input_rates)
+            make_symbol(rate_name), dot(derivatives, self._positions.input_rates)
         )
         return rate, rate

@@ -143,12 +143,15 @@ class ImportedFile:
             ) from None
 
     def _contact_tables(self, gears: Mapping[str, BevelGears]) -> dict[str, Table]:
-        """Return the table of a rolling contact for each two gears, by its name.
+        """Return the tables of the rolling contacts of gears, by the names of the pairs.
+
+        Two gears are a pair of the type ``"Cr"``: their pitch circles roll on each other. A
+        comment in the file says that the pair comes from joints at a constant ratio.
 
         Parameters
         ----------
         gears
-            Two pitch circles that roll on each other, by the name of their coupling.
+            The pitch circles of two gears, by the name of the coupling that they replace.
         """
         linkage = self._linkage
         pair_names = [pair.name for pair in linkage.pairs]
@@ -158,6 +161,7 @@ class ImportedFile:
             pair_names.append(pair_name)
             profiles: Table = {}
             for circle in bevel_gears.circles:
+                # Numbers in the file are short decimals, angles in degrees.
                 profiles[linkage.link_name(circle.link)] = {
                     "kind": "circle",
                     "centre_xyz": shorten_axis(circle.centre),

@@ -24,7 +24,7 @@ class ModelNames:
     bodies
         Names of bodies, by their links.
     twins
-        Names of second bodies of links, by the pair that each one closes.
+        Names of second bodies of links, by the pair that moves each of them.
     output_sites
         Names of sites that mark outputs, by the outputs.
     load_sites
@@ -65,7 +65,8 @@ def name_elements(
     """Return names for the elements of a MuJoCo model.
 
     Elements of one kind must have different names. If a name is taken, the later element
-    gets another one.
+    gets another one. Each load gets two names of sites: its own name for the site at which
+    it acts, and ``LOAD_axes`` for a site that gives the ground axes.
 
     Parameters
     ----------
@@ -74,17 +75,21 @@ def name_elements(
     links
         Names of its links, and of bodies that are added.
     twins
-        The link of each twin, by the pair that closes the loop. A twin is a second body of
-        a link, which is held to the first body so that a loop is closed.
+        The links that have a second body, called the twin, by the pair that moves it. A
+        twin is welded to the first body of its link, which closes the loop through this
+        pair.
     """
     outputs = [output.name for output in mechanism.outputs]
     loads = [load.name for load in mechanism.loads]
     inputs = mechanism.input_pairs
-    twin_texts = [f"{link}_at_{pair}" for pair, link in twins.items()]
-    axes_texts = [f"{load}_axes" for load in loads]
-    # Names of one kind are made together, as one list that is divided afterwards.
-    body_names = unique_names([*links, *twin_texts], [WORLD])
-    site_names = unique_names([*outputs, *loads, *axes_texts])
+    requested_twin_names = [f"{link}_at_{pair}" for pair, link in twins.items()]
+    requested_axes_names = [f"{load}_axes" for load in loads]
+    # Names of one kind are made together, as one list that is divided afterwards. No body
+    # may have the name that MuJoCo gives to its first body.
+    body_names = unique_names([*links, *requested_twin_names], taken=[WORLD])
+    site_names = unique_names([*outputs, *loads, *requested_axes_names])
+    # Inputs come first, so that their actuators keep the names of their pairs. Only names
+    # of loads may change, so only these are returned.
     actuator_names = unique_names([*inputs, *loads])
     output_site_names = site_names[: len(outputs)]
     load_site_names = site_names[len(outputs) : len(outputs) + len(loads)]

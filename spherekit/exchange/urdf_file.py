@@ -85,7 +85,9 @@ def read_urdf(mujoco: Any, root: Element, path: Path) -> UrdfContent:
 def _add_wheel(mujoco: Any, spec: Any, drive: DrivenWheel, path: Path) -> None:
     """Add the wheel of a motor to a model, and couple it with the two joints it drives.
 
-    The coupling is a tendon of fixed length: wheel - inner - ratio outer = 0.
+    The inner joint carries the outer one. The angle of the wheel is that of the inner joint
+    plus `drive.ratio` times that of the outer joint. MuJoCo has this equation as a tendon
+    of fixed length: wheel - inner - ratio outer = 0.
 
     Parameters
     ----------
@@ -93,8 +95,15 @@ def _add_wheel(mujoco: Any, spec: Any, drive: DrivenWheel, path: Path) -> None:
         The Python module `mujoco`, an optional dependency.
     spec
         The `MjSpec`, which is changed.
+    drive
+        The wheel, with the names of the two joints and the ratio.
     path
         The file, for messages.
+
+    Raises
+    ------
+    FileError
+        If the model has no joint with one of the two names.
     """
     joint = spec.joint(drive.inner_joint)
     if joint is None or spec.joint(drive.outer_joint) is None:

@@ -288,29 +288,33 @@ class BorderSegments(ArrayRows):
     ) -> tuple[Floats, Bools]:
         """Return the heights of the border over points of chords.
 
-        A chord is the arc of a great circle between two points of the border. The region is
-        to its left, and the height is the angle from the chord to the left. It is searched
-        up to a parabola over the chord, on both sides. The margin that is zero on the
-        border must be negative on the right and positive on the left, and no other margin
-        may be negative at the height.
+        A margin is a function of the direction that is at least 0 in the region, so one of
+        the margins is zero on the border. A chord is the arc of a great circle between two
+        points of the border. The region is to its left, and the height is the angle from
+        the chord to the left.
+
+        The height is searched on both sides of the chord, up to a parabola over it. The
+        margin that is zero on the border must be negative on the right parabola and at
+        least 0 on the left one. No other margin may be negative at the height.
 
         Parameters
         ----------
         evaluate
             The margins.
         segment, u
-            (m,) number of the segment, and parameter on its chord.
+            (m,) number of the segment, and parameter on its chord, -1 < u < 1. At both
+            ends of the chord the height is 0 and is not searched.
 
         Returns
         -------
         height
             (m,) heights (rad), 0 if none was found.
         is_sound
-            (m,) whether it was found.
+            (m,) whether a height was found and no other margin is negative there.
         """
-        # The number of the margin that is zero on the border of each segment, and the
-        # parabola, which is zero at both ends of the chord.
-        number = self.margin[segment]
+        # The number of the margin that is zero on the border of each segment.
+        border_margin = self.margin[segment]
+        # The parabola, which is zero at both ends of the chord.
         max_height = MAX_HEIGHT_RATIO * self.length[segment] * (1.0 - u * u)
 
         def all_margins(fraction: Floats, items: Indices) -> Floats:
@@ -320,7 +324,7 @@ class BorderSegments(ArrayRows):
 
         def zero_margin(fraction: Floats, items: Indices) -> Floats:
             """Return the margin of the segment, which is zero on the border."""
-            return select_margins(all_margins(fraction, items), number[items])
+            return select_margins(all_margins(fraction, items), border_margin[items])
 
         # Fractions of the largest height: -1 on the right of the chord, 1 on the left.
         limits = np.repeat([-1.0, 1.0], len(u))
@@ -329,6 +333,7 @@ class BorderSegments(ArrayRows):
         is_sound = (value_on_right < 0.0) & (value_on_left >= 0.0)
         bracketed = np.flatnonzero(is_sound)
         fraction = np.zeros(len(u))
+        # The zero is located to EPS rad of height.
         fraction[bracketed], _ = find_bracketed_zeros(
             lambda fraction, items: zero_margin(fraction, bracketed[items]),
             low=-np.ones(len(bracketed)),
@@ -339,7 +344,7 @@ class BorderSegments(ArrayRows):
         )
         # No other margin may be negative on the border.
         values = all_margins(fraction[bracketed], bracketed)
-        is_zero_margin = np.arange(values.shape[1]) == number[bracketed][:, None]
+        is_zero_margin = np.arange(values.shape[1]) == border_margin[bracketed][:, None]
         is_negative = (values < -evaluate.rounding_errors) & ~is_zero_margin
         is_sound[bracketed] &= ~np.any(is_negative, axis=1)
         return fraction * max_height, is_sound

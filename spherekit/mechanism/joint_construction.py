@@ -57,8 +57,8 @@ def make_joints_in_pose(
     mechanism
         Mechanism given by sizes of links or by a reference pose.
     profile_gap
-        Largest gap (rad) of two profiles in the reference pose. Profiles with a smaller gap
-        touch where they are nearest to each other.
+        Largest angle (rad) between the frames (tangent, normal, point) of two profiles in
+        the reference pose. Profiles with a smaller angle touch where it is smallest.
 
     Returns
     -------
@@ -145,19 +145,29 @@ def find_contact_lengths(
 ) -> Ends:
     """Return the arc lengths (rad) at which two profiles touch in the reference pose.
 
+    The moving frame of a curve has the columns tangent, normal and point. Two curves touch
+    if they have a common point with a common tangent. Their moving frames are then the
+    same.
+
     Parameters
     ----------
     mechanism, pair
         The contact, and its mechanism given in a reference pose.
     curves
-        Curves of the two profiles. Link axes coincide in the reference pose.
+        Curves of the first and the second profile of the pair. Link axes coincide in the
+        reference pose.
     profile_gap
-        Largest difference (rad) of the moving frames of the curves where they are nearest.
+        Largest angle (rad) of the rotation between the moving frames of the two curves with
+        which they count as touching.
+
+    Returns
+    -------
+    The arc lengths along the first and the second profile.
 
     Raises
     ------
     ModelError
-        If the moving frames differ by more.
+        If the most similar moving frames differ by a larger angle.
     """
     lengths, gap = nearest_frames(*curves)
     if not gap < profile_gap:

@@ -173,6 +173,8 @@ class MidPlaneArchitecture:
         direction `home` is the direction of the output. The normal of the mid-plane is
         therefore along the difference of both directions.
 
+        Mirror axes are the axes of the base, turned by `frame`. They do not move.
+
         Parameters
         ----------
         directions
@@ -183,15 +185,19 @@ class MidPlaneArchitecture:
         normals
             (n, 3) unit normals in mirror axes, pointing from `home` to the directions.
         distance
-            (n,) distance between `home` and the direction. At `home` itself every plane
-            through it is possible.
+            (n,) distance between `home` and the direction. If it is 0, every plane through
+            `home` is possible, and the normal is NaN.
         """
         difference = directions - self.home
-        # If the lengths of home and direction differ by rounding, the normal is wrong by
-        # the rounding error divided by the distance, which can be large. The squared
-        # lengths differ by `length_error`, and the difference is corrected by half of it.
-        length_error = np.sum(difference * (directions + self.home), axis=1, keepdims=True)
-        difference = difference - 0.5 * length_error * directions
+        # Both vectors should have the length 1. If their lengths differ by rounding, the
+        # normal is wrong by the rounding error divided by the distance, which can be large.
+        # The square of the direction's length is larger than that of home by
+        # (direction - home) . (direction + home). Near length 1 half of this number is the
+        # difference of the lengths, by which the direction is shortened along itself.
+        square_difference = np.sum(
+            difference * (directions + self.home), axis=1, keepdims=True
+        )
+        difference = difference - 0.5 * square_difference * directions
         distance = np.linalg.norm(difference, axis=1)
         with np.errstate(all="ignore"):
             return difference / distance[:, None], distance
@@ -377,7 +383,8 @@ class MidPlaneArchitecture:
         values
             (n, pairs) pair variables (rad).
         residuals
-            (n, pairs) angle (rad) between the axes of each pair in both links.
+            (n, pairs) angle (rad) between the axes of each pair in both links. It is zero,
+            up to rounding, if the mechanism has this architecture, which `proof` tests.
         """
         joints = revolutes(self.joints)
         return measure_pair_angles(self.mechanism.ends, joints, placed)

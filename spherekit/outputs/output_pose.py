@@ -391,15 +391,18 @@ class PoseFinder:
     def _find_at_mid_plane(self, form: MidPlaneArchitecture, pose: Pose) -> PoseCandidates:
         """Return the configurations at a pose in all modes of a mid-plane architecture.
 
-        A mode has a sign, 1 or -1, for each leg, which chooses one of two positions of its
-        elbow. If the pose is given by inputs, these determine the signs of the driven legs,
-        and only modes with these signs are returned.
+        The end effector is the mirror image of the base in the mid-plane, so the normal of
+        the mid-plane determines the pose. A mode has a sign, 1 or -1, for each leg, which
+        chooses one of two positions of its elbow. If the pose is given by inputs, these
+        determine the signs of the driven legs, and only modes with these signs are
+        returned.
 
         Raises
         ------
         SolveError
             If the pose does not determine a mid-plane, or a leg does not reach it.
         """
+        # (1, 3) normal of the mid-plane at the only pose.
         normals, driven_signs = self._find_mid_plane(form, pose)
         form.check_reach(normals[0])
         modes = [
@@ -409,6 +412,8 @@ class PoseFinder:
         ]
         values = []
         for mode in modes:
+            # Both links of a pair agree on its axis in a mechanism of this architecture,
+            # which was tested when `form` was made. The residuals are therefore not used.
             mode_values, _residuals = form.values(form.place(normals, mode))
             values.append(mode_values)
         labels = [label_of(mode) for mode in modes]

@@ -347,7 +347,8 @@ class TargetDeviation:
     def stiffness(self) -> Floats:
         """(n, freedoms, freedoms) second derivative of a^2 / 2 along the configurations.
 
-        The symbol a is the angle between the output link and its target. Rows and columns
+        The symbol a is the angle between the output link and its target. If a^2 / 2 were
+        the energy of a spring between both, this would be its stiffness. Rows and columns
         belong to the motions that keep the loops closed, which are the null space of the
         closure Jacobian.
         """
@@ -357,7 +358,7 @@ class TargetDeviation:
 
     @cached_property
     def least_eigenvalue(self) -> Floats:
-        """(n,) smallest eigenvalue of the `stiffness`; -1 where it is not finite.
+        """(n,) smallest eigenvalue of the `stiffness`; -1 where that is not finite.
 
         If it is positive, the configuration is nearer to the target than those around it.
         """
@@ -373,14 +374,16 @@ class TargetDeviation:
         """Return the motion (n, variables) that balances a gradient and closes the loops.
 
         The motion is the sum of two parts. The first part closes the loops. The second part
-        keeps them closed and is chosen so that the gradient along the configurations, whose
-        derivative is the stiffness matrix, becomes zero.
+        keeps them closed. Stiffness times second part is the given gradient along the
+        configurations, less the change by the first part. The gradient of a^2 / 2, which
+        has the opposite sign of the given one, then becomes zero.
 
         Parameters
         ----------
         gradient
-            (n, variables) gradient to balance. Only its part along the configurations
-            matters, since the multipliers balance the rest.
+            (n, variables) G^T d, or its change if only the target turns. The derivatives of
+            a^2 / 2 are -G^T d. Only the part along the configurations matters, since the
+            multipliers balance the rest.
         closure_change
             (n, equations) required change of the closure residuals.
         stiffness
@@ -413,15 +416,23 @@ class TargetDeviation:
                 [-self.linearisation.residual, self.remaining_rotation], axis=1
             )
             return np.matvec(self.system_inverse, right_side)
-        # Where a^2 / 2 is not convex, a full Newton step could increase the angle. Without
-        # the curvature of the configurations (Gauss-Newton) the step always decreases it.
+        # The stiffness is the second derivative of a^2 / 2 along the configurations. Where
+        # its smallest eigenvalue is not clearly positive, a^2 / 2 is not convex, and a full
+        # Newton step could increase the angle. Without the curvature of the configurations
+        # (Gauss-Newton) the step always decreases it.
         gauss_newton = transpose(self.free_output_rates) @ self.free_output_rates
         is_convex = (
             self.least_eigenvalue > MIN_CONVEXITY_RATIO * self.output_singular_value**2
         )
         stiffness = np.where(is_convex[:, None, None], self.stiffness, gauss_newton)
-        gradient = np.vecmat(self.remaining_rotation, self.output_jacobian)
-        return self._solve_motion(gradient, -self.linearisation.residual, stiffness)
+        # G^T d is minus the gradient of a^2 / 2: the angle becomes smaller when the output
+        # link turns by the remaining rotation d.
+        descent_direction = np.vecmat(self.remaining_rotation, self.output_jacobian)
+        return self._solve_motion(
+            gradient=descent_direction,
+            closure_change=-self.linearisation.residual,
+            stiffness=stiffness,
+        )
 
     def error(self, can_follow: bool) -> Floats:
         """Return the error (n,), in rad, of configurations that should be the nearest ones.

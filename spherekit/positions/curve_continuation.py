@@ -297,7 +297,8 @@ def _join_senses(
     Raises
     ------
     SolveError
-        If no step was possible in either sense.
+        If no step was possible in either sense, so that the start is the only node. This
+        happens, for example, if it is at joint limits on both sides.
     """
     # The nodes of a closed curve are those of one sense. Both ends then have the status OK.
     # `plain` nodes are without the equations and margins that following needed.
@@ -322,7 +323,7 @@ def _join_senses(
             "the configuration to follow has its limits on both sides; widen the "
             "joint limits"
         )
-    # The loops of this curve alone. Those of another one may have pairs locked elsewhere.
+    # Variables that are locked have a value for each curve. Keep those of this curve.
     curve_closure = forward.closure.select_rows(np.array([row]))
     return ArcCurve(
         nodes=nodes,

@@ -496,23 +496,32 @@ class ModesOverRange:
         return families
 
     def _follow_curves_beyond_ends(self) -> None:
-        """Follow the curves of modes that end inside the range, to further modes.
+        """Add the modes that are on the same curves as modes that end inside the range.
 
-        Only modes that were added since the last call are considered.
+        Where a mode ends, for example because the input turns back, its configuration curve
+        continues as another mode. The whole curve is followed, and all modes on it are
+        added to the family of the first one. Only modes that were added since the last call
+        are considered.
         """
         for assembly_mode in self.assembly_modes[self._extended_modes :]:
             self._extended_modes += 1
-            # The guide of the mode: its verified configurations over the input. Both ends
-            # have the status OK if it covers the whole range.
-            curve = assembly_mode.guide
-            if not isinstance(curve, ModeCurve) or curve.ends == (Status.OK, Status.OK):
+            # The guide of a mode are its verified configurations over the input. Both ends
+            # have the status OK if they cover the whole range.
+            guide = assembly_mode.guide
+            if not isinstance(guide, ModeCurve) or guide.ends == (Status.OK, Status.OK):
                 continue
-            values = curve.values[len(curve.values) // 2]
+            # The middle of the mode represents it. The ends may be singular, and a curve
+            # cannot be followed from a singular configuration.
+            middle_values = guide.values[len(guide.values) // 2]
             was_followed = any(
-                followed_curve.passes(values[None]).all() for followed_curve in self._curves
+                followed_curve.passes(middle_values[None]).all()
+                for followed_curve in self._curves
             )
             if not was_followed:
-                self._add_modes_on_curve(values, self._families[assembly_mode.number])
+                # The other modes on the curve belong to the same family.
+                self._add_modes_on_curve(
+                    middle_values, family=self._families[assembly_mode.number]
+                )
 
     def _add_modes_on_curve(self, values: Floats, family: int | None = None) -> None:
         """Add the modes in the range that are on the curve through a configuration.

@@ -318,11 +318,14 @@ class PositionAnalysis:
         Raises
         ------
         SolveError
-            If several inputs drive irreducible groups. Their modes are known at the samples
-            of the analysis only.
+            If there are several inputs and irreducible groups: groups of links without a
+            closed form. Their configurations are known at the samples of the analysis only.
+            The message advises to analyse the inputs q instead, as the path of a new
+            position analysis.
         """
-        # Groups without a closed form are placed from verified configurations of the mode,
-        # its guide. With several inputs these are known at the samples of a grid only.
+        # In irreducible groups Newton's method starts from verified configurations of the
+        # mode, its guide. With one input they form a curve, which gives a start at any
+        # input. With several inputs they are known at the samples of a grid only.
         if any(isinstance(mode.guide, ModeOverGrid) for mode in self.assembly_modes):
             raise SolveError(
                 f"{self.mechanism.name}: with several inputs and irreducible groups the "

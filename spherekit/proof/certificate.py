@@ -420,28 +420,35 @@ def _system_tables(
     construction
         Its order of placing links, which numbers equations and variables.
     systems
-        The systems in the order in which they are solved. Each has its solutions for
-        several choices of its given variables: all variables that are not its unknowns.
+        The systems in the order in which they are solved. The given variables of a system
+        are all that are not its unknowns. They are chosen several times, and a system has
+        the solutions for each choice.
     """
     structure = decimal_mechanism.structure
     names = structure.names_of(construction.pairs)
-    equation_links = [structure.links[step.link] for step in construction.equation_steps]
+    # Each equation puts one link on the axes of two pairs, so it is named after this link.
+    equation_names = [structure.links[step.link] for step in construction.equation_steps]
     tables = []
     for system in systems:
         given_names = [names[variable] for variable in system.given]
-        solved = []
-        for choice in system.solved:
+        solved_tables = []
+        for solved_choice in system.solved:
+            # Each root has one complex number z for each unknown, which is e^(i angle) or,
+            # where `is_inverse` is true, its inverse.
             solutions = [
-                {"inverse": inverse.tolist(), "z": [[z.real, z.imag] for z in point]}
-                for inverse, point in zip(choice.roots.inverse, choice.roots.z, strict=True)
+                {"inverse": is_inverse.tolist(), "z": [[z.real, z.imag] for z in root]}
+                for is_inverse, root in zip(
+                    solved_choice.roots.inverse, solved_choice.roots.z, strict=True
+                )
             ]
-            given = dict(zip(given_names, choice.given.tolist(), strict=True))
-            solved.append({"given": given, "solutions": solutions})
+            # The angles (rad) of the given variables in this choice.
+            given_angles = dict(zip(given_names, solved_choice.given.tolist(), strict=True))
+            solved_tables.append({"given": given_angles, "solutions": solutions})
         tables.append(
             {
-                "equations": [equation_links[row] for row in system.rows],
+                "equations": [equation_names[row] for row in system.rows],
                 "unknowns": [names[variable] for variable in system.unknowns],
-                "solved": solved,
+                "solved": solved_tables,
             }
         )
     return tables

@@ -439,19 +439,26 @@ class Crossings:
         return False
 
     def _contains_proven_crossing(self, box: OrientedBox) -> bool:
-        """Return whether curves are proven to cross near the centre of a box.
+        """Return whether configuration curves are proven to cross near a box's centre.
 
-        They cross in a configuration in which all axes of a loop of four pairs are in one
-        plane.
+        If all four axes of a loop of four pairs are in one plane, the derivatives of the
+        loop's equation are zero, because reflection in this plane does not change the
+        equation. The derivatives F' of all equations then lose a rank. `find_saddle`
+        takes this as the proof that curves cross in its box.
         """
-        # The configuration must be within a small part of the box.
+        # Largest distance (rad) from the centre, relative to half the shortest side of the
+        # box. Larger: crossings near the border of the box are accepted. Smaller: the box
+        # must be centred more accurately.
         reach = 1e-3 * np.min(box.limits)
         centre = exact_balls(box.centre)
         for loop in self.loops:
-            # Angle i of the first variable and angle j of the second close the loop.
+            # Each of the two variables has two angles at which the axes are in one plane.
+            # The loop closes if the first variable has its planar angle i and the second
+            # variable its planar angle j.
             for i, j in np.argwhere(loop.closes):
                 planar_values = (loop.planar_angles[0, i], loop.planar_angles[1, j])
                 given = dict(zip(loop.variables, planar_values, strict=True))
+                # All other variables follow from the other equations.
                 balls = complete_configuration(
                     self.equations, loop.equation, given, box.centre
                 )

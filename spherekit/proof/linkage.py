@@ -222,12 +222,17 @@ def _make_pair_kinematics(mechanism: Mechanism, frames: Frames) -> list[PairKine
 class LoopClosure:
     """Configurations that Newton's method reached from k starts.
 
+    A ball is a number with a bound of its error, the radius. Newton's method computes
+    approximations without such bounds, so the balls here have the radius 0. They are balls
+    because all functions of this module take balls.
+
     Attributes
     ----------
     values
-        (k, variables) balls without radius, the pair variables (rad).
+        (k, variables) pair variables (rad), balls of radius 0.
     free
-        Numbers of the variables that were not held.
+        Indices, among all variables, of those that Newton's method changed. The others kept
+        their start values.
     inverse
         (k, free, equations) left inverse of the Jacobian's columns of the free variables.
     condition
@@ -618,7 +623,7 @@ def left_inverses(matrices: Array) -> tuple[Array, Floats]:
     Returns
     -------
     inverses
-        (n, k, m) pseudo-inverses, balls without radius; NaN for matrices that do not have
+        (n, k, m) pseudo-inverses, balls of radius 0; NaN for matrices that do not have
         full column rank.
     condition
         (n,) condition numbers in Frobenius norms, at least 1; NaN likewise.

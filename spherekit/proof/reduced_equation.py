@@ -157,7 +157,7 @@ class ReducedEquation:
         Returns
         -------
         level
-            A ball without radius near the component of F along l. It is close to g.
+            A ball of radius 0 near the component of F along l. It is close to g.
         residual
             (k,) F less `level` times l.
         """
@@ -225,7 +225,7 @@ class ReducedEquation:
 
         Returns
         -------
-        (v,) balls without radius.
+        (v,) balls of radius 0.
 
         Raises
         ------

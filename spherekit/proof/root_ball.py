@@ -71,7 +71,7 @@ class CertifiedRoot:
     Attributes
     ----------
     centre
-        Balls without radius: an approximation of each unknown angle (rad), real or complex.
+        Balls of radius 0: an approximation of each unknown angle (rad), real or complex.
     radius
         Largest difference (rad) of the solution from the centre in an angle.
     unique
@@ -173,7 +173,7 @@ def _certify_root(
     known_angles
         Balls (rad) of all variables that are not unknown.
     x
-        (k,) balls without radius: the approximation, real or complex.
+        (k,) balls of radius 0: the approximation, real or complex.
     real
         Whether x is real. The solution is then real as well: its conjugate is a solution in
         the same ball. If x is not real, the ball must not touch the real angles.
@@ -232,6 +232,6 @@ def bound_zero_distance(values: Array, slopes: Array) -> float:
 
 
 def _approximate_inverse(square: Array) -> Array:
-    """Return balls without radius near the inverse of a square matrix of balls."""
+    """Return balls of radius 0 near the inverse of a square matrix of balls."""
     identity = exact_balls(np.eye(len(square)))
     return np.asarray(exact_centres(solve_balls(exact_centres(square), identity)))

@@ -19,7 +19,8 @@ def code_identity() -> dict[str, str]:
     """Return the versions of the software and the kind of machine, by name.
 
     Runs with the same options and equal results of this function have the same results, bit
-    for bit. Only such runs may continue the stored work of each other.
+    for bit. Only such runs may continue the stored work of each other. The library heyoka
+    compiles expressions if it is installed; otherwise NumPy evaluates them.
     """
     try:
         heyoka_version = version("heyoka")
@@ -30,7 +31,8 @@ def code_identity() -> dict[str, str]:
         "numpy": np.__version__,
         "scipy": version("scipy"),
         "heyoka": heyoka_version,
-        # The type of text columns in stored files, which was another one before.
+        # The type of the text columns in the stored parts of the tables. Parts that earlier
+        # versions wrote have another type, and cannot be continued.
         "texts_in_parts": "strings",
         "machine": f"{platform.system()} {platform.machine()}",
     }

@@ -131,14 +131,15 @@ class DecimalRates:
     ) -> tuple[dict[str, Floats], dict[str, Floats]]:
         """Return the quantities of a pole, and bounds of their errors.
 
-        With v the angular velocity of the second link relative to the first, and u the
-        direction of the pole, the velocity coefficient is v . u, and the acceleration
-        coefficient is dv . u.
+        One input moves at unit rate. All velocities are per unit rate of this input, so v
+        is the angular velocity of the second link relative to the first in rad/rad, and dv
+        its derivative with respect to the input. With the direction u of the pole, the
+        velocity coefficient is v . u, and the acceleration coefficient is dv . u.
 
         Parameters
         ----------
         pole
-            Numbers of the two links.
+            Numbers of the first and the second link.
         pair
             Number of the pair whose axis is the pole. None if the direction of the pole is
             that of v.
@@ -146,10 +147,11 @@ class DecimalRates:
         Returns
         -------
         numbers
-            Arrays (k, n) in float64: "direction" and "direction_dq" with k = 3, and
-            "velocity_coefficient", "acceleration_coefficient" and "conditioning" with
-            k = 1. The conditioning is |v| divided by the sum of the speeds of both links,
-            and 1 for a pair axis.
+            Arrays (k, n) in float64: "direction" and its derivative with respect to the
+            input, "direction_dq", with k = 3; "velocity_coefficient",
+            "acceleration_coefficient" and "conditioning" with k = 1. The conditioning is
+            |v| divided by the sum of the angular speeds of both links, and 1 for a pair
+            axis.
         errors
             (n,) error bounds by their names in `PoleField`.
         """
@@ -161,26 +163,32 @@ class DecimalRates:
             first_speed = np.sqrt(dot(self.w[:, i], self.w[:, i]))
             second_speed = np.sqrt(dot(self.w[:, j], self.w[:, j]))
             conditioning = speed / (first_speed + second_speed)
-            unit = v / speed[:, None]
-            rate = speed
+            u = v / speed[:, None]
+            velocity_coefficient = speed
             # The derivative of the unit vector v / |v|.
-            direction_change = (dv - dot(dv, unit)[:, None] * unit) / speed[:, None]
+            direction_change = (dv - dot(dv, u)[:, None] * u) / speed[:, None]
         else:
-            unit = self.axes[:, pair]
-            rate = dot(v, unit)
-            # The axis is fixed in the first link of the pair and turns with it.
+            u = self.axes[:, pair]
+            velocity_coefficient = dot(v, u)
+            # The axis is fixed in both links of the pair. Its change follows from the
+            # first one, whichever of the two links is first in the pole.
             first_link, _ = self.ends[pair]
-            direction_change = np.cross(self.w[:, first_link], unit)
+            direction_change = np.cross(self.w[:, first_link], u)
             conditioning = np.ones_like(speed)
         numbers: Mapping[str, Any] = {
-            "direction": unit.T,
+            "direction": u.T,
             "direction_dq": direction_change.T,
-            "velocity_coefficient": rate[None],
-            "acceleration_coefficient": dot(dv, unit)[None],
+            "velocity_coefficient": velocity_coefficient[None],
+            "acceleration_coefficient": dot(dv, u)[None],
             "conditioning": conditioning[None],
         }
         floats = {name: number.astype(float) for name, number in numbers.items()}
-        return floats, self._errors(floats, speed.astype(float), dv, pair is not None)
+        return floats, self._errors(
+            numbers=floats,
+            speed=speed.astype(float),
+            dv=dv,
+            is_pair_axis=pair is not None,
+        )
 
     def _errors(
         self, numbers: Mapping[str, Floats], speed: Floats, dv: Array, is_pair_axis: bool
@@ -212,22 +220,22 @@ class DecimalRates:
         # v and dv are differences of the vectors of two links.
         v_error = 2.0 * self.w_error
         dv_error = 2.0 * self.dw_error
-        direction = self.axis_error
+        direction_bound = self.axis_error
         # A pair axis a turns at w x a.
-        direction_change = self.w_error + self.axis_error * self._largest_speed
+        change_bound = self.w_error + self.axis_error * self._largest_speed
         if not is_pair_axis:
             # u = v / |v|, and du = (dv - (dv . u) u) / |v|
-            direction = v_error / speed
-            direction_change = (dv_error + 2.0 * direction * derivative_size) / speed
+            direction_bound = v_error / speed
+            change_bound = (dv_error + 2.0 * direction_bound * derivative_size) / speed
         # An error of u multiplies the part of dv that is perpendicular to u.
-        acceleration_bound = dv_error + direction * derivative_size
+        acceleration_bound = dv_error + direction_bound * derivative_size
         if not is_pair_axis:
-            direction = np.where(speed <= v_error, np.inf, direction)
+            direction_bound = np.where(speed <= v_error, np.inf, direction_bound)
         bounds = {
-            "direction": direction,
+            "direction": direction_bound,
             "velocity_coefficient": v_error,
             "acceleration_coefficient": acceleration_bound,
-            "direction_dq": direction_change,
+            "direction_dq": change_bound,
         }
         # Twice the rounding error of a number of the size of the vector.
         rounding = {

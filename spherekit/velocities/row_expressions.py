@@ -83,21 +83,27 @@ class RowExpressions(VelocityEquations):
         pivots: Sequence[Pivot],
         inputs: Sequence[int],
     ) -> None:
-        """Write the expressions.
+        """Write the expressions that the class lists.
 
         Parameters
         ----------
         mechanism
-            The mechanism, with any profiles.
+            The mechanism. Its contacts may have profiles of any shape.
         variables
-            Symbols of all variables.
+            Symbols of all pair variables.
         pivots
             The order in which passive variables are eliminated from the loop equations.
+            Each pivot is a loop with the variables (at most three) for which the equations
+            of this loop are solved.
         inputs
             Numbers of the driven pairs.
         """
+        # Tangent, point and curvature of a profile that is no circle are symbols.
         pairs = pair_rotations(mechanism, any_profile=True)
         placed = place_by_variables(mechanism, pairs, variables)
+        # The vector of two rolling circles is (k1 - k2) p, with the curvatures k1 and k2
+        # and the contact point p. The sum of vectors about the centres of the circles would
+        # take fewer expressions, but loses digits if the circles are small.
         super().__init__(mechanism, pairs, placed, variables, about_centres=False)
         input_variables = [self.pair_variables[pair][0] for pair in inputs]
         self.passive_variables = [

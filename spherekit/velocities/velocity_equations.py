@@ -93,8 +93,8 @@ class VelocityEquations(ABC):
     ) -> None:
         """Write the vectors of all variables as expressions in ground axes.
 
-        `about_centres` is explained in `carried_vectors`, the other parameters in the
-        class.
+        `about_centres` says how the vector of two rolling circles is written; see
+        `carried_vectors`. The other parameters are explained in the class.
         """
         self.mechanism = mechanism
         self.pairs = pairs
