@@ -526,7 +526,7 @@ def test_the_end_is_in_the_mode_of_the_start(angle):
     end = "+".join(f"m{k}={angle}" for k in (1, 2, 3))
     rotation = findings(run_rotation(WRIST, f"start=m1=0+m2=0+m3=0,end={end},samples=3"))
     assert rotation["feasible"] and rotation["end_pose"]["orientations"] == 8
-    assert np.columns_in_degrees(rotation["angle_rad"]) == pytest.approx(
+    assert np.degrees(rotation["angle_rad"]) == pytest.approx(
         abs(angle), abs=1e-7
     )
     assert np.array(rotation["axis"]) * np.sign(angle) == pytest.approx([0, 0, 1], abs=1e-9)
@@ -539,7 +539,7 @@ def test_every_mode_of_the_start_has_its_end(mode):
     """In each assembly mode, equal motor angles of 10 deg turn the wrist by 10 deg."""
     parameters = f"start=m1=0+m2=0+m3=0,end=m1=10+m2=10+m3=10,samples=3,mode={mode}"
     rotation = findings(run_rotation(WRIST, parameters))
-    assert np.columns_in_degrees(rotation["angle_rad"]) == pytest.approx(10.0, abs=1e-7)
+    assert np.degrees(rotation["angle_rad"]) == pytest.approx(10.0, abs=1e-7)
 
 
 def test_a_warning_names_the_mode_of_the_end():
