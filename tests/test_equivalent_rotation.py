@@ -519,8 +519,7 @@ def test_durations_at_a_limit_are_those_of_closed_forms(shape):
 
 
 def rotate(phi, gamma, to_phi, to_gamma):
-    """Return the rotation of the paper's mechanism between two mid-planes (angles in deg).
-    """
+    """Return the rotation of the paper's mechanism between two mid-planes (in deg)."""
     form = sk.mid_plane_form(sk.load("two_dof_spm"))
     ends = (normal_at(*np.radians(each)) for each in ((phi, gamma), (to_phi, to_gamma)))
     return form.rotation_between(*ends, OUTWARD)
@@ -541,6 +540,5 @@ def linear_rotation_in_time(**limits):
 
 @pytest.mark.parametrize("call", TABLES["rotations"])
 def test_bad_arguments_of_rotations_are_refused(call):
-    """Each call of the table "rotations" of `refusals.toml` raises the error stated there.
-    """
+    """Each call of the table "rotations" of `refusals.toml` raises the stated error."""
     check_call(call, {**globals(), "replace": replace}, TABLES["rotations"][call])

@@ -168,8 +168,7 @@ def test_a_rotation_with_a_failed_row_is_not_feasible(monkeypatch):
 
 
 def test_modes_of_the_start_are_listed_and_chosen():
-    """Configurations at the start are listed with signs; one is chosen by signs or number.
-    """
+    """Configurations at the start have signs; one is chosen by signs or number."""
     text = TABLE_3 + ",samples=2,mode="
     listed = findings(run_rotation("two_dof_spm", text + "+-+"))
     assert [c["mode"] for c in listed["start"]["configurations"]][:2] == ["-++", "-+-"]
@@ -360,8 +359,7 @@ def raise_failure(name, text):
 
 @pytest.mark.parametrize("call", TABLES["rotations asked for"])
 def test_bad_parameters_of_rotations_are_refused(call):
-    """Each call of "rotations asked for" in `refusals.toml` raises the error stated there.
-    """
+    """Each call of "rotations asked for" in `refusals.toml` raises the stated error."""
     check_call(call, globals(), TABLES["rotations asked for"][call])
 
 
@@ -526,9 +524,7 @@ def test_the_end_is_in_the_mode_of_the_start(angle):
     end = "+".join(f"m{k}={angle}" for k in (1, 2, 3))
     rotation = findings(run_rotation(WRIST, f"start=m1=0+m2=0+m3=0,end={end},samples=3"))
     assert rotation["feasible"] and rotation["end_pose"]["orientations"] == 8
-    assert np.degrees(rotation["angle_rad"]) == pytest.approx(
-        abs(angle), abs=1e-7
-    )
+    assert np.degrees(rotation["angle_rad"]) == pytest.approx(abs(angle), abs=1e-7)
     assert np.array(rotation["axis"]) * np.sign(angle) == pytest.approx([0, 0, 1], abs=1e-9)
 
 
@@ -543,8 +539,7 @@ def test_every_mode_of_the_start_has_its_end(mode):
 
 
 def test_a_warning_names_the_mode_of_the_end():
-    """An end in another mode than the start is not reached; the warning says how to choose.
-    """
+    """An end in another mode is not reached; a warning says how to choose."""
     parameters = "start=m1=0+m2=0+m3=0,end=m1=90+m2=90+m3=90,samples=3,end_mode=0"
     result = run_rotation(WRIST, parameters)
     (warning,) = [text for text in result.summary["warnings"] if "rotation ends" in text]

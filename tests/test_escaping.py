@@ -79,8 +79,7 @@ def write_source(folder, text, language, name="printed"):
 
 @pytest.fixture(scope="module")
 def harmless(tmp_path_factory):
-    """Return a function: language -> path of the export of the file with a plain citation.
-    """
+    """Return a function from a language to the export of the file with a plain citation."""
     return cache(
         lambda language: export_with_command(
             tmp_path_factory.mktemp(language), "plain", language
@@ -185,8 +184,7 @@ def test_hostile_citations_change_only_the_comments_of_sources(
 
 
 def test_a_module_of_hostile_texts_runs(tmp_path):
-    """Node imports a module with hostile texts; it exports two functions and sets nothing.
-    """
+    """Node imports a module with hostile texts; it has two functions and sets nothing."""
     if not NODE:
         pytest.skip("there is no node")
     path = export_with_command(tmp_path, EVERY, "js")

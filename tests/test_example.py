@@ -103,9 +103,7 @@ def test_a_new_analysis_installs_runs_and_conforms(name, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("name", ["Swing", "2nd", "torque-ratio", "poles", "there"])
-def test_a_new_analysis_needs_a_free_lower_case_name(
-    name, tmp_path, monkeypatch, capsys
-):
+def test_a_new_analysis_needs_a_free_lower_case_name(name, tmp_path, monkeypatch, capsys):
     """Refused are names in other letters, of an analysis, and of an existing folder."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "there").mkdir()

@@ -90,8 +90,7 @@ def motion_arguments(made, modes):
 
 
 def relative_gaps(made, values, expected):
-    """Return the gaps (results, n) between results: of angles on the circle, else relative.
-    """
+    """Return the gaps (results, n) of results: absolute for angles, relative otherwise."""
     is_angle = np.array([name.startswith("theta_") for name in made.results])[:, None]
     turned = np.abs(np.exp(1j * values) - np.exp(1j * expected))
     return np.where(

@@ -223,8 +223,7 @@ def compare_sources(mechanism, folder, seed=0, languages=("python",)):
     [x if x in QUICK else pytest.param(x, marks=pytest.mark.slow) for x in CASES],
 )
 def test_sources_follow_smooth_curves(name, tmp_path):
-    """Sources in Python and C have the modes of `sk.evaluate` on either side of a crossing.
-    """
+    """Python and C sources have the modes of `sk.evaluate` on either side of a crossing."""
     languages = ("python", "c", "js") if name == "cp2" else ("python", "c")
     compared, changed = compare_sources(load_case(name), tmp_path, languages=languages)
     assert compared > 60 and changed == 2
@@ -233,8 +232,7 @@ def test_sources_follow_smooth_curves(name, tmp_path):
 @pytest.mark.many
 @pytest.mark.parametrize("language", ["cpp", "js", "julia", "casadi"])
 def test_sources_in_other_languages_follow_smooth_curves(language, tmp_path):
-    """Sources in C++, JavaScript, Julia and CasADi have the modes of `sk.evaluate` as well.
-    """
+    """C++, JavaScript, Julia and CasADi sources also have the modes of `sk.evaluate`."""
     compared, changed = compare_sources(load_case("cp2"), tmp_path, languages=[language])
     assert compared > 60 and changed == 2
 
@@ -250,8 +248,7 @@ def test_sources_of_many_vertices_and_change_points(tmp_path):
 
 
 def compare_random(seed, folder):
-    """Compare the sources of a random four-bar; return how many modes change their signs.
-    """
+    """Compare the sources of a random four-bar; return how many modes change signs."""
     random = np.random.default_rng(seed)
     arcs = random_crossing_arcs(random, KINDS[seed % len(KINDS)])
     low = int(random.choice([-180, -60, 0]))
@@ -304,8 +301,7 @@ def test_a_mechanism_whose_modes_do_not_cross(tmp_path):
 
 
 def test_fold_angles_of_a_source_keep_their_ratio():
-    """Half tangents of fold angles keep their ratio through the flat state (Huffman 1976).
-    """
+    """Half tangents of fold angles keep their ratio at the flat state (Huffman 1976)."""
     made = formulas(load_case("flatfold_through"), ["theta_*"], crossings="pass")
     smooth = made.mode_table.smooth
     q = np.radians([-35.0, -20.0, -3.0, 3.0, 20.0, 35.0])
@@ -319,8 +315,7 @@ def test_fold_angles_of_a_source_keep_their_ratio():
 
 
 def test_command_writes_and_says_where_curves_cross(tmp_path, capsys):
-    """The command names the crossings, and writes a function for smooth modes if asked for.
-    """
+    """The command names the crossings; on request it writes functions for smooth modes."""
     path = tmp_path / "x.js"
     arguments = ["export", str(FILES / "parallelogram.toml"), "--to", "js", "-o", str(path)]
     assert main([*arguments, "--crossings", "pass"]) == 0
@@ -334,8 +329,7 @@ def test_command_writes_and_says_where_curves_cross(tmp_path, capsys):
 
 
 def test_signs_are_nan_right_at_a_crossing():
-    """Within 5e-7 rad of a crossing a mode has no signs, because dyads are in line there.
-    """
+    """Within 5e-7 rad of a crossing a mode has no signs, as dyads are in line there."""
     formulas_of_mechanism = formulas(load_case("cp2"), ["theta_*"], crossings="pass")
     smooth = formulas_of_mechanism.mode_table.smooth
     for q in (np.pi, np.pi - 5e-7, np.pi + 5e-7):

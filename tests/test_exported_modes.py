@@ -137,9 +137,7 @@ def check_modes(mechanism, folder, least=0.5):
                 kind, _, pair = key.partition("_")
                 if kind == "theta":
                     expected = motion.values[is_compared, made.mechanism.angles[pair]]
-                    gap = np.abs(
-                        np.exp(1j * values[is_compared]) - np.exp(1j * expected)
-                    )
+                    gap = np.abs(np.exp(1j * values[is_compared]) - np.exp(1j * expected))
                     assert np.all(gap <= tolerance), (language, mode, key, np.max(gap))
                     largest = max([largest, *gap])
                 elif pair in rates:

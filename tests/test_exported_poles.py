@@ -16,8 +16,7 @@ from spherekit.files.mechanism_reader import loads
 
 
 def resting_dyad():
-    """Return a five-bar with a dyad on its second crank, which rests while the first moves.
-    """
+    """Return a five-bar with a dyad on its second crank, which rests if the first moves."""
     text = """
 format = 1
 name = "resting_dyad"

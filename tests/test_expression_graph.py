@@ -163,8 +163,7 @@ def test_compiled_expressions_of_complex_variables_have_the_values_of_numpy():
 
 
 def test_substitution_replaces_all_variables_at_once():
-    """X becomes Y Z while Y becomes X, as if their values were replaced before evaluation.
-    """
+    """X becomes Y Z while Y becomes X, as if values were replaced before evaluation."""
     pytest.importorskip("heyoka")
     expressions, x, y, z = complex_expressions_and_points()
     substituted = substitute(expressions, {X: Y * Z, Y: X})

@@ -92,8 +92,7 @@ def test_angles_are_in_radians_where_asked(four_bar):
 
 
 def test_a_mode_has_one_colour_in_all_figures(four_bar):
-    """Each mode has its colour in all figures and legends, but in charts of a single mode.
-    """
+    """Each mode has one colour in figures and legends, except in charts of one mode."""
     colours_by_mode = {}
     for name, figure in four_bar.plot().items():
         if name.endswith("gnomonic chart"):  # of one mode
@@ -437,8 +436,7 @@ def elements_of(text):
 
 
 def test_pages_of_notebooks_show_plan_mechanism_and_result(four_bar):
-    """In notebooks a plan, a mechanism and a result are shown as tables of their content.
-    """
+    """In notebooks plans, mechanisms and results are shown as tables of their content."""
     mechanism = sk.load("four_bar")
     # The plan is a table of 4 x 4 links with each pole twice: 4 axes of pairs ("x") and 2
     # poles of the first pass ("I"). On the diagonal a link meets itself ("■").

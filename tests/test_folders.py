@@ -184,8 +184,7 @@ RECORDING = [*RUN, "--save", "out/a.rrd"]
 def test_a_command_does_not_overwrite_files_by_names_it_chooses(
     arguments, name, link, tmp_path, monkeypatch, capsys
 ):
-    """Figures, recordings and tables of trade-offs replace no file and no link of the user.
-    """
+    """Figures, recordings and tables of trade-offs replace no file or link of the user."""
     monkeypatch.chdir(tmp_path)
     target = tmp_path / "out" / name
     target.parent.mkdir(parents=True)
@@ -224,8 +223,7 @@ def arguments_with_an_empty_text():
 
 
 def test_an_empty_argument_is_refused_everywhere(tmp_path, monkeypatch, capsys):
-    """Every argument and option of every command refuses an empty text, and writes nothing.
-    """
+    """Every argument and option of all commands refuses an empty text."""
     monkeypatch.chdir(tmp_path)
     command_lines = list(arguments_with_an_empty_text())
     assert len(command_lines) > 100

@@ -321,8 +321,7 @@ def test_a_torque_that_jumps_unforeseen_is_found():
 
 
 def test_objects_show_themselves_in_a_line():
-    """The text of each public object is one line with its class and the mechanism's name.
-    """
+    """The text of each public object is one line with its class and mechanism name."""
     mechanism = sk.load("four_bar")
     shown = {
         "Mechanism": mechanism,

@@ -49,8 +49,7 @@ ENGINE = "compiled" if available() else "numpy"
 
 
 def run_swinging_rocker(folder=None, engine=ENGINE, **options):
-    """Simulate a four-bar driven at its rocker, over dead centres, in blocks of 10 samples.
-    """
+    """Simulate a four-bar driven at its rocker over dead centres, 10 samples per block."""
     mechanism = replace(sk.load("four_bar"), loads=()).with_inputs("41")
     options = {"samples": 60, "block": 10} | options
     start = {"start": sk.Start(2.0, 3.0), "duration": 1.5, "tolerance": 1e-8}
@@ -65,8 +64,7 @@ def run_double_butterfly(folder=None, **options):
 
 
 def run_with_springs(folder=None, **options):
-    """Run a four-bar with springs that count the turns of their pairs, over several turns.
-    """
+    """Run a four-bar with springs that count turns of their pairs, over several turns."""
     options = {"samples": 60, "block": 10, "folder": folder} | options
     return sk.run(four_bar_with_springs("32", "43"), "eksergian", **options)
 
@@ -563,8 +561,7 @@ def test_memory_does_not_grow_with_the_samples(job, count, tmp_path, monkeypatch
 
 
 def test_the_engine_that_began_goes_on(tmp_path):
-    """A simulation begun with NumPy is resumed with NumPy, though the choice is automatic.
-    """
+    """A simulation begun with NumPy is resumed with NumPy if the choice is automatic."""
     with pytest.raises(KeyboardInterrupt):
         run_swinging_rocker(tmp_path, engine="numpy", progress=interrupt_after(1))
     result = run_swinging_rocker(tmp_path, engine="auto", unfinished="resume")
@@ -598,8 +595,7 @@ def test_an_analysis_of_all_samples_needs_memory_for_them(monkeypatch, capsys):
 
 
 def test_tables_that_were_not_kept_cannot_be_read(tmp_path):
-    """Without tables in memory or in a format that is read again, reading them is an error.
-    """
+    """Reading tables is an error if they are neither in memory nor in a readable format."""
     bare = run_four_bar(tables=False)
     assert bare.summary["status"] == {"OK": 120}
     for read in (bare.frame, lambda: bare.write(tmp_path)):

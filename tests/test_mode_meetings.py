@@ -96,8 +96,7 @@ def find_contradictions(text, low, high):
 
 
 def symmetric_range(random):
-    """Return the ends (deg) of a random range; its middle, 0 or 180 deg, is a flat state.
-    """
+    """Return the ends (deg) of a random range whose middle is flat, at 0 or 180 deg."""
     centre = int(random.choice([0, 180]))
     half = int(random.integers(10, 180))
     return centre - half, centre + half
@@ -152,8 +151,7 @@ def test_command_names_the_crossing_and_claims_nothing_false(capsys):
 
 @pytest.mark.slow
 def test_claims_do_not_contradict_proofs():
-    """Claims about meetings of modes agree with interval proofs of eight random four-bars.
-    """
+    """Claims of meetings of modes agree with interval proofs of eight random four-bars."""
     assert compare_with_proof(8, seed=44) > 3
 
 
@@ -427,8 +425,7 @@ def test_a_sweep_follows_smooth_curves():
 
 
 def test_commands_read_how_to_pass_crossings_from_a_study_file(tmp_path, capsys):
-    """`crossings = "pass"` of a study file holds for `spherekit run` and `spherekit sweep`.
-    """
+    """`crossings = "pass"` of a study applies to `spherekit run` and `spherekit sweep`."""
     path = FILES / "flatfold_through.toml"
     study = tmp_path / "fold.study.toml"
     study.write_text(

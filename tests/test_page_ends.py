@@ -280,8 +280,7 @@ CONSTANT = [
 @pytest.mark.many
 @pytest.mark.parametrize(("name", "options"), CONSTANT, ids=lambda x: Path(str(x)).stem)
 def test_a_constant_curve_is_level_in_a_plot_of_a_sensible_range(open_page, name, options):
-    """A constant curve is a level line, because a plot's axis is much wider than rounding.
-    """
+    """A constant curve is a level line: the axis of a plot is far wider than rounding."""
     tab = open_page(name, **options)
     figures = tab.evaluate(
         """spherekit.figures.map(({range, plot}) =>

@@ -199,8 +199,7 @@ def test_modes_however_close_are_told_apart_and_a_double_one_is_never_certified(
 
 
 def test_a_platform_with_eight_real_modes_has_exactly_eight():
-    """All eight complex modes of a 3-RRR platform with these arcs are real and different.
-    """
+    """All eight complex modes of a 3-RRR platform with these arcs are real and distinct."""
     arcs = {"base": [82.0, 63.0], "platform": [108.0, 75.0]}
     arcs |= {"crank1": [87.0], "crank2": [106.0], "crank3": [72.0]}
     arcs |= {"coupler1": [98.0], "coupler2": [111.0], "coupler3": [95.0]}

@@ -223,8 +223,7 @@ def singularities_certificate(name, pair, ends):
 
 @pytest.mark.slow
 def test_the_checker_repeats_turning_points_and_singularities():
-    """The checker accepts a certificate with one singularity, and refuses it without that.
-    """
+    """The checker accepts a certificate with one singularity and refuses it without it."""
     certificate = singularities_certificate("four_bar", "21", ("26", "30"))
     stops = [stop for curve in certificate["curves"] for stop in curve["input_stops"]]
     assert not stops and len(certificate["singularities"]["found"]) == 1
