@@ -90,7 +90,7 @@ def motion_arguments(made, modes):
 
 
 def relative_gaps(made, values, expected):
-    """Return the gaps (results, n) of results: absolute for angles, relative otherwise."""
+    """Return the gaps (results, n): chords of the unit circle for angles, else relative."""
     is_angle = np.array([name.startswith("theta_") for name in made.results])[:, None]
     turned = np.abs(np.exp(1j * values) - np.exp(1j * expected))
     return np.where(

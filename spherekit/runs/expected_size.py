@@ -19,7 +19,7 @@ from spherekit.runs.execution import Execution
 from spherekit.runs.recording_session import MAX_RECORDED_SAMPLES
 from spherekit.runs.run_result import MOTION
 from spherekit.runs.runner import needs_motion, run_study
-from spherekit.tables.table_formats import TABLE_FORMATS
+from spherekit.tables.table_formats import DEFAULT_FORMATS, TABLE_FORMATS
 
 MIN_PREDICTED_SAMPLES = 4
 """Runs of fewer samples are not predicted, since the short runs would not be shorter."""
@@ -97,7 +97,7 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
             return run_study(
                 shorten_study(measured_study, sample_count),
                 measured_analyses,
-                Execution(folder=folder, formats=tuple(TABLE_FORMATS)),
+                Execution(folder=folder, formats=DEFAULT_FORMATS),
                 computes_motion,
                 max_poles,
             ).summary
@@ -144,8 +144,8 @@ def predict_run(study: Study, analyses: Analyses, assembly: Assembly, poles: int
             "rows": extrapolate("tables", stem, "rows"),
             "columns": table["columns"],
         }
-        for table_format in TABLE_FORMATS.values():
-            key = f"{table_format.ending}_bytes"
+        for name in DEFAULT_FORMATS:
+            key = f"{TABLE_FORMATS[name].ending}_bytes"
             tables[stem][key] = extrapolate("tables", stem, key)
     return {
         "assembly_modes": mode_count if finds_modes else None,

@@ -33,7 +33,6 @@ from spherekit.tables.table_formats import (
     TABLE_FORMATS,
     Format,
     csv_separator,
-    is_csv,
 )
 from spherekit.tables.table_rows import JoinedBlocks, convert_columns
 
@@ -220,16 +219,16 @@ def write_table(
         name: stem.with_name(f"{stem.name}.{TABLE_FORMATS[name].ending}")
         for name in formats or DEFAULT_FORMATS
     }
-    separator = csv_separator(tuple(paths))
     schema = _add_notes(first_piece.schema, {"units": table.units(degrees), **notes})
-    csv_streams = []
+    separator_by_csv_stream = {}
     parquet_writers = []
     with ExitStack() as open_files:
         for name, path in paths.items():
-            if is_csv(name):
+            separator = TABLE_FORMATS[name].separator
+            if separator is not None:
                 csv_stream = open_files.enter_context(open_for_writing(path))
                 csv_stream.write(format_csv([first_piece.column_names], separator))
-                csv_streams.append(csv_stream)
+                separator_by_csv_stream[csv_stream] = separator
             else:
                 parquet_writers.append(
                     open_files.enter_context(_open_parquet_writer(path, schema))
@@ -237,7 +236,7 @@ def write_table(
         for piece in chain([first_piece], arrow_pieces):
             for parquet_writer in parquet_writers:
                 parquet_writer.write_table(piece.cast(schema))
-            for csv_stream in csv_streams:
+            for csv_stream, separator in separator_by_csv_stream.items():
                 options = pc.WriteOptions(
                     include_header=False,
                     delimiter=separator,

@@ -24,7 +24,8 @@ class TableFormat:
     Attributes
     ----------
     ending
-        Ending of the file names, without the dot.
+        Ending of the file names, without the dot. Formats that are written together need
+        different endings.
     relative_size
         Approximate size of the files divided by that of the packed rows, measured on
         motions and poles.
