@@ -152,12 +152,14 @@ class TensorChebyshev:
         return float(np.sum(volumes) / np.prod(self.high - self.low))
 
     def find_cell(self, x: Sequence[float]) -> int:
-        """Return the cell of a position in the box, -1 outside the domain.
+        """Return the index of the cell that contains a position (m,), -1 if none does.
 
-        The search follows the tree of cuts from its root (row 0). A positive link leads to
-        another cut, a link of -1 - k to cell k, and 0 to no cell.
+        The position must be in the box. The cells are the leaves of a binary tree, whose
+        rows are splits. A row has the axis along which a cell is halved, the coordinate at
+        which it is halved, and the links to its lower and upper half. A positive link is
+        the row of a further split, a link of -1 - k is cell k, and 0 is no cell.
         """
-        # Without a cut, the box is the only cell (0), or there is none (-1).
+        # Without a split, the box is the only cell (0), or there is none (-1).
         if not self._tree:
             return len(self.bounds) - 1
         link = 0
@@ -194,7 +196,7 @@ class _PendingCell:
     """A cell that has not been fitted yet, and the link of the tree that leads to it.
 
     The box is halved into cells, which are the leaves of a binary tree. The tree consists
-    of splits (cuts of cells), each with links to its two halves.
+    of splits (cells that are halved), each with links to its two halves.
 
     Attributes
     ----------
