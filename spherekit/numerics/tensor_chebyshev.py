@@ -45,7 +45,7 @@ class TensorChebyshev:
     low, high
         (m,) lower and upper corner of the box.
     splits
-        (splits, 4) inner nodes of the tree, the root first: direction of the cut, its
+        (splits, 4) inner nodes of the tree, the root first: axis of the split, its
         position, and the links to the lower and the upper half. A positive link is the row
         of another split. A link of -1 - k is cell k. A link of 0 leads outside the domain.
     bounds
@@ -203,7 +203,7 @@ class _PendingCell:
     bounds
         (2, m) lower and upper corner.
     parent_split
-        The row of `TensorChebyshev.splits` of the cut that made this cell.
+        The row of `TensorChebyshev.splits` of the split that made this cell.
     link_index
         Index of the link to this cell in that row.
     """
