@@ -11,7 +11,7 @@ from helpers.refusals import mechanism_text
 
 import spherekit as sk
 from spherekit.cli.main import main
-from spherekit.errors import AnalysisError, FileError
+from spherekit.errors import AnalysisError, FileError, ModelError
 from spherekit.files.library import shipped
 from spherekit.files.study import Study
 from spherekit.files.study_reader import load_study
@@ -206,3 +206,10 @@ def test_shipped_studies_run_by_their_name_without_a_failed_row():
         result = sk.run(name)
         assert not result.failures
         assert set(result.summary["status"]) == {"OK"}
+
+
+def test_a_start_takes_lists_as_it_takes_tuples():
+    start = sk.Start(q=[0.5, 0.2], dq=[1.0, 0.0])
+    assert start == sk.Start(q=(0.5, 0.2), dq=(1.0, 0.0))
+    with pytest.raises(ModelError, match="found nan, needs a finite number"):
+        sk.Start(q=[0.5, float("nan")])

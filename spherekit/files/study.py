@@ -47,6 +47,11 @@ class Start:
     dq: float | Numbers = 0.0
 
     def __post_init__(self) -> None:
+        # Lists become tuples, so that starts with the same numbers are equal.
+        for name in ("q", "dq"):
+            value = getattr(self, name)
+            if isinstance(value, Sequence):
+                object.__setattr__(self, name, tuple(value))
         check_finite_fields(self)
 
     @staticmethod
