@@ -34,9 +34,10 @@ POLE_COLOUR = 2
 
 def short_name(mechanism: Mechanism, pole: Pole) -> str:
     """Return the names of a pole's links, such as ``31``, or ``(crank,frame)``."""
-    first_link, second_link = pole
-    low, high = mechanism.links[first_link], mechanism.links[second_link]
-    return f"{high}{low}" if len(low) == len(high) == 1 else f"({high},{low})"
+    first_name, second_name = (mechanism.links[link] for link in pole)
+    if len(first_name) == len(second_name) == 1:
+        return f"{second_name}{first_name}"
+    return f"({second_name},{first_name})"
 
 
 def draw_chart(
@@ -72,6 +73,7 @@ def draw_chart(
         Name of the input that moves while others are locked; empty for a single input.
     """
     ground_axes = link_axes(mechanism)[mechanism.links[0]]
+    # The zero vector makes the sum a vector if contacts alone join links to the ground.
     middle = np.sum([*ground_axes.values(), np.zeros(3)], axis=0)
     x = int(np.argmax(np.abs(middle)))
     y = (x + 1) % 3
@@ -79,6 +81,9 @@ def draw_chart(
     with np.errstate(divide="ignore", invalid="ignore"):
         points = directions[..., [y, z]] / directions[..., [x]]
     points = np.where(np.isfinite(points), points, np.nan)
+    # The great circle with the normal (a, b, c) is the plane a x + b y + c z = 0. Divided
+    # by x this is the straight line b (y/x) + c (z/x) + a = 0.
+    line_coefficients = normals[..., [y, z, x]]
     poles_of_pairs = mechanism.pole_pairs
     return Diagram(
         path=f"plots/chart/{moving_input}" if moving_input else "plots/chart",
@@ -90,7 +95,7 @@ def draw_chart(
         names=[f"P{short_name(mechanism, pole)}" for pole in poles],
         places=points,
         tones=[PAIR_COLOUR if pole in poles_of_pairs else POLE_COLOUR for pole in poles],
-        lines=normals[..., [y, z, x]],
+        lines=line_coefficients,
         words=step_texts,
         readings=np.arctan(points),
         reading_names=("ξ", "ζ"),
@@ -143,13 +148,19 @@ class ConstructionStep:
 def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
     """Return the steps in which the pole axes of a batch are constructed.
 
-    A pole axis is the axis about which two links turn relative to each other.
+    A pole axis is the axis about which two links turn relative to each other. The plan of
+    the mechanism determines all poles in rounds, each from poles of earlier rounds. The
+    steps of the drawing are these:
 
     - The first step has the axes of all pairs.
     - Poles that are determined together by linear equations (a block) are one step.
     - A pole that is the intersection of two great circles is one step.
+    - A pole that coaxial pairs share is one step.
     """
+    # The construction is only drawn for mechanisms with one input, which have one plan.
     plan = batch.plans[0]
+    # A `PrimaryPole` is an axis of a pair. In round 0 the pair joins both links of the
+    # pole. In later rounds it is coaxial with other pairs that lead from link to link.
     pair_steps = [
         step for step in plan.steps if isinstance(step, PrimaryPole) and not step.round
     ]
@@ -159,11 +170,13 @@ def _list_construction_steps(batch: Batch) -> list[ConstructionStep]:
     for step in plan.steps:
         if step in pair_steps:
             continue
-        # One line of the description for each of the steps below.
+        # The description has one line for each of the steps of the drawing below: one for
+        # the equations of a block, and one for each pole at two great circles.
         texts = describe(plan, step).split("\n")
         if isinstance(step, BlockPoles):
-            # The poles of the equations, then each pole that follows from two circles.
-            later_poles = [passed.pole for passed in step.passes]
+            # The equations of a block determine some poles. The others (`passes`) follow
+            # one by one as intersections of two great circles.
+            later_poles = [circle_step.pole for circle_step in step.passes]
             block_poles = [pole for pole in step.poles if pole not in later_poles]
             pole_sets = [block_poles, *([pole] for pole in later_poles)]
             uses_circles = [False] + [True] * len(later_poles)
@@ -194,6 +207,7 @@ def draw_construction(batch: Batch, row: int) -> Scene:
     """
     mechanism = batch.mechanism
     steps = _list_construction_steps(batch)
+    # All poles of the mechanism: the mapping `rounds` has the round of each.
     poles = list(batch.plans[0].rounds)
     directions = np.full((len(steps), len(poles), 3), np.nan)
     normals = np.full((len(steps), 2, 3), np.nan)
@@ -207,11 +221,13 @@ def draw_construction(batch: Batch, row: int) -> Scene:
     rotations = np.broadcast_to(rotations, (len(steps), *rotations.shape))
     texts = [step.text for step in steps]
     parts: list[Primitive] = [*link_bodies(mechanism, rotations)]
+    # The first step has the axes of all pairs, which are drawn as thin arrows ("primary").
     pair_poles = steps[0].poles
     for number, pole in enumerate(poles):
         name = f"P{short_name(mechanism, pole)}"
         is_of_pair = pole in pair_poles
         axis = directions[:, number]
+        # The configuration is the same in all steps, so the arrow's tip has no path.
         parts.append(
             Arrow(f"found/{name}", name, axis, primary=is_of_pair, path_shown=False)
         )

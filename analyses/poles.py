@@ -188,9 +188,13 @@ class Poles(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the quantities that this analysis needs of a motion.
 
-        They are pole axes with rates and derivatives; great circles (planes) of one pole,
-        or of all poles if their construction is drawn; and the rotations of links in whose
-        axes something is drawn.
+        - The axis of each pole, its derivative (`turns`), the velocity coefficient
+          (`rates`) and its derivative.
+        - The two great circles (`planes`) that intersect in the one pole with circles. If
+          the construction is drawn, they are needed of all poles that are not axes of
+          pairs. The axes of pairs are known without a construction.
+        - The rotations of links whose axodes or bodies are drawn. An axode is the path of a
+          pole in the axes of a link.
         """
         axode_poles = self._axode_poles(mechanism)
         poles = frozenset(self.poles(mechanism)) | frozenset(axode_poles)
@@ -232,11 +236,15 @@ class Poles(AbstractAnalysis):
             for input_number in range(len(batch.moving_inputs))
             for pole in poles
         ]
-        column_of = batch.of_poles(moving_poles)
+        # The table has, for each row of the batch, one row per entry of this list.
         columns = dict[str, Any](batch.pole_columns(moving_poles))
+        # The value of the input that moves.
         columns["q"] = batch.interleaved(
             [batch.inputs[:, input_number] for _, _, input_number in moving_poles]
         )
+        # A function that returns the column of a quantity from its name and the index of a
+        # component, None for a scalar.
+        column_of = batch.of_poles(moving_poles)
         for component, axis in enumerate("xyz"):
             columns[f"du{axis}_dq"] = column_of("direction_dq", component)
         for name in (
@@ -253,8 +261,13 @@ class Poles(AbstractAnalysis):
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
         """Return a page for each assembly mode, and one for the construction of the poles.
 
-        A page of a mode has arrows along the poles, two great circles of one pole, and
-        plots of coefficients. The construction is drawn once, at a row of the first block.
+        An assembly mode is one way to assemble the mechanism. Its page has arrows along the
+        poles, two great circles of one pole, and plots of coefficients.
+
+        The other page shows step by step how the pole axes follow from the axes of the
+        pairs by intersections of great circles. It exists for mechanisms with one input if
+        all poles are wanted, and shows one configuration. Long motions are computed in
+        blocks of samples; the page belongs to the first block.
         """
         pages = []
         for mode, rows in batch.assembly_mode_rows().items():
@@ -268,7 +281,7 @@ class Poles(AbstractAnalysis):
         if len(good_rows) and is_first_block and draws_construction:
             modes = batch.assembly_mode[good_rows]
             rows_of_first_mode = good_rows[modes == modes[0]]
-            # A row a third of the way along the first mode.
+            # Any row of the first mode would do. It is a third of the way along.
             row = rows_of_first_mode[len(rows_of_first_mode) // 3]
             pages.append(draw_construction(batch, int(row)))
         return tuple(pages)
@@ -355,28 +368,35 @@ class Poles(AbstractAnalysis):
             The numbers of the two links.
         """
         mechanism = batch.mechanism
-        # Whether the axis is that of the pair that joins both links.
+        # Whether the axis is that of the pair that joins both links. Then its arrow is
+        # drawn with the first input only.
         is_of_pair = pole in mechanism.pole_pairs
         if input_number > 0 and is_of_pair:
             return
         first_link, second_link = pole
-        low = mechanism.links[first_link]
-        high = mechanism.links[second_link]
+        first_name = mechanism.links[first_link]
+        second_name = mechanism.links[second_link]
         pair = batch.moving_inputs[input_number]
         has_several_inputs = len(batch.moving_inputs) > 1
-        # Which arrows are visible at first.
+        # Which arrows are visible at first: with many poles those of pairs, and while the
+        # first input moves those to the ground (link 0) and the pole whose great circles
+        # are drawn.
         has_many_poles = len(self.poles(mechanism)) > MAX_POLES_SHOWN_FIRST
         is_of_interest = first_link == 0 or pole == self.pole_with_circles(mechanism)
         is_visible = (
             (input_number == 0 and is_of_interest) or is_of_pair or not has_many_poles
         )
         has_short_names = all(len(name) == 1 for name in mechanism.links)
-        label = f"P{short_name(mechanism, pole)}" if has_short_names else f"{high}/{low}"
+        label = (
+            f"P{short_name(mechanism, pole)}"
+            if has_short_names
+            else f"{second_name}/{first_name}"
+        )
         if has_several_inputs and not is_of_pair:
             label += f" by {pair}"
         folder = f"{pair}/" if has_several_inputs else ""
         directions = batch.direction(*pole, input_number)[rows]
-        path = f"pole/{folder}{high}_{low}"
+        path = f"pole/{folder}{second_name}_{first_name}"
         yield Arrow(path, label, directions, primary=is_of_pair, shown=is_visible)
 
     def _plot_coefficients(
@@ -402,8 +422,8 @@ class Poles(AbstractAnalysis):
         pair = batch.moving_inputs[input_number]
         has_several_inputs = len(batch.moving_inputs) > 1
         first_link, second_link = pole
-        low = mechanism.links[first_link]
-        high = mechanism.links[second_link]
+        first_name = mechanism.links[first_link]
+        second_name = mechanism.links[second_link]
         input_pole = pole_of(*mechanism.ends[mechanism.pair_number[pair]])
         body = batch.plans[input_number].body
         if pole == input_pole or body[first_link] == body[second_link]:
@@ -411,7 +431,7 @@ class Poles(AbstractAnalysis):
         has_short_names = all(len(name) == 1 for name in mechanism.links)
         velocity = batch.velocity_coefficient(*pole, input_number)
         acceleration = batch.acceleration_coefficient(*pole, input_number)
-        velocity_label = f"{high}/{low}"
+        velocity_label = f"{second_name}/{first_name}"
         if has_short_names:
             output_name = short_name(mechanism, pole)
             velocity_label = f"ω{output_name}/ω{short_name(mechanism, input_pole)}"
@@ -428,7 +448,11 @@ class Poles(AbstractAnalysis):
         if len(self.poles(mechanism)) > MAX_POLES_SHOWN_FIRST:
             kind = " to ground" if is_to_ground else " between links"
         title = f"{pair} moves: " if has_several_inputs else ""
-        name = f"{pair}/{high}_{low}" if has_several_inputs else f"{high}_{low}"
+        name = (
+            f"{pair}/{second_name}_{first_name}"
+            if has_several_inputs
+            else f"{second_name}_{first_name}"
+        )
         link = second_link if is_to_ground else None
         yield Series(
             f"plots/velocity/{name}",

@@ -188,7 +188,16 @@ class ReactionAnalysis(AbstractAnalysis):
 
         A reaction is called open if redundant constraints leave it undetermined. A contact
         lifts off if it would have to pull. The summary also lists the entries of the file
-        that are missing to determine the forces through the centre of the sphere.
+        that are missing to determine the forces through the centre of the sphere
+        (`forces_need`):
+
+        - Links without a centre of mass, and contacts without a distance from the centre.
+        - Pairs that would have to float, so that their links can slide along the axis.
+        - Whether forces stay open even with these entries, because constraints are
+          redundant.
+        - All of this as phrases (`wanted`).
+        - Rolling contacts without a pressure angle. Teeth with a pressure angle have one
+          unknown fewer, because their normal force follows from the tangential one.
         """
         mechanism = batch.mechanism
         result = self._reactions(batch)
@@ -213,6 +222,7 @@ class ReactionAnalysis(AbstractAnalysis):
                 },
             )
         lacking = result.lacking
+        # Links that no pair holds at the centre of the sphere, since all their pairs float.
         slides = np.any(result.slides, axis=0)
         summary = {
             "pairs": pairs,
@@ -234,6 +244,7 @@ class ReactionAnalysis(AbstractAnalysis):
                 for link, is_sliding in zip(mechanism.links, slides, strict=True)
                 if is_sliding
             ],
+            # The file wants axial forces if it says how bearings share them.
             "asks_for_forces": any(
                 load.axial is not None for load in _loads_with_bearings(mechanism)
             ),
@@ -246,7 +257,12 @@ class ReactionAnalysis(AbstractAnalysis):
         return _make_findings(_merge_summaries(before.figures, now.figures))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return plots of the moments across all axes, of contacts and of bearings."""
+        """Return plots of the moments across all axes, of contacts and of bearings.
+
+        A moment across the axis is the part of a pair's moment at right angles to its axis.
+        The push of a contact is its force along the normal, positive if it presses. It is
+        drawn times the radius of the sphere (N m).
+        """
         result = self._reactions(batch)
         plots = []
         # Arguments of `plot_series`: folder, label of the curve, title, values, unit.
@@ -259,7 +275,9 @@ class ReactionAnalysis(AbstractAnalysis):
                 torque = result.push[:, number]
                 plots.append(plot_series("contact_torque", pair.name, title, torque, "N m"))
         for bearing in _bearing_loads(batch.mechanism, result):
-            # Without the force through the centre only the force of the couple is known.
+            # A bearing carries a part of the pair's moment (a couple) and a part of the
+            # force through the centre of the sphere. If the file does not determine this
+            # force, the radial load is NaN, and the force by the moment alone is drawn.
             if np.any(np.isfinite(bearing.radial)):
                 title = "radial load of bearings"
                 force = bearing.radial
@@ -313,16 +331,18 @@ class BearingLoad:
 def _bearing_loads(mechanism: Mechanism, result: Reactions) -> list[BearingLoad]:
     """Return the forces on all bearings whose positions the file states.
 
-    `result` has, for each load with bearings, the force of the couple (n, bearings) and the
-    whole force (n, bearings, 3) on each bearing, with the axis of the pair as z.
+    `result` has the reactions in n rows.
     """
     bearing_loads = []
     for load in _loads_with_bearings(mechanism):
+        # (n, bearings) N: size of the force that the moment of the pair alone causes. It is
+        # known even if the force of the pair through the centre of the sphere is not.
         couple_forces = result.couples[load.name]
-        # From (n, bearings, 3) to (bearings, 3, n).
-        forces = np.moveaxis(result.on_bearings[load.name], 0, 2)
+        # (n, bearings, 3) N: the force by moment and force of the pair together, with the
+        # axis of the pair as z.
+        forces = result.on_bearings[load.name]
         for number, position in enumerate(load.positions):
-            x, y, z = forces[number]
+            x, y, z = forces[:, number].T
             bearing_loads.append(
                 BearingLoad(
                     bearings=load,
@@ -340,7 +360,8 @@ def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
 
     The table has one row for each row of the batch (sample and assembly mode) and bearing;
     all bearings of a row follow each other. `result` has the reactions in the n rows of the
-    batch.
+    batch. The column `couple_force` is the force that the moment of the pair alone causes
+    in one bearing. The status is that of the reactions of the pair.
     """
     bearing_loads = _bearing_loads(batch.mechanism, result)
     row_count = len(batch)
@@ -350,7 +371,9 @@ def _bearing_columns(batch: Batch, result: Reactions) -> TableData:
     positions = [float(bearing_load.position) for bearing_load in bearing_loads]
 
     def interleave(forces: list[Floats]) -> Floats:
-        """Return forces (n,) of each bearing as one column, row after row."""
+        """Return the column of a force from its values (n,) on each bearing."""
+        # The array (bearings, n) is transposed, so that the bearings of a row are adjacent.
+        # `reshape` gives it both axes even if there are no bearings.
         return np.reshape(forces, (-1, row_count)).T.ravel()
 
     return {
@@ -440,8 +463,9 @@ def _merge_summaries(first: Any, second: Any, key: str = "") -> Any:
 def _make_findings(summary: Mapping[str, Any]) -> Findings:
     """Return the findings: the summary with its sentences and warnings.
 
-    A reaction is open if redundant constraints leave it undetermined. Open forces are a
-    warning if the file asks for forces, otherwise a remark.
+    A reaction is open if redundant constraints leave it undetermined. Open moments about
+    the centre of the sphere give a remark. Open forces through the centre are a warning if
+    the file asks for forces, otherwise a remark.
     """
     # 1. Contacts that lift off, and open reactions.
     pairs = summary["pairs"]
@@ -455,8 +479,10 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
     remarks = []
     open_pairs = [name for name, record in pairs.items() if record["is_open"]]
     if open_pairs:
-        pressure_angles = summary["forces_need"]["pressure_angles"]
-        meshes = [name for name in pressure_angles if name in open_pairs]
+        # Rolling contacts without a pressure angle. If they are teeth, their pressure angle
+        # in the file would determine the normal force from the tangential one.
+        without_angle = summary["forces_need"]["pressure_angles"]
+        meshes = [name for name in without_angle if name in open_pairs]
         hint = f"; teeth at {listing(meshes)} would have a pressure_angle" if meshes else ""
         remarks.append(
             "redundant constraints leave open how reactions are shared among the pairs "
@@ -513,7 +539,9 @@ def _describe_maximum(
     if not values:
         return []
     name = max(values, key=lambda candidate: values[candidate])
-    # Loads of bearings are compared with the largest force of a couple. Pairs have none.
+    # Rounding errors of a load on a bearing are proportional to the forces on bearings that
+    # the moments of pairs cause. A load far below the largest of these forces is zero.
+    # Records of pairs have no such force, so that only an exact 0 is reported as zero.
     largest_couple = max(
         record.get("largest_couple_force_N") or 0.0 for record in records.values()
     )
@@ -530,8 +558,14 @@ def _describe_maximum(
 def _describe_open_forces(summary: Mapping[str, Any]) -> list[str]:
     """Return a sentence why forces through the centre of the sphere are not determined.
 
-    The list is empty if they are determined. `summary` is the record of all results of the
-    analysis. A pair floats if it takes no axial force.
+    The list is empty if they are determined. Otherwise there are two reasons:
+
+    - Too many pairs float, which means that they transmit no force along their axis. No
+      pair then holds some links at the centre.
+    - Redundant constraints leave the force of a pair undetermined (`force_is_open`). The
+      sentence lists entries of the mechanism file that would determine it (`wanted`).
+
+    `summary` is the record of all results of the analysis.
     """
     sliding_links = summary["links_that_slide"]
     if sliding_links:

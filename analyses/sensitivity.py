@@ -53,24 +53,28 @@ MAX_LISTED = 6
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Deviations of c quantities in n rows that deviations of sizes cause.
+    """Deviations of c quantities that random deviations of sizes cause.
 
-    They are computed in two ways: to first order from derivatives, and from draws, which
-    are mechanisms with random sizes.
+    Each row (index n) is one configuration: a sample of the inputs in one assembly mode.
+    Sizes deviate independently, with a normal or a uniform distribution. The deviations of
+    the quantities are computed in two ways: to first order from derivatives, and from
+    draws, which are mechanisms with random sizes.
 
     Attributes
     ----------
     spread, worst
-        (c, n) standard deviation and worst case, to first order.
+        (c, n) standard deviation and worst case, to first order. In the worst case every
+        size deviates by three standard deviations (normal distribution) or by its largest
+        deviation (uniform distribution), and all effects add up.
     drawn_spread, drawn_worst
         (c, n) standard deviation and largest deviation of the draws.
     lost
         (c, n) part of the draws that cannot be assembled.
     matters_most
-        (c, n) keys of the sizes that cause the largest part of the variance, joined by plus
-        signs.
+        (c, n) key of the size that causes the largest part of the variance. Sizes that
+        cause equal parts are all listed, joined by plus signs.
     share
-        (c, n) this part of the variance.
+        (c, n) part of the variance that one of these sizes causes, from 0 to 1.
     """
 
     spread: Floats
@@ -244,8 +248,18 @@ class SensitivityAnalysis(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return derivatives and tolerances of the rows of a batch.
 
-        The first table has a row for each row of the batch, quantity and size; the second
-        table has one for each row of the batch and quantity.
+        The table `sensitivity` has a row for each row of the batch, quantity and size. It
+        lists the derivatives of the quantity by the size. The size is given by its key in
+        the mechanism file.
+
+        The table `tolerances` has a row for each row of the batch and quantity. It lists
+        how much the quantity deviates if the sizes deviate:
+
+        - ``spread`` and ``worst`` are the standard deviation and the worst case, to first
+          order. ``drawn_spread`` and ``drawn_worst`` are those of mechanisms with random
+          sizes (draws), and ``lost`` is the part of the draws that cannot be assembled.
+        - ``matters_most`` is the size that causes the largest part of the variance, and
+          ``share`` is this part.
         """
         result = self._result(batch)
         tolerances = result.tolerances
@@ -288,12 +302,15 @@ class SensitivityAnalysis(AbstractAnalysis):
         To first order the variance of a quantity is the sum over all sizes of (derivative
         times standard deviation)^2, and the worst case is the sum of |derivative| times
         largest deviation. In addition mechanisms with random sizes, the draws, are
-        computed. Rows that failed are NaN.
+        computed. Rows that failed are NaN. A quantity whose standard deviation is below
+        `_zero_spread`, a small part of the deviation of the sizes, depends on no size.
         """
         # 1. First order.
         sensitivity = self._sensitivity(batch.mechanism)
         deviations = self._size_deviations(sensitivity)
         samples = _input_samples(batch, sensitivity)
+        # (n, variables) pair variables. Springs depend on the whole rotation of a pair, so
+        # that the angles of such pairs include whole revolutions.
         configurations = continue_load_angles(batch).values
         with np.errstate(all="ignore"):
             values, gradients = sensitivity.at(samples, configurations)
@@ -309,6 +326,8 @@ class SensitivityAnalysis(AbstractAnalysis):
         # 2. Draws: standard deviation, largest deviation, and part of the draws that cannot
         # be assembled.
         drawn_moments = np.full((3, *variance.shape), np.nan)
+        # In failed rows all quantities are NaN, so that the first one identifies these
+        # rows.
         rows = np.flatnonzero(np.isfinite(values[0]))
         if self.draws and len(rows):
             drawn_values = sensitivity.scattered(
@@ -337,7 +356,9 @@ class SensitivityAnalysis(AbstractAnalysis):
     def findings(self, batch: Batch) -> Findings:
         """Return the largest spread of each quantity, and the size that causes most of it.
 
-        The spread is the standard deviation that deviations of sizes cause.
+        The spread is the standard deviation that deviations of sizes cause, to first order.
+        The summary also has the spread of the draws, which are mechanisms with random
+        sizes, and the part of the draws that cannot be assembled (`lost`).
         """
         result = self._result(batch)
         sensitivity = result.sensitivity
@@ -358,7 +379,9 @@ class SensitivityAnalysis(AbstractAnalysis):
                 summary[name]["drawn"] = float(tolerances.drawn_spread[number, row])
                 summary[name]["lost"] = float(tolerances.lost[number, row])
         findings = self._make_findings(summary, self._describe_sizes(sensitivity.keys))
-        # Links whose sizes are left out, unless the user has chosen the sizes.
+        # Links with two axes on one line have an arc of 0 or 180 degrees. A deviation of
+        # this arc could open it in any direction, so there is no derivative. A warning says
+        # that their sizes are left out, unless the user has chosen the sizes (`by`).
         if not sensitivity.left_out or self.by:
             return findings
         left_out = listing(f"links.{link}" for link in sensitivity.left_out)
@@ -421,7 +444,13 @@ class SensitivityAnalysis(AbstractAnalysis):
         return Findings(figures=summary, remarks=(*remarks, sizes))
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return the spread of each quantity, and the derivatives that cause most of it."""
+        """Return plots of the spread of each quantity, and of the derivatives that matter.
+
+        The spread is the standard deviation that deviations of sizes cause. Plots with the
+        same title are curves of one plot: all angles are drawn together, because they have
+        the same unit (rad). Other quantities have plots of their own. Derivatives are drawn
+        for the first `MAX_LISTED` quantities only, so that the page stays readable.
+        """
         result = self._result(batch)
         spreads = result.tolerances.spread
         quantities = result.sensitivity.quantities

@@ -30,13 +30,14 @@ from .several_inputs import MAX_OUTPUT_FREEDOMS, SeveralInputs, no_aspects
 from .tables import ASPECTS, RELATION, SINGULARITIES
 
 
-def _trade_positions(
+def _compare_positions(
     parameter: str, values: tuple[float, ...], inputs: Literal["one", "several"]
 ) -> Sweep:
     """Return a comparison of speed and accuracy for values of a parameter.
 
-    The analysis is run with each value of the parameter, and the positions of the
-    singularities are compared.
+    The analysis is run with each value of the parameter. The inputs ``q`` of the
+    singularities are positions: each is compared with the nearest one of the most accurate
+    run that has the same kind of singularity and the same output.
 
     Parameters
     ----------
@@ -45,7 +46,9 @@ def _trade_positions(
     inputs
         Whether it applies to mechanisms with one input or with several.
     """
-    # Enough time, so that only the parameter limits the accuracy.
+    # During the comparison the time limit of the searches is raised to 100 s, so that only
+    # the parameter limits the accuracy. The time limit itself is not raised when it is the
+    # parameter, and the number of samples belongs to mechanisms without timed searches.
     needs_time = parameter not in ("samples", "seconds")
     return Sweep(
         parameter,
@@ -88,10 +91,10 @@ class SingularityAnalysis(AbstractAnalysis):
     tables = (SINGULARITIES, RELATION, ASPECTS)
 
     trades = (
-        _trade_positions("samples", (31, 91, 181, 361, 1441), "one"),
-        _trade_positions("slices", (3, 6, 12, 24), "several"),
-        _trade_positions("mesh", (20.0, 10.0, 5.0, 2.5), "several"),
-        _trade_positions("seconds", (1.0, 3.0, 10.0, 100.0), "several"),
+        _compare_positions("samples", (31, 91, 181, 361, 1441), "one"),
+        _compare_positions("slices", (3, 6, 12, 24), "several"),
+        _compare_positions("mesh", (20.0, 10.0, 5.0, 2.5), "several"),
+        _compare_positions("seconds", (1.0, 3.0, 10.0, 100.0), "several"),
     )
 
     output: tuple[str, ...] = ()
@@ -107,9 +110,13 @@ class SingularityAnalysis(AbstractAnalysis):
         Link o moves relative to link s. The motions are the first of these that exist:
 
         1. Those of the parameter `output`.
-        2. Those that the mechanism declares, with one input other than the input itself.
-        3. With one input: motions relative to the ground of links joined to the ground.
-        4. With one input: motions relative to the ground of all other links.
+        2. Those that the mechanism declares. If it has one input, the motion of the input
+           pair itself is left out.
+        3. Motions, relative to the ground, of links that a pair joins to the ground.
+        4. Motions, relative to the ground, of all links.
+
+        Rules 3 and 4 hold for mechanisms with one input and leave out the links of the
+        input pair. With several inputs the result is empty if no outputs are declared.
         """
         if self.output:
             return tuple(ordered_pole(mechanism, text) for text in self.output)
@@ -161,6 +168,8 @@ class SingularityAnalysis(AbstractAnalysis):
         ------
         AnalysisError
             If a parameter is not valid for the mechanism.
+        ModelError
+            If a mechanism with several inputs declares no output.
         """
         for name in ("near", "slices", "mesh", "input_grid", "seconds"):
             value = getattr(self, name)
@@ -174,7 +183,12 @@ class SingularityAnalysis(AbstractAnalysis):
                     "singularities: output: with several inputs the outputs are those that "
                     "the mechanism declares as [outputs.NAME]"
                 )
+            # This raises an error if the mechanism declares no output.
             output_of(mechanism)
+            # `input_grid` is the number of values of each input for the search of aspects.
+            # An aspect is a set of configurations that motions join without passing a
+            # singularity. An output has three freedoms at most, so more than three inputs
+            # can always move while it rests. Every configuration is then singular.
             if self.input_grid and len(mechanism.inputs) > MAX_OUTPUT_FREEDOMS:
                 raise AnalysisError(
                     f"singularities: input_grid: {no_aspects(mechanism)}; leave it out, or "

@@ -213,7 +213,12 @@ def _describe_output_range(sampled: SampledSingularities, number: int, output: i
 def describe_least_transmission(
     sampled: SampledSingularities, names: list[str], input_pair: str
 ) -> list[str]:
-    """Return a sentence about the transmission angle nearest to type II of each output.
+    """Return a sentence about the least transmission angle of each output.
+
+    The transmission angle is the acute angle between the planes of both arcs of the dyad
+    (two links in series) that places an output. It is 0 at a singularity of type II, where
+    the locked input does not hold the output. The least angle is therefore the nearest one
+    to such a singularity. Outputs that no dyad places have no sentence.
 
     Parameters
     ----------
@@ -230,6 +235,7 @@ def describe_least_transmission(
         if nearest is None:
             continue
         angle, q, modes = nearest
+        # The constant is the word "least", which is also in the names of figures of merit.
         sentences.append(
             f"{NEAREST_TRANSMISSION_WORD} transmission angle of {name}: "
             f"{np.degrees(angle):.4g} deg at "
