@@ -136,6 +136,9 @@ class Statics(AbstractAnalysis):
     def _drive_stiffness(self, mechanism: Mechanism) -> Floats:
         """Return the stiffness (inputs,) of the drive of each input (N m/rad).
 
+        The parameter `time`, at which loads that depend on time are evaluated, is checked
+        too, so that one call validates all parameters of the analysis.
+
         Raises
         ------
         AnalysisError
@@ -159,14 +162,18 @@ class Statics(AbstractAnalysis):
         The table of outputs has, for each row of the batch, a row for each output: the
         mechanical advantage of each input, and three principal stiffnesses with their axes.
         """
+        # The torques at the inputs that hold the mechanism at rest against all loads.
         solution = self._holding_solution(batch)
         mechanism = batch.mechanism
         row_identity = row_columns(batch)
         stiffness_of_output = self._output_stiffness(batch)
         results = list(stiffness_of_output.values())
-        row_count = len(batch)
+        row_count, input_count = solution.torques.shape
+        # Each array of an output has a row for each row of the batch. `_interleave` takes
+        # the rows of all outputs in turn. It needs the shape of such an array, because a
+        # mechanism may have no outputs.
         advantages = _interleave(
-            [result.advantage for result in results], solution.torques.shape
+            [result.advantage for result in results], (row_count, input_count)
         )
         stiffness = _interleave([result.stiffness for result in results], (row_count, 3))
         axes = _interleave([result.axes for result in results], (row_count, 3, 3))
@@ -178,6 +185,9 @@ class Statics(AbstractAnalysis):
             for component, axis in enumerate("xyz"):
                 column = axes[:, number, component]
                 principal_columns[f"axis_{number + 1}_{axis}"] = column
+        # Advantage and stiffness depend on velocities only. So they are valid in rows where
+        # `rate_status` is OK, also if `status` says that a load has no value.
+        output_status = np.repeat(solution.rate_status, len(results))
         return {
             "statics": {
                 **row_identity,
@@ -189,7 +199,7 @@ class Statics(AbstractAnalysis):
                 **repeat_rows(row_identity, list(stiffness_of_output), "output"),
                 **input_columns(mechanism, advantages, "advantage"),
                 **principal_columns,
-                "status": np.repeat(solution.rate_status, len(results)),
+                "status": output_status,
             },
         }
 

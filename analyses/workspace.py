@@ -160,12 +160,19 @@ class WorkspaceAnalysis(AbstractAnalysis):
         return Needs()
 
     def _make_workspaces(self, mechanism: Mechanism) -> WorkspaceModes:
-        """Return the workspaces of all wanted modes, which are computed when needed.
+        """Return the workspaces of all wanted working modes, computed when needed.
 
-        Parameters are texts and angles in degrees; they are read and converted to rad here.
+        A working mode is one of the ways to assemble the legs at a given pose of the
+        output. Parameters of the analysis are texts and numbers; angles are in degrees, and
+        are converted to rad here.
         """
         kinematics = closed_kinematics(mechanism, self.output or None)
+        # An output that points has a set of directions with an area. Other outputs have a
+        # set of orientations with a volume.
         default_tolerance = AREA_TOLERANCE if kinematics.points else VOLUME_TOLERANCE
+        # `limits` are ranges of pair angles, `apart` those of angles between axes of pairs,
+        # both with units in their texts. `near` is the least angle to a singularity. Links
+        # of a `width` on a sphere of a `radius`, in one unit of length, must not touch.
         constraints = Constraints(
             limits=tuple(read_joint_range(text) for text in self.limits),
             apart=tuple(read_interference_limit(text) for text in self.apart),

@@ -114,9 +114,10 @@ class OneInput:
         row is one configuration of the batch.
         """
         batch = self.batch
-        # The motion of a simulation has a sense of travel, and passes parts of curves only.
-        # Singularities count as inside the range if they are on the passed parts. These are
-        # found from the inputs of the rows.
+        # Only a simulation states in which sense the input moves in each row, +1 or -1. It
+        # passes parts of the curves only, and a singularity counts as inside the range if
+        # it is on one of these parts. The parts are determined from the arc lengths of the
+        # rows, and from their inputs, which show the laps on a closed curve.
         is_simulation = batch.motion.sense is not None
         return SampledSingularities(
             batch.tracer,
@@ -142,13 +143,17 @@ class OneInput:
         """The main table: one row for each singularity, output and input.
 
         The rows are in this order: singular points on configuration curves, crossings of
-        curves, and curves on which the input or an output is at rest everywhere.
+        curves, and curves on which the input or an output is at rest everywhere. A
+        singularity is double if a rate only touches zero there and keeps its sign.
         """
         sampled = self.sampled
         report = sampled.report
         rows: list[Columns] = []
         for point in (*report.points, *report.crossings):
             rows += self._rows_of_point(point)
+        # The third kind is a whole curve instead of a point. It has no geometric condition
+        # whose residual could differ from 0, and its type is certain: a rate is zero all
+        # along the curve.
         for point in report.resting_curves:
             # A piece is a part of a curve that belongs to one assembly mode.
             pieces = sampled.configurations.curves[point.curve].pieces
@@ -248,14 +253,20 @@ class OneInput:
         """The table of the relation c y' = d q' and of the nearness of singularities.
 
         y' is the rate of an output, q' that of the input, both by the arc length of the
-        configuration curve. The table has every row of the batch once for each output and
-        form of the relation: the output link moves relative to its own reference s in form
-        i, relative to the reference r of the input in form ii. A row has type I if y' = 0
-        and type II if q' = 0. If both are zero, other links move (a self-motion).
+        configuration curve. The coefficients c and d follow from the pole axes, about which
+        links turn relative to each other: c = 0 at type II, d = 0 at type I. There are up
+        to two forms, which use different pole axes. In form i, y' is the rate of the output
+        link relative to its own reference s, in form ii relative to the reference r of the
+        input. The table has every row of the batch once for each output and form.
+
+        A row has type I if the rate of the output is zero, and type II if that of the input
+        is. If both are zero, other links move (a self-motion). Where configuration curves
+        cross, all rates may be zero, and the type is III.
         """
         batch = self.batch
         sampled = self.sampled
-        # How firmly the locked input holds all links, absolute and relative.
+        # Smallest singular value of the loop equations with the input locked, and its ratio
+        # to the largest one. They are 0 if a link can move although the input is locked.
         sigma, reciprocal_condition = sampled.singular_values()
         # A problem of the row itself comes before one of its singularity measures.
         status = np.where(batch.status == Status.OK, sampled.status, batch.status)
@@ -265,8 +276,8 @@ class OneInput:
             input_rate = columns["input_rate"]
             output_rests = np.abs(output_rate) < RESTING_RATE
             input_rests = np.abs(input_rate) < RESTING_RATE
-            # The first condition that is fulfilled decides. Without a rate the row is on no
-            # configuration curve.
+            # The first condition that is fulfilled decides. `crossed` marks rows at which
+            # configuration curves cross. Without a rate the row is on no curve.
             kinds = np.select(
                 [
                     sampled.crossed,
@@ -280,6 +291,9 @@ class OneInput:
             )
             with np.errstate(divide="ignore", invalid="ignore"):
                 velocity_coefficient = output_rate / input_rate
+            # Group 1 has the singularities of the mechanism in which a single input moves,
+            # group 0 the regular rows. With one input there is no other group.
+            group = np.isin(kinds, ("I", "II", "III")).astype(np.int64)
             tables.append(
                 {
                     **columns,
@@ -294,7 +308,7 @@ class OneInput:
                     "status": status,
                     "moving": batch.moving_inputs[0],
                     "type": kinds,
-                    "group": np.isin(kinds, ("I", "II", "III")).astype(np.int64),
+                    "group": group,
                 }
             )
         return RELATION.stacked(batch.mechanism, tables)
@@ -334,7 +348,12 @@ class OneInput:
             "near_misses": [_near_miss_record(miss, names) for miss in misses],
         }
 
+        # `gaps` are sentences on curves that were not followed to their ends, `mismatches`
+        # are sentences on inputs at which the curves disagree with the assembly modes.
         warnings = [*report.gaps, *configurations.mismatches]
+        # `everywhere` is the number of degrees of freedom if it is more than one in every
+        # configuration, otherwise None. For it, singular values of the closure equations
+        # below a part in a million of the largest one count as zero.
         if report.everywhere is not None:
             summary["freedoms_everywhere"] = report.everywhere
             warnings.append(
@@ -402,13 +421,14 @@ class OneInput:
     def _mark_singular_inputs(self, rows: slice) -> list[Primitive]:
         """Return marks at the inputs of the singularities of an assembly mode.
 
-        `rows` are the rows of the batch with this mode. There are no marks if the rows are
-        times.
+        `rows` are the rows of the batch with this mode. If the rows are samples of time,
+        plots have an axis of time, on which inputs cannot be marked: there are no marks.
         """
         if self.batch.timed:
             return []
         points = self.points
-        # The column of assembly modes has texts such as "0+2".
+        # A singularity may belong to several assembly modes, which meet there. The column
+        # has their numbers as a text such as "0+2".
         mode = str(int(self.batch.assembly_mode[rows.start]))
         is_in_mode = np.array(
             [mode in modes.split("+") for modes in points["assembly_mode"]], bool
@@ -416,9 +436,11 @@ class OneInput:
         is_marked = is_in_mode & np.isfinite(points["q"])
         marks: list[Primitive] = []
         for kind in dict.fromkeys(points["kind"][is_marked].tolist()):
-            q = np.unique(points["q"][is_marked & (points["kind"] == kind)])[:, None]
+            q = np.unique(points["q"][is_marked & (points["kind"] == kind)])
+            # One row for each mark, one column for the only input.
+            marked_inputs = q[:, None]
             colour = COLOUR_OF_KIND[kind]
-            marks.append(InputMarks(f"marks/{kind}", f"type {kind}", q, colour))
+            marks.append(InputMarks(f"marks/{kind}", f"type {kind}", marked_inputs, colour))
         return marks
 
     @cached_property
@@ -431,7 +453,8 @@ class OneInput:
         lines: dict[tuple[int, int], Floats] = {}
         sampled = self.sampled
         for number, curve in enumerate(sampled.curves):
-            # The last point is just before the end of the curve.
+            # The last point is just before the end of the curve, because a closed curve
+            # begins its next lap at the end.
             s = np.linspace(0.0, curve.length * (1.0 - 1e-12), POINTS_PER_CURVE)
             for output in range(len(self.names)):
                 angle = sampled.output_angle(number, output, s)
@@ -453,9 +476,10 @@ class OneInput:
     def _input_output_plot(self, output: int, rows: slice) -> Portrait:
         """Return a plot of an output angle against the input angle.
 
-        It shows all configuration curves, marks at singularities, and a point that moves
-        along the rows of the batch. The output of the moving point is taken from the
-        nearest drawn point of the curve.
+        A `Portrait` is a plot of one quantity against another. It shows all configuration
+        curves, marks at singularities, and a point that moves along the rows of the batch.
+        The input of the moving point is that of the row. Its output angle is generally an
+        integral along the whole curve, so it is taken from the nearest drawn point.
 
         Parameters
         ----------
@@ -510,8 +534,9 @@ class OneInput:
         has_point = np.isfinite(self.points["s"])
         points = {name: column[has_point] for name, column in self.points.items()}
         curves = points["curve"].tolist()
-        # The coefficients c and d are computed in up to two forms, which differ in their
-        # four links. The last one is form ii if it exists, otherwise form i.
+        # The relation has up to two forms. In form i the rate of the output link is that
+        # relative to its own reference, in form ii relative to the reference of the input.
+        # `relations` lists form i first; the drawing uses form ii if it exists.
         six_poles: list[SixPoles] = []
         for curve, s, name in zip(curves, points["s"], points["output"], strict=True):
             output = self.names.index(name)
@@ -533,8 +558,10 @@ class OneInput:
                 parts.append(
                     Arrow(f"pole/{name}", label, axes, primary=False, path_shown=False)
                 )
-        # Other kinds are drawn with the planes of type II.
+        # The three axes of each plane depend on the type. Types I and II have planes of
+        # their own. Type III and self-motions are drawn with those of type II.
         types = ["I" if kind == "I" else "II" for kind in points["kind"]]
+        # The two planes that coincide, each through one triplet of the six axes.
         for number, (label, axes_of_plane) in enumerate(
             (("one triplet", AXES_OF_FIRST_PLANE), ("the other", AXES_OF_SECOND_PLANE))
         ):

@@ -125,7 +125,8 @@ def relation_plots(
     """Return plots of c, d and angles of each output in some rows of a batch.
 
     The relation c y' = d q' is between the rates of an output and of the moving input (one
-    input moves while the others are locked). The angles measure how near singularities are.
+    input moves while the others are locked). It has up to two forms, i and ii, which differ
+    in the reference link of the output. The angles measure how near singularities are.
 
     Parameters
     ----------
@@ -145,7 +146,9 @@ def relation_plots(
         moving_input = relation["moving"][start]
         table_rows = slice(start + rows.start, start + rows.stop)
         for name, column in PLOTTED_COLUMNS.items():
-            # Angles are the same for all moving inputs: the last ones replace the others.
+            # c and d have a plot for each moving input. Angles are the same for all moving
+            # inputs, so their path has no input: the plot of the last input replaces the
+            # equal plots of the inputs before.
             by_input = ""
             if has_several_inputs and column.depends_on_input:
                 by_input = f" by {moving_input}"

@@ -97,6 +97,10 @@ LONGEST_EDGE_RAD = np.radians(15.0)
 """Longest edge of the first mesh."""
 MAX_OUTPUT_FREEDOMS = 3
 """Degrees of freedom that an output has at most."""
+CURVE_INPUT_COUNT = 2
+"""Number of inputs with which singular configurations of one kind form curves."""
+SURFACE_INPUT_COUNT = 3
+"""Number of inputs with which singular configurations of one kind form surfaces."""
 DEFAULT_ASPECT_SAMPLES = 11
 """Values of each input for aspects by default. Larger: narrow aspects are found, in more
 time."""
@@ -202,8 +206,12 @@ class SeveralInputs:
         - A kind of singularity that occurs in every configuration has a single row.
         - A surface has one row for each vertex of its mesh.
         - A curve has one row for each of its points. Points at which both types I and II
-          occur get a further row as type III. As such a point is on a curve of either type,
-          it is met twice, but listed once.
+          occur get a further row as type III. Such a point is on a curve of type I and on
+          a curve of type II, but gets this row only once.
+
+        A locus is the set of all singular points of one kind. Its `claim` states how
+        complete the search for it was. The column `inside` states whether all inputs are
+        within their declared ranges.
         """
         tables: list[Columns] = []
         for output in self.batch.mechanism.outputs:
@@ -235,6 +243,7 @@ class SeveralInputs:
                         tables += self._curve_tables(
                             curve, curve_number, output, locus.claim, listed_values
                         )
+                        # `curve.both` has the points of type III on the curve.
                         listed_values = np.concatenate([listed_values, curve.both.values])
                         curve_number += 1
         return SINGULARITIES.stacked(self.batch.mechanism, tables)
@@ -255,7 +264,10 @@ class SeveralInputs:
         Parameters
         ----------
         curve, number
-            The curve and its number.
+            A curve of singular configurations of type I or II, and its number. `both` are
+            its points of type III. `s` are arc lengths of its points (rad) in the space of
+            all pair variables. `why` is the geometric reason of the singularity in words,
+            if it is the same on the whole curve.
         output
             The output.
         claim
@@ -308,11 +320,12 @@ class SeveralInputs:
             mechanism.link_number[output.link],
             mechanism.link_number[output.relative_to],
         )
+        # The links at the given configurations.
         motion = batch.tracer.given(points.values)
         # The geometric reasons of the singularities, for example axes in one plane. They
-        # follow from the condition for the output to rest while inputs move. `by_rank`
-        # states how degrees of freedom are determined: by rank, or by counting links and
-        # pairs.
+        # follow from the rates of the output. `output_of` returns linear equations in the
+        # rates of all pairs, which are zero if the output rests. `by_rank` states how
+        # degrees of freedom are determined: by rank, or by counting links and pairs.
         rest_condition = output_of(mechanism, output.name)
         conditions = what_vanishes(
             motion,
@@ -335,15 +348,24 @@ class SeveralInputs:
     def relation(self) -> Columns:
         """The table of relations c_i w_i = d_i q_i' and of the nearness of singularities.
 
-        Input i moves at the rate q_i' while the others are locked, and w_i is the angular
-        velocity of an output in this motion. The coefficient c_i is 0 at type II, d_i at
-        type I. The table has every row of the batch once for each output and input.
+        Input i moves at the rate q_i' while the others are locked. In this motion w_i is
+        the angular velocity of an output about its pole axis. The coefficient c_i is 0 at
+        type II, d_i at type I. The table has every row of the batch once for each output
+        and input.
+
+        The relation has form i: the output link moves relative to its own reference link.
+        With one input there is also a form ii, relative to the reference of the input. The
+        column `sigma` is 0 if a link can move although all inputs are locked. The column
+        `group` is 0 for regular rows. At a singularity it is 1 if the mechanism in which
+        only one input moves is singular too, for at least one input, otherwise 2.
         """
         batch = self.batch
         tables: list[Columns] = []
         for output in batch.mechanism.outputs:
-            # Coefficients, rates and distances of all rows of the batch; u are the unit
-            # vectors along the pole axes of the output.
+            # Coefficients, rates and distances of all rows of the batch. `w` are the
+            # angular velocities as vectors, `u` the unit vectors along the pole axes of the
+            # output, both (n, inputs, 3). `hold` is the smallest singular value of the loop
+            # equations with all inputs locked.
             rows = self.coefficients[output.name]
             velocity_coefficients = np.vecdot(rows.w, rows.u)
             for number, pair in enumerate(batch.moving_inputs):
@@ -512,6 +534,9 @@ class SeveralInputs:
         the motion of an output, its singularities of type II include all self-motions,
         which are not searched then. An aspect is a connected set of configurations without
         singularities. Each search gets an equal share of the remaining time.
+
+        Singular configurations of one kind are curves if there are two inputs, surfaces if
+        there are three. With other numbers of inputs they are not searched.
         """
         # 1. The searches: kind of singularity and name of the output.
         mechanism = self.batch.mechanism
@@ -524,9 +549,14 @@ class SeveralInputs:
             aspect_samples = DEFAULT_ASPECT_SAMPLES if has_aspects else 0
 
         searches: list[tuple[LocusName, str]] = []
+        # Surfaces are covered with triangles. An edge of length 0 means that the user wants
+        # no surfaces.
         first_edge, _ = self.first_edge_and_halvings
-        has_surfaces = input_count == MAX_OUTPUT_FREEDOMS and first_edge > 0.0
-        if self.slices != 0 and (input_count == 2 or has_surfaces):
+        has_curves = input_count == CURVE_INPUT_COUNT
+        has_surfaces = input_count == SURFACE_INPUT_COUNT and first_edge > 0.0
+        # The parameter `slices` is 0 if the user wants no searches, None if it is not
+        # given.
+        if self.slices != 0 and (has_curves or has_surfaces):
             for name in outputs:
                 for kind in OUTPUT_KINDS:
                     searches.append((kind, name))
@@ -535,7 +565,8 @@ class SeveralInputs:
                     searches.append((SELF_MOTION, name))
 
         # 2. Slices: curves of configurations with all inputs but one locked, from which all
-        # searches start.
+        # searches start. `slice_count` is `slices` or its default, which may be 0. Without
+        # slices the searches start from random configurations.
         section = None
         if self.slice_count and searches:
             share = time_limit.part(SLICE_TIME_SHARE, "slices")
@@ -572,21 +603,24 @@ class SeveralInputs:
     ) -> Locus:
         """Return the singularities of one kind: curves of two inputs, surfaces of three.
 
-        Curves of a mid-plane symmetric architecture have a closed form, which is used
-        unless there are slices.
+        In a mid-plane symmetric architecture the output is the mirror image of the base in
+        a moving plane. Its singular curves have a closed form, which is used unless there
+        are slices, the curves of configurations with all inputs but one locked.
 
         Parameters
         ----------
         kind, output
             The kind, and the name of the output.
         section
-            Curves with all inputs but one locked, on which the search starts; None to
-            search from random starts.
+            The slices on which the search starts; None to search from random starts.
         time_limit
             Processor time to spend.
         """
         mechanism = self.batch.mechanism
-        if len(mechanism.inputs) == MAX_OUTPUT_FREEDOMS:
+        # Slices are followed once for all searches. Both functions below get them as
+        # `made`, and 0 as the number of new ones.
+        if len(mechanism.inputs) == SURFACE_INPUT_COUNT:
+            # A mesh of triangles covers a surface. Its edges are halved afterwards.
             edge, halvings = self.first_edge_and_halvings
             return singular_surface(
                 mechanism,
@@ -594,7 +628,6 @@ class SeveralInputs:
                 output,
                 side=edge,
                 halved=halvings,
-                # No new slices are followed.
                 slices_of_each=0,
                 made=section,
                 budget=time_limit,
@@ -624,12 +657,14 @@ class SeveralInputs:
     def scenes(self) -> tuple[Scene, ...]:
         """Return a page of singular surfaces, and one page for each assembly mode.
 
-        The page of a mode has the singular curves in the plane of the inputs and on the
-        sphere, and plots of the relations.
+        The page of an assembly mode has the singular curves in the plane of the inputs and
+        on the sphere. It also has plots of the table `relation`: the coefficients c and d
+        of c w = d q' between the rates of output and input, and distances to singularities.
         """
         pages = []
         surfaces = self._draw_surfaces()
         if surfaces:
+            # Surfaces do not move, so their page has a single sample.
             single_sample = Axis("surfaces", "", np.zeros(1))
             pages.append(Scene("Singular surfaces", surfaces, (single_sample,)))
         for mode, rows in self.batch.assembly_mode_rows().items():
@@ -674,7 +709,8 @@ class SeveralInputs:
     ) -> Portrait:
         """Return a drawing of an output's singular curves in the plane of both inputs.
 
-        A moving point shows the inputs of the motion.
+        A moving point shows the inputs of the motion. Points of type III, at which types I
+        and II occur together, are marked.
 
         Parameters
         ----------
@@ -690,8 +726,10 @@ class SeveralInputs:
         for locus in loci:
             colour = COLOUR_OF_KIND[locus.kind]
             for curve in locus.curves:
+                # Lines need more points than those that were computed along the curve.
                 line = break_at_jumps(self._dense_points(curve).inputs)
                 curves.append(PlaneCurve(line, colour, name_kind(locus.kind)))
+                # `both` are the points of type III on the curve.
                 marks += _mark_type_three(curve.both.inputs)
         first, second = self.batch.moving_inputs
         return plot_plane(
@@ -701,6 +739,7 @@ class SeveralInputs:
             axes=(first, second),
             curves=curves,
             marks=marks,
+            # The frame includes the inputs of the whole motion, also of other modes.
             further_points=[self.batch.inputs],
         )
 
@@ -710,15 +749,18 @@ class SeveralInputs:
         """Return the singular curves of an output as curves on the sphere.
 
         A curve on the sphere is the path of the direction of the output along a singular
-        curve. Points of type III are marked. `loci` are the singular curves of each kind.
+        curve. Points of type III, at which types I and II occur together, are marked.
+        `loci` are the singular curves of each kind.
         """
         parts: list[Primitive] = []
         for locus in loci:
+            # Lines need more points than those that were computed along the curve.
             lines = [
                 _output_directions(self._dense_points(curve)) for curve in locus.curves
             ]
             marks = []
             for curve in locus.curves:
+                # `both` are the points of type III on the curve.
                 marks += _mark_type_three(_output_directions(curve.both))
             parts.append(
                 SphereCurves(
@@ -759,8 +801,10 @@ def _describe_locus(locus: Locus) -> tuple[dict[str, Any], str]:
     """Return the size of a locus (all singularities of one kind) as numbers and in words.
 
     The numbers count curves inside and outside of the ranges of the inputs, or vertices of
-    surfaces, and irregular configurations, at which the locus is no curve or surface. The
-    entry ``claim`` says how complete the search was.
+    surfaces. Irregular configurations are counted too: singular ones that the search met
+    and from which it could not follow a curve or surface, for example where curves cross.
+    The entry ``claim`` says in words how complete the search was; for a surface it also
+    states the length of edges of the mesh.
     """
     if isinstance(locus, SingularSurface):
         shape = "surface"
@@ -770,6 +814,7 @@ def _describe_locus(locus: Locus) -> tuple[dict[str, Any], str]:
         words = f"{count} vertices of surfaces {of_kind(locus.kind)}"
     else:
         shape = "curve"
+        # `stray` are the irregular configurations themselves.
         irregular = len(locus.stray)
         count = sum(bool(np.any(curve.points.inside)) for curve in locus.curves)
         outside = len(locus.curves) - count

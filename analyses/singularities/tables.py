@@ -117,8 +117,9 @@ def configuration_columns(
 ) -> dict[str, Any]:
     """Return the columns of configurations: variables, pose, signs of groups and modes.
 
-    A group is a set of links that is assembled at once, such as a dyad of two links. A dyad
-    can be assembled in two ways, which its sign distinguishes.
+    A group is a set of links that is assembled at once, such as a dyad (two links between
+    two known axes). A dyad can be assembled in two ways, which its sign distinguishes: the
+    sign of the triple product of its three axes.
 
     Parameters
     ----------
@@ -133,14 +134,17 @@ def configuration_columns(
         the orientation of the output link in the reference link.
     part
         Position analysis of a part of the mechanism, if values and links are those of the
-        part. Groups outside of it have the sign ``*``.
+        part. Otherwise they are those of the whole mechanism.
 
     Returns
     -------
-    Columns (n,). Assembly modes are those with the same signs of dyads; there is no such
-    column for a part or for larger groups.
+    Columns (n,) by name. If all groups are dyads, the column of assembly modes has the
+    modes of the whole mechanism with the signs of the configuration. For a part, or with
+    larger groups, there is no such column. The column of signs has ``*`` for each group
+    that is not in the part.
     """
-    position_analysis = part or batch.tracer
+    whole_position_analysis = batch.tracer
+    position_analysis = part or whole_position_analysis
     mechanism = position_analysis.mechanism
     solver = position_analysis.solver
     # Numbers of the variables that are angles of R pairs; others are not wrapped.
@@ -152,13 +156,17 @@ def configuration_columns(
             columns[name] = wrap(column) if variable in angles else column
 
     link, reference_link = links
+    # Orientations (n, links, 3, 3) of all links at the given values of the variables.
     rotations = position_analysis.given(values).rotations
     orientation = np.swapaxes(rotations[:, reference_link], 1, 2) @ rotations[:, link]
     pose = quaternion(orientation) if pointing is None else pointing
-    columns |= direction_or_quaternion_columns(pose, None)
+    # The table of singularities has no columns for the angles of mid-planes.
+    columns |= direction_or_quaternion_columns(pose, architecture=None)
 
     signs = group_signs(solver, values)
     columns["signs"] = _format_signs(batch, position_analysis, signs)
+    # `has_closed_form` states that every group is a dyad. Only then do the signs determine
+    # the assembly mode.
     if solver.assembly.has_closed_form and part is None:
         columns["assembly_mode"] = _format_modes(batch, signs)
     return columns
@@ -170,9 +178,9 @@ def _format_signs(
     """Return the signs of the groups of the whole mechanism as text, one for each row.
 
     A group is a set of links that is assembled at once, such as a dyad (two links that can
-    be assembled in two ways). It is identified by the names of its pairs. A text has one
-    character for each group: + or - for its two assemblies, 0 if it is singular, * if it is
-    not in the part of the mechanism to which `signs` belong.
+    be assembled in two ways). Its sign is that of a determinant of its axes, which tells
+    the two ways apart. A text has one character for each group: + or -, 0 if the group is
+    singular, * if it is not in the part of the mechanism to which `signs` belong.
 
     Parameters
     ----------
@@ -184,12 +192,16 @@ def _format_signs(
         (n, groups) signs 1 or -1 of the groups of `position_analysis`, 0 for a singular
         group.
     """
+    # A part numbers its links and pairs anew. The names of the pairs that close a group are
+    # the same in the part and in the whole mechanism, and identify the group.
     groups = [
         set(position_analysis.mechanism.names_of(group.pairs))
         for group in position_analysis.solver.assembly.groups
     ]
+    whole_position_analysis = batch.tracer
     groups_of_whole = [
-        set(batch.mechanism.names_of(group.pairs)) for group in batch.tracer.assembly.groups
+        set(batch.mechanism.names_of(group.pairs))
+        for group in whole_position_analysis.assembly.groups
     ]
     text_of_sign = {0: "0", 1: "+", -1: "-"}
     texts = []
