@@ -239,15 +239,17 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
     """Return the findings: the summary with its sentences and warnings.
 
     The summary has the largest torque at each input ("inputs"), the number of rows at
-    singularities, and whether the file has masses and loads.
+    singularities, and whether the file has masses and loads. Driving torques act against
+    inertia and loads. If the file has no masses or no loads, a sentence says so.
     """
     remarks = describe_largest_torques(summary["inputs"], TORQUE_KEY, "driving torque")
-    for missing, remaining in (("masses", "loads"), ("loads", "inertia")):
-        if not summary[missing]:
-            remarks += (
-                f"the file has no {missing}: the torques are against {remaining} alone",
-            )
+    if not summary["masses"]:
+        remarks += ("the file has no masses: the torques are against loads alone",)
+    if not summary["loads"]:
+        remarks += ("the file has no loads: the torques are against inertia alone",)
     warnings: tuple[str, ...] = ()
+    # In these rows the mechanism can move while the inputs rest. No torques at the inputs
+    # can then hold it against its loads.
     if summary["rows_at_singularities"]:
         warnings = (
             f"in {counted(summary['rows_at_singularities'], 'row')} the inputs do not hold "

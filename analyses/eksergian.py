@@ -138,14 +138,26 @@ class Eksergian(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the quantities that this analysis needs of a motion.
 
-        They are rates of the links with mass, the pair variables on which loads depend, and
-        the rate of the pair at which the torque acts.
+        They are:
+
+        - the time of each row, and the rates and accelerations of the input;
+        - orientations and angular velocities of the links that have mass or on whose motion
+          loads depend, with derivatives by the input;
+        - variables and rates of the pairs at which loads act or on which they depend. Their
+          angles have no jumps of whole revolutions, because a spring counts revolutions;
+        - the rate of the pair at which the torque acts;
+        - the position analysis of the run (`tracer`), if there is friction of bearings or
+          contacts. It gives whole configurations, from which the forces in the pairs are
+          computed. Friction is proportional to these forces.
 
         Raises
         ------
+        ModelError
+            If the mechanism has neither masses nor loads.
         AnalysisError
             If the mechanism has several inputs, or `at` is no R pair.
         """
+        # This call only raises the `ModelError`.
         need_terms(mechanism)
         if len(mechanism.inputs) > 1:
             raise AnalysisError(
@@ -153,6 +165,8 @@ class Eksergian(AbstractAnalysis):
                 f"({listing(mechanism.input_pairs)}), but the torque is "
                 "that of a single one; the analysis dynamics has those of several"
             )
+        # `used_links` and `used_pairs` are those of the loads; `acting_links` are the
+        # numbers of all links that matter to inertia or loads.
         links = used_links(mechanism) | {mass.link for mass in mechanism.masses}
         load_pairs = used_pairs(mechanism)
         torque_pairs = frozenset([self.at] if self.at else [])
@@ -176,6 +190,11 @@ class Eksergian(AbstractAnalysis):
 
         For each of the n rows of the batch the first table has one row, the second table
         one row for each link with mass, and the third table one row for each load.
+
+        The equation of motion is ``B ddq + (dB/dq) dq^2 / 2 = Q + tau`` (Eksergian). `B` is
+        the equivalent inertia: twice the kinetic energy at unit rate of the input q. `Q` is
+        the generalised force of all loads, and `tau` the driving torque. `residual` is the
+        rotation (rad) by which a loop of links fails to close.
         """
         solution = self._inverse_solution(batch)
         mechanism = batch.mechanism
@@ -186,6 +205,7 @@ class Eksergian(AbstractAnalysis):
         # the only input (number 0).
         inertia_parts = solution.B_parts
         force_parts = solution.Q_parts[:, 0]
+        # `of_parts` returns OK for each finite part, and the status of the row for others.
         return {
             "eksergian": {
                 **row_identity,
@@ -224,20 +244,25 @@ class Eksergian(AbstractAnalysis):
             return torque / batch.pair_rate(self.at)
 
     def _inverse_solution(self, batch: Batch) -> InverseSolution:
-        """Return inertia, loads and torque of a batch, which are computed once."""
+        """Return inertia, loads and driving torque of a batch, which are computed once.
+
+        Inverse dynamics computes the torque that a known motion needs.
+        """
         return batch.once("torque", lambda: _solve_torque(batch))
 
     def findings(self, batch: Batch) -> Findings:
         """Return the largest torque and the worst conditioning, and where they occur.
 
         The conditioning is the condition number of the closure equations with a locked
-        input. A torque that is only a rounding error counts as 0.
+        input. It is known in each row that has a configuration.
         """
         # Without a configuration there is nothing to report.
         if not np.any(np.isfinite(batch.residual)):
             return Findings()
-        sure_torque = self._inverse_solution(batch).sure_torques[:, 0]
-        torque = np.abs(self._torque_at_pair(batch, sure_torque))
+        # Driving torques at the only input (number 0). `sure_torques` has 0 in place of
+        # torques that are only rounding errors.
+        input_torque = self._inverse_solution(batch).sure_torques[:, 0]
+        torque = np.abs(self._torque_at_pair(batch, input_torque))
         worst_row = int(np.nanargmax(batch.closure_conditioning))
         summary: dict[str, Any] = {
             "largest_conditioning": float(batch.closure_conditioning[worst_row]),
@@ -265,9 +290,12 @@ class Eksergian(AbstractAnalysis):
         return _make_findings(worst)
 
     def scene(self, batch: Batch) -> tuple[Scene, ...]:
-        """Return plots of inertia, its derivative and torque, each with its parts.
+        """Return a page with plots for each assembly mode (way to assemble the links).
 
-        If the samples are times, the phase portrait is included.
+        The plots show the equivalent inertia (that of all links, reduced to the input) with
+        the part of each link, its derivative by the input, and the driving torque with the
+        parts due to inertia and to each load. If the samples are times, the page also has
+        the phase portrait: the rate of the input against the input.
         """
         solution = self._inverse_solution(batch)
         scenes = plots_by_mode(
@@ -344,27 +372,34 @@ def _make_findings(summary: Mapping[str, Any]) -> Findings:
 
 
 def _solve_torque(batch: Batch) -> InverseSolution:
-    """Return inertia, loads and torque of a batch.
+    """Return inertia, loads and driving torque of a batch.
 
-    Friction depends on the forces in the pairs, so with friction the whole motion is
-    computed. Without friction the rates per unit input rate, which the batch has, are
-    sufficient. Rows whose rates are not accurate enough get the status ILL_CONDITIONED.
+    Friction is proportional to the forces in the pairs. With friction, the rates of all
+    links and pairs are therefore computed from the configurations. Without friction, the
+    rates of the few links and pairs that matter are sufficient, and the batch has them.
+    Rows whose rates are not accurate enough get the status ILL_CONDITIONED.
     """
     if Loads(batch.mechanism).friction_components:
-        return needed_torques(continue_load_angles(batch))
+        # A spring counts whole revolutions, so angles must not jump by 2 pi.
+        motion = continue_load_angles(batch)
+        return needed_torques(motion)
     status = batch.status.copy()
+    # `rates_loss` is the relative error bound of the rates. The negated comparison is also
+    # true if it is NaN.
     is_inaccurate = ~(batch.rates_loss() < MAX_RATES_LOSS)
     status[(status == Status.OK) & is_inaccurate] = Status.ILL_CONDITIONED
     timing = Timing(batch.t, batch.input_rates, batch.input_accelerations)
     rows = (batch.sample, batch.assembly_mode, batch.inputs, batch.residual)
+    # `balancing` returns the torques that balance inertia and loads.
     return balancing(batch.mechanism, rows, timing, _coordinate_motion(batch), status)
 
 
 def _coordinate_motion(batch: Batch) -> CoordinateMotion:
-    """Return values and derivatives by the input that a batch has.
+    """Return the configurations of a batch with their derivatives by the input.
 
     The batch has only the variables and links that this analysis asked for in its needs:
-    those on which loads and masses depend. All others are NaN.
+    those on which loads and masses depend. All others are NaN. The second derivatives of
+    the pair variables are NaN too. Inertia and loads do not depend on them.
     """
     mechanism = batch.mechanism
     needs = batch.needs
@@ -374,6 +409,7 @@ def _coordinate_motion(batch: Batch) -> CoordinateMotion:
     values, rates, second_derivatives = np.full((3, row_count, variable_count), np.nan)
     for pair in needs.continued_values:
         variable = mechanism.angles[pair]
+        # The angle without jumps of whole revolutions.
         values[:, variable] = batch.continued_value(pair)
         rates[:, variable] = batch.pair_rate(pair)
     rotations = np.full((row_count, link_count, 3, 3), np.nan)
@@ -383,6 +419,7 @@ def _coordinate_motion(batch: Batch) -> CoordinateMotion:
         rotations[:, link] = batch.rotation(name)
         w[:, link] = batch.angular_velocity(name)
         dw[:, link] = batch.angular_velocity_dq(name)
+    # Axes attached to each pair (n, pairs, 3, 3) are not needed without friction.
     no_frames = rotations[:, :0]
     # First and second derivatives have one and two axes of inputs, each of length 1.
     return CoordinateMotion(

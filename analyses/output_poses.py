@@ -41,13 +41,18 @@ NO_DIRECTION = "no direction: all numbers are 0"
 
 
 def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
-    """Return the pose that a text gives; angles in it are in degrees.
+    """Return the pose of an output link from a text; angles in it are in degrees.
 
     Parameters
     ----------
     text
-        ``name=number+name=number``: all driven pairs; x, y, z; azimuth, tilt; phi,
-        gamma; azimuth, tilt, torsion; qx, qy, qz, qw; or rx, ry, rz.
+        ``name=number+name=number`` with one of these sets of names:
+
+        - all driven pairs;
+        - x, y, z or azimuth, tilt of a direction;
+        - phi, gamma of the plane in which base and output link mirror each other;
+        - azimuth, tilt, torsion, a quaternion qx, qy, qz, qw, or a rotation vector rx, ry,
+          rz of an orientation.
     inputs
         Names of the driven pairs.
     where
@@ -56,8 +61,9 @@ def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
     Raises
     ------
     AnalysisError
-        If it is no such text.
+        If the text has no such form.
     """
+    # `read_end` also accepts the axis and angle of a rotation, but not with this option.
     pose = read_end(text, inputs, where, allow_rotation=False)
     assert not isinstance(pose, AtRotation)
     return pose
@@ -66,7 +72,9 @@ def read_pose(text: str, inputs: tuple[str, ...], where: str) -> Pose:
 def read_end(
     text: str, inputs: tuple[str, ...], where: str, allow_rotation: bool = True
 ) -> Pose | AtRotation:
-    """Return the pose at the end of a rotation that a text gives; angles are in degrees.
+    """Return the end of a rotation of the output link from a text; angles are in degrees.
+
+    The end is a pose, or an axis and an angle by which the start pose is turned.
 
     Parameters
     ----------
@@ -83,7 +91,7 @@ def read_end(
     Raises
     ------
     AnalysisError
-        If it is no such text.
+        If the text has no such form.
     """
     # 1. Find the form: the set of names decides how the numbers describe a pose.
     (number_of_term,) = read_terms(text.split("+"), where, allow_several=False)
@@ -99,21 +107,25 @@ def read_end(
     values = np.array([number_of_term[term] for term in form])
     if form == inputs:
         return AtInputs(np.radians(values))
+    # phi and gamma of the plane in which base and output link mirror each other.
     if form == MID_PLANE_TERMS:
         return AtMirror(*np.radians(values))
     if ANGULAR_TERMS.issuperset(form):
         values = np.radians(values)
-    (pose,) = CONVERSION_OF_FORM[form](values[None])
-    if np.any(np.isnan(pose)):
+    # A direction (3,), an orientation (3, 3), or the axis (3,) of a rotation. A direction,
+    # axis or quaternion of length 0 gives NaN.
+    (pose_or_axis,) = CONVERSION_OF_FORM[form](values[None])
+    if np.any(np.isnan(pose_or_axis)):
         raise AnalysisError(f'{where}: "{text}" has {NO_DIRECTION}')
     if form != AXIS_ANGLE_TERMS:
-        return AtDirection(pose) if pose.ndim == 1 else AtOrientation(pose)
+        is_direction = pose_or_axis.ndim == 1
+        return AtDirection(pose_or_axis) if is_direction else AtOrientation(pose_or_axis)
     angle_deg = values[3]
     if not angle_deg > 0.0:
         raise AnalysisError(
             f'{where}: "{text}": angle has to be above 0; turn the axis round instead'
         )
-    return AtRotation(pose, float(np.radians(angle_deg)))
+    return AtRotation(pose_or_axis, float(np.radians(angle_deg)))
 
 
 def _normalize(rows: Floats) -> Floats:
@@ -219,16 +231,19 @@ def read_joint_range(text: str) -> JointRange:
 
 
 def read_interference_limit(text: str) -> InterferenceLimit:
-    """Return limits of the angle between the axes of two pairs.
+    """Return limits of the angle between the axes of two pairs, the option ``apart``.
 
-    `text` is ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST`` in degrees. Without a
-    greatest angle it is 180 degrees.
+    Links at these pairs would collide (interfere) if their axes came nearer. `text` is
+    ``PAIR/PAIR:LEAST`` or ``PAIR/PAIR:LEAST:GREATEST`` in degrees. The greatest angle is
+    180 degrees if it is left out.
     """
     axes, *limits = text.split(":")
+    if len(limits) == 1:
+        limits.append("180")
     # Texts with too few or too many terms raise a ValueError when they are unpacked.
     try:
         first_pair, second_pair = axes.split("/")
-        low, high = _parse_degrees(limits if len(limits) == 2 else [*limits, "180"])
+        low, high = _parse_degrees(limits)
     except ValueError:
         raise AnalysisError(
             f'workspace: apart: "{text}" is not PAIR/PAIR:LEAST or '

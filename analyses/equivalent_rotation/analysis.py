@@ -135,8 +135,9 @@ class EquivalentRotation(AbstractAnalysis):
     def needs(self, mechanism: Mechanism) -> Needs:
         """Return the quantities that this analysis needs of a motion: only the solver.
 
-        The position analysis (tracer) has the solver that assembles the start. All
-        parameters are checked here, before anything is computed.
+        The solver computes the configurations at the start pose. It belongs to the position
+        analysis of the run, which is requested by ``tracer=True``. All parameters are
+        checked here, before anything is computed.
 
         Raises
         ------
@@ -145,6 +146,7 @@ class EquivalentRotation(AbstractAnalysis):
         """
         chosen_output(mechanism, self.output or None)
         inputs = mechanism.input_pairs
+        # A link on a sphere has three degrees of freedom.
         if len(inputs) > 3:
             raise AnalysisError(
                 f"{self.name}: {len(inputs)} inputs turn the output link in more ways than "
@@ -162,6 +164,7 @@ class EquivalentRotation(AbstractAnalysis):
                 "in degrees from 0 to that of the rotation"
             )
         try:
+            # This call only raises an error if a limit is not valid.
             schedule_limits(
                 inputs,
                 self.speed or None,
@@ -176,8 +179,13 @@ class EquivalentRotation(AbstractAnalysis):
     def compute(self, batch: Batch) -> Mapping[str, TableData]:
         """Return the tables of the rotation and of its schedule.
 
-        The table of the rotation has one row for each sampled angle, that of the schedule
-        one row for each time; it is empty if there is no schedule.
+        The table of the rotation has one row for each sampled angle. `orientation_error` is
+        the angle between the orientation of the output link and the one turned exactly
+        about the fixed axis. `drift` is the angle between the momentary axis of the link
+        and the fixed axis. Both are 0 (up to rounding) if the mechanism can follow exactly.
+
+        The schedule is the rotation in time, within limits of speed and acceleration of the
+        inputs. Its table has one row for each time; it is empty if there is no schedule.
         """
         result = self._result(batch)
         mechanism = batch.mechanism
@@ -196,6 +204,8 @@ class EquivalentRotation(AbstractAnalysis):
             "type_2": samples.type_2,
             "status": samples.status,
         }
+        # In a mid-plane symmetric architecture the base and the output link are mirror
+        # images of each other about a plane. Two angles phi and gamma give its normal.
         if result.architecture is not None:
             normals = mid_planes(result.architecture, samples.orientation)
             phi, gamma, _ = mirror_angles(normals)
@@ -215,6 +225,7 @@ class EquivalentRotation(AbstractAnalysis):
                     "status": trajectory.status,
                 }
             )
+        # The declarations of both tables. `stacked` fills them with the columns.
         rotation_table, schedule_table = self.tables
         return {
             rotation_table.name: rotation_table.stacked(mechanism, [rotation_columns]),
@@ -402,7 +413,8 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
     """Yield warnings about a rotation.
 
     There is a warning if the rotation ends early or rows failed, if the axis is not fixed,
-    for each singularity of type II, and if there is no schedule although one is wanted.
+    for each singularity of type II, and if the user asked for a schedule (the rotation in
+    time, within limits of the inputs) but there is none.
 
     Parameters
     ----------
@@ -414,6 +426,8 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
     rotation = result.rotation
     samples = result.samples
     orientation_error = _largest_finite(samples.orientation_error)
+    # `rotation.end` is the status at the angle `rotation.reached`, beyond which the
+    # mechanism does not follow. It is OK if the whole rotation is reached.
     if rotation.end != Status.OK:
         input_at_dead_centre = dead_centre(rotation)
         cause = ""
@@ -431,6 +445,9 @@ def _warnings(result: RotationResult, has_failed: NDArray[np.bool_]) -> Iterator
             f"{np.degrees(samples.theta[first]):.6g} deg: "
             f"{Status(samples.status[first]).name}"
         )
+    # The orientation error is the angle between the orientation of the output link and the
+    # one turned exactly about the fixed axis. `samples.drift` is the angle between the
+    # momentary axis of the link and the fixed axis.
     if not orientation_error < FIXED_AXIS_TOLERANCE_RAD:
         worst = np.nanargmax(samples.orientation_error)
         yield (

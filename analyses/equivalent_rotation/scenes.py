@@ -177,7 +177,10 @@ class RotationResult:
     def _draw_mechanism(self, samples: RotationSamples) -> Iterator[Primitive]:
         """Yield the links, the axis, arcs of the output, and mid-planes.
 
-        Row k of the drawing is row k of `samples`.
+        Row k of the drawing is row k of `samples`. In a mid-plane symmetric architecture
+        the base and the output link are mirror images of each other about the mid-plane. It
+        is drawn as a great circle: one moves with the rows, and two that do not move show
+        its first and last position.
         """
         mechanism = self.mechanism
         orientations = self.orient_links(samples.values)
@@ -190,26 +193,32 @@ class RotationResult:
         yield from self._draw_output_arcs()
         if self.architecture is not None:
             normals = mid_planes(self.architecture, samples.orientation)
+            # `frame` turns axes in which the formulas of the architecture are simplest
+            # (mirror axes) into axes of the reference link.
             normals = np.matvec(reference @ self.architecture.frame, normals)
-            # The mid-planes at both ends are circles that do not move.
+            # Failed rows are NaN. The first and the last row that the mechanism reaches are
+            # drawn as start and end.
             finite_normals = _finite_rows(normals)
-            for end in ROTATION_ENDS if len(finite_normals) else ():
-                circle = _great_circle_points(finite_normals[end.row])
-                yield SphereCurves(
-                    f"mid_plane/{end.name}",
-                    f"mid-plane, {end.name}",
-                    [circle],
-                    end.plane_colour,
-                )
+            if len(finite_normals):
+                # The row of an end is 0 or -1.
+                for end in ROTATION_ENDS:
+                    circle = _great_circle_points(finite_normals[end.row])
+                    yield SphereCurves(
+                        f"mid_plane/{end.name}",
+                        f"mid-plane, {end.name}",
+                        [circle],
+                        end.plane_colour,
+                    )
             yield GreatCircle("mid_plane/now", "mid-plane", normals)
 
     def _draw_output_arcs(self) -> Iterator[SphereCurves]:
         """Yield the arcs along which directions of the output move.
 
         An arc is drawn for the direction of the output, or for all pair axes of its link if
-        it has no direction. Singularities of type II, where the output can move while the
-        inputs rest, are marked on the first arc. Samples that the mechanism does not reach
-        are left out.
+        it has no direction. Samples that the mechanism does not reach are left out. The
+        marks ``start`` and ``end`` are at the first and the last sample that it reaches.
+        The crossings of the rotation, its singularities of type II, are marked on the first
+        arc. There the output can move while the inputs rest.
         """
         link = self.mechanism.link_number[self.output.link]
         directions = link_axes(self.mechanism)[self.output.link]
@@ -223,6 +232,7 @@ class RotationResult:
         for name, direction in directions.items():
             path = _finite_rows(arc_orientations @ direction)
             if len(path):
+                # The row of an end is 0 or -1.
                 marks = [
                     Mark(end.name, path[end.row], PATH_COLOUR) for end in ROTATION_ENDS
                 ]
@@ -243,22 +253,27 @@ def _finite_rows(vectors: Floats) -> Floats:
 
 
 def mid_planes(architecture: MidPlaneArchitecture, orientations: Floats) -> Floats:
-    """Return the normals of the mid-planes of orientations.
+    """Return the normals of the mid-planes at orientations of the output link.
+
+    The mid-plane is the plane in which the base and the output link are mirror images of
+    each other. If an orientation has no such plane, the nearest one is returned.
 
     Parameters
     ----------
     architecture
         The mid-plane symmetric architecture.
     orientations
-        (n, 3, 3) orientations of the output link, NaN in failed rows.
+        (n, 3, 3) orientations of the output link in base axes, NaN in failed rows.
 
     Returns
     -------
-    (n, 3) unit normals in mirror axes, NaN in failed rows.
+    (n, 3) unit normals in mirror axes, NaN in failed rows. Mirror axes are base axes turned
+    by the constant matrix ``architecture.frame``, in which the formulas are simplest.
     """
     normals = np.full((len(orientations), 3), np.nan)
-    finite = np.isfinite(orientations[:, 0, 0])
-    normals[finite], _ = architecture.normals(orientations[finite])
+    has_orientation = np.isfinite(orientations[:, 0, 0])
+    # The second result is the angle by which each orientation deviates from a mirror image.
+    normals[has_orientation], _ = architecture.normals(orientations[has_orientation])
     return normals
 
 

@@ -143,7 +143,11 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
         )
 
     def _solutions(self, batch: Batch) -> InverseSolutions | ForwardSolutions:
-        """Return the solutions of a batch, which are computed once."""
+        """Return the solutions for the parameters of this analysis, computed once.
+
+        The user gives either poses, whose configurations are computed, or inputs, whose
+        poses are computed (forward kinematics).
+        """
 
         def solve() -> InverseSolutions | ForwardSolutions:
             """Return the configurations of the given poses, or the poses at the inputs."""
@@ -163,4 +167,5 @@ class InverseKinematicsAnalysis(AbstractAnalysis):
                 max_nearest=self.nearest,
             )
 
+        # The first call with this key stores the result in the batch.
         return batch.once("result", solve)

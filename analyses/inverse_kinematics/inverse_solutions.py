@@ -97,7 +97,12 @@ class InverseSolutions:
         pairs: list[int],
         max_nearest: int,
     ) -> None:
-        """Solve all poses, then search reachable poses near those out of reach."""
+        """Solve all poses, then compute reachable poses near those out of reach.
+
+        Nearest poses are computed for the first `max_nearest` rows out of reach. They are
+        computed only for outputs in closed form, because only for these the limits of the
+        workspace are known as functions of the pose.
+        """
         self.mechanism = mechanism
         self.solver = solver
         self.poses = poses
@@ -109,14 +114,17 @@ class InverseSolutions:
         self.solution_counts = np.bincount(
             solutions.pose[solutions.solved], minlength=len(poses)
         )
-        # (rows, 3 or 4) the direction or quaternion of each row.
-        pose_rows = (poses if solver.points else quaternion(poses))[solutions.pose]
+        # (rows, 3 or 4) the direction or quaternion of each row. If the solver has
+        # `points`, poses are directions; otherwise they are rotations.
+        poses_as_vectors = poses if solver.points else quaternion(poses)
+        pose_rows = poses_as_vectors[solutions.pose]
         self.nearest_poses = np.full_like(pose_rows, np.nan)
         self.nearest_distances = np.full(len(solutions), np.nan)
         self.nearest_count = 0
         if isinstance(solver, ClosedKinematics):
             rows = np.flatnonzero(~solutions.solved)[:max_nearest]
             self.nearest_count = len(rows)
+            # A working mode is given by its signs, or by its label, such as "+-".
             for signs, mode in zip(solver.modes, solver.labels, strict=True):
                 rows_of_mode = rows[solutions.mode[rows] == mode]
                 if len(rows_of_mode):
@@ -139,11 +147,15 @@ class InverseSolutions:
         return {INVERSE.name: [self._inverse_columns()], PAIRS.name: [pair_columns]}
 
     def _inverse_columns(self) -> Columns:
-        """Return the table of configurations: one row for each row of the solutions."""
+        """Return the table of configurations: one row for each row of the solutions.
+
+        All columns have this length, also those of the nearest reachable pose. They are NaN
+        in rows for which it was not computed.
+        """
         mechanism = self.mechanism
         solver = self.solver
         solutions = self.solutions
-        # (rows, 3) if the output is a direction.
+        # (rows, 3) if poses of the output are directions (`points`), else None.
         directions = self.poses[solutions.pose] if solver.points else None
         columns: Columns = {
             "pose": solutions.pose,
@@ -154,22 +166,28 @@ class InverseSolutions:
         for component, axis in enumerate("xyz"):
             rates = solutions.rates[:, :, component]
             columns |= input_columns(mechanism, rates, f"rate_{axis}")
+        # `form` is the mid-plane symmetric architecture, if the mechanism has one: base and
+        # output link are mirror images of each other in a plane.
         if solver.form is not None and directions is not None:
-            direction_rates = turns_of(solutions.rates, directions)
+            # (rows, 3, inputs) angular velocity of the output per unit rate of each input.
+            angular_velocities = turns_of(solutions.rates, directions)
             columns |= mid_plane_rate_columns(
-                mechanism, solver.form, directions, direction_rates
+                mechanism, solver.form, directions, angular_velocities
             )
+        # Angle (rad) that is left to the nearest limit of the workspace.
         columns["margin"] = solutions.margin
-        # Number -1 refers to the empty name of no limit.
+        # Name of that limit. Number -1 refers to the empty name of no limit.
         columns["limiting"] = np.array([*solutions.limits, ""])[solutions.limiting]
         columns |= input_columns(mechanism, solutions.type_1, "type_1")
         columns["type_2"] = solutions.type_2
+        # Sign of the determinant of the rates, which changes at singularities only.
         columns["sense"] = sense_of(solutions.rates, directions)
         columns["status"] = solutions.status
         columns["solved_by"] = solver.solved_by
         for component in range(self.nearest_poses.shape[1]):
             axis = "xyzw"[component]
             columns[f"near_{axis}"] = self.nearest_poses[:, component]
+        # Angle (rad) between the pose and the nearest reachable one.
         columns["away"] = self.nearest_distances
         return columns
 
@@ -316,9 +334,16 @@ class InverseSolutions:
         return SphereMap("poses/map", name, self._directions(), triangles, values, unit)
 
     def _draw_solutions(self, rows: NDArray[np.intp]) -> list[Primitive]:
-        """Return the mechanism in the configurations of rows, with a list of the rows.
+        """Return drawings of the mechanism in some solutions, and a text that lists them.
 
-        An arrow shows the direction of the given pose (or its z axis) in ground axes.
+        An arrow shows the direction of the given pose. If the pose is an orientation, it
+        shows the z axis of the output link.
+
+        Parameters
+        ----------
+        rows
+            (samples,) numbers of the solutions. Sample k of the drawing shows the mechanism
+            in solution ``rows[k]``.
         """
         mechanism = self.mechanism
         solutions = self.solutions
@@ -338,7 +363,9 @@ class InverseSolutions:
                 "pose asked for",
                 # From axes of the reference link to ground axes.
                 np.matvec(reference, directions),
+                # It is drawn more prominently than the axes of pairs.
                 primary=False,
+                # Successive samples are separate solutions, not points of one motion.
                 path_shown=False,
             ),
             Text("solutions", "Solutions", "\n".join(lines)),

@@ -302,14 +302,15 @@ def _convert_rows(
     locations: Sequence[str],
     where: str,
 ) -> Floats:
-    """Return poses from rows of numbers.
+    """Return poses from rows of numbers, after checking that each row is a pose.
 
     Parameters
     ----------
     solver
         The inverse kinematics of the output.
     form
-        Names of the numbers in the k columns.
+        Names of the numbers in the k columns, such as azimuth and tilt. They decide how
+        the numbers describe a pose.
     rows
         (n, k) numbers, angles in rad.
     locations, where
@@ -322,8 +323,10 @@ def _convert_rows(
     Raises
     ------
     AnalysisError
-        If rows are no poses.
+        If rows are no poses. The message lists these rows.
     """
+    # Rows that are no poses become NaN. `fault` says what is wrong with them. In most
+    # forms this is a direction or quaternion of length 0.
     fault = f"has {NO_DIRECTION}"
     if form == MATRIX_TERMS:
         fault = "is not a rotation matrix"
@@ -336,11 +339,14 @@ def _convert_rows(
     else:
         poses = CONVERSION_OF_FORM[form](rows)
     if form == MID_PLANE_TERMS:
-        # So far `poses` are normals of mid-planes. The pose is the direction of the output
-        # at this mid-plane.
-        assert solver.form is not None and solver.output.direction is not None
+        # The base and the output link are mirror images of each other in the mid-plane. So
+        # far `poses` are the normals of mid-planes with the angles phi and gamma. A normal
+        # is NaN if sin^2(phi / 2) + sin^2(gamma / 2) > 1. The pose is the direction of the
+        # output at this mid-plane.
+        architecture = solver.form
+        assert architecture is not None and solver.output.direction is not None
         fault = "is not a mid-plane: phi and gamma are too large"
-        poses = solver.form.orientations(poses) @ np.array(solver.output.direction)
+        poses = architecture.orientations(poses) @ np.array(solver.output.direction)
     faulty_rows = np.unique(np.nonzero(np.isnan(poses))[0])
     if len(faulty_rows):
         faulty_locations = (locations[row] for row in faulty_rows)
@@ -360,13 +366,16 @@ def _check_pose_count(count: int, where: str) -> None:
 def _forms_of_output(solver: OutputKinematics) -> list[tuple[str, ...]]:
     """Return the forms in which poses of an output can be given, the inputs last.
 
-    Each form is the names of its numbers.
+    Each form is the names of its numbers. An output without working modes (`labels`) cannot
+    be solved for poses, so only inputs can be given.
     """
     forms: list[tuple[str, ...]] = []
+    # If the solver has `points`, poses are directions; otherwise they are rotations.
     if solver.labels and solver.points:
         forms = [AZIMUTH_TILT_TERMS, DIRECTION_TERMS]
     elif solver.labels:
         forms = [TILT_TORSION_TERMS, QUATERNION_TERMS, ROTATION_VECTOR_TERMS, MATRIX_TERMS]
+    # `solver.form` is the mid-plane symmetric architecture, if the mechanism has one.
     if solver.form is not None:
         forms.append(MID_PLANE_TERMS)
     return [*forms, solver.mechanism.input_pairs]

@@ -132,7 +132,9 @@ def forward_columns(
     """Return the table of the poses at inputs, each with its working mode if known.
 
     The working mode is given by the signs of the legs. Rows are in the order of the inputs.
-    Inputs without a pose have one row with status OUT_OF_REACH.
+    The column `pose` is the number of the inputs in this order, as in the table of given
+    poses. Inputs without a pose have one row with status OUT_OF_REACH. The column `type_2`
+    is 0 at a type II singularity, where the output can move while the inputs rest.
 
     Parameters
     ----------
@@ -155,6 +157,7 @@ def forward_columns(
         no_solution = np.full((1, *values.shape[1:]), np.nan)
         return np.concatenate([values, no_solution])[solution_number]
 
+    # If the solver has `points`, poses are directions (n, 3), else rotations (n, 3, 3).
     solved_poses = solutions.rotations
     if solver.points:
         assert solutions.directions is not None
@@ -163,10 +166,13 @@ def forward_columns(
     assembly_modes = np.array([*map(label_of, solutions.signs), ""])
     poses = fill_rows(solved_poses)
     rate_columns: Columns = {}
+    # `form` is the mid-plane symmetric architecture, if the mechanism has one: base and
+    # output link are mirror images of each other in a plane.
     if solver.form is not None:
-        direction_rates = fill_rows(solver.turns(solutions.values))
+        # (rows, 3, inputs) angular velocity of the output per unit rate of each input.
+        angular_velocities = fill_rows(solver.turns(solutions.values))
         rate_columns = mid_plane_rate_columns(
-            mechanism, solver.form, poses, direction_rates
+            mechanism, solver.form, poses, angular_velocities
         )
     # For each row of the table the first row with the same inputs.
     first_row_of_input = np.searchsorted(input_number, input_number)
@@ -191,8 +197,10 @@ def _find_working_modes(
     """Return the working mode of each of n solutions, and one empty text at the end.
 
     If the output has a closed form, the inverse kinematics of the pose gives one
-    configuration for each working mode. The working mode of the solution is the one that
-    gives its configuration. It is an empty text if it is unknown.
+    configuration for each working mode. The one that equals the configuration of the
+    solution tells its working mode. Without a closed form or an equal configuration the
+    working mode is an empty text. The text at the end, at index -1, is for rows of a table
+    that have no solution.
 
     Parameters
     ----------
@@ -205,8 +213,10 @@ def _find_working_modes(
     """
     modes = np.full(len(poses) + 1, "", dtype=object)
     if isinstance(solver, ClosedKinematics):
+        # One row for each pose and working mode. `rows.pose` is the number of the pose.
         rows = solver.inverse(poses, solver.labels, range(len(mechanism.pairs)))
-        differences = np.abs(wrap(rows.values - values[rows.pose])).max(axis=1)
+        solution_values = values[rows.pose]
+        differences = np.abs(wrap(rows.values - solution_values)).max(axis=1)
         same = np.flatnonzero(differences < SAME_SOLUTION_RAD)
         modes[rows.pose[same]] = rows.mode[same]
     return modes.astype(str)
@@ -222,15 +232,17 @@ def all_pose_columns(solver: OutputKinematics, poses: Floats) -> Columns:
     Parameters
     ----------
     solver
-        The inverse kinematics of the output.
+        The inverse kinematics of the output. Its `points` says that poses are directions.
     poses
         (n, 3) directions or (n, 3, 3) rotations; NaN gives NaN.
     """
+    # The mid-plane symmetric architecture, or None.
+    architecture = solver.form
     if solver.points:
-        columns = direction_or_quaternion_columns(poses, solver.form)
+        columns = direction_or_quaternion_columns(poses, architecture)
         columns["azimuth"], columns["tilt"] = azimuth_tilt(poses).T
     else:
-        columns = direction_or_quaternion_columns(quaternion(poses), solver.form)
+        columns = direction_or_quaternion_columns(quaternion(poses), architecture)
         columns["azimuth"], columns["tilt"], columns["torsion"] = tilt_torsion(poses).T
     return columns
 
@@ -239,7 +251,7 @@ def mid_plane_rate_columns(
     mechanism: Mechanism,
     architecture: MidPlaneArchitecture,
     directions: Floats,
-    direction_rates: Floats,
+    angular_velocities: Floats,
 ) -> Columns:
     """Return the columns of the derivatives of phi and gamma by the inputs.
 
@@ -251,10 +263,10 @@ def mid_plane_rate_columns(
         The mechanism, and its mid-plane symmetric architecture.
     directions
         (n, 3) directions of the output.
-    direction_rates
+    angular_velocities
         (n, 3, inputs) angular velocity of the output per unit rate of each input.
     """
-    rates = architecture.angle_rates(directions, direction_rates)
+    rates = architecture.angle_rates(directions, angular_velocities)
     phi_rates, gamma_rates = np.moveaxis(rates, -1, 0)
     return {
         **input_columns(mechanism, phi_rates, "dphi_dq"),
