@@ -110,7 +110,7 @@ class WorkspaceModes:
     poses
         (k, 3) directions or (k, 4) quaternions that are examined.
     tolerance
-        Relative error of areas and volumes.
+        Error of areas and volumes to aim at, relative to the area or volume.
 
     Attributes
     ----------
@@ -129,7 +129,25 @@ class WorkspaceModes:
         poses: Floats,
         tolerance: float,
     ) -> None:
-        """Derive the limits from the constraints; workspaces are computed when needed."""
+        """Store the arguments, and list the limits of the output.
+
+        The limits are those of the mechanism, such as the reach of its legs, and those of
+        `constraints`. The workspace of each mode is computed when it is first needed.
+
+        Parameters
+        ----------
+        mechanism, kinematics
+            The mechanism, and the inverse kinematics of its output in closed form.
+        constraints
+            Limits in addition to those of the mechanism.
+        modes
+            Signs, 1 or -1, of the legs in each working mode.
+        poses
+            (k, 3) directions or (k, 4) quaternions. For each of them it is reported in
+            which modes the output can take it.
+        tolerance
+            Error of areas and volumes to aim at, relative to the area or volume.
+        """
         self.mechanism = mechanism
         self.kinematics = kinematics
         self.bounds = bounds_of(kinematics, constraints)
@@ -197,19 +215,29 @@ class WorkspaceModes:
 
         The border of `region`, the set, consists of closed curves. Each curve is divided
         into smooth arcs, and one limit of the mechanism ends the workspace at each arc.
+        A connected part of the set is called a component, and a connected part of the
+        directions outside of it a gap. A curve separates one component from one gap, and
+        the table has the numbers of both.
         """
+        # If base and output mirror each other in a plane, the table has its two angles.
+        mid_plane_architecture = self.kinematics.form
         columns = []
-        for curve, boundary in enumerate(region.boundaries):
-            for number, arc in enumerate(boundary.arcs):
+        for curve_number, curve in enumerate(region.boundaries):
+            for arc_number, arc in enumerate(curve.arcs):
+                # `arc.margin` is the number of the limit that is reached on the arc. It is
+                # -1, the index of the last name, if no limit is reached.
+                limit_number = arc.margin
                 columns.append(
                     {
-                        "curve": curve,
-                        "component": boundary.component,
-                        "gap": boundary.gap,
-                        "arc": number,
+                        "curve": curve_number,
+                        "component": curve.component,
+                        "gap": curve.gap,
+                        "arc": arc_number,
                         "point": np.arange(len(arc.points)),
-                        **direction_or_quaternion_columns(arc.points, self.kinematics.form),
-                        "constraint": self.limit_names[arc.margin],
+                        **direction_or_quaternion_columns(
+                            arc.points, mid_plane_architecture
+                        ),
+                        "constraint": self.limit_names[limit_number],
                     }
                 )
         return columns
@@ -217,9 +245,14 @@ class WorkspaceModes:
     def _size_columns(self, workspace: Workspace) -> Columns:
         """Return the sizes of a workspace as columns of a table.
 
-        The first row is the whole workspace. For directions there follow the connected
-        parts, the outside and the holes, each with a sample well within it. The whole set
-        of directions has no sample (NaN), but the whole set of orientations has one.
+        The first row is the whole workspace. For directions there follow its connected
+        parts, the outside and the holes. Each part has a sample, which is a pose as deep
+        inside the part as possible. The margin of the sample is the angle (rad) to the
+        nearest limit. It is negative for samples of the outside and of holes, where a limit
+        is exceeded.
+
+        The whole set of directions has no sample (NaN), because its parts have theirs. A
+        set of orientations is not divided into parts, so its only row has the sample.
         """
         # One entry for each row of the table.
         kinds = ["whole"]
@@ -231,7 +264,8 @@ class WorkspaceModes:
             sizes = [region.area]
             samples = [np.full(3, np.nan)]
             kinds_and_parts = [("component", region.components)]
-            # The first gap is the outside, the others are holes.
+            # A gap is a connected set of directions that are not reached. The first, the
+            # largest one, is the outside, and the others are holes.
             kinds_and_parts.append(("outside", region.gaps[:1]))
             kinds_and_parts.append(("hole", region.gaps[1:]))
             for kind, parts in kinds_and_parts:
@@ -277,6 +311,10 @@ class WorkspaceModes:
         """Return the record of a set of directions, and a warning or an empty text.
 
         There is a warning if the set is empty, or if its area is less accurate than wanted.
+
+        The set was measured with a mesh of triangles on the unit sphere. The area
+        ``unresolved_sr`` (sr) is that of triangles which contain too much detail, such as
+        borders that touch. They are counted in the bound of the error, ``error_sr``.
         """
         record: Columns = {
             "area_sr": region.area,
@@ -288,6 +326,8 @@ class WorkspaceModes:
             "evaluations": region.evaluations,
         }
         if not region.components:
+            # The smallest sets of limits that no direction keeps together, such as the
+            # limits 0 and 2. Each set alone explains why the workspace is empty.
             excluding = [
                 " with ".join(self.limit_names[number] for number in limits)
                 for limits in region.excluding
@@ -365,16 +405,28 @@ class WorkspaceModes:
         return findings
 
     def _examine_pose(self, workspace: Workspace, pose: Floats) -> tuple[Columns, str]:
-        """Return the record of a pose in one mode, and its margin in words.
+        """Return the record of a pose in one working mode, and its margin in words.
 
-        For a pose outside of the workspace the nearest reachable pose is included.
+        The margin is the angle (rad) to the nearest limit of the workspace, negative if the
+        limit is exceeded. For a pose outside of the workspace the nearest reachable pose is
+        included. ``type_1`` and ``type_2`` measure how far the pose is from a singularity
+        of type I (the output rests while an input moves) and of type II (the output can
+        move while the inputs are locked). They are 0 at the singularity.
 
         Parameters
         ----------
         workspace
             The workspace of the mode.
         pose
-            (3,) direction or (4,) quaternion.
+            (3,) direction or (4,) unit quaternion xyzw.
+
+        Returns
+        -------
+        record
+            The record for the summary.
+        text
+            End of the sentence "pose ... is inside in mode ..., 3.2 deg from (a limit)", or
+            "pose ... is outside in mode ..., by (a limit)".
         """
         judged = self.judge(workspace, pose[None])
         limit = self.limit_names[int(judged.limiting[0])]
@@ -418,10 +470,18 @@ class WorkspaceModes:
         """Return two pages with maps of the directions that the output reaches.
 
         The first map shows the margin, which is the angle to the nearest limit. The second
-        map shows the angle to the nearest singularity. `mode` is added to the titles. If no
-        direction is reached, there is one page with the border only.
+        map shows the angle to the nearest singularity. If no direction is reached, there is
+        one page with the border only.
+
+        Parameters
+        ----------
+        workspace
+            The directions that one working mode (one way to assemble the legs) reaches.
+        mode
+            The name of the mode, which is added to the titles of the pages.
         """
         region = workspace.region
+        # A mesh (P, 3), (F, 3) that covers the set of directions exactly up to its border.
         directions = region.surface_points
         triangles = region.surface_triangles
         border = (*self._draw_border(region), self._legend(workspace))
@@ -430,9 +490,13 @@ class WorkspaceModes:
         judged = self.judge(workspace, directions)
         # On the border rounding can make margins negative or NaN; they are drawn as 0.
         margin = np.maximum(np.nan_to_num(judged.margin), 0.0)
-        # A measure is the sine of the angle to a singularity.
+        # At a singularity of type I the output rests while an input moves. At type II the
+        # output can move while the inputs are locked. `type_1` and `type_2` are the sines
+        # of the angles to the nearest singularity of each type.
         least_measure = np.nan_to_num(np.fmin(judged.type_1, judged.type_2))
         singularity_angle = np.arcsin(np.clip(least_measure, 0.0, 1.0))
+        # The margins at the vertices of the mesh over the whole sphere. The vertex with the
+        # largest margin is farthest inside.
         samples = self.samples[workspace.signs]
         deepest = np.nanargmax(samples.judged.margin)
         deepest_margin = np.degrees(samples.judged.margin[deepest])
@@ -455,29 +519,32 @@ class WorkspaceModes:
         """Return the page of a set of orientations, with two drawings.
 
         An orientation is given by the direction of the z axis (azimuth and tilt) and a
-        torsion, the rotation about this axis. The first drawing is a map on the sphere: for
-        each direction of the z axis the range of torsions that is possible. The second one
-        shows the margins as points, with tilt and azimuth as polar coordinates and the
-        torsion as height.
+        torsion, the rotation about this axis. The first drawing is a map on the sphere. It
+        shows for each direction of the z axis the total angle (rad) of the torsions that
+        are possible, 2 pi if all are.
+
+        The second drawing shows the margin of each reachable orientation, which is the
+        angle (rad) to the nearest limit. The orientations are points, with tilt and azimuth
+        as polar coordinates and the torsion as height.
         """
-        # 1. All torsions at each direction of the z axis. The part of them that is inside
-        # is the possible rotation about this direction.
+        # 1. Torsions all around at each direction of the z axis. The fraction of them in
+        # the workspace, times 2 pi, is the total angle of possible torsions.
         directions, triangles = sphere_mesh(DRAWN_AZIMUTHS, DRAWN_TILTS)
         torsions = 2.0 * np.pi * np.arange(DRAWN_TORSIONS) / DRAWN_TORSIONS
         tilts = np.repeat(azimuth_tilt(directions), DRAWN_TORSIONS, axis=0)
         angles = np.column_stack([tilts, np.tile(torsions, len(directions))])
         orientations = quaternion(from_tilt_torsion(angles))
         is_inside = self.judge(workspace, orientations).inside
-        inside_part = is_inside.reshape(-1, DRAWN_TORSIONS).mean(axis=1)
-        possible_rotation = 2.0 * np.pi * inside_part
+        inside_fraction = is_inside.reshape(-1, DRAWN_TORSIONS).mean(axis=1)
+        possible_rotation = 2.0 * np.pi * inside_fraction
         parts: list[Primitive] = [
             SphereMap(
-                "workspace/map",
-                "turn about z",
-                directions,
-                triangles,
-                possible_rotation,
-                "rad",
+                path="workspace/map",
+                label="turn about z",
+                vertices=directions,
+                triangles=triangles,
+                values=possible_rotation,
+                unit="rad",
             )
         ]
 
@@ -490,11 +557,11 @@ class WorkspaceModes:
             points = [tilt * np.cos(azimuth), tilt * np.sin(azimuth), torsion]
             parts.append(
                 Surface(
-                    "workspace/margins",
-                    "margin of orientations",
-                    np.stack(points, 1),
-                    np.zeros((0, 3), dtype=np.int64),
-                    ("tilt to x", "tilt to y", "torsion"),
+                    path="workspace/margins",
+                    label="margin of orientations",
+                    vertices=np.stack(points, 1),
+                    triangles=np.zeros((0, 3), dtype=np.int64),
+                    axes=("tilt to x", "tilt to y", "torsion"),
                     unit="rad",
                     values=samples.judged.margin[is_inside],
                     values_unit="rad",
@@ -505,17 +572,20 @@ class WorkspaceModes:
     def _draw_border(self, region: Region) -> list[Primitive]:
         """Return the border of a set of directions, drawn in one colour for each limit.
 
-        The name of a limit is written at the middle of its longest arc.
+        The name of a limit is written at the middle of its longest arc. The colours are
+        numbers from 1, because the mark of the direction farthest inside has colour 0.
         """
         curves: list[Primitive] = []
-        for colour, (number, arcs) in enumerate(arcs_by_limit(region).items(), 1):
-            name = self.limit_names[number]
+        for colour, (limit_number, arcs) in enumerate(arcs_by_limit(region).items(), 1):
+            name = self.limit_names[limit_number]
             longest = max(arcs, key=len)
             middle = longest[len(longest) // 2]
             # Details of a limit follow in parentheses, which a mark has no room for.
             short_name, _, _ = name.partition(" (")
             mark = Mark(short_name, middle, colour)
-            path = f"workspace/border/{number + 1}"
+            # Limits are numbered from 0, and -1 is the border at which none is reached. In
+            # the recording the numbers begin with 0.
+            path = f"workspace/border/{limit_number + 1}"
             curves.append(SphereCurves(path, name, arcs, colour, [mark]))
         return curves
 
@@ -554,15 +624,23 @@ def resolved_parts(region: Region, parts: Sequence[Part]) -> list[Part]:
 
 
 def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> Floats:
-    """Return the poses (k, 3) or (k, 4) that a text gives, each once.
+    """Return the poses of an output that a text gives, without repeated ones.
+
+    The output is a direction (`kinematics.points` is True) or an orientation.
 
     Parameters
     ----------
     text
-        Poses, or inputs whose poses are computed, as ``name=number+name=number``. An
-        empty text gives no poses.
+        Poses, or inputs whose poses are computed, as ``name=number`` with ``+`` between all
+        numbers. A name that occurs again begins the next pose:
+        ``azimuth=10+tilt=20+azimuth=30+tilt=5`` are two directions. An empty text gives no
+        poses.
     kinematics
         The output.
+
+    Returns
+    -------
+    (k, 3) directions, or (k, 4) unit quaternions xyzw of orientations.
     """
     if not text:
         return np.empty((0, 3))
@@ -573,7 +651,7 @@ def read_distinct_poses(text: str, kinematics: ClosedKinematics) -> Floats:
         poses = solutions.directions if kinematics.points else solutions.rotations
     assert poses is not None
     if not kinematics.points:
-        poses = quaternion(poses)
+        poses = quaternion(poses)  # from rotations (k, 3, 3)
     # The first one of equal poses, in the given order.
     _, first_rows = np.unique(poses, axis=0, return_index=True)
     return poses[np.sort(first_rows)]

@@ -50,14 +50,17 @@ def synthesize(
         first.
     starts
         Number of the best designs from which one objective is minimised. With several
-        objectives, descents start at five times as many points of the front of each mode.
+        objectives, each assembly mode (way to assemble the mechanism) has a Pareto front:
+        designs than which no other one is better in all objectives. Then the minimisation
+        starts at five times as many points of each front.
 
     Raises
     ------
     FileError
         With one line for each fault in the file.
     DesignError
-        If an expression has other names, or no design meets the conditions.
+        If an objective or a condition has a name that is neither a figure nor a size that
+        varies, or if no design meets the conditions.
 
     Examples
     --------
@@ -94,8 +97,8 @@ def specification_of(
     FileError
         With one line for each fault in the file.
     """
-    # Read the sizes that vary, the mechanism, and the figures of merit. Deviations from
-    # precision points are figures of merit too.
+    # Read the sizes that vary, the mechanism, and the figures of merit. A figure of merit
+    # is a text such as "peak=max(abs(torque))".
     document = parse(read_text(Path(path)), str(path))
     check(document, "synthesis")
     data = document.data
@@ -103,19 +106,23 @@ def specification_of(
         range_variation(key, *map(float, ends)) for key, ends in data["vary"].items()
     ]
     figures = [f"{name}={text}" for name, text in data.get("figures", {}).items()]
-    subject = named_in(data["mechanism"], Path(path).parent)
-    unit = to_radians(1.0, angle_unit_of(subject))
-    deviations, point_count = _precision_point_deviations(document, unit)
+    # The name of a shipped mechanism, or a path relative to the folder of this file.
+    name_or_path = named_in(data["mechanism"], Path(path).parent)
+    unit = to_radians(1.0, angle_unit_of(name_or_path))
+    # Deviations from precision points (wanted values at given inputs) are figures of merit
+    # too: `deviation_figures` has their texts by name. Their root mean square, which needs
+    # the number of points, can be an objective.
+    deviation_figures, point_count = _precision_point_deviations(document, unit)
     sweep = sweep_of(
-        subject,
+        name_or_path,
         DesignSpace.from_variations(variations, designs, "sobol", seed),
-        [*figures, *deviations.values()],
+        [*figures, *deviation_figures.values()],
         samples=data.get("samples", DEFAULT_SAMPLES_OF_DESIGN),
     )
     sweep = replace(sweep, where=tuple(data.get("where", ())))
     minimise = data["minimise"]
     objectives = (minimise,) if isinstance(minimise, str) else tuple(minimise)
-    return Specification(sweep, objectives, tuple(deviations), point_count)
+    return Specification(sweep, objectives, tuple(deviation_figures), point_count)
 
 
 def _precision_point_deviations(
@@ -167,6 +174,10 @@ def _deviations(
 ) -> list[str]:
     """Return expressions for the deviation of a quantity from a value, in the file's unit.
 
+    A number has one expression, and a vector or matrix one for each component. A synthesis
+    minimises the root of the sum of their squares. It is scaled so that for a direction
+    or an orientation it is the angle between quantity and value, if this angle is small.
+
     Parameters
     ----------
     document, path
@@ -175,12 +186,14 @@ def _deviations(
         Name of the quantity: a number, a direction or an orientation.
     value
         A number, a direction (3 components or azimuth and tilt), or an orientation (4
-        components of a quaternion, or azimuth, tilt and torsion).
+        components of a quaternion, or azimuth, tilt and torsion). Angles are in the unit of
+        the file. A number that is no angle, such as a velocity coefficient, has no unit.
     unit
         The angle unit of the file in rad.
     """
     if isinstance(value, int | float):
-        if not quantity.startswith(("theta_", "transmission_angle_")):
+        is_angle = quantity.startswith(("theta_", "transmission_angle_"))
+        if not is_angle:
             return [f"{quantity} - ({value!r})"]
         # An angle is compared modulo whole turns.
         difference = f"{quantity} - ({value * unit!r})"
@@ -202,8 +215,11 @@ def _deviations(
         from_angles = from_tilt_torsion if is_orientation else pointing
         target = from_angles(numbers[None] * unit)[0]
     # The length of the difference of two unit vectors at a small angle is that angle (rad).
-    # For two rotation matrices the Frobenius norm is sqrt(2) times the angle.
+    # For two rotation matrices the Frobenius norm is sqrt(2) times the angle. The target is
+    # a vector (1 axis) or a matrix (2 axes), so the root of the number of axes is the
+    # divisor in both cases.
     factor = 1.0 / (unit * np.sqrt(target.ndim))
+    # Names of the components: x, y, z of a vector; xx, xy, ..., zz of a matrix.
     components = ["".join(axes) for axes in product("xyz", repeat=target.ndim)]
     return [
         f"{float(factor)!r}*({quantity}_{component} - ({float(number)!r}))"

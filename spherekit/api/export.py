@@ -299,8 +299,9 @@ def _describe_crossings(smooth: SmoothModes) -> str:
 def _export_coupling_table(table: CouplingTable, target: Path) -> Exported:
     """Write a coupling table as an archive, CSV or C header, by the ending of the file.
 
-    A cell of the table is sure if interpolation in it is as accurate as required. A note
-    says how many cells are not sure.
+    The table has values at the nodes of a grid over the inputs. A cell, the box between
+    neighbouring nodes, is sure if interpolation in it is as accurate as required. Programs
+    that read the table get no values (NaN) in other cells. A note says how many there are.
     """
     if target.suffix == ".npz":
         write_npz(table, target)
@@ -308,12 +309,14 @@ def _export_coupling_table(table: CouplingTable, target: Path) -> Exported:
         write_csv(table, target)
     else:
         write_text(target, header(table))
-    verified_count = np.sum(table.sure)
+    sure_count = np.sum(table.sure)
+    # Only cells with an assembly mode at all their corners have an error. It is NaN in
+    # other cells, which cannot be interpolated.
     cell_count = np.sum(np.isfinite(table.error))
     notes: Names = ()
-    if verified_count < cell_count:
+    if sure_count < cell_count:
         note = (
-            f"{cell_count - verified_count} of {cell_count} cells with a mode in all "
+            f"{cell_count - sure_count} of {cell_count} cells with a mode in all "
             f"corners are not sure to {table.tolerance:g} rad and are not read; more "
             "samples make more sure"
         )

@@ -388,8 +388,9 @@ def evaluate(
         The driven pairs, by default the inputs of the mechanism.
     assembly_mode
         The only assembly mode wanted, by the number that `run` gives it or its name in the
-        file; by default all. With several inputs and groups that are no dyads the numbers
-        are those of this call: that of the first input, and so on.
+        file; by default all. A mechanism with several inputs, and with an Assur group
+        larger than a dyad, is an exception: its modes are numbered along the inputs of this
+        call, and `run` may number them otherwise.
     crossings
         How an assembly mode continues where its curve of configurations crosses that of
         another mode. With ``"end"`` it keeps the signs of its dyads. A dyad is two links
@@ -413,8 +414,13 @@ def evaluate(
     >>> turn.q.shape, turn.direction("3/1").shape, len(turn.frame()) == 50 * 6
     ((50,), (50, 3), True)
 
+    The frame of pandas, ``turn.frame()``, has a row for each of the 50 inputs and each of
+    the 6 poles of four links.
+
     With a plotting library: ``plt.plot(turn.q, turn.velocity_coefficient("4/1"))``.
     """
+    # The modes are searched once and cached, so that a further call with the same
+    # arguments takes little time. Keys of the cache are compared, hence the tuples.
     evaluate_inputs = _prepare_evaluation(
         MechanismKey(mechanism_of(mechanism)),
         None if poles is None else tuple(poles),
@@ -480,7 +486,11 @@ def _prepare_evaluation(
         evaluate_row = _single_row_evaluator(mechanism, range_analysis, mode_index, needs)
 
     def evaluate_inputs(q: Floats) -> Kinematics:
-        """Return the kinematics at inputs q (rad), shaped as in `evaluate`."""
+        """Return the kinematics at inputs q (rad), shaped as in `evaluate`.
+
+        They are those of the requested assembly mode, or of all modes. `range_analysis` has
+        the modes over the range of the only input; with several inputs it is None.
+        """
         # One mode at one value of the only input: the fast function, if it can be used.
         is_single = q.size == 1 and q.ndim < 2
         if range_analysis is not None and evaluate_row is not None and is_single:
@@ -493,6 +503,9 @@ def _prepare_evaluation(
         if range_analysis is not None:
             q = np.atleast_1d(q)
             position_analysis = range_analysis
+            # Inputs are shifted by whole turns into the range of the input. If gear wheels
+            # make the configuration depend on the number of turns, this is not possible,
+            # and a new analysis over a range that contains the inputs is made.
             if all_finite(q):
                 position_analysis = analysis_covering(range_analysis, q)
             motion = position_analysis.at(shift_into_range(position_analysis, q))
@@ -504,9 +517,13 @@ def _prepare_evaluation(
             mode_index = position_analysis.find_mode_index(assembly_mode)
             number = position_analysis.assembly_modes[mode_index].number
             motion = motion.rows(motion.assembly_mode == number)
+        # Each input that moves has a plan by which its poles are constructed. `by_rank`
+        # says that the mobility follows from the rank of the velocity equations, because
+        # counting links and pairs gives another one.
         requests = plan_requests(
             position_analysis.mechanism, needs, position_analysis.by_rank
         )
+        # The batch (all values with their error bounds) is made when it is first read.
         read_batch = partial(
             Batch,
             mechanism,
@@ -561,10 +578,10 @@ def _single_row_evaluator(
     )
 
     def make_batch(q: float, evaluated_row: EvaluatedRow) -> Batch:
-        """Return the batch of one evaluated row, with arrays, at an input q (rad).
+        """Return the batch of one configuration at an input q (rad).
 
-        A batch has the configurations, here a single one, with their poles, rates and error
-        bounds.
+        A batch has arrays with the configurations, here a single one, their poles, rates
+        and error bounds. The evaluated row has the same numbers as plain floats.
         """
         columns = np.array(evaluated_row.columns)[:, None]
         values = np.array([evaluated_row.variables])
@@ -577,27 +594,37 @@ def _single_row_evaluator(
             residual=np.array([evaluated_row.residual]),
         )
         (input_columns_of_row,) = kernel.input_columns
-        # `signed` is a view of the columns that change sign with the sense of a pole axis;
-        # its first three rows are the direction. The sense is chosen so that the pole is on
-        # the side of the sum of the mechanism's axes.
-        signed = input_columns_of_row.signed_part(columns)
-        sides = signs_by_sides(np.array([evaluated_row.axis_sum]))
-        signed *= sides(signed[:3], 0, 0)
+        # A pole axis has two opposite unit vectors. The one at less than 90 deg to the sum
+        # of the axis vectors of all pairs is chosen. `signed_columns` is a view of the
+        # columns that change sign with this choice, so `columns` change with it. Its first
+        # three rows are the direction of each pole.
+        signed_columns = input_columns_of_row.signed_part(columns)
+        find_signs = signs_by_sides(np.array([evaluated_row.axis_sum]))
+        row_index = 0
+        mode_index_of_row = 0
+        signs = find_signs(signed_columns[:3], row_index, mode_index_of_row)
+        signed_columns *= signs
         field = make_certified_field(input_columns_of_row, columns, row, request)
         return Batch(mechanism, (request.plan,), needs, row, (field,))
 
     def evaluate_row(q: float) -> Callable[[], Batch] | None:
-        """Return the maker of the batch at an input q (rad), None in case of doubt.
+        """Evaluate one input q (rad); return a function that makes the batch of the result.
 
-        A batch has the configuration at q with its poles and error bounds. In case of doubt
-        float64 may give too few digits, and the caller evaluates q in the ordinary way.
+        A batch has the configuration at q with its poles and error bounds as arrays. It is
+        made only when it is read, because making arrays takes longer than the evaluation.
+        The result is None if float64 may give too few digits. The caller then evaluates q
+        in the ordinary way.
         """
-        if not low <= q <= high and isfinite(q):
+        is_in_range = low <= q <= high
+        if isfinite(q) and not is_in_range:
             q = shift_into_range(position_analysis, np.array([q])).item()
-        # In closed form the mode is selected by the signs of its dyads. Otherwise Newton's
-        # method starts from a configuration that the mode's guide predicts.
+        # In closed form the assembly mode is selected by the signs of its dyads (two links
+        # and three pairs, which can be assembled in two ways). Otherwise Newton's method
+        # starts near the configuration. `mode.guide` interpolates verified configurations
+        # of the mode, and predicts the one at q.
         if kernel.has_closed_form:
-            signs = mode.signs_along(np.array([[q]]))[:, 0]  # at the only input
+            # (dyads, 1) signs at the single input value.
+            signs = mode.signs_along(np.array([[q]]))[:, 0]
             arguments = [q, *signs.astype(float).tolist()]
         else:
             assert mode.guide is not None

@@ -31,10 +31,13 @@ def plan(
     Raises
     ------
     PlanError
-        If the mechanism has not one freedom for each input, or a pole is unknown.
+        If the number of degrees of freedom is not that of the inputs, or a pole is unknown.
 
     Examples
     --------
+    In the table of the four-bar below, ``x`` marks the poles that are axes of pairs.
+    ``I`` marks those that the first pass of the Aronhold-Kennedy theorem constructs.
+
     >>> import spherekit as sk
     >>> print(sk.table(sk.plan("four_bar")))
          1  2  3  4
@@ -56,6 +59,6 @@ def table(plan: Plan) -> str:
     Parameters
     ----------
     plan
-        What `plan` returned.
+        The plan that the function `plan` returned.
     """
     return as_text(plan)

@@ -225,11 +225,17 @@ def sweep_of(
 
 
 def _labels_of_mode(study: Study) -> Names:
-    """Return the labels that the only assembly mode of a study may have in a sweep.
+    """Return the labels that the assembly mode of a study may have in a sweep.
 
-    Modes of dyads are labelled by their signs, and modes that are tracked also by their
-    number. Designs that are computed by a run have its numbers. If the study states no
-    mode, there are no labels.
+    A sweep labels an assembly mode (way to assemble the mechanism) by one of four texts,
+    depending on how a design was computed. For mode 1 with the signs ``+-`` they are:
+
+    - ``+-``, the signs of its dyads (groups of two links), if positions have a closed form;
+    - ``1 +-``, number and signs, if modes have to be tracked from design to design;
+    - ``1``, the number alone, if only a complete run of the design has the mode;
+    - ``run 1``, the same for a design with further modes that are labelled by their signs.
+
+    If the study states no mode, all modes are wanted and there are no labels.
 
     Raises
     ------
@@ -240,6 +246,7 @@ def _labels_of_mode(study: Study) -> Names:
         return ()
     # Modes are numbered along the ranges of the inputs, so laws and starts are left out.
     at_rest = replace(study, start=None, laws={}, duration=None)
+    # The position analysis of a study that states a mode has only this mode.
     (mode,) = make_sampling(at_rest).position_analysis.assembly_modes
     number = str(mode.number)
     return mode.label, f"{number} {mode.label}", number, f"{RUN_MODE_PREFIX} {number}"
