@@ -181,8 +181,17 @@ class DesignEvaluator:
         self.variables = tuple(variables)
         self.samples = samples
         self.figures = KernelFigures(mechanism, merits, samples)
-        if any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.figures.columns):
-            check_torque_tables_cover(mechanism, samples.rows[:, -1])
+        # A load can be a table of torques over time. If a figure depends on loads, such as
+        # a driving torque, the table must contain the times (s) of all samples, which are
+        # the last column. This does not depend on the design.
+        depends_on_loads = any(
+            name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.figures.columns
+        )
+        if depends_on_loads:
+            times = samples.rows[:, -1]
+            check_torque_tables_cover(mechanism, times)
+        # If links touch each other at circles, a kernel uses the linkage of R pairs that
+        # moves like the mechanism.
         self.varied_mechanism = VariedMechanism(
             document,
             mechanism,
@@ -205,11 +214,14 @@ class DesignEvaluator:
         - Assembly modes follow smooth curves through configurations in which curves cross
           (``"pass"``). The signs of their dyads change there, at inputs that differ from
           design to design.
-        - Constraints are redundant. The equations of a kernel close some loops only, and
-          other loops stay open if the sizes of a design do not agree.
-        - Contacts are not replaced by links, or they are and outputs vary.
-        - A design variable is neither a size of the equations nor a number of a mass or
-          load.
+        - Constraints are redundant. A kernel uses as many closure equations as there are
+          unknowns. The equations that are left over hold only if the sizes fit each other,
+          which sizes that vary do not.
+        - There are contacts, and no linkage of R pairs moves like the mechanism; or there
+          is one, and directions of outputs vary.
+        - There are no contacts, and a design variable is neither a size of the equations
+          nor a number of a mass or load. With contacts, the file of each design gives the
+          sizes, so that all numbers may vary.
         - Positions have no closed form, and no solutions are known from which others can be
           tracked.
 
@@ -225,10 +237,14 @@ class DesignEvaluator:
                 or varied_mechanism.varies_outputs
             ):
                 return None
-        elif any(v.slot is None and v.path[0] not in ACTIONS for v in self.variables):
-            # `slot` is None for numbers that are no size of a kernel; `path[0]` is the
-            # table of the file in which the number is.
-            return None
+        else:
+            for variable in self.variables:
+                # `slot` is None for numbers that are no size of the equations. `path[0]` is
+                # the table of the file with the number, and `ACTIONS` are the tables of
+                # masses and loads.
+                is_size = variable.slot is not None
+                if not is_size and variable.path[0] not in ACTIONS:
+                    return None
         expressions = self.varied_mechanism.make_expressions()
         if not expressions.has_closed_form:
             path_kernel = PathKernel(expressions)
@@ -316,16 +332,19 @@ class DesignEvaluator:
         -------
         The rows of all designs; `DesignTable.design` is the column of `values`.
         """
-        # Designs are evaluated in blocks whose values at all samples fit into memory.
+        # Designs are evaluated in blocks whose values at all samples (the rows of
+        # `figures`) fit into memory.
         values_per_design = len(self.figures.merits) * len(self.figures.rows)
         fitting_count = MAX_FIGURE_VALUES // values_per_design + 1
         block_size = min(DESIGNS_PER_BLOCK, fitting_count)
         if self._tracking is not None:
-            # Positions have no closed form: solutions are tracked from design to design.
+            # Positions have no closed form: complex solutions of the closure equations are
+            # tracked from design to design. They need more memory than the figures do.
             block_size = self._designs_tracked_together
         parts = []
         for start in range(0, values.shape[1], block_size):
             block = values[:, start : start + block_size]
+            # A kernel is a function that evaluates all designs of a block at once.
             if self.kernel:
                 part = self._evaluate_by_kernel(self.kernel, block)
             else:
@@ -488,7 +507,7 @@ class DesignEvaluator:
         Returns
         -------
         A row for each design and mode in which it closes, and one for a design that never
-        closes.
+        closes. Each row claims that no mode of the design is missing.
         """
         parts = []
         # The parts of the equations that depend on the sizes alone, for all modes.
@@ -497,7 +516,8 @@ class DesignEvaluator:
         sample_count = len(self.figures.rows)
         shape = (dyad_count, sample_count, sizes.shape[1])
         for signs in product((1.0, -1.0), repeat=dyad_count):
-            # All samples of all designs have the same signs.
+            # All samples of all designs have the same signs. Loads may depend on whole
+            # revolutions, which the closed form does not count. They are computed here.
             sign_arrays = np.broadcast_to(np.reshape(signs, (-1, 1, 1)), shape)
             table = self.figures.evaluate_modes(
                 kernel,
@@ -524,24 +544,29 @@ class DesignEvaluator:
         kernel
             Computes quantities of many designs from the variables of all pairs.
         sizes
-            (sizes, n) sizes of the designs.
+            (sizes, n) arguments of the kernel that differ between the n designs, in rad and
+            SI units. They follow from `file_values`.
         file_values
-            (variables, n) values of the variables, in the units of the file.
+            (variables, n) the numbers that the user varies, in the units of the file.
 
         Returns
         -------
         table
-            The rows of all designs that are not lost.
+            The rows of all designs that are not lost. A design that closes in no mode has
+            one row too.
         lost_designs
             Indices of the designs of which tracking has lost a solution.
         """
         assert self._tracking is not None
-        _, start_solutions = self._tracking
-        # The guarantee in each row: no mode was missed, or all that were found are listed.
+        _path_kernel, start_solutions = self._tracking
+        # The guarantee in each row. If all solutions of the first design are known, no mode
+        # of other designs is missed (complete). Otherwise modes may be missing (sampled).
         claim = COMPLETE_CLAIM if start_solutions.is_complete else SAMPLED_CLAIM
+        # The modes of all designs, one after the other. `modes.design` is the index of the
+        # design of each mode.
         modes = self.track_modes(sizes)
         # Loads may depend on whole revolutions, which tracking does not count. The offsets
-        # (pairs, samples, modes) are angles of whole revolutions.
+        # (pairs, samples, modes) are multiples of 2 pi that are added to angles.
         revolution_offsets = np.zeros(
             (len(kernel.unwrapped_pairs), *modes.values.shape[1:])
         )
@@ -560,7 +585,9 @@ class DesignEvaluator:
             labels=modes.labels,
             claim=claim,
         )
-        # `evaluate_modes` numbers the rows by mode. They are renumbered by design.
+        # `evaluate_modes` numbers the rows by mode. They are renumbered by design, and a
+        # row is added for each design without a mode. The rows of lost designs are removed,
+        # because these may have modes that were not found.
         table = self._add_missing_designs(
             [_renumber_designs(table, modes.design)], sizes.shape[1], claim
         )
@@ -584,11 +611,12 @@ class DesignEvaluator:
 
         Returns
         -------
-        The modes with their configurations, at the samples and at the points. A point is
-        the inputs at which some figure of merit is evaluated.
+        The modes (ways to assemble the mechanism) with their configurations, at the samples
+        and at the points. A point is the inputs at which some figure of merit is evaluated.
         """
         input_grid = self.samples.input_grid
-        # (points, 3 inputs + 1), the inputs first.
+        # (points, 3 inputs + 1) inputs (rad), their rates and accelerations, and the time.
+        # Only the inputs are used.
         points = self.figures.points
         # The samples are on a path of the inputs, or on a grid over their ranges.
         sampling: dict[str, Any] = {"path": input_grid.q}
@@ -601,12 +629,14 @@ class DesignEvaluator:
         if len(points) and len(self.inputs) == 1:
             motions.append(position_analysis.at(points[:, :1]))
         elif len(points):
-            # With several inputs, each point is one of the samples.
-            _, row_indices = self._tracking_inputs
+            # With several inputs, each point is one of the samples. `row_indices` are the
+            # indices of all samples, followed by those of the points.
+            _input_grid, row_indices = self._tracking_inputs
             point_samples = row_indices[len(self.samples.rows) :]
             motions.append(position_analysis.samples(point_samples))
         # The rows of a motion are sorted by mode and then by sample. They become arrays
-        # (modes, samples or points, variables).
+        # (modes, samples or points, variables). These are joined and transposed to the
+        # order (variables, samples + points, modes) of the arguments of kernels.
         values_by_mode = [
             motion.values.reshape(-1, motion.samples, motion.values.shape[1])
             for motion in motions
@@ -745,8 +775,11 @@ class DesignEvaluator:
         for mode in range(values.shape[2]):
             mode_values = values[:, :, mode]
             # The samples at which the mode closes, and their configurations (n, variables).
+            # The offsets of other samples stay 0.
             samples = np.flatnonzero(all_finite(mode_values, 0))
             configurations = mode_values[:, samples].T
+            # (n, variables) whole revolutions to be added. `mode` is the key under which
+            # the unwrapping stores the inputs over which it has followed the mode.
             revolutions = unwrapping.count(
                 mode,
                 configurations,
@@ -761,10 +794,12 @@ class DesignEvaluator:
         """The inputs at which assembly modes are tracked, and the indices of the samples.
 
         An assembly mode is one of the ways to assemble the mechanism. Its configurations
-        are computed one from the other, at neighbouring inputs. A single input increases
-        through all samples and points. A point is the inputs at which some figure of merit
-        is evaluated. Several inputs are varied from each sample to its neighbours, so each
-        point must be a sample.
+        are computed one from the other, at neighbouring inputs. A point is the inputs at
+        which some figure of merit is evaluated.
+
+        A single input is tracked through all samples and points in increasing order.
+        Several inputs are samples of a path or grid, whose neighbours are fixed. A point
+        between them has no neighbours, so each point must be one of the samples.
 
         Returns
         -------
@@ -784,7 +819,8 @@ class DesignEvaluator:
             # `figures.rows` are the samples, then the points. Column 0 is the input.
             q, row_indices = np.unique(self.figures.rows[:, 0], return_inverse=True)
             return InputGrid(q[:, None], (len(q),)), row_indices
-        # (samples, points) distance of each point from each sample.
+        # (samples, points) distance (rad) of each point from each sample. The message asks
+        # the user to choose a sample for a point that is none.
         points = self.figures.points[:, :input_count]
         distances = max_abs(points - input_grid.q[:, None], axis=2)
         for point in points[np.min(distances, axis=0) > POINT_TOLERANCE_RAD]:
@@ -843,13 +879,16 @@ class DesignEvaluator:
 
             If constraints are redundant, only some of the closure equations are
             independent. Those that are independent at the configuration (variables,) in rad
-            are used. There is no configuration (None) if the design never closes. The
-            expressions are then evaluated for no mode, so any equations will do.
+            are used. There is no configuration (None) if the design never closes. It then
+            has no modes, the expressions are never evaluated, and the choice of equations
+            has no effect.
             """
 
             def make_pairs(_size_symbols: object) -> PairRotations:
                 """Return the rotations of the pairs, with the sizes of this design.
 
+                The argument is required by `DesignExpressions`: symbols of sizes that
+                differ between designs. They are not used, since there is one design only.
                 Profiles that are not circles have no expressions. Their tangents, points
                 and curvatures at the contacts are arguments (columns) instead.
                 """
@@ -859,7 +898,8 @@ class DesignEvaluator:
                 mechanism,
                 self.inputs,
                 make_pairs=make_pairs,
-                # The search has computed the configurations, which are arguments.
+                # The pair variables are arguments: the search has computed them. They are
+                # not computed from the inputs in closed form.
                 closed_form=False,
                 closed=configuration,
                 by_rank=position_analysis.by_rank,

@@ -250,7 +250,9 @@ class RedundantKernel:
 
         A kernel is a function that evaluates all columns at many configurations. The loops
         of the mechanism give more equations for the rates than are independent. Each of
-        `expressions` solves those that were independent at one configuration.
+        `expressions` solves those that were independent at one configuration. The kernels
+        serve one design only, so they are not compiled, which would take longer than it
+        saves.
         """
         # Everything that follows from rates is divided by the scale of the rates (the
         # determinant of their equations). A column follows from rates if its expression
@@ -276,9 +278,12 @@ class RedundantKernel:
             for chosen in expressions_by_choice.values()
         ]
         self.unwrapped_pairs = self._kernels[0].unwrapped_pairs
-        # There is no closed form, so no outputs tell whether dyads close.
+        # A kernel in closed form returns `reach_count` further numbers, which tell whether
+        # its dyads (two links and three R pairs) close. This one takes configurations that
+        # are closed already.
         self.reach_count = 0
-        # The one design has no sizes that differ. Its numbers are prepared once for each
+        # `prepare` computes the numbers that depend on the sizes of designs alone. Here
+        # there is one design, whose sizes are constants, so it is called once for each
         # kernel.
         no_sizes = np.empty((0, 1))
         self._prepared = [kernel.prepare(no_sizes) for kernel in self._kernels]
@@ -347,9 +352,10 @@ def arc_function(expressions: DesignExpressions) -> tuple[tuple[int, ...], Array
     # The axes (unit vectors) of each link, in axes of the link.
     axes_by_link: dict[int, list[Exprs]] = {k: [] for k in range(len(mechanism.links))}
     for pair, joined_links in enumerate(mechanism.ends):
-        # A pair with `sides` is a contact of two profiles and has no axis.
+        # `pairs.sides` has the contacts, with both of their profiles. They have no axis.
         if pair not in pairs.sides:
             for link, axis in zip(joined_links, pairs.axes(pair), strict=True):
+                # Components near 0, 1 or -1 are made exact, which simplifies products.
                 axes_by_link[link].append(constants(axis))
     links = []
     arcs: list[Expr] = []

@@ -242,9 +242,11 @@ def _accumulate_growth(
 ) -> Floats:
     """Add up the changes of angles, so that they continue over full revolutions.
 
-    An assembly mode (way to assemble the mechanism) of a design may close over a part of
-    the stations only. Where it closes again after a gap, the sum begins anew at the input
-    at which the mode starts to close.
+    The angles at the first station are taken as they are, and the changes are added to
+    them. An assembly mode (way to assemble the mechanism) of a design may close over a part
+    of the stations only. After a gap no change leads from the earlier angles to the later
+    ones. The angles are then in (-pi, pi] at the input at which the mode begins to close,
+    and the changes from there on are added.
 
     Parameters
     ----------
@@ -262,11 +264,14 @@ def _accumulate_growth(
     -------
     (pairs, k, n) angles (rad) over full revolutions, NaN where a design does not close.
     """
+    # Closed forms give angles in (-pi, pi]. An angle that is -pi up to rounding becomes
+    # pi, so that rounding does not decide about a revolution. Only the values at the first
+    # station remain; the loop replaces all others.
     unwrapped = angles - TURN * count_revolutions(angles)
     for k in range(1, len(stations)):
         next_angles = unwrapped[:, k - 1] + growth[:, k - 1]
         # The mode closes at this station, and its angles could not be followed from the
-        # previous one.
+        # previous one. All pairs of a design are NaN at once, so the first pair tells.
         starts_anew = np.isnan(next_angles[0]) & np.isfinite(angles[0, k])
         designs = np.flatnonzero(starts_anew)
         if len(designs):

@@ -294,7 +294,8 @@ class DesignRuns:
             return failure
         count = len(kernel_rows.design)
         table = self._add_figures(kernel_rows, [NO_TABLE_MODE] * count, {})
-        # A kernel row without figures has a reason already.
+        # All rows of a design are OK, one for each assembly mode, or there is a single row
+        # without figures that has a reason already.
         if not np.all(kernel_rows.status == OK):
             return table
         status = np.repeat(failure.status, count)
@@ -376,31 +377,35 @@ class DesignRuns:
     ) -> DesignTable:
         """Return rows with the figures of merit of a run, and the numbers of its modes.
 
-        A kernel is a function that computes quantities of many designs at once.
+        There are two sorts of figures. A kernel, which is a function that computes
+        quantities of many designs at once, gives some. The others are reductions of tables
+        that the run of the design has written.
 
         Parameters
         ----------
         rows
             The n rows of a design. They may have figures that a kernel has computed.
         modes
-            (n,) the assembly mode (way to assemble the mechanism) of the run to which each
-            row belongs, `NO_TABLE_MODE` if there is none.
+            (n,) the mode of the run to which each row belongs, `NO_TABLE_MODE` if there is
+            none. A mode is an assembly mode (way to assemble the mechanism) or a working
+            mode (way to assemble it at a given pose of the output), as in the table.
         figures
             The figures of the run, by name and then by mode. A figure is NaN in a row if
             its mode does not have it.
         """
-        # Figures that only a kernel computes are NaN if the rows do not have them.
+        # Rows that no kernel has computed get NaN for the figures of the kernel.
         merits = {name: nans(len(modes)) for name in self._kernel_names} | dict(rows.merits)
-        # `units` has the names of the figures of the run.
+        # The keys of `units` are the names of all figures of the run.
         for name in self.units:
             figure_by_mode = figures.get(name, {})
-            # A figure of a table without modes applies to every mode.
+            # If the table of a figure has no column of modes, there is one figure, which
+            # applies to every mode.
             common_figure = figure_by_mode.get(NO_TABLE_MODE, NAN)
             merits[name] = np.array(
                 [figure_by_mode.get(mode, common_figure) for mode in modes]
             )
-        # The number of the assembly mode, by which rows of the stored tables are found. The
-        # rows of a table can belong to modes of another kind, which have no such number.
+        # If the tables of the runs are stored too, their rows are found by the number of
+        # the assembly mode. A working mode has no such number.
         if self.tables:
             merits[ASSEMBLY] = np.array(
                 [float(mode.label) if mode.column == ASSEMBLY else NAN for mode in modes]
@@ -414,8 +419,12 @@ class DesignRuns:
 
         A kernel is a function that computes quantities of many designs at once. A run
         numbers assembly modes, a kernel labels them by the signs of their dyads (two links
-        and three R pairs each). Modes are compared by these signs. The answer is None if
-        signs do not identify the modes of the kernel, or are those of another linkage.
+        and three R pairs each). Modes are compared by these signs.
+
+        The answer is None if signs do not identify the mode. This is so if the kernel
+        tracks solutions from design to design and numbers them itself, if the run has
+        working modes (ways to assemble the mechanism at a given pose of the output), or if
+        the kernel uses another linkage.
 
         Parameters
         ----------
@@ -432,10 +441,12 @@ class DesignRuns:
             return None
         if evaluator.kernel and evaluator.varied_mechanism.equivalent_linkage:
             # The kernel has replaced contacts by links between the centres of circles. The
-            # signs of these links are not those of the run.
+            # signs of these links are not those of the run. Without a common kernel each
+            # design was analysed on its own, with its contacts.
             return None
         signs = str(assembly_modes[mode.label]["mode"])
-        # Kernels label a mode by its signs, or by its number and signs.
+        # A mode is labelled by its signs if positions have a closed form. If a search had
+        # to find it, the label is its number and its signs.
         possible_labels = [signs, f"{mode.label} {signs}"]
         rows = np.flatnonzero(np.isin(kernel_rows.mode.astype(str), possible_labels))
         return rows[0] if len(rows) == 1 else None
@@ -487,7 +498,8 @@ class DesignRuns:
             if np.any(np.isnan(values) & overflows):
                 # A row with this status is NaN, because a number in it is too large for
                 # float64. Its true value may be the largest one of all rows, which the
-                # other rows do not tell. A figure that a kernel computes is infinite, too.
+                # other rows do not tell. Figures that are computed without a run are
+                # infinite in this case, too.
                 return np.inf
         input_columns = ["q", *(f"q_{item.pair}" for item in self.study.mechanism.inputs)]
         present_columns = [name for name in input_columns if name in rows]
@@ -501,13 +513,15 @@ class DesignRuns:
                 f"{len(merit.point)}"
             )
         # "argmin" and "argmax" return the value of an input where the expression is
-        # smallest or largest. Of several inputs the user has named one (`place`).
+        # smallest or largest. With several inputs the user names one, which is stored as
+        # `place`. In all other cases the index has no effect.
         input_index = 0
         place_column = f"q_{merit.place}"
         if place_column in present_columns:
             input_index = present_columns.index(place_column)
         is_closed_path = len(q) > 0 and return_after_revolutions(q[0], q[-1])
-        # "at" returns the value at given inputs (`point`), so it uses only their row.
+        # "at" returns the value at given inputs, which are stored as `point`, so it uses
+        # only their row. All other reductions use all rows, which may be a closed path.
         is_used = np.ones(len(q), bool)
         if merit.point:
             is_used = max_abs(q - merit.point, axis=1) < SAME_ANGLE_RAD
@@ -547,6 +561,9 @@ def _tables_of_run(run: RunResult) -> tuple[RunTable, ...]:
 def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Units:
     """Return the unit of each number column in the table that a figure of merit reduces.
 
+    A figure such as ``max(workspace.areas part=whole: size)`` names an analysis, its table
+    and a condition by which rows are selected (``only``).
+
     Raises
     ------
     DesignError
@@ -554,11 +571,14 @@ def _column_units(merit: FigureOfMerit, analyses: Analyses, study: Study) -> Uni
     """
     # Names of the analysis, and of its table.
     analysis, table = merit.of_table
+    # Every run writes a table "motion" without an analysis. Its quantities need no table
+    # in a figure, because they can be computed without a run.
     if analysis == MOTION:
         raise DesignError(
             f"{merit.name}: {analysis}.{table} is of no analysis; name a table of one"
         )
     (chosen,) = (candidate for candidate in analyses if candidate.name == analysis)
+    # The columns of a table can depend on the inputs of the mechanism: one for each input.
     tables = {candidate.name: candidate.of(study.mechanism) for candidate in chosen.tables}
     if table not in tables:
         raise DesignError(

@@ -103,8 +103,9 @@ def design_variable(document: Document, key: str) -> DesignVariable:
 
     Returns
     -------
-    The variable, with its value in the file. It counts as an angle if it is a size that
-    kernels take as an argument (`slot`), because all such sizes are angles.
+    The variable, with its value in the file. Some numbers are arguments of the functions
+    (kernels) that compute many designs at once. All of these are angles: arcs and angles
+    of links, zeros of pairs, and directions. Other numbers are masses and loads.
 
     Raises
     ------
@@ -121,14 +122,26 @@ def design_variable(document: Document, key: str) -> DesignVariable:
             f"are the same for all; vary numbers of {listing(DESIGNED)}"
         )
     slot = _kernel_slot(document, path)
-    return DesignVariable(key, path, number_at(document, path), slot is not None, slot)
+    return DesignVariable(
+        key=key,
+        path=path,
+        value=number_at(document, path),
+        is_angle=slot is not None,
+        slot=slot,
+    )
 
 
 def _kernel_slot(document: Document, path: KeyPath) -> tuple[str, Any] | None:
     """Return the kind and location of a size that kernels take as an argument.
 
     A kernel is a function that computes quantities of many designs at once. Its arguments
-    are the arcs, angles, zero positions and directions that differ between the designs.
+    are the angles that differ between the designs:
+
+    - arcs and angles of links,
+    - the angle at which the variable of a pair is zero (``zero``), and its value in a
+      reference pose (``value``),
+    - longitude and latitude of a pair axis, or of the direction of an output.
+
     Other numbers of the file give None.
 
     Parameters
@@ -209,22 +222,27 @@ def link_sizes(mechanism: Mechanism) -> dict[str, DesignVariable]:
     """Return the arcs and angles of links that follow from a reference pose, by key.
 
     A file gives either the sizes of the links or the axes of all pairs in a reference pose.
-    The keys are those of a file with sizes. The dictionary is empty if the file has sizes,
-    or if there are contacts, because their profiles are given in the axes of the pose.
+    An arc is the angle between two axes of a link. An angle says by how much the plane of a
+    further arc is turned from that of the first one. The key of a size, such as
+    ``links.2.arc``, is the one under which a file with sizes would have it.
+
+    The dictionary is empty if the file has sizes, or if there are contacts, because their
+    profiles are given in the axes of the pose.
     """
     if not isinstance(mechanism.geometry, PoseGeometry) or mechanism.has_contacts:
         return {}
     variables = {}
     for link in mechanism.links:
         # Each size has a kind ("arcs" or "angles"), the pair to whose axis it leads, and a
-        # value.
+        # value (rad). Its derivatives, the last entry, are not used here.
         sizes = pose_sizes(mechanism, link)
         kinds = [kind for kind, *_ in sizes]
-        for kind, pair, value, _ in sizes:
+        for kind, pair, value, _derivatives in sizes:
             # The only arc of a link has the key "arc", one of several "arcs.PAIR".
             size_key = kind[:-1] if kinds.count(kind) == 1 else f"{kind}.{pair}"
             key = f"links.{link}.{size_key}"
             path = ("links", link, kind, pair)
+            # The slot tells functions of many designs which size of which link varies.
             variables[key] = DesignVariable(
                 key, path, value, is_angle=True, slot=(kind, (link, pair))
             )

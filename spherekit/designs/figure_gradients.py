@@ -150,10 +150,11 @@ class FigureGradients:
         design
             The design.
         position_arguments
-            (w, samples + points) numbers that determine the positions of an assembly mode
-            (way to assemble the mechanism): in closed form the signs of its dyads (groups
-            of two links with three R pairs), otherwise its pair variables (rad). Points are
-            inputs at which single figures of merit are evaluated.
+            (w, samples + points) the w numbers that determine the positions of the links in
+            an assembly mode (way to assemble the mechanism). In closed form they are the
+            signs of its w dyads (groups of two links with three R pairs). Otherwise they
+            are its w pair variables (rad). Points are inputs at which single figures of
+            merit are evaluated.
 
         Returns
         -------
@@ -164,7 +165,8 @@ class FigureGradients:
         # The last axis of the offsets is the design or the mode, of which there is one.
         if kernel.is_closed_form:
             prepared = kernel.prepare(design.sizes[:, None])
-            # The signs are the same at all samples.
+            # The signs are the same at all samples. If no load depends on revolutions, the
+            # result is empty.
             signs = position_arguments[:, 0].tolist()
             return evaluator.unwrap_signed_mode(kernel, prepared, signs)[:, :, 0]
         if not kernel.unwrapped_pairs:

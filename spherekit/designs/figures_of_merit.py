@@ -354,21 +354,26 @@ class KernelFigures:
         self._check_inputs(mechanism)
         self.expressions = [merit.parsed(quantities) for merit in merits]
         used_names = set[str]().union(*(item.names for item in self.expressions))
-        # Inputs, their rates and the time are known. A kernel computes the other names.
+        # The numbers of a sample (inputs, their rates and accelerations, and the time) are
+        # given. `sample` has their names, and `columns` those that a kernel computes.
         self.sample = sample_names(self.inputs)
         self.columns = sorted(used_names.difference(self.sample))
 
-        # Figures of the reduction "at" have given inputs, which become further samples. The
-        # inputs move at 1 rad/s in them, in the direction of the first sample, where time
-        # is 0.
+        # A figure such as "at(theta_41, 0.5)" is evaluated at the inputs that it states
+        # (`merit.point`). These become further samples. They are reached from the first
+        # sample, at time 0, at 1 rad/s and with the signs of the rates there. The distance
+        # of the first input is thus the time.
         count = len(self.inputs)
         points = sorted({merit.point for merit in merits if merit.point})
-        start, rates = np.split(samples.rows[0, : 2 * count], 2)
+        # A row of the samples begins with the inputs (rad), followed by their rates.
+        first_row = samples.rows[0]
+        start_inputs = first_row[:count]
+        start_rates = first_row[count : 2 * count]
         self.points = DesignSamples.at_unit_speed(
             self.inputs,
             q=np.reshape(points, (-1, count)),
-            start=start,
-            sense=np.sign(rates),
+            start=start_inputs,
+            sense=np.sign(start_rates),
         ).rows
         # (samples + points, 3 inputs + 1) inputs (rad), rates, accelerations, and time.
         self.rows = np.concatenate([samples.rows, self.points])
@@ -377,8 +382,9 @@ class KernelFigures:
         """Raise `DesignError` if a figure of merit does not fit the inputs and samples."""
         count = len(self.inputs)
         for merit in self.merits:
-            # `merit.point` are the given inputs of "at", `merit.place` is the name of the
-            # input whose value "argmin" and "argmax" return.
+            # "at(theta_41, 0.5, 0.2)" is the value of theta_41 at the inputs 0.5 and 0.2,
+            # which are `merit.point`. "argmin(theta_41, 21)" is the value of the input 21,
+            # `merit.place`, at which theta_41 is smallest.
             fault = ""
             if merit.point and len(merit.point) != count:
                 fault = (
@@ -396,6 +402,8 @@ class KernelFigures:
                 )
             elif merit.place not in ("", *self.inputs):
                 fault = f"{merit.place} is not driven; driven are {listing(self.inputs)}"
+            # A swing adds up the changes of an angle from sample to sample, beyond a full
+            # turn. In a grid no sample follows another one.
             if merit.reduction == "swing" and len(self.samples.shape) > 1:
                 fault = (
                     "swing follows an angle along a path, and the samples are a grid; take "

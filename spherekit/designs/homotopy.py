@@ -160,9 +160,10 @@ def track_solutions(
 
         A path leads from the sizes and inputs of its start to those of its end, while its
         parameter increases from 0 to 1. The sizes are linear functions of the parameter.
-        The inputs are a linear function plus the detour times a parabola. `sizes` and
-        `inputs` of the enclosing function are pairs: the values at the starts and at the
-        ends.
+        The inputs are a linear function plus the detour times a parabola. An imaginary
+        detour leads around real inputs at which solutions meet. There tracking would fail.
+        `sizes` and `inputs` of the enclosing function are pairs: the values at the starts
+        and at the ends.
 
         Parameters
         ----------
@@ -185,6 +186,7 @@ def track_solutions(
 
         start_sizes, end_sizes = map(select_paths, sizes)
         start_inputs, end_inputs = map(select_paths, inputs)
+        # (k, m) the numbers in the equations that follow from the sizes alone.
         prepared = kernel.prepare(start_sizes + (end_sizes - start_sizes) * parameters)
 
         def equations(values: Array, selected: Indices) -> NewtonStep:
@@ -194,6 +196,8 @@ def track_solutions(
             """
             numbers = prepared[:, selected]
             if profiles is not None:
+                # (w, k) tangents, points and curvatures of profiles that are not circles.
+                # The equations take them before the other numbers.
                 columns = profiles(values, paths[selected], parameters[selected])
                 numbers = np.concatenate([columns, numbers])
             return kernel.newton_step(values, numbers)
