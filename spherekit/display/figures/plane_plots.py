@@ -40,15 +40,18 @@ def is_path(item: PlaneItem) -> bool:
 
 
 def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
-    """Return a figure of one quantity against another, with all pages in one panel.
+    """Return a figure of one quantity against another, for all assembly modes in one panel.
 
-    A portrait has fixed curves, marks, and rows: the samples of an assembly mode, which are
-    drawn as a path.
+    The quantities are given as a `Portrait` for each assembly mode (a way to assemble the
+    mechanism), or page. It has fixed curves and marks, such as singular curves, and the
+    values of both quantities in each sample of the mode. If the samples follow each other
+    along one input, their points are drawn as a path.
 
     Parameters
     ----------
     items
-        The portrait in each page. Equal curves and marks are drawn once.
+        The scene and the portrait of each page. The portraits of all pages have the same
+        quantities. Curves and marks that occur in several pages are drawn once.
     sheet
         Size of the figure, and titles of modes.
     """
@@ -80,6 +83,8 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
             look = marker_look(mark.tone) | {"label": label}
             panel.plot(*mark.place, zorder=4.0, **look)
         _set_frame(panel, first_portrait)
+        # Fixed curves of two quantities with one unit, such as singular curves of two
+        # inputs, have the same scale on both axes. A path fills the frame instead.
         has_one_unit = first_portrait.x_unit == first_portrait.y_unit
         if not paths and has_one_unit and not first_portrait.logarithmic:
             panel.set_aspect("equal")
@@ -93,12 +98,18 @@ def draw_plane(items: Sequence[PlaneItem], sheet: Sheet) -> Figure:
 
 
 def _draw_path(panel: Axes, scene: Scene, portrait: Portrait, label: str) -> None:
-    """Draw the rows of a page as a curve in its colour, with a dot at its start.
+    """Draw one quantity against another along the samples of an assembly mode.
+
+    The curve has the colour of the mode, which is the page of the scene. A dot marks its
+    first point, unless the panel has fixed curves, on which the path only moves.
 
     Parameters
     ----------
+    panel
+        The panel of the figure.
     scene, portrait
-        The scene of the page and its portrait.
+        The scene of the assembly mode, and the two quantities: values `x` and `y` at each
+        sample, and fixed curves of the plane.
     label
         Name in the legend.
     """

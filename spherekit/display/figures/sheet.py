@@ -138,7 +138,14 @@ class Sheet:
         longest_title: int = 0,
         subplot: Look | None = None,
     ) -> tuple[Drawing, Any]:
-        """Return a figure with a number of panels.
+        """Return a figure with a number of panels in rows and columns.
+
+        The figure extends over one or two columns of a journal (`self.columns`). By default
+        it has as many columns of panels. It has one column more if titles are short and
+
+        - there are more than four panels,
+        - four panels are on one column of a journal, which become two by two, or
+        - three panels are on two columns of a journal, which become one row.
 
         Parameters
         ----------
@@ -158,14 +165,15 @@ class Sheet:
         panels
             Its panels, row by row.
         """
-        # Many panels with short titles have one more column of panels than the figure has
-        # columns of a journal. So have four panels on one column of a journal, which are
-        # then two by two, and three panels on two columns.
-        allows_more = panel_count > 4 or panel_count + self.columns == 5
+        allows_more = panel_count > 4 or (panel_count, self.columns) in ((4, 1), (3, 2))
         has_short_titles = longest_title <= LONG_TITLE_LETTERS
-        column_count = min(panel_count, self.columns + (allows_more and has_short_titles))
+        column_count = self.columns
+        if allows_more and has_short_titles:
+            column_count += 1
+        column_count = min(panel_count, column_count)
         row_count = -(-panel_count // column_count)  # rounded up
-        # A single panel over two columns of a journal would be too high.
+        # A single panel over two columns of a journal would be too high, so its height is
+        # reduced to about that of a panel on one column (half the width).
         is_wide = column_count == 1 and self.columns == 2
         height_factor = 0.55 if is_wide else 1.0
         panel_height = self.width / column_count * ratio * height_factor

@@ -252,10 +252,12 @@ def _draw_sphere_map(
 
     Parameters
     ----------
-    panel, view
-        A polar panel and its map.
+    panel
+        A panel with polar coordinates.
+    view
+        The projection of the sphere onto this panel, up to its rim.
     sphere_map
-        Vertices with values, and triangles if the area has some.
+        The area: vertices with values of the quantity, and triangles if it has some.
     look
         Colours of the values.
     """
@@ -267,6 +269,8 @@ def _draw_sphere_map(
     is_placed = all_finite(points, 1)
     triangles = sphere_map.triangles[is_placed[sphere_map.triangles].all(axis=1)]
     if len(triangles):
+        # Points that are NaN belong to triangles that are left out. They become zero,
+        # because a `Triangulation` needs finite points.
         azimuth, radius = np.nan_to_num(points).T
         mesh = Triangulation(radius * np.cos(azimuth), radius * np.sin(azimuth), triangles)
         # Shading within triangles needs an affine transform to the paper. The transform of
@@ -274,7 +278,8 @@ def _draw_sphere_map(
         # coordinates.
         affine_transform = panel.transProjectionAffine + panel.transWedge + panel.transAxes
         if isinstance(look["norm"], BoundaryNorm):
-            # Counts are whole numbers, so a triangle gets the smallest of its vertices.
+            # Counts are whole numbers, so a triangle has one colour and no shading. Its
+            # count is the smallest of its vertices, so that none is overstated.
             counts = np.min(sphere_map.values[triangles], axis=1)
             panel.tripcolor(mesh, facecolors=counts, transform=affine_transform, **look)
         else:
@@ -289,17 +294,20 @@ def _draw_sphere_map(
 
 
 def _draw_sphere_curves(panel: Axes, view: SphereView, sphere_curves: SphereCurves) -> None:
-    """Draw curves, and marks on them.
+    """Draw curves on the sphere, and marks (labelled points).
 
-    A mark with the same label as the curves is drawn only if there are no curves, since the
-    legend names the curves already.
+    A mark with the same label as the curves only carries the name of the curves, for
+    drawings without a legend. It is left out here, because the legend names the curves.
+    Without curves, each mark is a result of its own and is drawn.
 
     Parameters
     ----------
-    panel, view
-        A polar panel and its map.
+    panel
+        A panel with polar coordinates.
+    view
+        The projection of the sphere onto this panel, up to its rim.
     sphere_curves
-        Curves of one kind, with marks.
+        Curves of one kind with a label and the number of a colour (`tone`), and marks.
     """
     label = sphere_curves.label
     has_curves = bool(sphere_curves.curves)
@@ -315,6 +323,7 @@ def _draw_sphere_curves(panel: Axes, view: SphereView, sphere_curves: SphereCurv
         is_on_map = angle <= view.rim + RIM_ROUNDING_RAD
         if not is_on_map or (has_label_of_curves and has_curves):
             continue
+        # Without curves the legend has no entry that says what is marked.
         mark_label = mark.label
         if not has_label_of_curves and not has_curves:
             mark_label = f"{label}: {mark.label}"

@@ -94,6 +94,10 @@ class SphereView:
     def project(self, directions: Floats) -> Floats:
         """Return the polar coordinates of directions on the map.
 
+        The rim of the map is the circle at the angle `rim` from its centre. Directions in a
+        band of the width `CLIPPED_BAND_RAD` beyond the rim are projected too: triangles
+        across the rim need all their vertices, and are cut off at the rim when drawn.
+
         Parameters
         ----------
         directions
@@ -101,8 +105,7 @@ class SphereView:
 
         Returns
         -------
-        (n, 2) azimuth (rad) from the right, and radius. The radius is NaN beyond the rim
-        and the band around it.
+        (n, 2) azimuth (rad) from the right, and radius. The radius is NaN beyond the band.
         """
         right, up, _ = self.frame @ directions.T
         angles = self.angles_from_centre(directions)

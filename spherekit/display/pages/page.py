@@ -119,8 +119,24 @@ class PageMaker:
         input_pair: str | Sequence[str] | None,
         crossings: Crossings = "end",
     ) -> None:
-        """Read the mechanism and choose the numbers that have sliders."""
-        self._any_mechanism = mechanism  # a mechanism, or the name or path of its file
+        """Read the mechanism and choose the numbers that have sliders.
+
+        Parameters
+        ----------
+        mechanism
+            The mechanism, the name of a shipped one, or the path of a file.
+        vary
+            Keys of the numbers that have sliders, None for all sizes.
+        quantities
+            Names or patterns of the quantities that have curves, None for the default ones.
+        input_pair
+            The driven pairs, None for those of the mechanism.
+        crossings
+            Whether assembly modes end where their configuration curves cross ("end") or
+            follow smooth curves through these crossings ("pass").
+        """
+        # The mechanism as given: formulas are made from it, and read its file themselves.
+        self._any_mechanism = mechanism
         self._input_pair = input_pair
         self._crossings = crossings
         self._mechanism = driven_at(mechanism_of(mechanism), input_pair)
@@ -132,7 +148,11 @@ class PageMaker:
         # Keys of the numbers with sliders: those that the user names, or all sizes.
         self._has_named_sizes = vary is not None
         self.keys = self._find_sizes() if vary is None else tuple(vary)
-        self._pole_plans = plans(self._mechanism, is_mobile_by_rank_only(self._mechanism))
+        # For each input, the steps by which all pole axes are constructed while this input
+        # moves alone. Counting links and pairs can give too small a mobility. If the rank
+        # of the loop-closure equations gives the right one, the plans rely on the rank.
+        moves_by_rank = is_mobile_by_rank_only(self._mechanism)
+        self._pole_plans = plans(self._mechanism, moves_by_rank)
 
     def make_page(self) -> PageText:
         """Return the page, and its numbers of curves and of assembly modes.
@@ -140,8 +160,15 @@ class PageMaker:
         A kernel is a set of functions in JavaScript. One kernel computes all quantities at
         every sample, another one the picture at the cursor. A slider that changes nothing
         is left out with a note. If the user asked for it by its key, it is an error.
+
+        Raises
+        ------
+        DesignError
+            If a number that the user named for a slider changes nothing.
         """
         row_formulas = self._make_row_formulas()
+        # Without a closed form, formulas of positions are a step of Newton's method.
+        has_closed_form = not row_formulas.step
         shown_patterns = self._requested_quantities
         if shown_patterns is None:
             shown_patterns = self._page_quantities.default_names(with_torques=True)
@@ -156,6 +183,7 @@ class PageMaker:
             "picture": self._make_formulas(drawn_names),
         }
         if self._has_named_sizes:
+            # This raises an error if a number changes no result.
             check_arguments(formulas_by_kernel.values())
         else:
             idle_keys = idle_arguments(formulas_by_kernel.values())
@@ -167,13 +195,14 @@ class PageMaker:
                 return self.make_page()
         for reason in row_formulas.mode_table.left_out:
             self.notes.append(f"left out: assembly mode {reason}")
-        if self._crossings == "pass" and row_formulas.step:
+        # Newton's steps cannot follow a mode through a crossing of configuration curves.
+        if self._crossings == "pass" and not has_closed_form:
             self.notes.append(
                 "no curves are known to cross with the sizes of the file; where they do "
                 "with others, modes end, as positions have no closed form"
             )
         model = self.make_model(
-            shown_names, row_formulas.results, has_closed_form=not row_formulas.step
+            shown_names, row_formulas.results, has_closed_form=has_closed_form
         )
         text = self._fill_page(model, _write_kernels(formulas_by_kernel))
         return PageText(text, len(shown_names), len(row_formulas.modes))
@@ -183,14 +212,14 @@ class PageMaker:
     def _make_formulas(self, names: Sequence[str]) -> Formulas:
         """Return the formulas of quantities, with arguments that the page can give.
 
-        These are the inputs, their rates and accelerations, and whole turns of passive
-        pairs.
+        These are the inputs, their rates and accelerations, and the whole revolutions of
+        passive pairs with wound springs.
 
         Raises
         ------
         EngineError
-            If loads depend on other arguments, such as the time, or modes cross that are
-            followed by Newton's steps.
+            If loads depend on other arguments, such as the time. Also if curves of assembly
+            modes cross and positions are computed by Newton's method, which ends there.
         """
         page_formulas = formulas(
             self._any_mechanism,
@@ -200,11 +229,15 @@ class PageMaker:
             crossings=self._crossings,
         )
         self._check_smooth_curves(page_formulas)
-        # The page finds the crossings for its own sizes, so it needs no table of them.
+        # Crossings of configuration curves move when sizes change, so the page finds them
+        # for the sizes of its sliders. The table for the sizes of the file (`smooth`) is
+        # removed.
         page_formulas = replace(
             page_formulas, mode_table=page_formulas.mode_table._replace(smooth=None)
         )
         turn_arguments = {f"turns_of_{pair}" for pair in self._wound_pairs}
+        # `motion` lists the arguments that are neither sizes nor signs of an assembly mode.
+        # Their names begin with "q", "dq" or "ddq" for inputs, rates and accelerations.
         unknown_arguments: list[str] = []
         for argument in page_formulas.motion:
             kind, *_ = argument.name.split("_")
@@ -217,10 +250,12 @@ class PageMaker:
         return page_formulas
 
     def _check_smooth_curves(self, page_formulas: Formulas) -> None:
-        """Refuse a mechanism whose modes cross and are followed by Newton's steps.
+        """Raise an error if Newton's method would have to pass crossings of assembly modes.
 
-        Formulas of positions without a closed form compute one step of Newton's method
-        (`Formulas.step`). The web page repeats this step along each assembly mode.
+        At a crossing two configuration curves meet, and an assembly mode can follow its own
+        smooth curve through it. This needs a closed form of the positions. Without one,
+        the formulas compute one step of Newton's method (`Formulas.step`). The web page
+        repeats this step along each assembly mode and cannot pass a crossing.
 
         Parameters
         ----------
@@ -248,15 +283,22 @@ class PageMaker:
     def _make_row_formulas(self) -> Formulas:
         """Return the formulas that are evaluated at every sample of every mode.
 
-        Two kinds of quantities are added to those that are needed or shown. By angular
-        velocities the page finds the signs of poles. If positions have a closed form, there
-        is also a number for each dyad that is negative if its loop does not close.
+        Two kinds of quantities are added to those that are needed or shown:
+
+        - Angular velocities of links. The page finds from them in which of its two
+          directions a pole axis (the axis of the rotation of two links relative to each
+          other) continues from sample to sample.
+        - If positions have a closed form, a number for each dyad (two links between two
+          known axes) that is negative if its loop does not close.
         """
         needed_names = self._page_quantities.needed_names(self._wound_pairs)
         row_formulas = self._make_formulas_with_torques(needed_names)
         sign_velocities = self._page_quantities.sign_velocities(row_formulas.results)
         added_names = [name for name in sign_velocities if name not in row_formulas.results]
-        if not row_formulas.step:
+        # A step of Newton's method is only there if positions have no closed form. In
+        # closed form `places` are the signs of the dyads, which select the assembly mode.
+        has_closed_form = not row_formulas.step
+        if has_closed_form:
             dyad_count = len(row_formulas.places)
             added_names += [f"{CLOSURE_PREFIX}{dyad + 1}" for dyad in range(dyad_count)]
         if not added_names:
@@ -266,8 +308,9 @@ class PageMaker:
     def _make_formulas_with_torques(self, needed_names: Sequence[str]) -> Formulas:
         """Return the formulas of needed and requested quantities.
 
-        By default driving torques are included. If they cannot be written, they are left
-        out with a note.
+        If the user requested no quantities, these are the default ones with driving
+        torques. If torques cannot be written, they are left out with a note. An example is
+        friction that depends on the reactions of pairs, which the formulas do not have.
 
         Parameters
         ----------
@@ -277,6 +320,7 @@ class PageMaker:
         if self._requested_quantities is not None:
             return self._make_formulas([*self._requested_quantities, *needed_names])
         try:
+            # The text ends the message "... the reaction of pair 41, which ...".
             check_no_reaction_friction(self._mechanism, "a page does not solve for")
             names = self._page_quantities.default_names(with_torques=True)
             return self._make_formulas([*names, *needed_names])
@@ -294,10 +338,12 @@ class PageMaker:
 
         A note is added for each size that cannot have a slider.
         """
+        # Axes that the file states by two other directions have no number to vary.
         keys = self._omit_axes_by_directions(default_size_keys(self._mechanism))
         if not self._mechanism.has_contacts:
             return keys
-        # With contacts some sizes cannot be arguments of formulas, so each is tried.
+        # With contacts some sizes cannot be arguments of formulas, so formulas are made
+        # with each of them. Whether this works does not depend on the quantity.
         any_quantity = next(iter(self._page_quantities.unit_by_name))
         variable_keys: list[str] = []
         for key in keys:
@@ -476,9 +522,9 @@ class PageMaker:
         Parameters
         ----------
         model
-            The description of the mechanism.
+            The description of the mechanism that the scripts of the page read.
         kernels
-            The kernels in JavaScript.
+            JavaScript functions that compute positions and quantities of the mechanism.
         """
         mechanism = self._mechanism
         citation = mechanism.source.citation if mechanism.source else ""
@@ -487,6 +533,7 @@ class PageMaker:
             citation=html_text(citation),
             version=__version__,
             css=_read_part("parts/uplot.css") + _read_part("page.css"),
+            # An entry of the legend.
             limit_key=JOINT_LIMIT_KEY if mechanism.joint_limits else "",
             uplot=_read_part("parts/uplot.js"),
             model=json_text(model),
@@ -503,7 +550,10 @@ def _read_part(name: str) -> str:
 def _write_kernels(formulas_by_kernel: Mapping[str, Formulas]) -> str:
     """Return the functions of formulas as a JavaScript object.
 
-    Each kernel has a scope of its own, since the kernels have the same names of functions.
+    A kernel has a description of the formulas (`about`), the function that computes their
+    results (`at`), and one that takes a step of Newton's method towards a configuration
+    (`step`, null if positions have a closed form). Each kernel has a scope of its own,
+    since the kernels have the same names of functions.
 
     Parameters
     ----------
@@ -514,6 +564,7 @@ def _write_kernels(formulas_by_kernel: Mapping[str, Formulas]) -> str:
     for kernel, kernel_formulas in formulas_by_kernel.items():
         # A page is no module, and exports nothing.
         text = re.sub(r"^export ", "", source(kernel_formulas, "js"), flags=re.M)
+        # The name of the function of results; the others begin with it.
         (name,) = re.findall(r"^const (\w+)_about\b", text, re.M)
         step = f"{name}_step" if kernel_formulas.step else "null"
         parts.append(

@@ -46,10 +46,11 @@ def input_facts(mechanism: Mechanism, driven: Input) -> Facts:
 
 
 def link_facts(mechanism: Mechanism, link: str) -> Facts:
-    """Return the pairs of a link, and its contact profiles as points in link axes.
+    """Return the R pairs of a link, and its contact profiles as points in link axes.
 
-    A circular profile also has its centre and radius, by which the page draws the circle.
-    Only pairs with contacts have profiles: the curves on both links that touch each other.
+    Contacts have profiles: the curves on both links that touch each other. A circular
+    profile also has its centre and radius. If it rolls, the page draws it as a wheel.
+    Profiles of other shapes have no radius and are drawn as curves.
     """
     profiles: list[Facts] = []
     joints = make_joints(mechanism)
@@ -71,7 +72,8 @@ def link_facts(mechanism: Mechanism, link: str) -> Facts:
                 "rolls": pair.rolls and profile.radius is not None,
             }
         )
-    pairs_with_axis = [*link_axes(mechanism)[link]]
+    # `link_axes` maps each link to the axes of its R pairs by the name of the pair.
+    pairs_with_axis = list(link_axes(mechanism)[link])
     return {"name": link, "pairs": pairs_with_axis, "profiles": profiles}
 
 
@@ -92,7 +94,8 @@ def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
     """Return the label and scale of a quantity that has a curve.
 
     The label is made from the name: ``velocity_coefficient_4_1``, for example, becomes
-    "velocity coefficient 4/1".
+    "velocity coefficient 4/1". The scale is a typical value of quantities with this unit.
+    The page draws changes that are far smaller, such as rounding, as a level line.
 
     Parameters
     ----------
@@ -101,6 +104,7 @@ def quantity_facts(mechanism: Mechanism, name: str, unit: str) -> Facts:
     name, unit
         Name and unit of the quantity.
     """
+    # dB/dq is the derivative of the equivalent inertia B by the input.
     label = name.replace("dB_dq", "dB/dq").replace("_", " ")
     # Names of links may contain underscores, so each two links are tried.
     for a, b in permutations(mechanism.links, 2):
@@ -130,16 +134,27 @@ def natural_scale(mechanism: Mechanism, unit: str) -> float:
 
 
 def plan_facts(pole_plan: Plan, suffix: str) -> Facts:
-    """Return the pole table of a plan and the steps of the plan for a page.
+    """Return the table of poles, and the steps of their construction, for a page.
 
-    Poles are given by the names of their two links.
+    A pole is the axis about which two bodies rotate relative to each other. A body is one
+    link, or several links that locked inputs hold together. The dictionary has these keys:
+
+    - ``moves``: the pair of the input that moves.
+    - ``end``: the parameter `suffix`.
+    - ``titles``, ``bodies``: for each body the names of all its links, joined by plus
+      signs, and the name of its first link.
+    - ``cells``: the table with a row and a column for each body.
+    - ``labels``: the short name of each pole, such as ``P31``, by the names of its two
+      bodies, such as ``"3,1"``.
+    - ``steps``: the steps of the construction.
 
     Parameters
     ----------
     pole_plan
         The plan by which poles are constructed while one input moves.
     suffix
-        The text that ends the names of quantities while this input moves.
+        The end of the names of quantities while this input moves, such as ``_by_41``. It is
+        empty if there is one input only.
     """
     mechanism = pole_plan.mechanism
     bodies = pole_plan.bodies
@@ -169,11 +184,20 @@ def _pole_links(pole_plan: Plan, pole: Pole) -> list[str]:
 
 
 def _step_facts(pole_plan: Plan, step: Step) -> Iterator[Facts]:
-    """Yield the text of a step, its poles, and the great circles on which they are.
+    """Yield descriptions of a step in the construction of pole axes.
 
-    A great circle is given by the poles of both links relative to a third link. For an
-    irreducible part, the poles that velocity equations give come first, and then the steps
-    of the passes that construct the others.
+    A pole P_ij is the axis of the relative rotation of the bodies i and j. It lies on the
+    great circle through P_ik and P_jk for each third body k, and on the contact plane of a
+    sliding contact between i and j. A description has these keys:
+
+    - ``text``: the step in words.
+    - ``lines``: for each great circle the two poles through which it passes.
+    - ``contacts``: names of the sliding contacts whose planes are used.
+    - ``poles``: the poles that the step gives.
+
+    A pole is a list of two names of links. If great circles cannot determine the poles of
+    a part of the mechanism one by one (`BlockPoles`), a first description has the poles
+    that velocity equations give. The steps that construct its other poles follow.
     """
     description, *_ = describe(pole_plan, step).split("\n")  # the first line
     lines: Sequence[list[list[str]]] = []

@@ -107,10 +107,13 @@ class PageQuantities:
 
     @cached_property
     def output_paths(self) -> list[OutputPath]:
-        """The paths that are drawn: directions of outputs, and axes of output links.
+        """The paths on the sphere that are drawn for the outputs.
 
-        An output link without a direction has the axes of its pairs that are not at the
-        ground.
+        The path of an output is that of the direction that it declares. The page draws in
+        ground axes, and the components of this direction are in the axes of the link from
+        which the output is seen. If that link is not the ground, or no direction is
+        declared, the axes of the output link's pairs are drawn instead. Axes of pairs at
+        the ground do not move and are left out.
         """
         mechanism = self._mechanism
         paths: list[OutputPath] = []
@@ -173,7 +176,7 @@ class PageQuantities:
         rotation, the pole axis. If no pair joins the links, this axis has no sense of its
         own. The page continues its sense from sample to sample. To do so, it needs the
         direction of the relative angular velocity: the difference of the angular velocities
-        of both links. The ground has none.
+        of both links. The ground has no angular velocity.
 
         Parameters
         ----------

@@ -63,7 +63,10 @@ class SliderRange:
 def slider_range(
     document: Document, mechanism: Mechanism, variable: DesignVariable
 ) -> SliderRange:
-    """Compute the range of a slider, so that the file can be read with its numbers.
+    """Compute the range of a slider.
+
+    The page can save the mechanism file with the number that the slider has. The range has
+    only numbers with which this file can be read again.
 
     Parameters
     ----------
@@ -87,7 +90,8 @@ def slider_range(
     )
     # A power of ten that divides the range of the slider into 100 steps or more.
     step = float(10.0 ** np.floor(np.log10(half_range / 50.0)))
-    # Numbers may be typed over a wider range than the slider has.
+    # Numbers may be typed over a wider range than the slider has. The format has limits for
+    # angles only, in degrees.
     least = value - TYPED_TO_SLIDER_RATIO * half_range
     most = value + TYPED_TO_SLIDER_RATIO * half_range
     limits = _find_format_limits(mechanism, variable)
@@ -116,20 +120,23 @@ def _find_format_limits(
     Returns
     -------
     The smallest and the largest angle (deg), infinite if there is no limit. None if the
-    limits are not known beforehand, so that numbers have to be tried: if the variable is
-    not a size of an R pair or an output, or the mechanism has contacts, which may not exist
-    for all angles.
+    limits are not known beforehand, so that numbers have to be tried. This is so if the
+    variable is not an angle of a link, pair or output, or the mechanism has contacts, which
+    may not exist for all angles.
     """
     if variable.slot is None or mechanism.has_contacts:
         return None
-    # The slot has the kind of the size and its location, such as ("arcs", (link, pair)).
-    # The location of an output's size is (output, 0 for a longitude or 1 for a latitude).
+    # A size has two locations. The slot is that in the mechanism: the kind of the size and
+    # its owner, such as ("arcs", (link, pair)). The owner of an output's size is (output, 0
+    # for a longitude or 1 for a latitude). The path is that in the file: a table and keys.
     size_kind, size_owner = variable.slot
     if size_kind == "latitudes" or (variable.path[0] == "outputs" and size_owner[1] == 1):
         return -90.0, 90.0
     geometry = mechanism.geometry
     if isinstance(geometry, SizeGeometry) and size_kind == "arcs":
-        return (-np.inf, np.inf) if geometry.links[size_owner[0]].signed else (0.0, 180.0)
+        # The arcs of a link may be negative if the file declares them as signed.
+        has_signed_arcs = geometry.links[size_owner[0]].signed
+        return (-np.inf, np.inf) if has_signed_arcs else (0.0, 180.0)
     return -np.inf, np.inf
 
 
