@@ -59,10 +59,11 @@ NO_MODE = -1
 
 @dataclass(frozen=True)
 class TrackedModes:
-    """The assembly modes of many designs, sorted by design and then by first sample.
+    """The assembly modes of many designs at the same samples of the inputs.
 
     An assembly mode is one of the ways to assemble a mechanism at given inputs. It has at
-    most one configuration at each sample of the inputs.
+    most one configuration at each sample. The modes are sorted by design. Those of one
+    design are sorted by the first sample at which they have a configuration.
 
     Attributes
     ----------
@@ -77,8 +78,8 @@ class TrackedModes:
         "+" or "-" for dyads (two links and three R pairs), "~" for larger groups. An
         example is "0 +~".
     lost_designs
-        (lost,) indices of the designs of which a solution could not be followed from sample
-        to sample. They have no modes.
+        (lost,) indices of the designs without modes: a solution of the closure equations
+        was lost on the way from sample to sample, so that a mode could be missing.
     """
 
     design: Indices
@@ -139,7 +140,7 @@ def track_assembly_modes(
         neighbours = np.sort(neighbours[neighbours >= 0])[::-1].tolist()
 
         if neighbours:
-            solutions = tracker.track_solutions(
+            solutions = tracker.track_to_inputs(
                 solutions_at[neighbours[0]],
                 start_sizes=tracker.sizes,
                 start_inputs=inputs[neighbours[0]],
@@ -147,7 +148,7 @@ def track_assembly_modes(
             )
         else:
             # At the first sample all designs start from the solutions of the start design.
-            solutions = tracker.track_solutions(
+            solutions = tracker.track_to_inputs(
                 np.tile(start_solutions.values, (1, design_count)),
                 start_sizes=np.broadcast_to(
                     start_solutions.sizes[:, None], tracker.sizes.shape
@@ -305,15 +306,16 @@ class _SolutionTracker:
         self.sizes = np.repeat(sizes, solutions_per_design, axis=1)
         self.is_lost = np.zeros(sizes.shape[1], bool)
 
-    def track_solutions(
+    def track_to_inputs(
         self, start: Array, start_sizes: Floats, start_inputs: Array, end_inputs: Array
     ) -> Array:
         """Track all solutions to the sizes of their designs and to other inputs.
 
         A solution solves the closure equations for the pair variables at given inputs. Its
         variables may be complex. It is tracked by changing sizes and inputs step by step,
-        each step corrected by Newton's method. Paths of several shapes through complex
-        inputs are tried, one after the other. A design is lost if on none of them all its
+        each step corrected by Newton's method. This is done by the function
+        `track_solutions`. Paths of several shapes through complex inputs (`DETOUR_RATIOS`)
+        are tried, one after the other. A design is lost if on none of them all its
         solutions arrive at distinct ends. It is then marked in `is_lost`.
 
         Parameters
@@ -350,13 +352,16 @@ class _SolutionTracker:
                 detour=detour,
             )
             solutions[:, columns] = np.where(arrived, ends, np.nan)
-            self._make_real(solutions, columns)
+            # Rounding leaves small imaginary parts in real solutions. They are set to zero
+            # in place.
+            self._remove_imaginary_rounding(solutions, columns)
+            # A design with a NaN, where a path did not arrive, counts as not distinct.
             incomplete &= ~are_distinct(self._by_design(solutions))
         self.is_lost |= incomplete
         solutions[:, np.repeat(self.is_lost, self.solutions_per_design)] = np.nan
         return solutions
 
-    def _make_real(self, solutions: Array, columns: Indices) -> None:
+    def _remove_imaginary_rounding(self, solutions: Array, columns: Indices) -> None:
         """Remove the imaginary part of solutions that are real up to rounding.
 
         A solution with a small imaginary part is real if Newton's method, started from its

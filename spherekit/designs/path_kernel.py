@@ -237,21 +237,28 @@ class PathKernel:
 
         # The changes of all variables that close the loops to first order.
         change = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
-        # The angle of a gear that the inputs drive is a function of the inputs. Its change
-        # leads to the value of this function. Other variables are their own symbols.
+        # In `expressions.variables`, most variables are their own symbols. The angle of a
+        # gear that the inputs drive is an expression of the inputs instead. The step of
+        # such an angle leads directly to the value of this expression.
         for variable, angle in enumerate(expressions.variables):
-            if angle is not variable_symbols[variable]:
+            is_driven_gear = angle is not variable_symbols[variable]
+            if is_driven_gear:
                 change[variable] = angle - variable_symbols[variable]
 
+        # `scale` is the determinant of the linearised equations. Path tracking watches its
+        # sign, which changes where two assembly modes meet.
+        outputs = [
+            *change,
+            coordinate_rates.scale,
+            coordinate_rates.closure_residual_square,
+        ]
+        # The symbols whose values change along a path: the pair variables, and numbers
+        # (tangent, point, curvature) at the contact points of profiles that are no circles.
+        moving = [*variable_symbols, *expressions.profile_symbols]
         # Parts of the expressions that depend on the sizes alone are computed once for each
         # design, by the function `prepare`. `prepared` has the expression of each such part
-        # by the symbol that replaces it. The scale of the rates is the determinant of the
-        # equations.
-        moving = [*variable_symbols, *expressions.profile_symbols]
-        self._outputs, prepared = separate_constant_parts(
-            [*change, coordinate_rates.scale, coordinate_rates.closure_residual_square],
-            moving,
-        )
+        # by the symbol that replaces it.
+        self._outputs, prepared = separate_constant_parts(outputs, moving)
         self._arguments = [*moving, *prepared]
         self.prepare = expression_function(
             [*prepared.values()], expressions.size_symbols, self.compiled
@@ -319,16 +326,18 @@ class PathKernel:
             (variables, n) pair variables (rad) before the step. They are complex if all
             complex solutions of the equations are tracked from one design to another.
         numbers
-            (k, n) the other numbers in the equations, which are real: the values of
-            ``expressions.profile_symbols`` at the configurations, if the mechanism has
-            profiles, followed by what `prepare` returns for the designs.
+            (k, n) the other numbers in the equations, which are real. First come the
+            columns (tangent, point, curvature) of contact profiles at the configurations,
+            if profiles are not circles. The parts of the equations that depend on the sizes
+            of the designs alone follow; the function `prepare` computes them.
 
         Returns
         -------
         The changes of the variables, the determinant of the closure equations, and their
         squared residual before the step.
         """
-        # The complex function has two arguments, because only the first one is complex.
+        # The complex function takes `values` and `numbers` apart, because only the values
+        # are complex. The real function takes one array.
         if np.iscomplexobj(values):
             outputs = self._evaluate_complex(values, numbers)
         else:

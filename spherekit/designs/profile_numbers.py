@@ -105,10 +105,12 @@ class DesignProfiles:
     def interpolate_to(self, deviations: Floats) -> ProfileColumns:
         """Return a function that gives the profiles between this design and others.
 
-        The other designs differ by deviations (draws). Configurations are tracked along a
-        path from this design to each of them. The nine columns of a contact profile are the
-        tangent (3), the point (3), the geodesic curvature and its first two derivatives.
-        Along a path they are interpolated between those of both designs.
+        The other designs are the draws of a tolerance analysis: each has one set of
+        deviations from this design. From every nominal configuration, a path leads to each
+        draw. Newton's method tracks the configuration along it. The nine columns of a
+        contact profile are the tangent (3), the point (3), the geodesic curvature and its
+        first two derivatives. Along a path they are interpolated between those of both
+        designs.
 
         Parameters
         ----------
@@ -118,24 +120,43 @@ class DesignProfiles:
         Returns
         -------
         A function of pair variables (variables, m) in rad, numbers (m,) of the paths, and
-        path parameters (m,), which are 0 at this design and 1 at the other one. It returns
-        the columns (9 profiles, m). Path k leads to draw k, modulo the number of draws.
+        path parameters (m,), which are 0 at this design and 1 at the draw. It returns the
+        columns (9 profiles, m). Several paths can lead to the same draw: path k leads to
+        draw k modulo the number of draws. The second derivatives of the curvature are NaN,
+        because the closure equations do not depend on them.
         """
         profiles_of_draw = [
             self._deviating_profiles(self.values + deviation) for deviation in deviations.T
         ]
 
         def evaluate(values: Floats, paths: Indices, parameters: Floats) -> Floats:
-            """Return the columns (9 profiles, m) at m points of paths.
+            """Return the columns of all profiles at m points of paths between designs.
 
-            They are NaN if the design at the end of a path is impossible. The second
-            derivatives of the curvature are not computed and always NaN.
+            A path leads from the nominal design to a draw, which is a design with
+            deviations. The profiles of both designs are evaluated at the same pair
+            variables, and their columns are interpolated by the path parameter.
+
+            Parameters
+            ----------
+            values
+                (variables, m) pair variables (rad) of the points.
+            paths
+                (m,) number of the path of each point. Paths lead from every nominal
+                configuration to every draw, and the draws alternate fastest.
+            parameters
+                (m,) path parameter of each point: 0 at the nominal design, 1 at the draw.
+
+            Returns
+            -------
+            (9 profiles, m) columns: tangent (3), point (3), geodesic curvature and its two
+            derivatives. They are NaN if the draw is an impossible design. The second
+            derivative is not needed for closing the loops, and is always NaN.
             """
             columns = nans((COLUMN_COUNT * len(self.profiles), len(paths)))
             draws = paths % len(profiles_of_draw)
 
-            # The columns at the ends of the paths. Points of the same draw are evaluated
-            # together.
+            # First the profiles of the draws are evaluated, at the variables of the points.
+            # Points of the same draw are evaluated together.
             order = np.argsort(draws, kind="stable")
             draw_starts = np.flatnonzero(np.diff(draws[order])) + 1
             for points in np.split(order, draw_starts):
@@ -171,7 +192,8 @@ class DesignProfiles:
 
         The nine columns of a profile are the tangent (3), the point (3), the geodesic
         curvature, and its first and second derivative by the arc length. The last one is
-        not differentiated.
+        not differentiated, because a quantity that depends on it has no derivatives by
+        sizes (`DesignExpressions.differentiate_by_sizes` refuses it).
 
         Parameters
         ----------
@@ -193,12 +215,14 @@ class DesignProfiles:
         # (profiles, 8, n) derivatives by the arc length.
         arc_length_slopes = _differentiate_by_arc_length(self.evaluate_columns(values))
         for k, curve_derivatives in enumerate(self._curve_derivatives):
-            # Design variable k changes the curve of a profile,
+            # Design variable k changes the curves of some profiles. A point of a profile is
+            # at the arc length `profile.start` plus the pair variable.
             for index, curve_derivative in curve_derivatives.items():
                 profile = self.profiles[index]
                 arc_lengths = values[:, profile.variable] + profile.start
                 slopes[k, index] = curve_derivative(arc_lengths)
-            # and the arc length at which the contact starts.
+            # Profiles that roll on each other start where they are nearest in the reference
+            # pose. If a curve changes, this start moves along the curve.
             for index, start_rate in self._start_rates(curve_derivatives).items():
                 slopes[k, index] += start_rate * arc_length_slopes[index]
         # The axes of profiles and columns become one.
@@ -242,8 +266,9 @@ class DesignProfiles:
         """For each design variable, the derivatives of the profiles that change with it.
 
         An entry of the list maps the index of a profile to its derivative. The derivatives
-        of the numbers that define a profile (such as its radius) are difference quotients.
-        The derivative of the curve follows from them exactly.
+        of the numbers that define a profile (such as its radius) by the variable are
+        difference quotients: the numbers are read from the file of a changed design. The
+        derivative of the curve by these numbers is exact.
 
         Raises
         ------
@@ -256,8 +281,12 @@ class DesignProfiles:
         derivatives: list[dict[int, CurveDerivative]] = []
         for k, variable in enumerate(self.variables):
             derivatives.append({})
-            # Sizes of links (which have a slot), masses and loads change no profile.
-            if variable.slot is not None or variable.path[0] in ACTIONS:
+            # Sizes of links and R pairs change no profile. They are arguments of compiled
+            # functions, and `slot` says which; it is None for other numbers.
+            is_pair_size = variable.slot is not None
+            # `path[0]` is the table of the file in which the number is.
+            is_mass_or_load = variable.path[0] in ACTIONS
+            if is_pair_size or is_mass_or_load:
                 continue
             slopes = differentiate_by_variable(
                 self._all_profile_numbers, self.values, k, PROFILE_DIFFERENCE_STEPS
@@ -269,6 +298,8 @@ class DesignProfiles:
                 )
             for index, profile_slopes in enumerate(np.split(slopes, ends[:-1])):
                 if np.any(profile_slopes):
+                    # The second curve of an external contact is run against the direction
+                    # in which the file describes it.
                     profile, runs_backwards = profiles[index]
                     derivatives[-1][index] = differentiate_profile(
                         profile, runs_backwards, profile_slopes
@@ -355,10 +386,13 @@ def differentiate_profile(
             closed=profile.closed,
             backwards=runs_backwards,
         )
+    # In the other curves, the angle from the centre is a Fourier series of the azimuth.
     # `differentiate_fourier` takes pairs of a number or array and its derivative.
     centre = np.array(profile.centre), slopes[:3]
-    if profile.round_axis is not None:
-        # A circle without a radius is a great circle.
+    is_circle = profile.round_axis is not None
+    if is_circle:
+        # The series of a circle has one constant coefficient, the radius. A circle for
+        # which the file gives no radius is a great circle, and its radius cannot vary.
         radius = 0.5 * np.pi
         radius_slope = 0.0
         if profile.radius is not None:

@@ -116,10 +116,10 @@ class Sensitivity:
         self.inputs = mechanism.input_pairs
         self.document = document_of(mechanism, "rad")
         # Arcs and angles of links by key, if the file states a reference pose instead.
-        self._pose_sizes = link_sizes(mechanism)
+        self._link_sizes = link_sizes(mechanism)
         self.keys = (
             tuple(keys)
-            or tuple(self._pose_sizes)
+            or tuple(self._link_sizes)
             or default_size_keys(mechanism)
             or self._profile_keys()
         )
@@ -134,7 +134,7 @@ class Sensitivity:
         check_variables(self.document, self.variables)
         # (sizes,) whether the variable is a number of a mass or load. `path[0]` is the
         # table of the file in which the number is.
-        self._is_action = np.array(
+        self._is_mass_or_load = np.array(
             [variable.path[0] in ACTIONS for variable in self.variables]
         )
         self.quantities = tuple(quantities) or default_quantities(mechanism)
@@ -187,21 +187,24 @@ class Sensitivity:
         DesignError
             If there are no derivatives by this number.
         """
-        if key in self._pose_sizes:
-            return self._pose_sizes[key]
+        # Arcs and angles of links that follow from the axes of a reference pose.
+        if key in self._link_sizes:
+            return self._link_sizes[key]
         variable = design_variable(self.document, key)
-        # `path[0]` is the table of the file, here that of masses or that of loads.
-        if variable.path[0] in ACTIONS:
+        # `path[0]` is the table of the file in which the number is.
+        is_mass_or_load = variable.path[0] in ACTIONS
+        if is_mass_or_load:
             return variable
-        # Numbers of a contact: any shape has derivatives by the numbers of its profiles.
-        # Contacts of circles can be replaced by links, whose sizes follow from all numbers
-        # of the contact.
+        # Contacts whose profiles are not circles have derivatives by the numbers of the
+        # profiles only. Contacts of circles can be replaced by links, and the sizes of
+        # these follow from all numbers of the contact.
         if has_shaped_profiles(self.mechanism):
             is_in_contact = "profiles" in variable.path
         else:
             is_in_contact = self._equivalent_linkage is not None
         is_contact_number = variable.path[0] == "pairs" and is_in_contact
-        # `slot` is the size (arc, angle, zero or axis) that the number is, None for others.
+        # `slot` says which size of a link or R pair the number is: an arc, an angle, a zero
+        # position or a direction of an axis. It is None for other numbers.
         if variable.slot is None and not is_contact_number:
             raise DesignError(
                 f"{self.mechanism.name}: {key} is no size: derivatives are by arcs, "
@@ -220,9 +223,11 @@ class Sensitivity:
         """The mechanism with its sizes as variables, and its expressions.
 
         Contacts of circles can be replaced by links with R pairs between the centres of the
-        circles (the equivalent linkage). This is done if numbers of such contacts vary, or
-        if the equations of wheels that roll on each other depend on each other in a way for
-        which no expressions exist (`EngineError`).
+        circles (the equivalent linkage). This is done in two cases:
+
+        - Numbers of such contacts vary.
+        - The mechanism has wheels that roll on each other, and `make_expressions` raises
+          `EngineError`, because it has no expressions for these contacts.
 
         Returns
         -------
@@ -238,13 +243,15 @@ class Sensitivity:
         """
         # `slot` is the size of a link or R pair that a number is, None for other numbers.
         is_pair_size = np.array([variable.slot is not None for variable in self.variables])
-        # Only sizes of R pairs, masses and loads vary, but no numbers of contacts.
-        needs_no_linkage = np.all(is_pair_size | self._is_action)
-        if has_shaped_profiles(self.mechanism) or needs_no_linkage:
+        # Links replace contacts of circles only, and only if numbers of contacts vary.
+        no_contact_varies = np.all(is_pair_size | self._is_mass_or_load)
+        if has_shaped_profiles(self.mechanism) or no_contact_varies:
             varied_mechanism = VariedMechanism(
                 self.document, self.mechanism, self.variables, self.inputs
             )
             try:
+                # The arguments of the expressions are then all pair variables. In closed
+                # form they would be signs of groups of links instead.
                 expressions = varied_mechanism.make_expressions(closed_form=False)
             except EngineError:
                 # Wheels (a gear train) may have expressions as links instead.
@@ -253,6 +260,8 @@ class Sensitivity:
                     raise
             else:
                 return varied_mechanism, expressions
+        # If a size deviates, the wheels of the reference pose no longer touch exactly. They
+        # still count as rolling on each other if their gap is below `wheel_gap_rad`.
         varied_mechanism = VariedMechanism(
             self.document,
             self.mechanism,
@@ -267,7 +276,7 @@ class Sensitivity:
                 "mechanism: its profiles would not touch in the reference pose; vary "
                 "sizes of links"
             )
-        return varied_mechanism, varied_mechanism.make_expressions(False)
+        return varied_mechanism, varied_mechanism.make_expressions(closed_form=False)
 
     @property
     def _varied_mechanism(self) -> VariedMechanism:
@@ -303,25 +312,28 @@ class Sensitivity:
         )
 
     def deviating(self, size: float, singly: Mapping[str, float]) -> tuple[float, ...]:
-        """Return the deviation of each size: a common one, or its own.
+        """Return the deviation of each number by which derivatives are computed.
+
+        These numbers (`keys`) are sizes of links, pairs and profiles, and numbers of masses
+        and loads.
 
         Parameters
         ----------
         size
-            Deviation (rad) of all sizes that are not in `singly`. Masses and loads that are
-            not in `singly` do not deviate.
+            Common deviation (rad) of all sizes that are not in `singly`. Masses and loads
+            that are not in `singly` do not deviate.
         singly
-            Deviation of some sizes, by the key of the size in the file. It is in degrees
+            Individual deviations, by the key of the number in the file. They are in degrees
             for angles, otherwise in the unit of the number.
 
         Returns
         -------
-        (sizes,) deviations in rad and SI units.
+        (keys,) deviations in rad and SI units.
 
         Raises
         ------
         DesignError
-            If a key is not among the sizes.
+            If a key of `singly` is not among the numbers.
         """
         for key in singly:
             if key not in self.keys:
@@ -329,10 +341,12 @@ class Sensitivity:
                     f"{self.mechanism.name}: a deviation of {key}, by which nothing is "
                     f"asked{choices(key, self.keys, 'it is by')}"
                 )
-        deviations = np.where(self._is_action, 0.0, size)
+        deviations = np.where(self._is_mass_or_load, 0.0, size)
         for key, deviation in singly.items():
             index = self.keys.index(key)
-            is_angle = not self._is_action[index] or is_angle_of_load(self.document, key)
+            is_angle = not self._is_mass_or_load[index] or is_angle_of_load(
+                self.document, key
+            )
             deviations[index] = np.radians(deviation) if is_angle else deviation
         return tuple(deviations.tolist())
 
@@ -437,10 +451,13 @@ class Sensitivity:
         derivatives
             (sizes, quantities, n) in rad and SI units.
         """
+        # Loads can follow a table of torques over time. A time outside of the table is an
+        # error.
         if any(name.startswith(LOAD_DEPENDENT_PREFIXES) for name in self.quantities):
             check_torque_tables_cover(self.mechanism, samples[:, -1])
-        # The variables of the kernel are those of the linkage in which links replace
-        # contacts. The columns of profiles (curves of contacts) need the pair variables.
+        # `values` are the pair variables of the mechanism. The kernel (the function that
+        # evaluates the quantities) takes those of the linkage, if links replace contacts.
+        # Curves of contacts are evaluated at the pair variables of the mechanism.
         column_gradients = self._nominal_design.evaluate_gradients(
             self._gradient_kernel,
             samples.T,
@@ -463,7 +480,8 @@ class Sensitivity:
         values
             (n, variables) pair variables (rad) of the nominal mechanism.
         deviations
-            (sizes, draws) deviations of the sizes, in rad or the unit of the number.
+            (sizes, draws) deviations of the sizes. They are in rad for angles, otherwise in
+            the unit that the file has for the number.
 
         Returns
         -------
@@ -472,7 +490,9 @@ class Sensitivity:
         """
         draw_count = deviations.shape[1]
         design = self._nominal_design
-        # The sizes of each draw as the equations have them. Impossible draws have NaN.
+        # The equations take sizes that follow from the numbers of the file. They differ
+        # from these numbers if links replace contacts: they are then angles of these links.
+        # An impossible draw has NaN.
         sizes, _ = self._varied_mechanism.kernel_sizes(design.values[:, None] + deviations)
         # Contact profiles of the draws, if they are not circles.
         profiles = None
@@ -482,7 +502,8 @@ class Sensitivity:
         parts = []
         progress = ProgressReporter(f"{self.mechanism.name}: deviating mechanisms")
         for start in range(0, len(samples), block_size):
-            # `tell` calls the function at once, and only if it shows the text.
+            # `report_if_due` calls the function before it returns, and only for a report.
+            # The loop variable therefore still has its present value (B023).
             progress.report_if_due(
                 lambda: f"configuration {start + 1} of {len(samples)}"  # noqa: B023
             )

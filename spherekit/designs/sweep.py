@@ -205,21 +205,23 @@ class Sweep:
 
     @cached_property
     def evaluator(self) -> DesignEvaluator | DesignRuns:
-        """The object that computes the figures of merit; it is made once in a process.
+        """The object that computes the figures of merit.
 
-        It is a `DesignEvaluator`, which computes many designs at once, if all figures are
-        of quantities at samples. Otherwise it is a `DesignRuns`, which runs the analyses of
-        each design and reduces their tables. It uses a `DesignEvaluator` for figures that
-        need no table.
+        Without a study no design is run. The object is then a `DesignEvaluator`, which
+        computes figures of quantities at samples, for many designs at once. With a study it
+        is a `DesignRuns`, which runs the analyses of each design and reduces their tables.
+        It uses a `DesignEvaluator` for figures that need no table.
         """
         kernel_evaluator = None
-        # Without samples no figure is evaluated by a kernel.
+        # `samples` is None if no figure is computed from quantities at samples. A kernel is
+        # a function that evaluates such quantities for many designs at once.
         if self.samples is not None:
             merits = [merit for merit in self.merits if not merit.table]
             kernel_evaluator = DesignEvaluator(
                 self.document, self.mechanism, self.variables, merits, self.samples
             )
         if self.study is None:
+            # A sweep without a study has samples. Otherwise it would have no figures.
             assert kernel_evaluator is not None
             return kernel_evaluator
         return DesignRuns(
@@ -359,9 +361,13 @@ class Sweep:
         numbers = start + np.flatnonzero(meets_conditions)
         designs = designs[:, meets_conditions]
         evaluator = self.evaluator
+        # A `DesignEvaluator` computes the figures of all designs at once. It runs no
+        # analyses, so there are no tables to store.
         if not isinstance(evaluator, DesignRuns):
             return self._select_rows(self.tabulate_designs(designs, numbers))
-        # The first entry has no rows. It gives the columns if no design has a row.
+        # The analyses of each design are run. `_worth_running` skips a design if figures
+        # that need no run violate the conditions already. The first entry of the list has
+        # no rows; it gives the columns if no design has a row.
         no_rows = DesignTable.from_columns([], evaluator.names)
         columns_by_design = [self._as_columns(designs, numbers, no_rows)]
         for design_table, run_tables in evaluator.run_designs(designs, self._worth_running):
@@ -370,8 +376,8 @@ class Sweep:
             columns_by_design.append(columns)
             if store_table is not None and len(columns["design"]):
                 design_number = int(columns["design"][0])
-                for stem, table, data in run_tables:
-                    store_table(design_number, stem, table, data)
+                for table_name, table, data in run_tables:
+                    store_table(design_number, table_name, table, data)
         return {
             name: np.concatenate([columns[name] for columns in columns_by_design])
             for name in columns_by_design[0]
@@ -430,9 +436,13 @@ class Sweep:
         grashof_classes = self.evaluator.grashof_classes(row_designs)
         columns = {"design": numbers[design], **self._variable_columns(row_designs)}
         columns["mode"] = design_table.mode
+        # If the tables of the runs are stored (`tables`), the number of the assembly mode
+        # leads from a row of this table to the rows of those tables.
         if self.tables:
             columns[ASSEMBLY] = design_table.merits[ASSEMBLY]
         columns["status"] = design_table.status
+        # `closes` is the fraction of the samples at which the mechanism can be assembled,
+        # and `claim` is the guarantee that no assembly mode was missed.
         columns["closes"] = design_table.closes
         columns["claim"] = design_table.claim
         # A four-bar has a Grashof class: which of its links turn fully. Impossible designs
@@ -520,9 +530,13 @@ class Sweep:
         path = self.path_of(folder, number)
         if not path.exists():
             return []
+        # This note has the number of rows of each table of runs, by the table's name. Each
+        # such table has a folder with one file for each part.
         row_counts = self.notes_of_part(folder, number)[ROW_COUNTS_NOTE]
         tables_folder = Path(folder) / TABLES_FOLDER
-        paths = [path, *(tables_folder / stem / path.name for stem in row_counts)]
+        paths = [path]
+        for table_name in row_counts:
+            paths.append(tables_folder / table_name / path.name)
         return paths if all(part_file.exists() for part_file in paths) else []
 
     def notes_of_part(self, folder: AnyPath, number: int) -> Facts:

@@ -443,9 +443,10 @@ class _Progress:
     def _need_disk(self) -> None:
         """Raise `OutputError` if the disk has too little room for the missing parts.
 
-        A sweep evaluates many designs of a mechanism, in numbered parts. Only a sweep with
-        tables of runs is checked. The size of a missing part is estimated by the mean size
-        of the finished ones.
+        A sweep evaluates many designs of a mechanism, in numbered parts. Only a sweep that
+        stores the tables of all runs is checked; others only store the table of designs.
+        The size of a missing part is estimated by the mean size of the finished ones, of
+        which there must be at least one.
         """
         if self.sweep.tables:
             # All parts are as large as the finished ones on average.

@@ -217,7 +217,8 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
     optima = []
     for k, start in enumerate(descent_starts):
         optima.append(descent.descend(start.mode, start.x))
-        # `tell` calls the function at once, and only if it shows the text.
+        # `report_if_due` calls the function before it returns, and only for a report. The
+        # loop variable therefore still has its present value (B023).
         progress.report_if_due(
             lambda: f"{k + 1} of {counted(len(descent_starts), 'descent')}"  # noqa: B023
         )
@@ -254,7 +255,10 @@ def synthesize_dimensions(specification: Specification, starts: int = 12) -> Syn
 def _require_gradients(specification: Specification) -> DesignEvaluator:
     """Return the evaluator of the designs, if it has what a synthesis needs.
 
-    A synthesis follows the gradients of figures of merit by the numbers of the design.
+    A synthesis follows the gradients of figures of merit by the numbers of the design. They
+    are known if one function (kernel) evaluates all designs, or if contact profiles that
+    are not circles vary. There is no kernel if constraints repeat each other, or if the
+    closure equations of a group of links have too many bodies or complex solutions.
 
     Raises
     ------
@@ -324,7 +328,8 @@ def _explore_designs(
         rows_of_parts.append({name: values[best] for name, values in rows.items()})
         objectives_of_parts.append(objectives[best])
         design_count = min((number + 1) * sweep.part_size, sweep.space.count)
-        # `tell` calls the function at once, and only if it shows the text.
+        # `report_if_due` calls the function before it returns, and only for a report. The
+        # loop variable therefore still has its present value (B023).
         progress.report_if_due(lambda: f"{design_count} designs looked at")  # noqa: B023
     if not feasible_count:
         raise DesignError(
