@@ -68,22 +68,27 @@ class SynthesisMode:
     def position_arguments(self, design: DesignPoint, count: int = 1) -> Floats:
         """Return the numbers that determine the link positions of this mode in a design.
 
-        If all groups of links are dyads (two links and three R pairs), these are the signs
-        of the dyads. They choose between the two ways to assemble each dyad. Otherwise they
-        are the variables of all pairs. The known configurations of another design, the
-        origin, are then tracked while its sizes change to those of this design.
+        A configuration is computed for each sample of the input, and for each other input
+        at which a figure of merit is evaluated.
+
+        If all groups of links are dyads (two links and three R pairs), the numbers are the
+        signs of the dyads. They choose between the two ways to assemble each dyad.
+        Otherwise they are the variables of all pairs. The configurations of another design,
+        the origin, are then tracked by Newton's method in small steps, while its sizes
+        change to those of this design and the inputs stay the same.
 
         Parameters
         ----------
         design
             The design.
         count
-            Number n of configurations: samples, and input values of single figures.
+            Number n of configurations for which signs are repeated. Tracked configurations
+            are as many as those of the origin, whatever this number is.
 
         Returns
         -------
-        (w, n) signs of the dyads (1 or -1), or pair variables (rad), which are NaN where
-        the mechanism cannot be assembled or the tracking fails.
+        (dyads, n) signs of the dyads (1 or -1), or (variables, n) pair variables (rad).
+        These are NaN where the mechanism cannot be assembled or the tracking fails.
         """
         if self.origin is None:
             # The label has one letter, "+" or "-", for each dyad.
@@ -91,12 +96,16 @@ class SynthesisMode:
             return np.repeat(signs[:, None], count, axis=1)
         origin = self.origin.design
         configurations = self.origin.configurations
+        # Columns of NaN are inputs at which the origin cannot be assembled.
         closed_indices = np.flatnonzero(all_finite(configurations, 0))
+        # If contact profiles are not circles, they change gradually from those of the
+        # origin to those of this design.
         profiles = None
         if origin.profiles is not None:
             deviation = design.values - origin.values
             profiles = origin.profiles.interpolate_to(deviation[:, None])
-        # Only known configurations can be tracked. Their inputs are constant.
+        # The sizes may change much. Newton steps must then become shorter by a large
+        # factor (the contraction), or the path could jump to another mode.
         values, has_arrived = track_solutions(
             self.origin.path_kernel,
             start=configurations[:, closed_indices],
@@ -109,7 +118,11 @@ class SynthesisMode:
         return pair_variables
 
     def with_origin(self, design: DesignPoint) -> "SynthesisMode":
-        """Return the same mode, tracked from another design from now on."""
+        """Return the same mode, whose configurations are tracked from another design.
+
+        A mode that is identified by the signs of dyads is not tracked, and is returned
+        unchanged.
+        """
         if self.origin is None:
             return self
         origin = ModeOrigin(
@@ -120,16 +133,18 @@ class SynthesisMode:
     def continues_in(self, other_mode: "SynthesisMode") -> bool:
         """Return whether two modes of different designs are one mode.
 
-        Modes that are identified by the signs of dyads are compared by these signs.
-        Otherwise the configurations of this mode are tracked while the sizes change to the
-        design of the other mode. It is the same mode if the configurations then agree at
-        all samples where both modes have one. There must be such a sample.
+        Modes that are identified by the signs of dyads (two links and three R pairs) are
+        compared by these signs. Every other mode has an origin: a design, and the
+        configurations of the mode in it. The configurations of this mode are then tracked
+        from its own design to the design of the other mode. Both are the same mode if the
+        configurations agree there at all samples at which both exist. At least one such
+        sample is needed.
         """
         if other_mode.origin is None:
-            # Without an origin, the label is the signs of the dyads.
+            # The label of a mode without an origin consists of the signs of its dyads.
             return self.label == other_mode.label
         other_configurations = other_mode.origin.configurations
-        # For modes with an origin, the position arguments are all pair variables.
+        # (variables, n) pair variables of this mode, tracked to the design of the other.
         tracked_configurations = self.position_arguments(other_mode.origin.design)
         # Configurations that do not exist are NaN.
         both_exist = all_finite(tracked_configurations, 0) & all_finite(
@@ -146,7 +161,10 @@ def find_labelled_modes(
 ) -> list[SynthesisMode | None]:
     """Return the assembly mode of each design that has a given label.
 
-    An assembly mode is one of the ways to assemble the mechanism at given inputs.
+    An assembly mode is one of the ways to assemble the mechanism at given inputs. If all
+    groups of links are dyads (two links and three R pairs), a label consists of the signs
+    of the dyads, such as ``"+-"``. It then describes the mode completely, and nothing is
+    searched. Otherwise all modes of each design are searched with their configurations.
 
     Parameters
     ----------
@@ -160,9 +178,10 @@ def find_labelled_modes(
 
     Returns
     -------
-    The mode of each design, None if the design has no mode with its label.
+    The mode of each design. If modes are searched, it is None for a design without a mode
+    of this label. A mode given by signs is returned even if the design cannot be assembled
+    in it.
     """
-    # If all modes have signs, the label is the signs. Nothing needs to be searched.
     if not evaluator.has_unsigned_modes:
         return [SynthesisMode(label) for label in labels]
     # A design may occur several times, with different labels, but is searched once.
@@ -188,7 +207,8 @@ def find_all_modes(
     Parameters
     ----------
     evaluator
-        An evaluator whose modes have no signs, because some group of links is no dyad.
+        An evaluator whose modes are not identified by signs of dyads (two links and three R
+        pairs), because some group of links is larger, or a contact profile is no circle.
     designs
         (variables, n) values of the numbers in the mechanism file that differ from design
         to design, in the units of the file.
@@ -212,8 +232,10 @@ def find_all_modes(
     ) -> None:
         """Add a mode to those of the design with this index.
 
-        The configurations are (variables, samples + points of figures), in rad.
+        The configurations are (variables, n) pair variables in rad: at the samples of the
+        input, then at the other inputs at which figures of merit are evaluated.
         """
+        # The kernel has the closure equations, by which modes are tracked later.
         origin = ModeOrigin(evaluator.path_kernel, design, configurations)
         modes_of_design[index].append(SynthesisMode(label, origin))
 
@@ -224,6 +246,7 @@ def find_all_modes(
             assert design.profiles is not None
             with suppress(SpherekitError):
                 motion = evaluator.analyse_positions(design.profiles.mechanism)
+                # `values` are (variables, n, modes).
                 for k, mode in enumerate(motion.position_analysis.assembly_modes):
                     label = f"{mode.number} {mode.label}"
                     append_mode(index, label, design, motion.values[:, :, k])

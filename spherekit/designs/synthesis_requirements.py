@@ -130,7 +130,10 @@ class Specification:
     def score_mode(self, designs: Floats, mode: str) -> ModeScores:
         """Return objectives of designs in one assembly mode, and violated conditions.
 
-        An assembly mode is one of the ways to assemble the mechanism.
+        An assembly mode is one of the ways to assemble the mechanism. A condition is an
+        inequality ``less < more`` of the user. It is violated by the amount less - more.
+        The amounts of all conditions are added although their units may differ. Their sum
+        is 0 if no condition is violated.
 
         Parameters
         ----------
@@ -143,11 +146,13 @@ class Specification:
         -------
         The scores of the designs that have this mode and finite objectives.
         """
+        # The table has a row for each mode of each design. Only the rows with finite
+        # objectives are selected.
         rows, objectives = self.select_rows(self._tabulate(designs))
         has_mode = rows["mode"] == mode
         violations = np.zeros(len(objectives))
         for condition in self.sweep.conditions:
-            # The condition is less < more. It is not met if a side is NaN.
+            # A condition with NaN on one side is not met: its violation is infinite.
             less, more = condition.evaluate_sides(rows)
             excess = np.nan_to_num(less - more, nan=np.inf)
             violations += np.maximum(excess, 0.0)
@@ -291,7 +296,8 @@ def evolve_fronts(
         designs. Coordinates 0 and 1 are the ends of the range of a design variable. pymoo
         then reads the objectives from ``out["F"]`` and the violations of constraints from
         ``out["G"]``. Designs that do not have the assembly mode (way to assemble the
-        mechanism) get large numbers. `low` and `high` are the ends of the ranges.
+        mechanism) get large objectives and a large violation, so that all others are
+        preferred. `low` and `high` are the ends of the ranges.
         """
 
         def __init__(self, mode: str) -> None:
@@ -308,7 +314,7 @@ def evolve_fronts(
             out["G"] = np.full((len(x), 1), MISSING_DESIGN_VIOLATION)
             out["F"][scores.design] = scores.objectives
             out["G"][scores.design, 0] = scores.violations
-            # `tell` calls the function only if it shows the text.
+            # The lambda makes the text. It is called only if a report is due.
             progress.report_if_due(lambda: f"front of mode {self.mode}")
 
     # The evolution evaluates about as many designs as the sweep before.

@@ -328,9 +328,12 @@ class VariedMechanism:
     def _output_directions(self) -> dict[str, str | Exprs]:
         """Return the directions of outputs that may differ between designs, by output.
 
-        An output can point along the axis of a pair, whose direction in the link may follow
-        sizes that vary. The direction is then the name of this pair. If the longitude or
-        latitude of an output varies, its direction is an expression (3,) in link axes.
+        An output is a direction fixed in a link. There are two kinds that may differ:
+
+        - An output can point along the axis of a pair. If sizes of the link vary, this axis
+          may have another direction in the link. The entry is the name of the pair.
+        - The longitude or latitude of an output can be a design variable. The entry is a
+          unit vector (3,) in link axes, as an expression of the design variables.
         """
         outputs = self.document.data.get("outputs", {})
         directions: dict[str, Any] = {
@@ -340,8 +343,9 @@ class VariedMechanism:
         # varies is a symbol, the other one a number.
         angles_by_output: dict[str, list[Any]] = {}
         for variable in self.variables:
-            # `slot` is the kind and location of a size. The location of an angle of an
-            # output is the output, and 0 for its longitude or 1 for its latitude.
+            # `slot` is the kind and location of a size, or None. Angles of outputs are of
+            # the kind `POINTED`. Their location is the name of the output, and 0 for its
+            # longitude or 1 for its latitude.
             kind, location = variable.slot or ("", None)
             if location is not None and kind == POINTED:
                 output, index = location
@@ -378,14 +382,17 @@ class VariedMechanism:
             (sizes, n) sizes in rad and SI units. The numbers that are read from a file are
             NaN for impossible designs.
         reasons
-            (n,) `OK`, or the text why the design is impossible. It is `OTHER_FORM` for a
-            design that may be possible, but to which the kernel does not apply: its loads
-            or contacts have another form, or numbers differ that count as constant.
+            (n,) `OK`, or the message of the error why the design is impossible. The message
+            is `OTHER_FORM` for a design that may be possible, but to which the kernel does
+            not apply. There are two causes: The number or the kinds of its loads or
+            contacts differ from those in the file. Or a number differs that was the same in
+            all trial designs, and is therefore a constant of the kernel.
         """
         numbers = nans((len(self.varied_numbers), values.shape[1]))
         reasons = np.full(values.shape[1], OK, dtype=object)
         if self._reads_files:
             for k, design in enumerate(values.T):
+                # The error of an impossible design has the reason as its message.
                 try:
                     numbers[:, k] = self._read_varied_numbers(design)
                 except SpherekitError as problem:
@@ -398,7 +405,9 @@ class VariedMechanism:
     ) -> DesignPoint | None:
         """Return the sizes of a design and their derivatives, as kernels need them.
 
-        A kernel is a function that computes quantities of many designs at once.
+        A kernel is a function that computes quantities of many designs at once. Its
+        arguments are the sizes: first the design variables that are angles of links or
+        outputs, then the numbers of contacts, masses and loads that follow the variables.
 
         Parameters
         ----------
@@ -415,17 +424,19 @@ class VariedMechanism:
         sizes, reasons = self.kernel_sizes(values[:, None])
         if reasons[0] != OK:
             return None
-        # Derivatives, by each variable, of the numbers that are read from the file. Some
-        # are the same for all designs.
+        # Derivatives, by each variable, of the numbers of contacts, masses and loads. Some
+        # are the same for all designs, and are not computed again.
         number_slopes = []
         for k, constant_slope in enumerate(self.constant_slopes):
             if constant_slope is None:
                 number_slopes.append(self._differentiate_numbers(values, k))
             else:
                 number_slopes.append(constant_slope)
-        # A variable that is a size changes this size alone. The derivative is the factor
-        # from the unit of the file to rad or SI units.
-        variable_slopes = np.diag(self.unit_scales)[self.size_variables]
+        # A variable that is a size itself changes this size alone. The derivative is the
+        # factor from the unit of the file to rad or SI units.
+        variable_slopes = np.zeros((len(self.size_variables), len(values)))
+        for size, variable in enumerate(self.size_variables):
+            variable_slopes[size, variable] = self.unit_scales[variable]
         slopes = np.concatenate([variable_slopes, np.stack(number_slopes, axis=1)])
         profiles = None
         if self.has_shaped_profiles:
@@ -506,7 +517,11 @@ class VariedMechanism:
         """Read all numbers of contacts, masses and loads of a design from its file.
 
         The form of contacts and loads is their number and their kinds. A kernel, which
-        computes many designs at once, applies to one form only.
+        computes many designs at once, has fixed formulas for one form, that of the
+        mechanism in the file. Only numbers may differ.
+
+        If contacts are replaced, the mechanism is computed as an equivalent linkage: links
+        with R pairs that move in the same way. Its angles are the numbers of the contacts.
 
         Parameters
         ----------
@@ -515,7 +530,8 @@ class VariedMechanism:
 
         Returns
         -------
-        (numbers,) numbers of the links that replace contacts, then of masses and loads.
+        (numbers,) numbers of the links that replace contacts, if there are some, then of
+        masses and loads.
 
         Raises
         ------
@@ -528,6 +544,7 @@ class VariedMechanism:
         if self._reads_whole_file:
             mechanism = make_design(self.document, self.variables, values)
         else:
+            # `ACTIONS` are the tables of masses and loads in the file.
             numbers_by_path = {
                 variable.path: float(value)
                 for variable, value in zip(self.variables, values, strict=True)
@@ -536,14 +553,13 @@ class VariedMechanism:
             changed_document = with_numbers(self.document, numbers_by_path)
             mechanism = replace_actions(self.mechanism, changed_document)
         actions = masses_and_loads(mechanism)
-        # Contacts are replaced by links with R pairs, the equivalent linkage.
         contact_numbers: list[float] = []
         if self.equivalent_linkage is not None:
             linkage = find_equivalent_linkage(mechanism, self.inputs, self.wheel_gap_rad)
             if linkage is None or linkage.form != self.equivalent_linkage.form:
                 raise DesignError(OTHER_FORM)
             contact_numbers = linkage.numbers
-        # The form of masses and loads is compared with all their numbers set to zero.
+        # With all numbers set to zero, masses and loads are equal if their forms are.
         form = replace_numbers(actions, lambda number: 0.0)
         nominal_form = replace_numbers(masses_and_loads(self.mechanism), lambda number: 0.0)
         if form != nominal_form:
@@ -575,17 +591,21 @@ class VariedMechanism:
         """For each design variable, the derivatives that are the same in all designs.
 
         The derivatives (varied numbers,) are those of the numbers of contacts, masses and
-        loads that differ between designs. They count as the same if they agree at all trial
-        designs. The entry is None if they do not agree, or if no trial design is possible.
+        loads that differ between designs. They count as the same if those at the design of
+        the file agree with those at the trial designs, in which all variables are changed
+        a little. The entry is None if they do not agree, or if no trial design is
+        possible.
         """
         constant_slopes: list[Floats | None] = []
         for k, variable in enumerate(self.variables):
             if not self._reads_whole_file and variable.path[0] not in ACTIONS:
-                # Masses and loads do not follow sizes of links here.
+                # The variable is no number of a mass or load (`ACTIONS`). Only these are
+                # read from the file of a design, so no varied number follows it.
                 constant_slopes.append(np.zeros(len(self.varied_numbers)))
                 continue
             # The derivatives at the design of the file come first.
             nominal_slopes, *trial_slopes = self.trial_slopes(k)
+            # The tolerance is relative only, because the derivatives have several units.
             agrees = all(
                 np.allclose(nominal_slopes, slopes, rtol=CONSTANT_SLOPE_TOLERANCE, atol=0.0)
                 for slopes in trial_slopes
@@ -605,8 +625,8 @@ class VariedMechanism:
         """Return the derivatives of the varied numbers by one variable, at a design.
 
         The varied numbers are those of contacts, masses and loads that differ between
-        designs. They are read from the mechanism file and differentiated by difference
-        quotients.
+        designs: first those of contacts, then those of masses and loads. They are read from
+        the mechanism file of each design and differentiated by difference quotients.
 
         Parameters
         ----------
@@ -627,9 +647,11 @@ class VariedMechanism:
             `nominal` is set below, before the first call.
             """
             change = self._read_varied_numbers(design) - nominal
-            # Wheels are put together with angles that may jump by whole revolutions.
-            angle_count = len(self.varied_contact_numbers)
-            change[:angle_count] = wrap(change[:angle_count])
+            # Most numbers of contacts are angles. They may jump by whole revolutions from
+            # one design to the next, which is no change. The changes of the others, the
+            # ratios of wheels, are too small to be altered by `wrap`.
+            contact_count = len(self.varied_contact_numbers)
+            change[:contact_count] = wrap(change[:contact_count])
             return change
 
         slopes = None

@@ -273,10 +273,15 @@ class _WorkerProcess:
                     "module that can be imported, or ask for one process: "
                     f"{SINGLE_PROCESS_HINT}"
                 )
-        elif self.end() >= 0:
+            return
+        # The status is negative if a signal of the system ended the worker, for example
+        # for want of memory. Otherwise the worker failed by itself, and Python has printed
+        # its error on the same screen: "its own words".
+        exit_status = self.end()
+        if exit_status >= 0:
             raise DesignError(
                 f"{self._name}: a worker process ended as it started (exit status "
-                f"{self.popen.returncode}, {self._python!r}), and its own words are "
+                f"{exit_status}, {self._python!r}), and its own words are "
                 f"above; {SINGLE_PROCESS_HINT}"
             )
 

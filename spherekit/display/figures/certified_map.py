@@ -53,10 +53,11 @@ def draw_certified_map(
         proven number of modes; the keys of the others are `TYPE_II_LABEL` and
         `UNDECIDED_LABEL`.
     names
-        Names of the inputs.
+        Names of both inputs.
     """
     with style.look():
-        # A square over one column of a journal.
+        # The figure is a square. `WIDTHS` has widths in inches by the number of journal
+        # columns over which a figure extends; this one extends over one column.
         width = style.WIDTHS[1]
         figure = Drawing(figsize=(width, width), layout="constrained")
         axes = figure.add_subplot()

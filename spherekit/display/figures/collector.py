@@ -16,18 +16,22 @@ if TYPE_CHECKING:
 
 
 class LoggedBlock(NamedTuple):
-    """A block of samples of one page, as a recorder receives it.
+    """Drawings of some successive samples of a motion: the arguments of `Recorder.log`.
+
+    A recorder is a viewer or file that receives the drawings of a run, block by block. A
+    block belongs to one page. A page of a recording shows one assembly mode (way to
+    assemble the mechanism), or has a title of its own.
 
     Attributes
     ----------
     scene
-        The objects that are visible in the block.
+        The objects that are visible in the block, and their page.
     samples
-        Numbers of the samples.
+        (n,) numbers of the samples of the motion, from 0. Empty if the scene does not move.
     inputs
-        Inputs (rad) at the samples, or None.
+        Inputs (rad) of the mechanism at the samples, or None.
     times
-        Times (s) of the samples, or None.
+        (n,) times (s) of the samples, or None.
     """
 
     scene: Scene

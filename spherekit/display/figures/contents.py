@@ -80,20 +80,22 @@ class Figures(Mapping[str, Figure]):
         return iter(self._draw_by_name)
 
     def __getitem__(self, name: str) -> Figure:
-        """Return the figure of a name, or of a subject that only one name has.
+        """Return the figure of a full or short name.
+
+        The full name is ``analysis/subject``. The subject alone is accepted if only one
+        figure has it. The analysis alone is accepted if it has only one figure.
 
         Raises
         ------
         AnalysisError
-            If there is none, or several.
+            If no figure has this name, or several have it.
         """
-        # A full name is analysis/subject. Also accepted are a subject alone, and the name
-        # of an analysis with one figure.
         subject_by_name = {key: key.partition("/")[2] for key in self}
         names = [key for key, subject in subject_by_name.items() if name in (key, subject)]
         if not names:
             names = [key for key in self if key.startswith(f"{name}/")]
         if not names:
+            # There are no figures if no analysis of the run returned something to draw.
             all_names = listing(self, len(self)) or "none, as nothing was to be seen"
             suggestion = nearest(name, [*self, *subject_by_name.values()])
             raise AnalysisError(
@@ -170,8 +172,11 @@ def _plan_series(
 ) -> Iterator[PlannedFigure]:
     """Yield curves over one axis, or maps over a grid of two inputs, of each group.
 
-    Series (a number for each sample) of one group are the same kind of quantity, and share
-    a figure. The samples run over one or more axes: inputs, the time, or other quantities.
+    A series has a number for each sample. Series of one group are the same kind of
+    quantity, and share a figure. If they need too many panels, `_divide` yields several
+    figures. A scene contains series and other drawings of one page: of one assembly mode
+    (way to assemble the mechanism), or of an analysis. `over` is a tuple of the axes over
+    which its samples run: inputs, the time, or other quantities.
 
     Parameters
     ----------
@@ -193,8 +198,9 @@ def _plan_series(
         first_scene, _ = lines[0]
         axes = first_scene.over
         if len(axes) > 1 and find_grid(axes) is not None:
+            # Maps: a figure for each label, with a panel for each page.
             for label in dict.fromkeys(series.label for _, series in lines):
-                maps = [item for item in lines if _label_of(item) == label]
+                maps = [(scene, series) for scene, series in lines if series.label == label]
                 subject = group if label == group else f"{group}: {label}"
                 yield from _divide(subject, maps, _page_of, draw_maps, sheet)
             continue
@@ -203,6 +209,7 @@ def _plan_series(
             (replace(scene, over=(path_axis(scene.over),)), series)
             for scene, series in lines
         ]
+        # Inputs that any analysis marks, such as singular ones, are drawn on the curves.
         marks: list[tuple[Page, InputMarks]] = []
         if len(axes) == 1:
             marks = _find_marks(all_scenes, axes[0].label)
@@ -242,7 +249,9 @@ def _divide(
     draw: Callable[[Sequence[Any], Sheet], Figure],
     sheet: Sheet,
 ) -> Iterator[PlannedFigure]:
-    """Yield one figure of items, or several with at most `MAX_PANELS` panels.
+    """Yield one figure of items, or several with at most `MAX_PANELS` panels each.
+
+    The panels are divided evenly among the figures.
 
     Parameters
     ----------
@@ -325,9 +334,11 @@ def _plan_surfaces(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFig
 
 
 def _plan_paths(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure]:
-    """Yield the paths of the pole axes of links that no pair joins, in each mode.
+    """Yield the paths of the pole axes of links that no pair joins.
 
-    Over several inputs there are no paths.
+    A pole axis is the axis about which one link turns relative to another one. Its path is
+    drawn for each assembly mode (way to assemble the mechanism). If samples run over
+    several inputs, successive samples are not points of one motion, and there is no path.
 
     Parameters
     ----------
@@ -336,17 +347,24 @@ def _plan_paths(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFigure
     sheet
         Size of the figures, and titles of modes.
     """
-    arrows = [
-        (scene, primitive)
-        for scene in scenes
-        if isinstance(scene.page, int) and len(scene.over) == 1
-        for primitive in scene.primitives
-        if isinstance(primitive, Arrow)
-        and primitive.path_shown
-        and primitive.shown
-        and not primitive.primary
-    ]
+    arrows: list[ShownItem] = []
+    for scene in scenes:
+        # The page of an assembly mode is its number. `over` are the axes, such as inputs or
+        # the time, over which the samples run.
+        if not isinstance(scene.page, int) or len(scene.over) != 1:
+            continue
+        for primitive in scene.primitives:
+            # A primary pole is the axis of a pair. `shown` is False for an arrow that users
+            # of a recording must switch on, `path_shown` for an arrow without a path.
+            if (
+                isinstance(primitive, Arrow)
+                and primitive.shown
+                and primitive.path_shown
+                and not primitive.primary
+            ):
+                arrows.append((scene, primitive))
     if arrows:
+        # Arrows of one label share a panel.
         yield from _divide("paths of the axes", arrows, _label_of, draw_paths, sheet)
 
 
@@ -377,23 +395,31 @@ def _plan_diagrams(scenes: Sequence[Scene], sheet: Sheet) -> Iterator[PlannedFig
 def _group_items(
     scenes: Sequence[Scene], kind: type, attribute: str
 ) -> dict[tuple[str, Any], list[ShownItem]]:
-    """Return primitives of a kind with their scenes, by page and one attribute.
+    """Group the drawn objects of one class by page and by one attribute.
 
-    A page is an assembly mode (a number), or has a title. Modes share figures, so the page
-    of all modes is "" in the result.
+    A scene contains drawn objects (primitives) such as curves, and belongs to one page. The
+    page of an assembly mode (way to assemble the mechanism) is its number. Other pages have
+    a title. All assembly modes share figures, so their objects are in one group.
 
     Parameters
     ----------
+    scenes
+        The scenes of one analysis.
     kind
         Class of the primitives.
     attribute
         Name of the attribute by which they are grouped.
+
+    Returns
+    -------
+    By the title of the page and the value of the attribute, the primitives with their
+    scenes. The title is ``""`` for assembly modes.
     """
     groups: dict[tuple[str, Any], list[ShownItem]] = {}
     for scene in scenes:
-        page = scene.page if isinstance(scene.page, str) else ""
+        page_title = scene.page if isinstance(scene.page, str) else ""
         for primitive in scene.primitives:
             if isinstance(primitive, kind):
-                key = page, getattr(primitive, attribute)
+                key = page_title, getattr(primitive, attribute)
                 groups.setdefault(key, []).append((scene, primitive))
     return groups

@@ -55,12 +55,13 @@ Curve = tuple[Scene, Series]
 def draw_curves(
     marks: Sequence[tuple[Page, InputMarks]], curves: Sequence[Curve], sheet: Sheet
 ) -> Figure:
-    """Return a figure of series of one unit: a panel for each label, a look for each page.
+    """Return a figure of curves of one unit, in a panel for each label.
 
-    A page shows one assembly mode, or one analysis. Series of several pages with one label
-    are the same quantity in several modes: they share a panel, and the legend names the
-    pages. If all series are of one page and have few labels, they share one panel, and the
-    legend names the labels.
+    A series has a number for each sample, and is drawn as a curve. A page shows one
+    assembly mode (way to assemble the mechanism), or one analysis. Series of several pages
+    with one label are the same quantity in several modes: they share a panel, each page has
+    its colour and dashes, and the legend names the pages. If all series are of one page and
+    have few labels, they share one panel, and the legend names the labels.
 
     Parameters
     ----------
@@ -77,6 +78,7 @@ def draw_curves(
     share_panel = not has_several_pages and len(labels) <= MAX_CURVES_PER_PANEL
     titles = [""] if share_panel else labels
     first_scene, first_series = curves[0]
+    # The only axis over which the samples of all curves run.
     axis = first_scene.over[0]
     all_values = np.concatenate([series.values for _, series in curves])
     scale = quantity_scale(all_values, first_series.unit)
@@ -89,11 +91,13 @@ def draw_curves(
                 for scene, series in curves
                 if share_panel or series.label == title
             ]
+            # A look has the keywords of matplotlib for a line: colour, dashes and label.
             looks: list[Look] = []
             for scene, series in panel_curves:
                 look = style.page_look(scene.page)
                 look["label"] = sheet.title(scene.page) if has_several_pages else ""
                 if share_panel and len(labels) > 1:
+                    # Colour and dashes distinguish the labels instead of the pages.
                     look |= style.series_look(labels.index(series.label))
                     look["label"] = plot_text(series.label)
                 looks.append(look)
@@ -103,7 +107,9 @@ def draw_curves(
                 if curve_scene.page == page:
                     _draw_marks(panel, curve, input_marks)
             panel.set_title(plot_text(title) if len(titles) > 1 else "")
-        label_shared_axes(panels, axis.words, first_series.heading)
+        x_label = axis.words
+        y_label = first_series.heading
+        label_shared_axes(panels, x_label, y_label)
         return sheet.add_legend(figure)
 
 
@@ -162,12 +168,17 @@ def _draw_panel(
 
 
 def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
-    """Mark inputs on a curve, or by a vertical line if the curve is not in the frame there.
+    """Mark inputs on a curve, or by vertical lines where the curve cannot be marked.
+
+    An input gets a vertical line if the value of the curve there is NaN or not within the
+    frame.
 
     Parameters
     ----------
     panel
         The panel, whose ranges are set.
+    curve
+        The scene, which has the axis, and the series of numbers over this axis.
     input_marks
         Inputs, with the name and tone of the marks.
     """
@@ -183,6 +194,7 @@ def _draw_marks(panel: Axes, curve: Curve, input_marks: InputMarks) -> None:
             continue
         value = np.interp(position, axis_values[order], series.values[order])
         if low <= value <= high:
+            # Lines have a zorder of 2 in matplotlib, so that the marker covers them.
             look = marker_look(input_marks.tone) | {"label": label}
             panel.plot([position], [value], zorder=4.0, **look)
         else:

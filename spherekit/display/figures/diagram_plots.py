@@ -24,12 +24,18 @@ gaps.
 
 
 def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figure:
-    """Return a figure of the paths of points, each named at its start.
+    """Return a figure of the paths of points in a plane, each named at its start.
+
+    A diagram is for example a gnomonic chart. It shows axes through the centre of a sphere
+    as the points in which they meet a tangent plane of the sphere. An axis that becomes
+    parallel to the plane leads through infinity: its point leaves the plane on one side and
+    returns on the opposite side.
 
     Parameters
     ----------
     items
-        A diagram for each mode, with its scene.
+        A diagram for each assembly mode (way to assemble the mechanism), with its scene.
+        The page of the scene is the number of the mode.
     sheet
         Size of the figure, and titles of modes.
     """
@@ -40,11 +46,14 @@ def draw_diagrams(items: Sequence[tuple[Scene, Diagram]], sheet: Sheet) -> Figur
             panel.set(xlim=diagram.x_range, ylim=diagram.y_range, aspect="equal")
             panel.set_title(sheet.title(scene.page))
             for point, name in enumerate(diagram.names):
+                # (n, 2) x and y of the point in each sample.
                 path = diagram.places[:, point]
+                # A step between samples that is long relative to the frame is taken to lead
+                # through infinity. No line is drawn there.
                 steps = np.abs(np.diff(path, axis=0))
-                is_infinite = np.any(steps > INFINITE_STEP_RATIO * frame_size, 1)
+                leads_through_infinity = np.any(steps > INFINITE_STEP_RATIO * frame_size, 1)
                 look = _path_look(diagram, point) | {"label": plot_text(name)}
-                panel.plot(*insert_gaps(path, is_infinite).T, **look)
+                panel.plot(*insert_gaps(path, leads_through_infinity).T, **look)
         _, first_diagram = items[0]
         label_shared_axes(panels, first_diagram.x_label, first_diagram.y_label)
         figure.draw_without_rendering()  # makes the layout, in which names are placed

@@ -24,6 +24,9 @@ def write_figures(
 ) -> list[Path]:
     """Write every figure into a folder, named by analysis and subject.
 
+    The files contain the name of this software. A file that already exists is replaced only
+    if it contains this name too, so that no files of the user are lost.
+
     Parameters
     ----------
     figures
@@ -40,7 +43,7 @@ def write_figures(
     Raises
     ------
     OutputError
-        If a file cannot be written.
+        If a file cannot be written, or would replace a file that spherekit has not made.
     """
     make_folder(folder)
     paths = []
