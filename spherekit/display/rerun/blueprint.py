@@ -173,7 +173,12 @@ class Layout:
 
         The sphere is on the left. On the right, from the top, are the first plot, the
         further plots and the panels (graph and texts). Plots that show results of analyses
-        come first. A page with a title shows the sphere only if it draws something on it.
+        (`has_findings`) come before plots of the motion.
+
+        A page is the number of an assembly mode (one way to assemble the mechanism), or the
+        title of any other page, such as a list of singularities. A page of a mode has the
+        sphere with the mechanism. A page with a title has it only if the page itself draws
+        something on it.
         """
         # Items that all pages show have the page None.
         page_plots = [plot for plot in self.plots if plot.page in (None, page)]
@@ -184,8 +189,10 @@ class Layout:
         panels = [view() for owner, view in ordered_panels if owner in (None, page)]
         rows = [_tabs(views) for views in (plots[:1], plots[1:], panels) if views]
 
+        # What all pages show (None) does not bring the sphere to a page with a title.
         sphere_owners = (page,) if isinstance(page, str) else (None, page)
         has_sphere = any(owner in sphere_owners for owner, _ in self.sphere_view_paths)
+        # Shares are relative widths of columns or heights of rows.
         if rows and not has_sphere:
             parts: list[rrb.View | rrb.Container] = [rows[0]]
             if len(rows) > 1:
@@ -200,16 +207,19 @@ class Layout:
             sphere = rrb.Vertical(sphere, scale, row_shares=[7, 1], name=title)
         if not rows:
             return rrb.Horizontal(sphere, name=title)
+        # Plots need more width than a graph or texts alone.
         shares = [11, 9] if plots else [2, 1]
         return rrb.Horizontal(sphere, rrb.Vertical(*rows), column_shares=shares, name=title)
 
     def _sphere_view(self, page: Page, title: str) -> rrb.Spatial3DView:
-        """Return the view of the sphere with everything of a page, and of all pages.
+        """Return the view of the sphere with what a page shows on it.
+
+        It shows the things that belong to this page, and those that belong to all pages.
 
         Parameters
         ----------
         page
-            The page; things that all pages show have the page None.
+            The page. Things that belong to all pages have the page None.
         title
             Title of the view.
         """
@@ -234,14 +244,22 @@ class Layout:
 
     @property
     def trail_range(self) -> rrb.VisibleTimeRanges:
-        """The range of times before the cursor in which the trail of a pole is shown."""
+        """The range before the cursor in which the trail of a pole is shown.
+
+        The trail has the last `TRAIL_SAMPLES` samples. A recording has two timelines, and
+        the user of the viewer may switch between them: the number of the sample, and the
+        input or the time. The range is therefore stated on both.
+        """
 
         def boundary(timeline: str, offset: float) -> rr.TimeRangeBoundary:
             """Return a time at a distance from the cursor, in the timeline's unit."""
+            # The timeline of times is in seconds. All others count whole numbers: samples,
+            # or ticks of the input, which are parts of a degree.
             if timeline == TIME_TIMELINE:
                 return rr.TimeRangeBoundary.cursor_relative(seconds=offset)
             return rr.TimeRangeBoundary.cursor_relative(seq=round(offset))
 
+        # Distance of two samples on each timeline.
         steps = {SAMPLE_TIMELINE: 1.0, self.timeline: self.step}
         return rrb.VisibleTimeRanges(
             [

@@ -47,6 +47,18 @@ COLOUR_SCALE_HEIGHT = 24
 LABEL_DROP = 14.0
 """Distance from a point down to the label that the viewer writes for it."""
 
+X_TICK_DROP = 4.0
+X_TITLE_DROP = 27.0
+"""Distances from the frame down to the numbers at the ticks of the x axis and to its title.
+The title is below the numbers."""
+
+Y_TITLE_FRACTION = 0.2
+"""Middle of the title of the y axis above the frame, as a fraction of the width."""
+
+SCALE_TICK_DROP = COLOUR_SCALE_HEIGHT + 2.0
+SCALE_TITLE_RISE = 44.0
+"""Distance from the top of a scale of colours down to its numbers, and up to its title."""
+
 TICKS = 5
 """Number of ticks of an axis, about."""
 
@@ -119,38 +131,47 @@ def axis_side(axis: Axis) -> FrameSide:
 def draw_frame(width: float, x: FrameSide, y: FrameSide, has_grid: bool = True) -> Stills:
     """Yield the box of a frame with its grid lines, and the words at its axes.
 
+    Each item is a path below that of the chart, and the data that are logged there once.
+
     Parameters
     ----------
     width
-        Width of the frame.
+        Width of the frame, in units of the chart.
     x, y
         Its horizontal and vertical side.
     has_grid
         Whether lines are drawn at the ticks.
     """
     # Lines have coordinates from 0 to 1 in the frame, y up; the first is the box itself.
-    # Words have the place (x, y) of their text in units of the chart, y down.
+    # Words have the place (x, y) of their text in units of the chart, y down. The viewer
+    # writes a text centred below its place, `LABEL_DROP` further down.
     lines = [np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0], [0.0, 0.0]])]
     words: list[tuple[float, float, str]] = []
     for fraction, text in x.ticks:
         if has_grid:
             lines.append(np.array([[fraction, 0.0], [fraction, 1.0]]))
-        words.append((width * fraction, FRAME_HEIGHT + 4.0, text))
-    words.append((0.5 * width, FRAME_HEIGHT + 27.0, x.title))
+        words.append((width * fraction, FRAME_HEIGHT + X_TICK_DROP, text))
+    words.append((0.5 * width, FRAME_HEIGHT + X_TITLE_DROP, x.title))
     for fraction, text in y.ticks:
         if has_grid:
             lines.append(np.array([[0.0, fraction], [1.0, fraction]]))
+        # Numbers of the y axis are in the middle of the left margin, at the height of
+        # their tick.
         height = FRAME_HEIGHT * (1.0 - fraction) - LABEL_DROP
         words.append((-0.5 * LEFT_MARGIN, height, text))
     if y.title:
-        words.append((0.2 * width, -TOP_MARGIN, f"up: {y.title}"))
+        # The viewer cannot turn a text to write it along the y axis. It is above the frame,
+        # and "up" says which axis it belongs to.
+        words.append((Y_TITLE_FRACTION * width, -TOP_MARGIN, f"up: {y.title}"))
     placed_lines = [place_in_frame(line, width) for line in lines]
     yield "frame", draw_lines(placed_lines, colours.GRATICULE, 0.5)
     yield "words", draw_words(words)
 
 
 def draw_colour_scale(low: float, high: float, label: str) -> Stills:
-    """Yield a horizontal scale of colours, `CHART_WIDTH` wide, with its words.
+    """Yield a horizontal scale of colours, with numbers below it and a title above it.
+
+    Each item is a path below that of the scale, and the data that are logged there once.
 
     Parameters
     ----------
@@ -159,13 +180,16 @@ def draw_colour_scale(low: float, high: float, label: str) -> Stills:
     label
         The quantity with its unit.
     """
+    # One unit of the plane is one pixel of the image, whose upper left corner is the
+    # origin.
     scale = colours.heat_colours(np.linspace(0.0, 1.0, round(CHART_WIDTH)))
     yield "bar", rr.Image(np.tile(scale, (COLOUR_SCALE_HEIGHT, 1, 1)))
+    # An axis without title, of which only the round numbers at its ticks are needed.
+    side = frame_side("", (low, high))
     words = [
-        (CHART_WIDTH * fraction, 26.0, text)
-        for fraction, text in frame_side("", (low, high)).ticks
+        (CHART_WIDTH * fraction, SCALE_TICK_DROP, text) for fraction, text in side.ticks
     ]
-    words.append((0.5 * CHART_WIDTH, -44.0, label))
+    words.append((0.5 * CHART_WIDTH, -SCALE_TITLE_RISE, label))
     yield "words", draw_words(words)
 
 

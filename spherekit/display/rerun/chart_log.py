@@ -55,11 +55,15 @@ class Charts:
     ) -> bool:
         """Add a block of rows of a series to its chart; return whether the chart is new.
 
+        A recording is written in blocks of consecutive rows. A new chart gets a view in the
+        layout of the window, which then has to be sent to the viewer again.
+
         Parameters
         ----------
         scene
-            The scene of the block. Series with one heading on one page share a chart; over
-            two axes each series is a map and has a chart of its own.
+            The scene of the block. A series has a label (the name of its curve) and a
+            heading (the quantity with its unit). Series with one heading on one page share
+            a chart. Over two axes each series is a map and has a chart of its own.
         series
             The series: values (rows,) of one quantity.
         axes
@@ -79,8 +83,10 @@ class Charts:
             is_comparable = isinstance(scene.page, int) and not is_map
             comparison = f"{layout.root}/compare/{slug(title)}" if is_comparable else ""
             view = partial(plane_view, chart_path, title, CHART_BOUNDS)
+            # Plots with results of an analysis are placed before plots of the motion.
+            has_findings = shows_findings(scene)
             layout.plots.append(
-                Plot(scene.page, chart_path, shows_findings(scene), view, comparison)
+                Plot(scene.page, chart_path, has_findings, view, comparison)
             )
         series_path = layout.path(scene.page, series)
         self.charts[chart_path].add(series_path, series, axes)
@@ -95,6 +101,10 @@ class Charts:
         row_count: int,
     ) -> None:
         """Log the cursors and legends of the charts that got rows in a block.
+
+        The cursor of a chart is a line or a dot at the current row. The legend has the name
+        of each series and its value in the current row. The appearance of both is logged
+        once, in the first block of the chart. Positions and texts are logged for each row.
 
         Parameters
         ----------
@@ -120,7 +130,9 @@ class Charts:
             self.outputs.log_first(
                 legend_path, [(ENTITY_ITSELF, legend_style(places, tints))]
             )
-            texts = legend_texts([chart.curves[path][-1].series for path in series_paths])
+            # A curve is the list of its blocks so far. The last one is the current block.
+            current_blocks = [chart.curves[path][-1].series for path in series_paths]
+            texts = legend_texts(current_blocks)
             # The texts of all rows are one list. Each row has one text for each series.
             legend = rr.Points2D.columns(labels=texts).partition(
                 [len(series_paths)] * row_count
@@ -131,9 +143,11 @@ class Charts:
         """Draw all rows so far of all charts, and the comparisons of assembly modes.
 
         A comparison is a chart with the curves of all modes. It is omitted if it would have
-        more than `MAX_COMPARED_CURVES` curves.
+        more than `MAX_COMPARED_CURVES` curves. Curves do not move, so they are logged as
+        static data, which are valid at all times of the recording.
         """
         for chart_path, chart in self.charts.items():
+            # The path of a chart is "PAGE/charts/TITLE".
             page_path = chart_path.partition("/charts/")[0]
             marks = self.marks.get(page_path, ())
             self.outputs.log_static(chart_path, chart.draw(marks), destinations)
@@ -152,9 +166,11 @@ class Charts:
             # The legend names the curves of the first mode only: the other modes have
             # lighter shades of the same colours.
             first_curves = charts[0].curves
+            # Each curve is a list of blocks of rows, which all have its label.
             names = [blocks[0].series.label for blocks in first_curves.values()]
-            places, tints = comparison.legend(first_curves)
-            legend = legend_style(places, tints, names)
+            # Positions (k, 2) of the k names in the chart, and their colours.
+            positions, tints = comparison.legend(first_curves)
+            legend = legend_style(positions, tints, names)
             self.outputs.log_static(
                 path, [*comparison.draw(), ("legend", legend)], destinations
             )

@@ -56,7 +56,9 @@ MAX_SHOWN_LABELS = 24
 
 MAP_SCALE_GAP = 24.0
 MAP_SCALE_WIDTH = 20.0
-"""Distance from a map to its scale of colours, and the width of the scale."""
+MAP_SCALE_TEXT_GAP = 40.0
+"""Distance from a map to its scale of colours, the width of the scale, and the distance
+from the scale to the middles of its numbers."""
 
 
 @dataclass(frozen=True)
@@ -167,6 +169,10 @@ class Chart:
     def legend(self, paths: Collection[str]) -> tuple[Floats, list[colours.Colour]]:
         """Return the places of k series in the legend, and their colours.
 
+        The legend is to the right of the frame. A map is a chart of one series over two
+        axes, drawn in colours. Its legend is a single name. The viewer writes a text
+        `LABEL_DROP` below its place, so places are that much higher than the texts.
+
         Parameters
         ----------
         paths
@@ -178,7 +184,7 @@ class Chart:
         Places (k, 2) of the names, in units of the chart, and k colours.
         """
         tints = [self.tints[path] for path in self.curves if path in paths]
-        if self.is_map:  # its only series is named above the right margin
+        if self.is_map:  # the name is above the right margin; y points down
             return np.array([[self.width + 0.5 * LEGEND_WIDTH, -TOP_MARGIN]]), tints
         numbers = [number for number, path in enumerate(self.curves) if path in paths]
         # The list fills one column of the legend after the other.
@@ -189,7 +195,10 @@ class Chart:
         return np.stack([x, y], axis=1), tints
 
     def draw(self, marks: Sequence[InputMarks] = ()) -> Stills:
-        """Yield everything that does not move: frame, curves or map, marks and words.
+        """Yield everything that does not move: frame, curves or map, and marks.
+
+        Each item is a path below that of the chart, and the data that are logged there
+        once. Rows arrive in blocks; the curves have the rows of all blocks so far.
 
         Parameters
         ----------
@@ -200,13 +209,14 @@ class Chart:
             yield from self._draw_map()
             return
         # The first block of each series has its unit and resolution. All series of a chart
-        # have one unit.
+        # have one unit. Changes of a value below the resolution are rounding.
         first_series = [blocks[0].series for blocks in self.curves.values()]
         unit = first_series[0].unit
         resolution = max(series.resolution for series in first_series)
         # Inputs and values of each series, from all blocks so far.
         curves = {path: self.joined_blocks(path) for path in self.curves}
         all_values = np.concatenate([values for _, values in curves.values()])
+        # The range of a constant is wide enough to hide changes that are rounding.
         y_range = choose_plot_range(
             all_values, quantity_scale(all_values, unit), resolution
         )
@@ -256,8 +266,12 @@ class Chart:
         yield from draw_frame(
             self.width, axis_side(x_axis), axis_side(y_axis), has_grid=False
         )
+        # The least and the greatest value that colours distinguish. Changes below the
+        # resolution, relative to the scale of the quantity, are rounding. The range is wide
+        # enough to hide them.
+        scale_of_values = quantity_scale(cells, series.unit)
         low, high = choose_plot_range(
-            cells, quantity_scale(cells, series.unit), series.resolution, "colours"
+            cells, scale_of_values, series.resolution, shown_by="colours"
         )
         # Each pixel shows the nearest sample. The rows are reversed, since the top row of
         # the picture is the highest y; the transpose makes y the row index of the image.
@@ -277,7 +291,9 @@ class Chart:
         scale = colours.heat_colours(np.linspace(1.0, 0.0, height))
         picture[:, -scale_width:] = scale[:, None]
         yield "map", rr.Image(picture)
-        x_words = self.width + MAP_SCALE_GAP + MAP_SCALE_WIDTH + 40.0
+        # Numbers are to the right of the scale. The viewer centres a text at its place and
+        # writes it `LABEL_DROP` below.
+        x_words = self.width + MAP_SCALE_GAP + MAP_SCALE_WIDTH + MAP_SCALE_TEXT_GAP
         words = [
             (x_words, FRAME_HEIGHT * (1.0 - fraction) - LABEL_DROP, text)
             for fraction, text in frame_side("", (low, high)).ticks
@@ -345,12 +361,15 @@ def legend_style(
 
 
 def legend_texts(latest_blocks: Sequence[Series]) -> list[str]:
-    """Return the texts of a legend for each row: names of the series with their values.
+    """Return the texts of a legend: names of the series with their values in each row.
+
+    When the viewer plays a recording, the legend shows the values of the current row.
 
     Parameters
     ----------
     latest_blocks
-        All series of the legend, with the rows that are logged.
+        All series of the legend. Their values are those of the rows of one block, which are
+        consecutive samples that are logged together.
 
     Returns
     -------

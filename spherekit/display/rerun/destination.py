@@ -74,6 +74,9 @@ class FileOutput:
     def open(self) -> None:
         """Create and lock ``NAME.rrd.part``, and start the thread that fills it.
 
+        rerun writes into a pipe, and the thread copies the pipe to the file. If rerun wrote
+        the file itself, it might wait for ever on a full disk.
+
         Raises
         ------
         OutputError
@@ -141,6 +144,9 @@ class FileOutput:
     def close(self, keep: bool) -> str:
         """Close the part file of an incomplete recording.
 
+        A thread, the copier, copies what rerun writes into a pipe to the part file. Without
+        the thread the file is not open, or is complete already.
+
         Parameters
         ----------
         keep
@@ -160,7 +166,7 @@ class FileOutput:
         return ""
 
     def _finish_copy(self) -> None:
-        """Write the rest and close the file."""
+        """End the stream, copy the rest of the pipe to the part file, and close it."""
         self.stream.disconnect()
         if self._copier is not None:
             self._copier.join()
@@ -182,15 +188,18 @@ class FileOutput:
 class LiveOutput:
     """Another program that gets the recording while it is made, or a notebook at its end.
 
+    It has the same methods as a recording file (`FileOutput`), so that both can be used
+    alike.
+
     Attributes
     ----------
     stream
-        The stream to record.
+        The stream of rerun into which the recording is logged.
     place
         Name of the program in messages.
     check
-        Raises `OutputError` if the program cannot be reached. Its argument is True at the
-        first call, and False when the connection has to exist already.
+        Raises `OutputError` if the program cannot be reached. Its argument states whether
+        the recording begins. Otherwise the connection exists and may have been lost.
     sink
         Returns rerun's sink for the program; None for a notebook.
     """
@@ -226,7 +235,11 @@ class LiveOutput:
         self.flush()
 
     def close(self, keep: bool) -> str:
-        """Disconnect; nothing is kept, so the text is empty."""
+        """Disconnect, and return an empty text.
+
+        A recording file may keep an incomplete recording (`keep`) and returns a text that
+        names it. A program has no file to keep.
+        """
         if self.sink is not None:
             self.stream.disconnect()
         return ""
@@ -246,9 +259,12 @@ def served(stream: rr.RecordingStream, port: int) -> LiveOutput:
         Port of this computer on which viewers find the server.
     """
 
-    def check(at_first: bool) -> None:
-        """Raise `OutputError` if the port is not free when the server is to start."""
-        if not at_first:
+    def check(is_start: bool) -> None:
+        """Raise `OutputError` if the port is not free when the server is to start.
+
+        `is_start` states whether the recording begins.
+        """
+        if not is_start:
             return  # the server is a part of this process, so it cannot be lost
         if port == 0:  # the system would choose one, which viewers do not know
             raise OutputError("cannot serve on port 0; choose one from 1 to 65535")
@@ -278,8 +294,12 @@ def viewer_at(stream: rr.RecordingStream, url: str) -> LiveOutput:
         Address such as ``rerun+http://127.0.0.1:9876/proxy``.
     """
 
-    def check(at_first: bool) -> None:
-        """Raise `OutputError` if the URL is no address, or nothing answers there."""
+    def check(is_start: bool) -> None:
+        """Raise `OutputError` if the URL is no address, or nothing answers there.
+
+        `is_start` states whether the recording begins; if not, the viewer has answered
+        before and is gone.
+        """
         try:
             parts = urlsplit(url)
             host, port = parts.hostname, parts.port
@@ -294,15 +314,19 @@ def viewer_at(stream: rr.RecordingStream, url: str) -> LiveOutput:
             raise OutputError(
                 f"no viewer listens at {url}; start one with `rerun --port {port}` or "
                 "leave the recording in a file"
-                if at_first
+                if is_start
                 else f"the viewer at {url} is gone; start it again, or record to a file"
             )
 
     return LiveOutput(stream, f"the viewer at {url}", check, lambda: rr.GrpcSink(url))
 
 
-def check_notebook(at_first: bool) -> None:
-    """Raise `OutputError` if notebooks cannot show recordings."""
+def check_notebook(is_start: bool) -> None:
+    """Raise `OutputError` if notebooks cannot show recordings.
+
+    `is_start` has no effect. The other checks have it too.
+    """
+    del is_start
     if find_spec("rerun_notebook") is None:
         raise OutputError(
             "a notebook shows recordings by the package rerun-notebook, which is not "

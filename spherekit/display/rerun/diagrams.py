@@ -31,6 +31,11 @@ LETTER_WIDTH = 20.0
 STEP_TEXT_DROP = 46.0
 """Distance from the frame down to the text of a step."""
 
+DIAGRAM_POINT_RADIUS = 4.0
+DIAGRAM_LEADER_WIDTH = 0.7
+DIAGRAM_LINE_WIDTH = 1.0
+"""Radius of points, and widths of leaders and lines, in points of the screen."""
+
 Moving = tuple[str, Columns]
 """Path below a primitive, and its columns for one block of rows."""
 
@@ -38,21 +43,27 @@ Moving = tuple[str, Columns]
 def draw_static(diagram: Diagram) -> Stills:
     """Yield the frame of a diagram, and the appearance of its parts that move.
 
-    The positions of these parts follow row by row, see `moving_columns`.
+    Each item is a path below that of the diagram, and the data that are logged there once.
+    The parts that move are points with names, lines, and leaders: thin lines from a point
+    to its name. Further parts are a legend, if each point has two angles (`readings`), and
+    a text below the frame (``step``). Positions and texts follow row by row, see
+    `moving_columns`.
     """
     width = _frame_width(diagram)
     x = frame_side(diagram.x_label, diagram.x_range)
     y = frame_side(diagram.y_label, diagram.y_range)
     yield from draw_frame(width, x, y)
-    yield "points", rr.Points2D.from_fields(radii=rr.Radius.ui_points(4.0))
+    yield "points", rr.Points2D.from_fields(radii=rr.Radius.ui_points(DIAGRAM_POINT_RADIUS))
+    # A text is the label of a point. The radius 0 hides the point itself.
     yield "names", rr.Points2D.from_fields(radii=0.0, show_labels=True)
     for name, colour, line_width in (
-        ("leaders", colours.GRATICULE, 0.7),
-        ("lines", colours.VIOLET, 1.0),
+        ("leaders", colours.GRATICULE, DIAGRAM_LEADER_WIDTH),
+        ("lines", colours.VIOLET, DIAGRAM_LINE_WIDTH),
     ):
         radius = rr.Radius.ui_points(line_width)
         yield name, rr.LineStrips2D.from_fields(colors=colour, radii=radius)
     if diagram.readings is not None:
+        # `tones` are the numbers of the colours of the points.
         tints = [colours.tone_colour(tone) for tone in diagram.tones[:MAX_LISTED_READINGS]]
         yield "legend", legend_style(legend_places(width, len(tints)), tints)
     yield "step", rr.Points2D.from_fields(radii=0.0, show_labels=True, colors=colours.PALE)
@@ -60,6 +71,10 @@ def draw_static(diagram: Diagram) -> Stills:
 
 def moving_columns(diagram: Diagram) -> Iterator[Moving]:
     """Yield the rows of a diagram: points in the frame, names, visible parts of lines.
+
+    Each item is a path below that of the diagram, and the columns that are logged there.
+    If each point has two angles (`readings`), a legend lists them. If each row has a text
+    (`words`), it is written below the frame.
 
     A leader is a thin line from a point to its name, which is moved aside if names would
     cover each other. The number of visible points and lines changes from row to row. Each
@@ -69,6 +84,7 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
     low, high = np.transpose([diagram.x_range, diagram.y_range])  # corners (x, y)
     is_visible = np.all((diagram.places >= low) & (diagram.places <= high), axis=2)
     visible_count = is_visible.sum(axis=1)  # (rows,)
+    # `tones` are the numbers of the colours of the points.
     point_tints = np.array([colours.tone_colour(tone) for tone in diagram.tones], np.uint8)
     tints = np.broadcast_to(point_tints, (row_count, point_count, 3))[is_visible]
     # Places of the points in units of the chart, y down; names are moved aside.
@@ -78,6 +94,7 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
 
     points = rr.Points2D.columns(positions=places[is_visible], colors=tints)
     yield "points", points.partition(visible_count)
+    # y points down, and the viewer writes a text `LABEL_DROP` below its position.
     names = rr.Points2D.columns(
         positions=name_places[is_visible] - [0.0, LABEL_DROP],
         labels=np.tile(diagram.names, (row_count, 1))[is_visible].tolist(),
@@ -92,7 +109,7 @@ def moving_columns(diagram: Diagram) -> Iterator[Moving]:
     yield "lines", lines.partition(is_line_visible.sum(axis=1))
     if diagram.readings is not None:
         yield "legend", _reading_columns(diagram)
-    if diagram.words:  # a text for each row, below the frame
+    if diagram.words:
         place = [0.5 * _frame_width(diagram), FRAME_HEIGHT + STEP_TEXT_DROP]
         places = np.tile(place, (row_count, 1))
         yield "step", rr.Points2D.columns(positions=places, labels=diagram.words)

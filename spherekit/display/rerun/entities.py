@@ -51,6 +51,9 @@ JOINT_RADIUS = 0.03
 LABEL_RADIUS = 0.001
 """Radii of tubes and points, in radii of the sphere."""
 
+CIRCLE_RADIUS = 0.0035
+"""Radius of the tube of a great circle, in radii of the sphere."""
+
 SHELL_DISTANCE = 0.012
 SHELL_COUNT = 6
 """Links lie on several shells, so that arcs that coincide do not flicker."""
@@ -76,6 +79,15 @@ GRAPH_SIZE = (420.0, 220.0)
 
 CUBE_SIDE = 1.6
 """Side of the cube that a surface fills if its axes have different ranges."""
+
+END_NUMBER_FRACTION = 0.94
+"""Place of the numbers at the ends of a surface's axis, as a part of half the edge: 1 is a
+corner of the box."""
+
+SPHERE_CURVE_WIDTH = 1.6
+BOX_LINE_WIDTH = 0.8
+"""Widths of curves on the sphere and of the edges of a surface's box, in points of the
+screen."""
 
 WORD_DISTANCE = 0.06
 """Distance of the words of a surface's axis from the edge of the cube."""
@@ -108,9 +120,11 @@ def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
     Parameters
     ----------
     primitive
-        Something to draw: a link, an arrow, a curve, a chart, a text, ...
+        Something to draw: a link, an arrow, a curve, a chart, a text, ... A `Portrait` is a
+        plot of one quantity against another, with a mark at the current sample.
     names
-        The names that a link shows, with their places.
+        For a link, its own name and those of its pairs: the text, and the place (3,) in
+        axes of the link. Other primitives do not use them.
     """
     match primitive:
         case Body():
@@ -123,7 +137,7 @@ def draw_static(primitive: Primitive, names: Sequence[Name] = ()) -> Stills:
                 rr.LineStrips3D(
                     [shapes.unit_circle()],
                     colors=colours.VIOLET,
-                    radii=0.0035,
+                    radii=CIRCLE_RADIUS,
                     labels=primitive.label,
                     show_labels=False,
                 ),
@@ -272,13 +286,18 @@ def rows_for_path(primitive: Primitive) -> Floats | None:
 
 
 def draw_path(primitive: Primitive, rows: Floats, row_length: int | None) -> Stills:
-    """Yield the curve on which a direction or a point of a portrait moved over all rows.
+    """Yield the curve on which a direction or a point of a plot moved over all rows.
+
+    The item is a path below that of the primitive, and the curve that is logged there.
+    Nothing is yielded if all rows are NaN.
 
     Parameters
     ----------
     primitive
-        The primitive that moved: an arrow or another direction (a curve on the sphere), or
-        a portrait (a curve over two quantities).
+        The primitive that moved: an `Arrow`, a `Trace` (the path of a direction in the axes
+        of a link), or a `Portrait` (a plot of one quantity against another). A primary
+        arrow is the axis of a pair, in silver. Other arrows are the pole axes about which
+        two links turn relative to each other at the moment.
     rows
         Its positions in all rows: directions (rows, 3), or points (rows, 2) in the frame.
     row_length
@@ -405,13 +424,20 @@ def _draw_body(body: Body, names: Sequence[Name]) -> Stills:
 
 
 def _draw_sphere_curves(item: SphereCurves) -> Stills:
-    """Yield curves and marks on the sphere; marks with different labels show them."""
+    """Yield curves and marks on the sphere.
+
+    Each item is a path below that of the primitive (`ENTITY_ITSELF` for the primitive) and
+    the data that are logged there. The tone is the number of a colour.
+    """
     if item.curves:
+        colour = colours.tone_colour(item.tone)
         yield (
             ENTITY_ITSELF,
-            _curves(item.curves, CURVE_SCALE, colours.tone_colour(item.tone), 1.6),
+            _curves(item.curves, CURVE_SCALE, colour, SPHERE_CURVE_WIDTH),
         )
     if item.marks:
+        # Labels that are all different are always visible. If marks share a label, the
+        # viewer shows it only when a mark is pointed at.
         labels = [mark.label for mark in item.marks]
         yield (
             "marks",
@@ -453,6 +479,9 @@ def _draw_surface(surface: Surface) -> Stills:
 
     The three quantities have different ranges, so each axis is scaled by itself to the side
     of the cube. Without triangles the surface is drawn as points.
+
+    Each item is a path below that of the surface (`ENTITY_ITSELF` for the surface) and the
+    data that are logged there.
     """
     low = np.min(surface.vertices, axis=0)
     high = np.max(surface.vertices, axis=0)
@@ -481,20 +510,25 @@ def _draw_surface(surface: Surface) -> Stills:
     low_corner = (low - middle) * scale
     high_corner = (high - middle) * scale
     box = shapes.box(low_corner, high_corner)
-    yield "axes", _curves(box, 1.0, colours.GRATICULE, 0.8)
+    yield "axes", _curves(box, 1.0, colours.GRATICULE, BOX_LINE_WIDTH)
 
     word_positions = []
     words = []
     for axis, name in enumerate(surface.axes):
-        # Each axis is labelled along one edge of the box, a little outside: the edges
-        # through the low corner, but for the y axis the edge with the highest x.
-        corner = np.where([axis == 1, False, False], high_corner, low_corner)
-        outwards = WORD_DISTANCE * np.sign(corner) * (np.arange(3) != axis)
+        # Each axis is labelled along one edge of the box. The labelled edges of x and z
+        # start at the low corner. That of y is at the highest x.
+        corner = low_corner.copy()
+        if axis == 1:
+            corner[0] = high_corner[0]
+        # Words are a little outside of the box. The origin is its middle, so the sign of a
+        # coordinate says which way is outwards. Along the edge they are not moved.
+        outwards = WORD_DISTANCE * np.sign(corner)
+        outwards[axis] = 0.0
         # Distance outwards, coordinate along the edge and text of the two ends and the
         # title.
         for distance, along_axis, text in (
-            (1.0, 0.94 * low_corner[axis], f"{low[axis]:.4g}"),
-            (1.0, 0.94 * high_corner[axis], f"{high[axis]:.4g}"),
+            (1.0, END_NUMBER_FRACTION * low_corner[axis], f"{low[axis]:.4g}"),
+            (1.0, END_NUMBER_FRACTION * high_corner[axis], f"{high[axis]:.4g}"),
             (2.0, 0.0, title_with_unit(name, surface.unit)),
         ):
             position = corner + distance * outwards
