@@ -4,11 +4,11 @@ import json
 import math
 from argparse import ArgumentParser, Namespace
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from spherekit.cli.argument_types import number
 from spherekit.cli.completers import complete_mechanisms, set_completer
@@ -16,6 +16,13 @@ from spherekit.cli.main import say
 from spherekit.cli.study_arguments import add_input_argument, add_lock_argument, with_locks
 from spherekit.conventions import Facts, Lines
 from spherekit.wording import counted
+
+if TYPE_CHECKING:
+    from spherekit.proof.certified_modes import CertifiedModes
+    from spherekit.proof.certified_singularities import CertifiedSingularities
+    from spherekit.proof.configuration_curves import CertifiedCurves
+    from spherekit.proof.decimal_mechanism import DecimalMechanism
+    from spherekit.proof.input_map import InputMap
 
 INCOMPLETE = 3
 """Exit status if completeness is not proven."""
@@ -197,7 +204,7 @@ def execute(options: Namespace) -> int:
 
 
 def _certify_inputs(
-    decimal_mechanism: Any, inputs_text: str, with_poles: bool
+    decimal_mechanism: "DecimalMechanism", inputs_text: str, with_poles: bool
 ) -> Certification:
     """Certify all assembly modes at given inputs.
 
@@ -281,7 +288,7 @@ def _decimal_text(option: str, text: str) -> str:
     )
 
 
-def _describe_modes(modes: Any) -> Lines:
+def _describe_modes(modes: "CertifiedModes") -> Lines:
     """Return a line for each mode, with the angles of all pairs and their error bound.
 
     The angles are balls: numbers with a proven bound of their error. Clusters are small
@@ -314,18 +321,27 @@ def _describe_modes(modes: Any) -> Lines:
     return lines
 
 
-def _certify_wheels(decimal_mechanism: Any) -> Certification:
+def _certify_wheels(decimal_mechanism: "DecimalMechanism") -> Certification:
     """Certify a mechanism without closure equations, in which wheels fix all angles.
 
     Each follower, a pair that is no input, turns by the sum of ratio times angle over all
     inputs. The ratios are balls: numbers with a proven bound of their error.
+
+    Parameters
+    ----------
+    decimal_mechanism
+        The mechanism with the decimal numbers of its file, which are exact.
+
+    Returns
+    -------
+    The lines to print, with the ratios of each follower, and the certificate.
     """
     from spherekit.proof.balls import centre_float, upper_magnitude, working_precision
     from spherekit.proof.certificate import wheels_certificate
 
     structure = decimal_mechanism.structure
     with working_precision(PRECISION_BITS):
-        ratios = decimal_mechanism.follower_ratios()
+        ratios = decimal_mechanism.follower_ratios()  # (followers, inputs)
     inputs = structure.names_of(structure.inputs)
     lines = [
         f"{structure.name}: certified: one mode at all inputs, no dead centre; wheels in "
@@ -336,14 +352,15 @@ def _certify_wheels(decimal_mechanism: Any) -> Certification:
             f"{centre_float(ratio):+.12g} x {name}"
             for ratio, name in zip(pair_ratios, inputs, strict=True)
         )
+        # The bound of the error of all ratios that this line prints.
         error = max(upper_magnitude(ratio - ratio.mid()) for ratio in pair_ratios)
         lines.append(f"  {structure.pairs[pair]} turns {terms}, factors to {error:.0e}")
-    certificate = wheels_certificate(decimal_mechanism, ratios)
+    certificate = wheels_certificate(decimal_mechanism, list(ratios))
     return Certification(lines, certificate, is_complete=True)
 
 
 def _certify_range(
-    decimal_mechanism: Any, ends: Lines | None, clear_of: str | None
+    decimal_mechanism: "DecimalMechanism", ends: Lines | None, clear_of: str | None
 ) -> Certification:
     """Certify the curves of modes and the singularities over the range of the only input.
 
@@ -377,6 +394,9 @@ def _certify_range(
         low, high = (_decimal_text("--range", end) for end in ends)
     if not float(low) < float(high):
         raise AnalysisError(f"the range {low} to {high} is empty; give FROM < TO")
+    # A construction is an order of placing the links, and with it the choice of the pair
+    # angles that are unknowns. The angles of output pairs are preferred as unknowns, so
+    # that singularities of outputs are stationary points of one coordinate of the curves.
     construction = find_construction(
         decimal_mechanism.structure, find_output_pairs(decimal_mechanism).values()
     )
@@ -393,6 +413,8 @@ def _certify_range(
                 f"--clear-of {clear_of}: nothing is proven there; give an input from {low} "
                 f"to {high}, or another --range"
             )
+        # The functions above set the precision of their balls (numbers with error bounds)
+        # themselves. The angle below is the only ball that is computed here.
         with working_precision(PRECISION_BITS):
             q = centre_float(decimal_mechanism.input_angle(position))  # rad
         lines.append(
@@ -401,20 +423,23 @@ def _certify_range(
         )
     certificate = {**curves_certificate(curves), "singularities": singular_table(located)}
     is_certified = curves.completeness.guarantee is Guarantee.CERTIFIED
-    return Certification(lines, certificate, is_certified and not located.undecided)
+    is_complete = is_certified and not located.undecided
+    return Certification(lines, certificate, is_complete)
 
 
-def _certify_map(decimal_mechanism: Any, options: Namespace) -> Certification:
+def _certify_map(
+    decimal_mechanism: "DecimalMechanism", options: Namespace
+) -> Certification:
     """Certify the number of assembly modes over the ranges of two inputs.
 
-    The rectangle of both ranges is divided into boxes. The number of modes is proven in
-    each box, or the box contains singular inputs or stays undecided. With ``--figure`` the
-    boxes are drawn.
+    The rectangle of both ranges is divided into boxes (cells). The number of modes is
+    proven in each box, or the box contains singular inputs or stays undecided. With
+    ``--figure`` the boxes are drawn.
 
     Parameters
     ----------
     decimal_mechanism
-        The mechanism with the decimal numbers of its file.
+        The mechanism with the decimal numbers of its file. It has two inputs or more.
     options
         Values of the arguments of the command.
     """
@@ -424,17 +449,20 @@ def _certify_map(decimal_mechanism: Any, options: Namespace) -> Certification:
 
     mechanism = decimal_mechanism.mechanism
     names = mechanism.input_pairs
+    # ``--range`` has no place for a second input, so the ranges of the file are used.
     if len(names) > 2 or options.range:
         raise AnalysisError(
             f"{mechanism.name} has {len(names)} inputs; ranges are proven of one input, or "
             "of two over those of the file: give values of all with --at"
         )
-    cell = DEFAULT_CELL_RAD if options.cell is None else options.cell
-    if not MIN_CELL_RAD <= cell <= MAX_CELL_RAD:
-        raise AnalysisError(f"--cell {cell} rad is no use; give one from 0.0001 to 1")
+    largest_side = DEFAULT_CELL_RAD if options.cell is None else options.cell  # of a box
+    if not MIN_CELL_RAD <= largest_side <= MAX_CELL_RAD:
+        raise AnalysisError(
+            f"--cell {largest_side} rad is no use; give one from 0.0001 to 1"
+        )
     # Ends of both ranges as decimal texts, in the unit of the file.
     ranges = [decimal_mechanism.input_range_text(name) for name in names]
-    input_map = certify_input_map(decimal_mechanism, ranges, cell)
+    input_map = certify_input_map(decimal_mechanism, ranges, largest_side)
     lines = [f"{mechanism.name}: {input_map.completeness}"]
     for mode_count, share in input_map.mode_shares.items():
         lines.append(f"  {counted(mode_count, 'mode')} in {100 * share:.3f} % of the area")
@@ -445,7 +473,7 @@ def _certify_map(decimal_mechanism: Any, options: Namespace) -> Certification:
     return Certification(lines, map_certificate(input_map), is_complete)
 
 
-def _draw_map(input_map: Any, names: Lines, path: str) -> None:
+def _draw_map(input_map: "InputMap", names: Sequence[str], path: str) -> None:
     """Draw the boxes of a map in the colours of their numbers of modes.
 
     Parameters
@@ -482,14 +510,16 @@ def _degrees(q: float) -> str:
     return f"{round(math.degrees(q), 9) + 0.0:.9f}"
 
 
-def _crossing_sentences(curves: Any) -> Iterator[str]:
-    """Yield a sentence for each crossing, or near miss, of curves within the range.
+def _crossing_sentences(curves: "CertifiedCurves") -> Iterator[str]:
+    """Yield a sentence for each crossing, or near miss, of configuration curves.
 
-    The curves are where the closure equation is zero. A saddle of its left side on level
-    zero is a crossing; on another level the curves miss each other. If the sign of the
-    level is not decided (None), both are possible.
+    Near such a point, the curves are the zero level of a function with a saddle there. If
+    the function is zero at its saddle point, the curves cross. If it is positive or
+    negative, they miss each other. If its sign is not decided (None), both are possible.
+    Only points whose input is within the range are listed.
     """
     for saddle in curves.saddles:
+        # The centre has an angle for each variable, one of which gives the input.
         q = curves.wrap_into_range(curves.input_angle(saddle.centre))
         if q is None:  # outside the range
             continue
@@ -502,8 +532,11 @@ def _crossing_sentences(curves: Any) -> Iterator[str]:
         yield f"{sentence} at {_degrees(q)} deg"
 
 
-def _describe_curves(curves: Any) -> Lines:
-    """Return lines for the numbers of modes, crossings, and undecided ranges of curves.
+def _describe_curves(curves: "CertifiedCurves") -> Lines:
+    """Return lines for the numbers of modes, crossings of curves, and undecided ranges.
+
+    A configuration curve consists of configurations that join each other. Each input of an
+    interval has the same number of modes: configurations with this input.
 
     Parameters
     ----------
@@ -517,6 +550,7 @@ def _describe_curves(curves: Any) -> Lines:
     for sentence, count in Counter(_crossing_sentences(curves)).items():
         configurations = f", in {count} configurations" if count > 1 else ""
         lines.append(f"  {sentence}{configurations}")
+    # The mechanism moves along such a curve while the input stands still.
     for q in curves.constant_input_values:
         lines.append(f"  a whole curve of modes at {_degrees(q)} deg")
     for low, high in curves.undecided_ranges[:MAX_LISTED_RANGES]:
@@ -524,7 +558,9 @@ def _describe_curves(curves: Any) -> Lines:
     return lines
 
 
-def _describe_singularities(curves: Any, located: Any) -> Lines:
+def _describe_singularities(
+    curves: "CertifiedCurves", located: "CertifiedSingularities"
+) -> Lines:
     """Return lines for the singularities of all outputs, and for what stays undecided.
 
     In a type I singularity the output is at rest while the input moves; in one of type II
@@ -543,7 +579,9 @@ def _describe_singularities(curves: Any, located: Any) -> Lines:
     for singularity in located.singularities:
         is_outside = curves.wrap_into_range(singularity.q) is None
         outside = ", out of the range" if is_outside else ""
-        # The input angle is `cycle_turns` times its variable on the curve.
+        # `q` is the input angle (rad). The error is that of a variable of the curve. With
+        # toothed wheels, the input angle is `cycle_turns` (a whole number) times it, so
+        # that all wheels are back after one turn of the variable. Otherwise it is 1.
         error = np.degrees(singularity.point.error * curves.cycle_turns)
         lines.append(
             f"  output {singularity.output}: type {singularity.type} at "

@@ -27,7 +27,7 @@ EXAMPLES = """examples:
 
 
 def add_arguments(parser: ArgumentParser) -> None:
-    """Declare the arguments of `spherekit explain`."""
+    """Declare the arguments of `spherekit explain`, which predicts the cost of a run."""
     add_study_arguments(parser)
     analysis_argument = parser.add_argument(
         "-a",
@@ -45,6 +45,7 @@ def add_arguments(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--recording",
         action="store_true",
+        # Its size follows from those of two short recordings, which are made for this.
         help="predict the recording too, from two short ones (needs a second or two)",
     )
     parser.add_argument(

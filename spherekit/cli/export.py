@@ -146,9 +146,13 @@ def execute(options: Namespace) -> int:
     mechanism_of_file = load(options.file)
     mechanism = with_locks(mechanism_of_file, options.lock, options.file)
     unit = angle_unit_of(options.file)
-    # If no pairs are locked, the file is passed on instead of the mechanism. The file has
-    # the numbers as they are written, the mechanism only floats.
+    # Without locked pairs, the file is passed on instead of the mechanism. The export then
+    # reads the sizes as the user wrote them, such as 30 deg. The mechanism has them in rad,
+    # rounded to floats.
     has_locks = mechanism is not mechanism_of_file
+    inputs_of_pose = None  # rad
+    if options.at:
+        inputs_of_pose = tuple(to_radians(angle, unit) for angle in options.at)
     exported = export(
         mechanism if has_locks else options.file,
         options.output or f"{mechanism.name}{SUFFIXES[options.to][0]}",
@@ -162,9 +166,9 @@ def execute(options: Namespace) -> int:
         quantities=options.quantities,
         vary=options.vary,
         crossings=options.crossings,
-        at=options.at and tuple(to_radians(angle, unit) for angle in options.at),
+        at=inputs_of_pose,
     )
-    note(
-        options, *(f"{exported.path}: {text}" for text in (exported.holds, *exported.notes))
-    )
+    # `holds` is a phrase that says what the file contains. Notes say what it leaves out.
+    sentences = (exported.holds, *exported.notes)
+    note(options, *(f"{exported.path}: {text}" for text in sentences))
     return 0

@@ -41,7 +41,9 @@ def add_arguments(parser: ArgumentParser) -> None:
 def execute(options: Namespace) -> int:
     """Write a mechanism file from a MuJoCo model or URDF, and print its contents.
 
-    By default the file gets the name of the model. Returns the exit status 0.
+    The axes of the model need not meet exactly in one point: `options.within` (m) is the
+    largest accepted distance of an axis from the common point, None for the default. By
+    default the file gets the name of the model. Returns the exit status 0.
     """
     from spherekit.errors import OutputError
     from spherekit.exchange.mechanism_import import import_mechanism

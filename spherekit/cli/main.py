@@ -68,6 +68,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         message = _system_message(error)
         if not message:
             raise
+        if _is_output_error(error):
+            _discard_output()
         say(message)
         return BAD_INPUT
 
@@ -128,12 +130,25 @@ def _open_closed_streams() -> None:
 
 
 def _discard_output() -> None:
-    """Discard the rest of stdout, at whose end Python would fail once more."""
+    """Discard the rest of stdout, so that Python does not fail again when it ends.
+
+    Python writes what stdout still contains when the process ends.
+    """
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+def _is_output_error(error: Exception) -> bool:
+    """Return whether an error means that standard output takes no more.
+
+    An error of a file has the name of the file; an error of standard output has no name.
+    """
+    return (
+        isinstance(error, OSError) and error.errno in OUTPUT_ERRORS and not error.filename
+    )
+
+
 def _system_message(error: Exception) -> str:
-    """Return a message if an error was caused by a lack of memory or of disk space.
+    """Return a message if there is too little memory, or if stdout takes no more.
 
     The text is empty for all other errors. Libraries may report a lack of memory by an
     error of another class, so the errors that caused the error are examined too.
@@ -147,9 +162,7 @@ def _system_message(error: Exception) -> str:
                 "more (ulimit -v), or ask for fewer samples"
             )
         cause = cause.__cause__ or cause.__context__
-    # Errors of files have the name of the file and another message.
-    if isinstance(error, OSError) and error.errno in OUTPUT_ERRORS and not error.filename:
-        _discard_output()
+    if isinstance(error, OSError) and _is_output_error(error):
         return f"standard output cannot be written: {error.strerror}; let it go elsewhere"
     return ""
 

@@ -66,10 +66,17 @@ def add_arguments(parser: ArgumentParser) -> None:
 
 
 def execute(options: Namespace) -> int:
-    """Write a mechanism file or a folder with an analysis, and print what to do next.
+    """Write a mechanism file or a package with an analysis, and print what to do next.
 
     A mechanism file is a copy of a shipped template, of the kind that the user chooses, or
-    of another mechanism (``--like``), with the new name. Returns the exit status 0.
+    of another mechanism (``--like``), with the new name. An analysis is written as a folder
+    with a Python package that pip can install. Returns the exit status 0.
+
+    Parameters
+    ----------
+    options
+        Values of the arguments: ``what`` is ``"mechanism"`` or ``"analysis"``, and ``name``
+        is its name, which may begin with a path.
     """
     from spherekit.errors import OutputError
     from spherekit.storage.atomic_write import make_folder, write_text
@@ -88,7 +95,7 @@ def execute(options: Namespace) -> int:
         raise OutputError(f"{path}: is there already; choose another name, or remove it")
     if is_analysis:
         make_folder(path)
-        for file, text in distribution_files(name).items():
+        for file, text in distribution_files(name).items():  # of the package
             write_text(path / file, text)
         next_step = (
             f"change spherekit_{name}.py; pip install -e {path}; then: spherekit run "
@@ -100,7 +107,9 @@ def execute(options: Namespace) -> int:
         else:
             template = TEMPLATES / f"{options.kind or 'four_bar'}{SUFFIX}"
             text = template.read_text("utf-8")
-        write_text(path, _NAME_LINE.sub(f'name = "{name}"', text, count=1))
+        # The first line ``name = ...`` of the template gets the new name.
+        text_with_name = _NAME_LINE.sub(f'name = "{name}"', text, count=1)
+        write_text(path, text_with_name)
         next_step = f"change it, then: spherekit run {path}"
     note(options, f"{path}: {next_step}")
     return 0

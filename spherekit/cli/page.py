@@ -69,19 +69,19 @@ def execute(options: Namespace) -> int:
     from spherekit.files.mechanism_reader import load
 
     file = options.file
+    # With --lock the page is of a changed mechanism, which has fewer pairs than the file.
+    mechanism = with_locks(load(file), options.lock, file) if options.lock else file
     written_page = page(
-        with_locks(load(file), options.lock, file) if options.lock else file,
+        mechanism,
         options.output or f"{Path(file).stem}.html",
         vary=options.vary,
         quantities=options.quantities,
         input_pair=options.input,
+        # Where two configuration curves cross, an assembly mode keeps the signs of its
+        # dyads ("end") or follows its smooth curve ("pass").
         crossings=options.crossings or "end",
     )
-    note(
-        options,
-        *(
-            f"{written_page.path}: {text}"
-            for text in (written_page.holds, *written_page.notes)
-        ),
-    )
+    # `holds` is a phrase that says what the page shows. Notes say what it leaves out.
+    sentences = (written_page.holds, *written_page.notes)
+    note(options, *(f"{written_page.path}: {text}" for text in sentences))
     return 0

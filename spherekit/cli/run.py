@@ -326,18 +326,22 @@ def _exit_status(result: "RunResult", exceeded_bounds: int, is_strict: bool) -> 
         return FAILED_ANALYSIS
     if not is_strict:
         return 0
-    # Each item is true, not empty or not zero if something is wrong.
     summary = result.summary
-    simulation = summary.get("simulation")
-    problems = (
+    problems = [
         {*summary["status"], *summary["pole_status"]} - {"OK"},
         any(analysis["failed_rows"] for analysis in summary["analyses"]),
         exceeded_bounds,
         summary.get("verified", {}).get("beyond"),  # columns off by more than rounding
         not summary.get("accuracy", {"met": True})["met"],  # a tolerance of --tol
-        simulation and simulation["missed"],  # its tolerance
-        simulation and simulation["end"]["kind"] == "too_fast",
-    )
+    ]
+    if simulation := summary.get("simulation"):
+        # The end "too_fast" means that no step was short enough, so the solver gave up.
+        # Other ends, such as a joint limit or a singularity, are results.
+        problems += [
+            simulation["missed"],  # the error of the simulation exceeds its tolerance
+            simulation["end"]["kind"] == "too_fast",
+        ]
+    # Each item is true, not empty or not zero if something is wrong.
     return FAILED_SAMPLES if any(problems) else 0
 
 
@@ -469,29 +473,32 @@ def _setting_for_tolerance(
     """Return the cheapest setting that meets ``--tol``, as keyword arguments of `run`.
 
     A trade is a stored measurement of the time and error of each setting (a way to compute,
-    such as an integrator with a tolerance).
+    such as an integrator with a tolerance). Without ``--trade``, the ``--tol`` of a
+    simulation is the tolerance of its steps, and no setting is chosen.
 
     Returns
     -------
     ``setting``, and ``accuracy`` with the error that it is expected to reach. Empty if no
-    tolerance of tables is given: the ``--tol`` of a simulation without ``--trade`` is the
-    tolerance of its steps.
+    setting is to be chosen.
 
     Raises
     ------
     AnalysisError
-        If ``--trade`` is given without ``--tol``, or with an engine.
+        If ``--trade`` is given without ``--tol``, or together with the ``--engine`` of a
+        simulation.
     """
     from spherekit.errors import AnalysisError
 
+    # A study with the state at t = 0 is a simulation. Only simulations have ``--engine``.
+    is_simulation = study.start is not None
     if options.tol is None and options.trade:
         raise AnalysisError("--trade: say for which tolerance to choose, with --tol T")
-    if options.trade and study.start is not None and options.engine != "auto":
+    if options.trade and is_simulation and options.engine != "auto":
         raise AnalysisError(
             f"--engine {options.engine}: the trade chooses it; leave one of --engine and "
             "--trade out"
         )
-    if options.tol is None or (study.start is not None and not options.trade):
+    if options.tol is None or (is_simulation and not options.trade):
         return {}
     from spherekit.runs.trade_choice import choose, read_stored_trades
 

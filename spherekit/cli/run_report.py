@@ -142,7 +142,11 @@ _ERROR_LINES = (
         ),
     ),
 )
-"""For each line: keys of ``errors_reached`` and their text. A line needs its first key."""
+"""For each line: keys of ``errors_reached``, and the format of the text for each key.
+
+The text of the first key begins the line, and the other texts continue its sentence. The
+line is therefore left out if the first error is None.
+"""
 
 
 def _describe_errors(errors: Any) -> Lines:
@@ -154,7 +158,8 @@ def _describe_errors(errors: Any) -> Lines:
         The entry ``errors_reached`` of the summary.
     """
     lines = []
-    for line_parts in _ERROR_LINES:
+    for line_parts in _ERROR_LINES:  # pairs of a key and a format such as "{:.1e} rad"
+        # The text of the first error begins the sentence that the other texts continue.
         first_key, _ = line_parts[0]
         if errors[first_key] is not None:
             texts = [
@@ -236,9 +241,10 @@ def duration(seconds: float) -> str:
 def accuracy_line(choice: Any) -> str:
     """Return the line about the setting that was chosen for a tolerance.
 
-    A setting is a way to compute the tables. A trade has the measured time and error of
-    each setting. The error of the trade is the predicted error of the run. The run may also
-    have been compared with accurate values at some rows, the check rows.
+    A setting is a way to compute the tables. A trade is a measurement of the time and error
+    of each setting. Its error of the chosen setting is the predicted error of the run. Runs
+    that compute poles at samples are also compared with accurate values at some rows, the
+    check rows.
 
     Parameters
     ----------
@@ -264,6 +270,8 @@ def accuracy_line(choice: Any) -> str:
         )
     if predicted_error is not None:
         return f"{line} by that trade{unmet}"
+    # Neither a trade nor check rows: no analysis computes anything whose error depends on
+    # the setting.
     return f"{line}; nothing that depends on samples was asked for"
 
 

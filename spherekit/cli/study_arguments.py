@@ -67,7 +67,13 @@ def add_study_arguments(parser: ArgumentParser) -> None:
 
 
 def add_time_arguments(parser: ArgumentParser) -> None:
-    """Add time laws, the start and torques of a simulation, and the choice of modes."""
+    """Add the arguments for the motion in time and for the assembly modes.
+
+    The motion is prescribed by time laws of the inputs, or simulated from a start under
+    loads and driving torques. An assembly mode is one of the ways to assemble the
+    mechanism at given inputs. It is labelled by the signs of its dyads: the two ways to
+    assemble two links between two known axes.
+    """
     parser.add_argument(
         "--law",
         metavar="[PAIR=]KIND:key=value,...",
@@ -92,6 +98,7 @@ def add_time_arguments(parser: ArgumentParser) -> None:
         action="append",
         help="driving torque at an input, N m, with --start; others turn freely",
     )
+    # The samples divide the duration into equal time steps.
     parser.add_argument(
         "--duration",
         metavar="T",

@@ -91,9 +91,11 @@ def execute(options: Namespace) -> int:
 def _print_result(result: "Synthesis") -> None:
     """Print how far each objective fell, and the best designs.
 
-    A synthesis minimises one or more objectives. With one objective its best designs are
-    printed. With several, designs of the Pareto front are printed, evenly chosen along it:
-    no other design is better in all objectives.
+    A synthesis explores many designs (rows, one for each assembly mode of a design). From
+    the best rows that meet its conditions, it minimises one or more objectives by descents.
+    With one objective its best designs are printed. With several, designs of the Pareto
+    front are printed, evenly chosen along it. No descent met a design of the same assembly
+    mode that is better than one of these in all objectives.
     """
     import numpy as np
 
@@ -103,6 +105,8 @@ def _print_result(result: "Synthesis") -> None:
         f"{synthesis.sweep.mechanism.name}: {counted(result.explored, 'design')} "
         f"looked at, conditions held in {counted(result.feasible, 'row')}"
     )
+    # The least value of each objective: among the explored rows that meet the conditions
+    # (`before`), and after the descents.
     least_objectives = result.objectives.min(axis=0)
     for name, text, before, after in zip(
         result.headings, synthesis.minimise, result.before, least_objectives, strict=True
@@ -110,6 +114,7 @@ def _print_result(result: "Synthesis") -> None:
         print(f"{name}: {text}, the least there {before:.6g}, after descents {after:.6g}")
     has_one_objective = len(result.headings) == 1
     if not has_one_objective:
+        # A design beats another one if it is better by more than these differences.
         tolerances = " and ".join(f"{value:.2g}" for value in result.tolerance)
         print(
             f"{counted(len(result.objectives), 'design')} that none met beats, of their "

@@ -207,9 +207,9 @@ def _connect(address: str) -> "Iterator[Client]":
 def _await_workers(client: "Client", address: str) -> None:
     """Wait until at least one worker is connected to the scheduler.
 
-    There is no limit, because workers that a batch system starts may come hours later. A
-    message to the user says for how long the command has been waiting. It is repeated every
-    `WAITING_REPORT_SECONDS`.
+    The wait has no time limit, because workers that a batch system starts may come hours
+    later. A message to the user says for how long the command has been waiting. It is
+    repeated every `WAITING_REPORT_SECONDS`.
 
     Raises
     ------
@@ -221,7 +221,10 @@ def _await_workers(client: "Client", address: str) -> None:
     while not _has_workers(client, address):
         now = time.monotonic()
         if now >= next_report:
-            announce(_describe_waiting(address, now - start), REPORT_INTERVAL_S)
+            # `announce` drops messages about computations that are expected to take less
+            # than `REPORT_INTERVAL_S`. This expected time makes it report in any case.
+            expected_seconds = REPORT_INTERVAL_S
+            announce(_describe_waiting(address, now - start), expected_seconds)
             next_report = now + WAITING_REPORT_SECONDS
         time.sleep(CHECK_SECONDS)
 
@@ -438,6 +441,8 @@ class PartComputer:
                 f"{self.sweep.mechanism.name}: a worker of the cluster ({gethostname()}) "
                 f"has other versions ({version_difference}); a data set is made by one"
             )
+        # A worker may have several threads, which share one sweep. The lock lets one thread
+        # compute at a time: the first part compiles functions that all others use.
         with _part_lock:
             if os.access(self.folder, os.W_OK | os.X_OK):
                 self.sweep.write_part(self.folder, part_number)

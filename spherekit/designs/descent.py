@@ -200,7 +200,7 @@ class Descent:
         return OBJECTIVE_TOLERANCE * self.scales
 
     def file_values(self, x: Floats) -> Floats:
-        """Return the values (variables,) of a point, in the units of the file."""
+        """Return the design variables (variables,) of a point, in the units of the file."""
         return self._low + self._width * x
 
     def track_mode_from(self, x: Floats, mode: SynthesisMode) -> SynthesisMode:
@@ -221,7 +221,7 @@ class Descent:
 
         Returns
         -------
-        Objectives and conditions with their gradients. They are NaN if they depend on
+        Objectives and conditions with their gradients by x. They are NaN if they depend on
         figures of merit of a design that is impossible. Gradients that do not exist are
         zero.
         """
@@ -231,12 +231,16 @@ class Descent:
         if key in self._last_values:
             return self._last_values[key]
 
+        # The design variables are sizes of the mechanism, in the units of the file. The
+        # figures of merit are numbers that judge the design. Users' objectives and
+        # conditions are expressions of both, with angles in the unit of the file.
         values = self.file_values(x)
         figure_values = self._figure_gradients.evaluate(values, mode)
         figures = figure_values.figures / self._figure_units
         figure_slopes = figure_values.gradients * self._width / self._figure_units[:, None]
         # (variables + figures, variables) derivatives of the values and of the figures by
-        # the coordinates.
+        # the coordinates x, in which the range of a variable is 1 wide. NaN is replaced,
+        # since it would spread by 0 * NaN to expressions without the figure concerned.
         inner_slopes = np.nan_to_num(np.concatenate([np.diag(self._width), figure_slopes]))
         with np.errstate(all="ignore"):
             outputs = self._function(np.concatenate([values, figures])[:, None])
@@ -358,15 +362,17 @@ class Descent:
             The largest of these differences there. It is negative if all objectives are
             below the aim.
         """
-        min_closes = self.evaluate(x, mode).closes
+        min_closing_fraction = self.evaluate(x, mode).closes
 
         def scaled_functions(y: Floats) -> LinearisedFunctions | None:
             """Return the differences from the aim, and the conditions, at a point y.
 
-            None if a number is not finite, or if the mode closes at too few samples.
+            The conditions (`limits`) have no aim. They must not be positive, so they need
+            no scale. The result is None if a number is not finite, or if the mechanism can
+            be assembled at a smaller fraction of the samples than at the first point.
             """
             values = self.evaluate(y, mode)
-            if values.closes < min_closes:
+            if values.closes < min_closing_fraction:
                 return None
             functions = values.functions
             scaled = LinearisedFunctions(
@@ -382,8 +388,11 @@ class Descent:
     def descend(self, mode: SynthesisMode, x: Floats) -> LocalOptimum:
         """Return the local optimum to which descents from a point lead.
 
-        Descents of the first objective and of all objectives alternate, until no objective
-        decreases any more.
+        Two kinds of descent alternate, until no objective decreases any more. The first
+        decreases the first objective by sequential quadratic programming, while the others
+        must not increase. It may stop short at kinks, which least and greatest values have.
+        The second decreases all objectives (or the only one) by a method for functions with
+        kinks.
 
         Parameters
         ----------
@@ -398,7 +407,8 @@ class Descent:
             start_objectives = self.objectives(x, mode)
             x = self.minimize_first_objective(x, mode)
             mode = self.track_mode_from(x, mode)
-            # The aim is the present objectives, so that all of them decrease.
+            # `approach_aim` minimises the largest of the differences between objectives
+            # and aims. With the present objectives as aims, all of them decrease.
             x, _ = self.approach_aim(x, mode, aim=self.objectives(x, mode))
             mode = self.track_mode_from(x, mode)
             decrease = (start_objectives - self.objectives(x, mode)) / self.scales
@@ -450,14 +460,17 @@ class Descent:
         """Yield starts of descents that may lead to a better design than an optimum.
 
         They are rows of the sweep, and optima of other descents, in the same assembly mode
-        (way to assemble the mechanism). A start whose objectives exceed those of the
-        optimum less comes earlier. Starts keep a distance (`MIN_START_DISTANCE`) from the
-        optimum and from each other.
+        (way to assemble the mechanism). They are sorted by the largest amount by which an
+        objective exceeds that of the optimum, smallest first. A start that is nearer to the
+        optimum or to an earlier start than `MIN_START_DISTANCE` is left out.
 
         Yields
         ------
         (variables,) the start, in units of the ranges of the variables (0 to 1).
         """
+        # Rows of the sweep have only the label of their mode. An optimum has the
+        # configurations of its mode. `continues_in` follows them to the other design, where
+        # the same mode may have another label.
         is_same_mode = self.modes == optimum.mode.label
         same_mode_optima = [
             candidate for candidate in optima if candidate.mode.continues_in(optimum.mode)
@@ -472,9 +485,10 @@ class Descent:
             ]
         )
         largest_excess = np.max((objectives - optimum.objectives) / self.scales, axis=1)
-        used_points = [optimum.x]
+        used_points = [optimum.x]  # and then all starts
         for k in np.argsort(largest_excess, kind="stable"):
-            if len(used_points) > MAX_OTHER_STARTS:
+            start_count = len(used_points) - 1
+            if start_count >= MAX_OTHER_STARTS:
                 return
             distances = [max_abs(points[k] - point) for point in used_points]
             if all(distance >= MIN_START_DISTANCE for distance in distances):
