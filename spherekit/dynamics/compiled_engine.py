@@ -61,7 +61,7 @@ from spherekit.errors import EngineError
 from spherekit.geometry.vectors import all_finite
 from spherekit.status import STATUS_MEANING, Status
 
-MAX_CONDITION_AT_CROSSING = 1e-3
+MAX_RECIPROCAL_CONDITION_AT_CROSSING = 1e-3
 """Largest `reciprocal_condition` of a configuration in which curves cross.
 
 Larger: failures of chosen redundant equations are reported as singularities. Smaller:
@@ -106,13 +106,17 @@ END_BY_RUN_END: dict[RunEnd, tuple[EndKind, str]] = {
 class CompiledRuns:
     """The successive runs of a simulation by Taylor series.
 
+    A run is an integration of one compiled equation of motion. A mechanism with m degrees
+    of freedom has m coordinates, which are weighted sums of the pair variables, and a
+    momentum for each coordinate. A frame (m, variables) is the weights of these sums.
+
     Attributes
     ----------
     runs
         One run for each choice of coordinates, in order of time.
     frames
-        For each run the function that converts its states to those of a simulation, and
-        returns the frames of their momenta.
+        For each run a function that converts its states to those of a simulation, in place.
+        It returns the frame of the coordinates for each state.
     compile_seconds
         Time that compiling took, s.
     """
@@ -126,6 +130,9 @@ def by_taylor_series(
     problem: Problem, tolerance: float, reason: str, forecast: Forecast | None = None
 ) -> Simulation:
     """Simulate a motion by Taylor series of the compiled equation of motion.
+
+    The simulation consists of one or more runs. A new run begins when other coordinates are
+    chosen for the equation of motion, or a smaller tolerance.
 
     Parameters
     ----------
@@ -143,6 +150,7 @@ def by_taylor_series(
         series at the start.
     """
     started = time.perf_counter()
+    # The rates of all pair variables at the start, per unit rate of each coordinate.
     motion = problem.equation.compute_motion(problem.values[None], problem.frame)
     status = Status(int(motion.status[0]))
     if status != Status.OK:
@@ -151,6 +159,8 @@ def by_taylor_series(
     path = make_taylor_path(compiled.runs, compiled.frames)
     last_run = compiled.runs[-1]
     seconds = time.perf_counter() - started - compiled.compile_seconds
+    # The equations of this run became dependent. This is an end of the motion only if
+    # curves of configurations cross there; otherwise an error is raised.
     if last_run.end == "singularity":
         _check_crossing(problem, last_run)
     return Simulation(
@@ -280,9 +290,15 @@ def _integrate(
 def coordinates_at(problem: Problem, values: Floats) -> Names:
     """Return the names of the R pairs whose variables become the coordinates of a run.
 
-    They are the inputs if the inputs determine the motion well enough at a configuration,
-    otherwise the R pairs that determine it best. With one degree of freedom no pairs are
-    chosen, because the coordinate is the arc length of the configuration curve.
+    Coordinates determine the motion well if no other variable moves much faster than they
+    do. The measure is the sum of the squares of all rates, per unit rates of the
+    coordinates. A run ends when this sum exceeds `MAX_RATE_SQUARES`. Coordinates are only
+    chosen if it is at most `MAX_START_RATE_RATIO` times as large, so that a run does not
+    end soon after its start.
+
+    The inputs are chosen if they are good enough, otherwise the R pairs with the smallest
+    sum. With one degree of freedom no pairs are chosen, because the coordinate is the arc
+    length of the configuration curve.
 
     Parameters
     ----------
@@ -301,24 +317,30 @@ def coordinates_at(problem: Problem, values: Floats) -> Names:
         return ()
     pair_of_variable = {v: pair for pair, v in equation.mechanism.angles.items()}
     jacobian = equation.closure.linearise(values[None]).jacobian[0]
-    # The last rows are an orthonormal basis of the possible velocities.
-    velocity_basis = np.linalg.svd(jacobian)[2][-equation.freedoms :]
+    # The last right singular vectors of the Jacobian are an orthonormal basis (m,
+    # variables) of the velocities that keep the loops closed.
+    _, _, right_vectors = np.linalg.svd(jacobian)
+    velocity_basis = right_vectors[-equation.freedoms :]
 
     def sum_rate_squares(variables: tuple[int, ...]) -> float:
         """Return the sum of the squares of all rates, per unit rates of some variables."""
-        # With the basis V and its columns V_c of these variables, the rates are V_c^-1 V.
-        # V is orthonormal, so the sum of their squares is that of 1 / s^2 over the singular
-        # values s of V_c.
+        # Every velocity is a combination a V of the rows of the basis V. With the columns
+        # V_c of the chosen variables, their rates are a V_c. The matrix of all rates per
+        # unit rate of each chosen variable is therefore V_c^-1 V. The rows of V are
+        # orthonormal, so the sum of the squares of this matrix is that of 1 / s^2 over the
+        # singular values s of V_c.
         chosen_columns = velocity_basis[:, list(variables)]
         singular_values = np.linalg.svd(chosen_columns, compute_uv=False)
         return float(np.sum(1.0 / np.maximum(singular_values, MIN_SINGULAR_VALUE) ** 2))
 
     choices = combinations(sorted(pair_of_variable), equation.freedoms)
     best = min(choices, key=sum_rate_squares)
+    max_rate_squares = MAX_START_RATE_RATIO * MAX_RATE_SQUARES
     # The inputs have the preference, even if others are better.
     for variables in (problem.driven, best):
-        if sum_rate_squares(variables) < MAX_START_RATE_RATIO * MAX_RATE_SQUARES:
+        if sum_rate_squares(variables) < max_rate_squares:
             return tuple(pair_of_variable[v] for v in variables)
+    # The second argument is the advice which other engine to use.
     raise EngineError(f"{equation.mechanism.name}: {NO_COORDINATES}", BY_NUMPY)
 
 
@@ -327,7 +349,7 @@ def _check_first_step(problem: Problem, run: TaylorRun) -> None:
     if run.segments:
         return
     state = problem.equation.make_state(problem.values, problem.speed, problem.frame)
-    if _have_loads_values(problem, 0.0, state, problem.frame, problem.turn_angles):
+    if _are_loads_finite(problem, 0.0, state, problem.frame, problem.turn_angles):
         raise EngineError(
             f"{problem.equation.mechanism.name}: at the start {NO_SERIES_MESSAGE}"
         )
@@ -335,11 +357,13 @@ def _check_first_step(problem: Problem, run: TaylorRun) -> None:
 
 
 def _check_crossing(problem: Problem, run: TaylorRun) -> None:
-    """Raise `EngineError` if no curves cross at the end of a run.
+    """Raise `EngineError` if a run ended although no configuration curves cross there.
 
-    If closure equations are redundant, those that were independent at the start are
-    compiled. Elsewhere they may depend on each other although all equations together
-    determine the motion. The run then ends although no curves cross there.
+    A run ends if its compiled closure equations become dependent. Usually two curves of
+    configurations then cross, and the loads do not decide which one the mechanism follows.
+    If closure equations are redundant, however, only some are compiled, which were
+    independent at the start. They may become dependent although all equations together
+    still determine the motion.
 
     Parameters
     ----------
@@ -350,8 +374,9 @@ def _check_crossing(problem: Problem, run: TaylorRun) -> None:
     """
     equation = problem.equation
     values = run.last_state[: equation.variable_count]
-    condition = reciprocal_condition(equation.closure, values, equation.freedoms)
-    if condition > MAX_CONDITION_AT_CROSSING:
+    # The reciprocal condition number of all closure equations is 0 at a crossing.
+    reciprocal = reciprocal_condition(equation.closure, values, equation.freedoms)
+    if reciprocal > MAX_RECIPROCAL_CONDITION_AT_CROSSING:
         raise EngineError(
             f"{equation.mechanism.name}: of its redundant equations those that were chosen "
             f"depend on each other at t = {run.end_time:.6g} s",
@@ -364,14 +389,19 @@ def _collect_events(
 ) -> tuple[Event, ...]:
     """Return the events of all runs in order of time.
 
+    A "switch" is an event at which a load changes abruptly.
+
     Parameters
     ----------
     problem
-        The problem, with the times at which loads have kinks according to the user.
+        The problem. Its `switches` are the times (s) of abrupt changes of loads that the
+        user has stated.
     path, runs
         The states of the simulation, and the runs of which it consists.
     """
+    # `angles` has the index of the pair variable of each R pair.
     pair_of_variable = {v: pair for pair, v in problem.equation.mechanism.angles.items()}
+    # Time (s), kind, and index of the pair variable; -1 for an event of no pair.
     events: list[tuple[float, EventKind, int]] = []
     for run in runs:
         for t, kind, variable in run.events:
@@ -410,13 +440,14 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
         return SimulationEnd(kind, run.end_time, message)
     path_states = path.evaluate(np.array([run.end_time]))
     if run.end == "joint_limit":
+        # The joint limit is the last event: its time, kind, and index of the pair variable.
         _, _, variable = run.events[-1]
         mechanism = problem.equation.mechanism
         name = mechanism.pairs[mechanism.variable_owners[variable]].name
         return joint_limit_end(run.end_time, name, float(path_states.values[0, variable]))
-    # A state that is not finite although all loads are finite: only the Taylor series of
-    # the loads have no values, for example because an exp inside a load overflows.
-    if run.end == "not_finite" and _have_loads_values(
+    # The state is not finite. If all loads are finite nevertheless, only the Taylor
+    # coefficients of a load are not, for example because an exp inside it overflows.
+    if run.end == "not_finite" and _are_loads_finite(
         problem,
         run.end_time,
         state=path_states.states[0],
@@ -424,11 +455,13 @@ def _describe_end(problem: Problem, path: StatePath, run: TaylorRun) -> Simulati
         whole_turns=TURN * path_states.turns[0],
     ):
         return SimulationEnd("too_fast", run.end_time, NO_SERIES_MESSAGE)
+    # In all other ends steps become too short. This happens if a load jumps or grows
+    # without bound, or if the inertia vanishes, which `no_step_end` reports instead.
     why = f"no step is short enough; {JUMP_MESSAGE}"
     return no_step_end(problem.equation, path, run.end_time, why)
 
 
-def _have_loads_values(
+def _are_loads_finite(
     problem: Problem, t: float, state: Floats, frame: Floats, whole_turns: Floats
 ) -> bool:
     """Return whether all loads are finite at a state.
@@ -440,10 +473,12 @@ def _have_loads_values(
     t
         Time, s.
     state
-        (states,) pair variables, momenta, and works of loads.
+        (states,) pair variables (rad), m momenta, and works of loads. A momentum belongs to
+        each of m coordinates, where m is the number of degrees of freedom.
     frame
-        (m, variables) the coefficients of the pair variables in the coordinates to which
-        the momenta belong.
+        (m, variables) the coordinates are weighted sums of the pair variables, and row i
+        has the weights of coordinate i. With m = 1 it is the tangent of the configuration
+        curve.
     whole_turns
         (variables,) angles (rad) of the whole turns that the state leaves out, but on which
         loads may depend.

@@ -124,6 +124,10 @@ class CompiledEquation:
     def homogeneous_rates(self, values: Floats) -> Floats:
         """Return the homogeneous rates by m coordinates at n configurations.
 
+        They are the rates of all variables per unit rate of a coordinate, multiplied by the
+        determinant of the velocity equations. They stay finite where this determinant is
+        zero, and the coordinates do not determine the rates.
+
         Parameters
         ----------
         values
@@ -131,12 +135,14 @@ class CompiledEquation:
 
         Returns
         -------
-        (n, m, variables) rates of all variables by each coordinate, times the determinant
-        of the velocity equations.
+        (n, m, variables) the homogeneous rates by each coordinate.
         """
+        # (m * variables + 1, n): the last row is the measure of independence of the
+        # loop-closure equations.
         outputs: Floats = self.rates_function(values.T)
+        rates = outputs[:-1]
         layout = self.layout
-        return outputs[:-1].T.reshape(-1, layout.freedoms, layout.variable_count)
+        return rates.T.reshape(-1, layout.freedoms, layout.variable_count)
 
     def measure_independence(self, values: Floats) -> Floats:
         """Return the measure (n,) of independence of the loop-closure equations.
@@ -194,9 +200,13 @@ def compile_equation(
     def compile_now() -> CompiledEquation:
         """Compile the equation of motion, because the cache does not have it.
 
-        It is derived for `common_mechanism`, which stands for all mechanisms that differ
-        only in data of a run. The arguments are those of this call: a pickle of the
-        equation contains them, and calls `compile_equation` with them again.
+        It is derived for `common_mechanism`, whose torque tables and joint limits have
+        arbitrary numbers. Mechanisms that differ only in these numbers share the equation;
+        their own numbers are set before each simulation. `step_tolerance` is the tolerance
+        after its limitation.
+
+        Compiled code cannot be pickled. A pickle contains the arguments of this call of
+        `compile_equation` instead, which is called with them when the pickle is loaded.
         """
         nonlocal was_compiled
         was_compiled = False
@@ -291,16 +301,19 @@ def _cache_key(mechanism: Mechanism, step_tolerance: float, compact: bool) -> st
 
 
 def _remove_run_data(mechanism: Mechanism, coordinates: Sequence[str]) -> Mechanism:
-    """Return the mechanism with fixed values for the quantities that are set for each run.
+    """Return the mechanism for which the equation of motion is derived and compiled.
 
-    The numbers of torque tables and joint limits are replaced by arbitrary ones.
+    The numbers of torque tables and joint limits are replaced by arbitrary ones. In the
+    compiled equation they are parameters, which are set before each simulation. Mechanisms
+    that differ only in these numbers can therefore share one compiled equation. The
+    coordinates of the equation become the inputs.
 
     Parameters
     ----------
     mechanism
         The mechanism with its loads and joint limits.
     coordinates
-        Names of the pairs that become the inputs of the result. If it is empty, the inputs
+        Names of the pairs whose variables are the coordinates. If it is empty, the inputs
         stay.
     """
     if coordinates and tuple(coordinates) != mechanism.input_pairs:
@@ -410,11 +423,13 @@ def _make_sticking_test(
 ) -> Callable[[Floats, float, Floats], bool]:
     """Return a function that decides whether the motion sticks where a load switches.
 
-    A load changes abruptly at a zero of its switch condition, for example dry friction
-    where the sliding rate is zero. The function is called with the state, the time and the
-    parameters after the sign of the condition was reversed. If the rate of the condition
-    has the sign opposite to the new one, the condition would pass back through zero at
-    once. The motion then sticks, as with dry friction at rest.
+    A load changes abruptly at a zero of its switch condition. An example is dry friction,
+    whose condition is the sliding rate. The sign of each condition is a parameter of the
+    equation of motion. At a zero this sign is reversed, and the load changes.
+
+    With the changed load the condition has a new rate. If this rate has the opposite of the
+    new sign, the condition would pass through zero again at once. The motion then sticks,
+    as with dry friction at rest.
 
     Parameters
     ----------
@@ -424,12 +439,19 @@ def _make_sticking_test(
         Index of the condition.
     layout
         Layout of the parameters, which contain the signs of the conditions.
+
+    Returns
+    -------
+    Function of state, time (s) and parameters, in which the sign is already reversed.
     """
 
     def sticks(state: Floats, time: float, parameters: Floats) -> bool:
+        # One column: `switch_function` computes several states at once.
         inputs = np.concatenate([state, [time], parameters])[:, None]
+        # The signs of all conditions are the last parameters.
         signs = parameters[layout.switch_parameters :]
-        condition_rate = switch_function(inputs)[len(signs) + index, 0]
-        return bool(condition_rate * signs[index] < 0.0)
+        outputs = switch_function(inputs)[:, 0]
+        condition_rates = outputs[len(signs) :]
+        return bool(condition_rates[index] * signs[index] < 0.0)
 
     return sticks

@@ -31,12 +31,13 @@ def count_whole_turns(angles: Floats) -> Floats:
 
 
 def shift_into_range(position_analysis: PositionAnalysis, q: Floats) -> Floats:
-    """Return input angles shifted by whole turns into the range of the input.
+    """Return input angles shifted by whole periods into the range of the input.
 
-    If the range is shorter than a turn, the angles are shifted as near to it as possible.
-    Gear wheels can make the configuration depend on the number of turns of the input. The
-    shift is then a multiple of the period after which all links are in the same position
-    again. Without such a period the angles are not changed.
+    A period is the growth of the input after which all links are in the same position
+    again. It is one turn, or several turns if gear wheels make the configuration depend on
+    the number of turns. It is infinite if no number of turns repeats the position; the
+    angles are then not changed. If the range is shorter than a period, the angles are
+    shifted as near to it as possible.
 
     Parameters
     ----------
@@ -49,9 +50,13 @@ def shift_into_range(position_analysis: PositionAnalysis, q: Floats) -> Floats:
     (period,) = position_analysis.solver.periods
     if not np.isfinite(period):
         return q
-    # Scaled so that a period becomes a turn: then no digits are lost.
+    # First the angles less whole periods, between -period / 2 and period / 2. After the
+    # division by `scale` a period is one turn. `wrap_to_pi` subtracts whole turns without
+    # losing digits, also from large angles.
     scale = period / TURN
-    shifted = shift_by_periods(scale * wrap_to_pi(q / scale), low, high, period)
+    wrapped = scale * wrap_to_pi(q / scale)
+    shifted = shift_by_periods(wrapped, low, high, period)
+    # Angles within the range do not change, not even by rounding.
     return np.where((q >= low) & (q <= high), q, shifted)
 
 
@@ -63,9 +68,12 @@ def analysis_covering(
 ) -> PositionAnalysis:
     """Return a position analysis over a range that contains given input angles.
 
-    The given analysis is returned if the angles, shifted by whole periods, are in its
-    range, or if the configuration does not depend on the number of turns of the input. A
-    new one is made only for gear wheels, which can make it depend on this number.
+    In most mechanisms the configuration does not depend on the number of turns of the
+    input. The given analysis is then sufficient, because angles are shifted into its range
+    by whole turns. Meshing gear wheels can make the configuration depend on this number. If
+    angles are outside of the range then, also after a shift by whole periods (after which
+    all links are in the same position again), a new analysis over a longer range is
+    returned.
 
     Parameters
     ----------
@@ -74,21 +82,24 @@ def analysis_covering(
     q
         (n,) angles of the input, rad.
     assembly_mode, search
-        Arguments of a new `PositionAnalysis`: the assembly mode to compute, or None for
-        all of them, and whether all modes are searched for.
+        Arguments of a new `PositionAnalysis`: the assembly mode (way to assemble the
+        mechanism) to compute, or None for all of them, and whether modes other than that
+        of the reference pose are searched for.
     """
-    # The smallest range that contains the present range and all shifted inputs.
+    # The ends of the smallest range that contains the present range and all shifted inputs.
     angles = np.append(shift_into_range(position_analysis, q), position_analysis.range)
-    path = np.array([np.min(angles), np.max(angles)])
-    has_meshes = position_analysis.solver.gear_phases is not None
-    if not has_meshes or np.array_equal(path, position_analysis.range):
+    longer_range = np.array([np.min(angles), np.max(angles)])
+    has_gear_meshes = position_analysis.solver.gear_phases is not None
+    is_covered = np.array_equal(longer_range, position_analysis.range)
+    if is_covered or not has_gear_meshes:
         return position_analysis
     return PositionAnalysis(
         position_analysis.mechanism,
         input_pair=None,
         assembly_mode=assembly_mode,
         search=search,
-        path=path,
+        # The samples of the input: both ends of the range.
+        path=longer_range,
         crossings=position_analysis.crossings,
     )
 
@@ -101,6 +112,11 @@ def compute_modes_at_inputs(
 ) -> tuple[PositionAnalysis, Motion]:
     """Return all assembly modes, or one, at given inputs, and their position analysis.
 
+    An assembly mode is one of the ways to assemble the mechanism at given inputs. With one
+    input, modes are computed by a position analysis over the range of the input. Angles
+    outside of it are shifted into it by whole turns. If gear wheels make the configuration
+    depend on the number of turns, the range is extended where necessary.
+
     Parameters
     ----------
     mechanism_or_analysis
@@ -108,8 +124,9 @@ def compute_modes_at_inputs(
     q
         (n, inputs) angles of the inputs with any number of whole turns, rad.
     assembly_mode, search
-        The assembly mode to compute, or None for all of them, and whether all modes are
-        searched for.
+        The assembly mode to compute, or None for all of them, and whether modes other than
+        that of the reference pose are searched for. They apply to analyses that are made
+        here, not to a given one that is sufficient.
 
     Returns
     -------

@@ -110,7 +110,12 @@ def motion_by_arc_length(
 def motion_by_combinations(
     closure: Closure, values: Floats, frame: Floats, order: Order = 2
 ) -> CoordinateMotion:
-    """Return configurations with sums of the pair variables as coordinates.
+    """Return configurations and their derivatives by weighted sums of the pair variables.
+
+    These sums are the m coordinates. Their weights are the rows of a matrix F. The rates r
+    of all variables per unit rate of coordinate i solve J r = 0 (the loops stay closed) and
+    F r = e_i (coordinate i has the rate 1, the others rest). J is the Jacobian of the
+    loop-closure equations.
 
     Parameters
     ----------
@@ -119,23 +124,27 @@ def motion_by_combinations(
     values
         (n, variables) closed configurations (rad).
     frame
-        (m, variables), or (n, m, variables) for each row: the factors of the pair variables
-        in each coordinate. Rows of the result are NaN if the coordinates do not determine
-        the motion.
+        (m, variables), or (n, m, variables) for each row: the matrix F.
     order
         1 leaves out the second derivatives.
+
+    Returns
+    -------
+    n rows. A row in which the coordinates do not determine the motion is NaN.
     """
     linearisation = closure.linearise(values)
     count = frame.shape[-2]
-    # For each row a linear system: the closure equations, then the coordinates.
+    # For each row of `values` the matrix of J and F, one above the other.
     coordinate_rows = np.broadcast_to(frame, (len(values), *frame.shape[-2:]))
     equations = np.concatenate([linearisation.jacobian, coordinate_rows], axis=1)
+    # There may be more closure equations than independent ones, so the matrix has a left
+    # inverse. It is NaN if the matrix is singular.
     inverse = left_inverse(equations)
-    # The last columns of the inverse are the rates of the variables by each coordinate, the
-    # others the changes of the variables per closure error.
+    # The last m columns of the inverse are the rates of the variables by each coordinate,
+    # the others the changes of the variables per closure error.
     solution = inverse[:, :, -count:]
-    # An inverse loses digits. One step of iterative refinement restores them. In each
-    # column of the right side one coordinate has the rate 1, while the loops stay closed.
+    # An inverse loses digits. One step of iterative refinement restores them. Column i of
+    # the right side is 0 for the closure equations and e_i for the coordinates.
     right_side = np.eye(equations.shape[1])[:, -count:]
     residual = right_side - equations @ solution
     solution = solution + inverse @ residual
@@ -146,7 +155,7 @@ def motion_by_combinations(
 def motion_by_variables(
     closure: Closure, values: Floats, variables: Sequence[int], order: Order = 2
 ) -> CoordinateMotion:
-    """Return configurations with some of the pair variables as coordinates.
+    """Return configurations and their derivatives by some of the pair variables.
 
     Rates are not finite if these variables do not determine the motion: at dead centres of
     a single variable, and at singularities of type II of several variables.
@@ -162,7 +171,8 @@ def motion_by_variables(
     order
         1 leaves out the second derivatives.
     """
-    # Each coordinate is a sum of pair variables in which one variable has the factor 1.
+    # Each coordinate is a weighted sum of all pair variables, in which the chosen variable
+    # has the weight 1 and all others have 0.
     frame = np.eye(values.shape[1])[list(variables)]
     return motion_by_combinations(closure, values, frame, order)
 
@@ -224,19 +234,22 @@ def _complete_motion(
 def determinacy(rates: Floats) -> Floats:
     """Return how well pair variables determine the motion as coordinates.
 
-    The measure is the reciprocal of the largest rate of all variables per unit rate of the
-    coordinates (a matrix norm). With one degree of freedom it is the rate of the variable
-    along the configuration curve.
+    The measure is 1 / N. N is the greatest length of the vector of the rates of all
+    variables, if the vector of the rates of the coordinates has length 1. It is the 2-norm
+    of the matrix of rates. With one degree of freedom, 1 / N is the derivative of the
+    variable by the arc length of the configuration curve (in the space of all variables).
 
     Parameters
     ----------
     rates
-        (n, m, variables) rates by m coordinates, which are pair variables themselves.
+        (n, m, variables) rates of all variables per unit rate of each of m coordinates,
+        which are some of these variables.
 
     Returns
     -------
-    (n,) between 1, if no other variable moves, and 0, if other variables move while the
-    coordinates rest. It is 0 in rows in which rates are not finite.
+    (n,) 1 if no other variable moves, since N counts the coordinates too. It approaches 0
+    where other variables move while the coordinates rest. It is 0 in rows in which rates
+    are not finite.
     """
     is_finite = all_finite(rates, (1, 2))
     measure = np.zeros(len(rates))

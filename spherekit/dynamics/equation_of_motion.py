@@ -71,14 +71,14 @@ class InertiaRoots:
 
     Attributes
     ----------
-    vectors
+    eigenvectors
         (n, m, m) orthonormal eigenvectors in the columns.
-    sizes
+    eigenvalues
         (n, m) eigenvalues of R, rising; NaN where M is not positive.
     """
 
-    vectors: Floats
-    sizes: Floats
+    eigenvectors: Floats
+    eigenvalues: Floats
 
     @classmethod
     def from_inertia(cls, M: Floats) -> "InertiaRoots":
@@ -90,27 +90,30 @@ class InertiaRoots:
     @property
     def inverse_inertia(self) -> Floats:
         """(n, m, m) the inverse of M."""
-        return (self.vectors / self.sizes[:, None] ** 2) @ transpose(self.vectors)
+        # An eigenvalue of M is the square of that of R.
+        scaled = self.eigenvectors / self.eigenvalues[:, None] ** 2
+        return scaled @ transpose(self.eigenvectors)
 
     def multiply(self, x: Floats) -> Floats:
         """Return R x (n, m)."""
-        return self._scale(x, self.sizes)
+        return self._scale(x, self.eigenvalues)
 
     def solve(self, x: Floats) -> Floats:
         """Return R^-1 x (n, m)."""
-        return self._scale(x, 1.0 / self.sizes)
+        return self._scale(x, 1.0 / self.eigenvalues)
 
     def _scale(self, x: Floats, factors: Floats) -> Floats:
         """Return x (n, m) with its components along the eigenvectors multiplied."""
-        components = factors[..., None] * (transpose(self.vectors) @ x[..., None])
-        return (self.vectors @ components)[..., 0]
+        components = factors[..., None] * (transpose(self.eigenvectors) @ x[..., None])
+        return (self.eigenvectors @ components)[..., 0]
 
     def multiply_derivative(self, dM: Floats, u: Floats) -> Floats:
-        """Return (dR/dt) u (n, m).
+        """Return (dR/dt) u (n, m), a term of the rates of the momenta p = R u.
 
-        The derivative of M = R R, R dR/dt + dR/dt R = dM/dt, is solved for dR/dt along the
-        eigenvectors of R, where R is diagonal with the eigenvalues r: dR_ij/dt is
-        dM_ij/dt / (r_i + r_j).
+        R is the symmetric square root of the inertia matrix, M = R R. The derivative of
+        this equation, R dR/dt + dR/dt R = dM/dt, is solved for dR/dt. In the basis of the
+        eigenvectors of R, where R is diagonal with the eigenvalues r, the solution is
+        dR_ij/dt = dM_ij/dt / (r_i + r_j).
 
         Parameters
         ----------
@@ -119,13 +122,13 @@ class InertiaRoots:
         u
             (n, m) rates of the coordinates.
         """
-        to_eigenvectors = transpose(self.vectors)
-        # dM/dt, by the chain rule, then along the eigenvectors.
+        to_eigenvectors = transpose(self.eigenvectors)
+        # dM/dt, by the chain rule, then in the basis of the eigenvectors.
         inertia_rate = (dM @ u[:, None, :, None])[..., 0]
-        root_rate = to_eigenvectors @ inertia_rate @ self.vectors
-        # Division by r_i + r_j turns it into dR/dt along the eigenvectors.
-        root_rate /= self.sizes[:, :, None] + self.sizes[:, None]
-        return (self.vectors @ root_rate @ to_eigenvectors @ u[..., None])[..., 0]
+        root_rate = to_eigenvectors @ inertia_rate @ self.eigenvectors
+        # Division by r_i + r_j turns it into dR/dt in the basis of the eigenvectors.
+        root_rate /= self.eigenvalues[:, :, None] + self.eigenvalues[:, None]
+        return (self.eigenvectors @ root_rate @ to_eigenvectors @ u[..., None])[..., 0]
 
 
 @dataclass(frozen=True)
@@ -133,19 +136,21 @@ class StateDynamics:
     """Motion, inertia and generalised forces at n states of a simulation.
 
     The equation of motion is M du/dt + C u = Q with the rates u of m coordinates, the
-    inertia matrix M, the Coriolis forces C u and the sum Q of the generalised forces.
+    inertia matrix M, the Coriolis forces C u and the sum Q of the generalised forces. A
+    state has the momenta p = R u instead of the rates. R is the symmetric square root of
+    the inertia matrix, M = R R, so the kinetic energy is p^2 / 2.
 
     Attributes
     ----------
     motion
         Configurations with derivatives by m coordinates. Angles include whole turns, on
-        which loads may depend. Derivatives are of first order with one coordinate and
-        without friction of bearings, unless second order was requested; otherwise they are
-        of second order. The status is NOT_CONVERGED where bearings lock.
+        which loads may depend. Second derivatives are computed with several coordinates,
+        with friction of bearings, or on request. The status is NOT_CONVERGED where bearings
+        lock.
     masses
-        Inertia with its derivatives; None if `motion` is of first order.
+        Inertia with its derivatives; None if `motion` has no second derivatives.
     roots
-        Roots of the inertia matrices.
+        The square roots R of the inertia matrices.
     forces
         (n, m, loads) generalised force of each load.
     speed
@@ -174,6 +179,7 @@ class StateDynamics:
     def accelerations(self) -> Floats:
         """(n, m) accelerations du/dt = M^-1 (Q - C u); needs `masses`."""
         net_forces = np.sum(self.forces, axis=2) - self.coriolis_forces
+        # M^-1 is R^-1 R^-1.
         return self.roots.solve(self.roots.solve(net_forces))
 
     @property
@@ -184,7 +190,8 @@ class StateDynamics:
         of the generalised forces and the rates u of the coordinates.
         """
         load_part = self.roots.solve(np.sum(self.forces, axis=2))
-        # With one degree of freedom the other terms cancel.
+        # With one degree of freedom the other terms cancel: M = R^2 gives dR/dt =
+        # (dM/dt) / (2 R), and C is (dM/dt) / 2.
         if self.masses is None or load_part.shape[1] == 1:
             return load_part
         root_part = self.roots.multiply_derivative(self.masses.dM, self.speed)
@@ -228,22 +235,25 @@ class EquationOfMotion:
         self.load_work_rows = slice(self.variable_count + freedoms, None)
 
     def make_state(self, values: Floats, speed: Floats, frame: Floats) -> Floats:
-        """Return the state at given positions and rates, before loads do any work.
+        """Return the state at given positions and rates, with zero work of the loads.
+
+        A state has the momenta p = R u of m coordinates instead of their rates u. R is the
+        symmetric square root of the inertia matrix M = R R, so that the kinetic energy is
+        p^2 / 2. With one degree of freedom p stays constant if no load acts.
 
         Parameters
         ----------
         values
             (variables,) pair variables of a closed configuration, rad.
         speed
-            (m,) rates of the coordinates.
+            (m,) rates u of the coordinates.
         frame
-            (m, variables) coefficients of the pair variables in each coordinate; see
-            `compute_motion`.
+            (m, variables) the coordinates are weighted sums of the pair variables, and row
+            i has the weights of coordinate i; see `compute_motion`.
 
         Returns
         -------
-        (states,) the pair variables, the momenta R speed with the root R of the inertia
-        matrix, and zeros for the works of the loads.
+        (states,) the pair variables, the m momenta, and zeros for the works of the loads.
         """
         motion = self.compute_motion(values[None], frame)
         roots = InertiaRoots.from_inertia(inertia_matrix(self.mechanism, motion))
@@ -253,9 +263,10 @@ class EquationOfMotion:
     def renew_frame(self, state: Floats, frame: Floats) -> tuple[Floats, Floats]:
         """Return a state with new coordinates, and the frame of these coordinates.
 
-        The rows of a frame are the coefficients of the pair variables in the coordinates to
-        which the momenta belong. The new frame is an orthonormal basis of the velocities
-        that are possible in this configuration, so its coordinates are well conditioned.
+        Coordinates are weighted sums of the pair variables. Row i of a frame has the
+        weights of coordinate i. The momenta in a state are those of the coordinates. The
+        new frame is an orthonormal basis of the velocities that are possible in this
+        configuration, so its coordinates are well conditioned.
 
         Parameters
         ----------
@@ -264,37 +275,45 @@ class EquationOfMotion:
         frame
             (m, variables) a frame that was orthonormal in a configuration nearby.
         """
-        # The rates of the variables by time, and by each old coordinate.
         dynamics = self.evaluate(np.zeros(1), state[None], frame)
+        # (variables,) the rates of the variables by time.
         variable_rates = rates_by_time(dynamics.motion, dynamics.speed)[0]
+        # (m, variables) their rates per unit rate of each old coordinate. They are a basis
+        # of the possible velocities.
         velocity_basis = dynamics.motion.rates[0]
         # The orthonormal basis nearest to the given one (symmetric orthogonalisation).
         squares, vectors = np.linalg.eigh(velocity_basis @ velocity_basis.T)
         new_frame = (vectors / np.sqrt(squares)) @ vectors.T @ velocity_basis
         # The same configuration, velocity and work in the new coordinates.
         values = state[: self.variable_count]
-        new_state = self.make_state(values, new_frame @ variable_rates, new_frame)
+        coordinate_rates = new_frame @ variable_rates
+        new_state = self.make_state(values, coordinate_rates, new_frame)
         new_state[self.load_work_rows] = state[self.load_work_rows]
         return new_state, new_frame
 
     def compute_motion(
         self, values: Floats, frame: Floats, order: Order = 1
     ) -> CoordinateMotion:
-        """Return the motion by the coordinates at closed configurations.
+        """Return closed configurations with their derivatives by the m coordinates.
+
+        With several degrees of freedom, coordinates are weighted sums of the pair
+        variables. With one, the coordinate is the arc length of the configuration curve (in
+        the space of all pair variables). Its derivatives are the tangents of the curve,
+        which can point to either of its two directions.
 
         Parameters
         ----------
         values
-            (n, variables) pair variables.
+            (n, variables) pair variables (rad).
         frame
             With several degrees of freedom, (m, variables) or (n, m, variables): the
-            coefficients of the pair variables in each coordinate. With one degree of
-            freedom the coordinate is the arc length of the configuration curve, and the
-            frame only decides in which sense its tangents point. A frame (1, variables)
-            applies to the first row, and each further tangent points to the side of the one
-            before. A frame (n, 1, variables) has one vector for each row.
+            weights of the pair variables in each coordinate. With one degree of freedom it
+            only decides to which direction the tangents point. A frame (n, 1, variables)
+            has a vector for each row, with which the tangent makes an acute angle. A frame
+            (1, variables) has such a vector for the first row only. Each further tangent
+            then makes an acute angle with that of the row before.
         order
-            Order of the derivatives.
+            Order of the derivatives, 1 or 2.
         """
         if self.freedoms > 1:
             return motion_by_combinations(self.closure, values, frame, order)
@@ -332,11 +351,16 @@ class EquationOfMotion:
         Parameters
         ----------
         t
-            (n,) times, s, in order along the motion.
+            (n,) times, s.
         states
-            (n, states) states.
+            (n, states) in each row the pair variables (rad), the m momenta p = R u, and the
+            works of the loads (J). u are the rates of m coordinates. R is the symmetric
+            square root of the inertia matrix M = R R.
         frame
-            See `compute_motion`.
+            (m, variables) or (n, m, variables) weights of the pair variables in each
+            coordinate; see `compute_motion`. With one degree of freedom and a frame
+            (1, variables) the rows must be in order along the motion, because each row
+            takes its sense of motion from the row before.
         whole_turns
             (n, variables) angles (rad) of the whole turns that the states leave out, but on
             which loads may depend.
@@ -353,9 +377,10 @@ class EquationOfMotion:
         masses = inertia(self.mechanism, motion) if has_second_order else None
         M = masses.M if masses else inertia_matrix(self.mechanism, motion)
         roots = InertiaRoots.from_inertia(M)
-        # Momenta are p = R u with the root R of M.
+        # The rates u of the coordinates, from p = R u.
         speed = roots.solve(momenta)
         coriolis_forces = coriolis(masses.dM, speed) if masses else np.zeros_like(momenta)
+        # Only loads, such as springs, depend on whole turns.
         motion = replace(motion, values=motion.values + whole_turns)
         forces = self.loads.evaluate_forces(motion, speed, t)
         dynamics = StateDynamics(
@@ -374,8 +399,9 @@ class EquationOfMotion:
         """Return the dynamics with friction that follows from the reactions of bearings.
 
         The friction changes the accelerations, and the accelerations change the reactions,
-        so both are solved together. Rows in which the friction is not known get the status
-        NOT_CONVERGED.
+        so both are solved together. In the result the friction is one of the generalised
+        forces, from which `StateDynamics.accelerations` are computed. Rows in which the
+        friction is not known get the status NOT_CONVERGED.
 
         Parameters
         ----------
@@ -386,7 +412,8 @@ class EquationOfMotion:
         """
         motion = dynamics.motion
         timing = Timing(t, dynamics.speed, dynamics.accelerations)
-        # Driving torques are loads of the mechanism, so there are no others.
+        # In a simulation the driving torques are among the loads of the mechanism. There
+        # are no unknown torques at the inputs in addition to them.
         no_torques = np.zeros_like(dynamics.speed)
         friction = solve_bearing_friction(
             DrivenState(self.mechanism, motion, timing, no_torques),
@@ -395,11 +422,13 @@ class EquationOfMotion:
             inverse_inertia=dynamics.roots.inverse_inertia,
         )
         status = np.where(friction.is_unknown, Status.NOT_CONVERGED, motion.status)
+        # The load on each bearing or contact, to which its friction is proportional.
+        carried = friction.carried
         return replace(
             dynamics,
             motion=replace(motion, status=status.astype(np.int8)),
-            forces=self.loads.evaluate_forces(motion, dynamics.speed, t, friction.carried),
-            carried=friction.carried,
+            forces=self.loads.evaluate_forces(motion, dynamics.speed, t, carried),
+            carried=carried,
         )
 
     def state_rates(self, dynamics: StateDynamics) -> Floats:

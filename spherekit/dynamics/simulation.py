@@ -359,7 +359,9 @@ class Simulation:
         rate_errors[t >= self.end.t] = 0.0
         # The momentum at unit speed has the size of the root of the inertia. It is included
         # so that a mechanism at rest does not lead to a division by zero.
-        momentum_sizes = np.append(np.linalg.norm(momenta, axis=1), dynamics.roots.sizes)
+        momentum_sizes = np.append(
+            np.linalg.norm(momenta, axis=1), dynamics.roots.eigenvalues
+        )
         step_lengths = np.append(np.tile(lengths, len(BALANCE_FRACTIONS)), 0.0)
         momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
         balance = kinetic - work
