@@ -161,7 +161,8 @@ def simulate(
 def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: float) -> None:
     """Raise `SolveError` if an engine is unknown or a tolerance is out of its range.
 
-    The range of tolerances (rad) depends on the engine.
+    The smallest tolerance (rad) depends on the engine, which is ``"numpy"``, ``"compiled"``
+    or ``"auto"``. With ``"auto"`` it is that of the compiled engine, which is smaller.
     """
     if engine not in ENGINE_CHOICES:
         raise SolveError(
@@ -171,6 +172,7 @@ def check_engine_and_tolerance(mechanism: Mechanism, engine: str, tolerance: flo
     smallest = MIN_TOLERANCE_BY_ENGINE["numpy" if engine == "numpy" else "compiled"]
     if not smallest <= tolerance <= MAX_TOLERANCE_RAD:
         raise SolveError(
+            # 1e-2 is `MAX_TOLERANCE_RAD`, written in this way.
             f"{mechanism.name}: tolerance is {tolerance:g}, allowed is {smallest:g} to 1e-2"
         )
 
@@ -181,9 +183,10 @@ def _simulate_and_compare(
     """Return a simulation, with its difference from a more accurate one as its error.
 
     If the error exceeds the tolerance, the more accurate simulation takes the place of the
-    first one, and is compared with another one of a still smaller tolerance. This ends at
-    `CHECK_MIN_TOLERANCE_RATIO` times the smallest tolerance of the engine. The returned
-    simulation states the tolerance that was asked for, with which its error is compared.
+    first one, and is compared with another one of a still smaller tolerance. The search
+    ends when the tolerance can no longer be reduced: its smallest value is
+    `CHECK_MIN_TOLERANCE_RATIO` times the smallest tolerance that users can choose. The
+    returned simulation states the tolerance of the user, with which its error is compared.
 
     Parameters
     ----------
@@ -196,8 +199,9 @@ def _simulate_and_compare(
     # Both simulations are made by the engine that was chosen for the first.
     engine = simulation.engine.name
     # The tolerance for which the steps of `simulation` were made. The compiled engine can
-    # make steps for a smaller one than it was asked for, because it needs them to notice
-    # crossings. The tolerance of the reference has to be much smaller than that one too.
+    # make steps for a smaller one than the user's. It needs them to notice configurations
+    # in which curves of configurations cross. The tolerance of the reference has to be much
+    # smaller than that of the steps.
     step_tolerance = tolerance
     if engine == "compiled":
         step_tolerance = min(tolerance, MAX_STEP_TOLERANCE)
@@ -209,7 +213,8 @@ def _simulate_and_compare(
         error = _largest_difference(simulation, reference)
         # `tolerance` is that of the user, although steps may be made for a smaller one.
         simulation = replace(simulation, error=error, tolerance=tolerance)
-        # `missed` is None if the error is within the tolerance and the power is balanced.
+        # `missed` is None if the error is within the tolerance and the power of the loads
+        # equals the rate of the kinetic energy.
         if simulation.missed is None or smaller_tolerance <= smallest:
             return simulation
         # The more accurate simulation takes its place, and is compared in its turn.

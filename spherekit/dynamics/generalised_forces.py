@@ -70,7 +70,9 @@ class Loads:
     def __init__(self, mechanism: Mechanism) -> None:
         """List the components of all loads, and which of them are friction.
 
-        The class explains the attributes.
+        A component is a part of a load: a magnitude that depends on the motion, and the
+        pair or the links on which it acts. A force on a link has three components, for
+        example. Components of one load follow one another in all lists.
         """
         self.mechanism = mechanism
         self.names = tuple(load.name for load in mechanism.loads)
@@ -81,8 +83,11 @@ class Loads:
             components += load_components
             self.load_of_component += [load_index] * len(load_components)
         self.components = tuple(components)
+        # Arguments of functions in the loads, such as that of a tanh, at whose zeros or
+        # extrema a load may change abruptly.
         self.steep_arguments = find_steep_arguments(mechanism)
-        # Friction that follows from reactions, with its coefficients.
+        # Numbers of the components that are friction in proportion to the load on a bearing
+        # or contact, and the coefficient of each.
         self.friction_components: list[int] = []
         coefficients: list[float] = []
         for index, component in enumerate(self.components):
@@ -98,11 +103,14 @@ class Loads:
         self.needs_step_probes = bool(self.steep_arguments) or any(
             isinstance(component.magnitude, TorqueCallback) for component in self.components
         )
-        # Index of the first component of each load.
+        # Index of the first component of each load. Every load has at least one.
         self._first_components = np.unique(self.load_of_component, return_index=True)[1]
 
     def velocities(self, motion: CoordinateMotion) -> Floats:
-        """Return the velocities on which the components work.
+        """Return the velocities on which the components of all loads work.
+
+        A component of a load, such as one component of a force on a link, does work on the
+        rate of a pair or on the angular velocities of links.
 
         Returns
         -------
@@ -126,6 +134,10 @@ class Loads:
     ) -> Iterator[UnitWrench]:
         """Yield the forces and moments on links of a component of magnitude 1.
 
+        Moments are about the centre of the sphere. Forces and moments are in ground axes:
+        (n, 3) if they turn with a link, or (3,) if they are the same in all n rows. A
+        component that acts at a pair yields nothing.
+
         Parameters
         ----------
         component
@@ -140,7 +152,9 @@ class Loads:
             direction = np.array(link_moment.direction)
             if link_moment.axes == "link":
                 direction = rotation @ direction
-            # Without an arm the component is a couple, otherwise a force at this arm.
+            # Without an arm the direction is that of a couple. With an arm it is that of a
+            # force at a point of the link. The arm is the vector from the centre to this
+            # point, always in link axes.
             if link_moment.arm is None:
                 yield UnitWrench(link, moment=direction, force=0.0 * direction)
             else:
@@ -160,24 +174,30 @@ class Loads:
     def evaluate_magnitudes(
         self, motion: CoordinateMotion, speed: Floats, t: Floats, carried: Floats | None
     ) -> Floats:
-        """Return the magnitude (n, components) of each component, N m or N.
+        """Return the magnitude of each component of each load.
+
+        Magnitudes are given by laws (expressions, functions or tables). The friction of a
+        bearing or contact is its law, times the coefficient of friction, times the load
+        that the bearing or contact carries.
 
         Parameters
         ----------
         motion
-            n configurations by m coordinates.
+            The configurations at n rows, and their derivatives by m coordinates.
         speed
             (n, m) rates of these coordinates by time.
         t
             (n,) time, s.
         carried
-            (n, k) load on the bearing or contact of each of the `friction_components`: a
-            force (N) on a bearing, a moment (N m) at a contact. Friction is proportional to
-            it, and zero if it is None.
+            (n, k) load that is carried at each of the k `friction_components`: a force (N)
+            on a bearing, a moment (N m) at a contact. None for no friction.
+
+        Returns
+        -------
+        (n, components) N m for moments and torques, N for forces.
         """
         laws = [component.magnitude for component in self.components]
         magnitudes = self.evaluate_laws(laws, motion, speed, t)
-        # The law of friction is that for unit coefficient and unit load.
         loads_carried = 0.0 if carried is None else carried
         magnitudes[:, self.friction_components] *= (
             self.friction_coefficients * loads_carried
@@ -237,7 +257,8 @@ class Loads:
     ) -> Floats:
         """Return the generalised forces (n, m, loads) of each load, N m.
 
-        A generalised force is the power of the load per unit rate of one coordinate.
+        A generalised force is the power of the load per unit rate of one coordinate. A load
+        is the sum of its components, such as the three components of a force.
 
         Parameters
         ----------
@@ -248,10 +269,11 @@ class Loads:
         t
             (n,) times, s.
         carried
-            (n, k) load on the bearing or contact of each of the `friction_components`: a
-            force (N) on a bearing, a moment (N m) at a contact. Friction is proportional to
-            it, and zero if it is None.
+            (n, k) load that is carried at each of the k components that are friction of a
+            bearing or contact (`friction_components`): a force (N) on a bearing, a moment
+            (N m) at a contact. Friction is proportional to it. None for no friction.
         """
+        # (n, components) N m or N.
         magnitudes = self.evaluate_magnitudes(motion, speed, t, carried)
         # (n, m, components): the power of a component per unit rate of a coordinate is its
         # magnitude times the velocity on which it works at this rate.

@@ -95,21 +95,27 @@ def inertia(mechanism: Mechanism, motion: CoordinateMotion) -> Inertia:
     M_ij is the sum of w_i . I w_j over the links (Di Gregorio 2024, eqs. (14), (15), for
     one coordinate). I is the inertia tensor of a link about the centre in ground axes, and
     w_i its angular velocity per unit rate of coordinate i. I turns with the link. Its
-    derivative by coordinate k is [w_k] I - I [w_k] with the cross product matrix [w], so
+    derivative by coordinate l is I_l = [w_l] I - I [w_l] with the cross product matrix [w],
+    so
 
-        w_i . I_k w_j = (w_i x w_k) . I w_j + (I w_i) . (w_j x w_k).
+        w_i . I_l w_j = (w_i x w_l) . I w_j + (I w_i) . (w_j x w_l).
 
-    Here I_k is the derivative of I by coordinate k. The expression is zero for i = j = k.
-    With one coordinate, dB = 2 sum of w . I dw; this is eq. (19) of Di Gregorio (2024)
-    without its derivatives of rotations.
+    With the derivatives of both angular velocities, the derivative of M_ij by coordinate l
+    is the sum over the links of two halves:
+
+        I w_i . (dw_j/dq_l + w_j x w_l)  and  I w_j . (dw_i/dq_l + w_i x w_l).
+
+    With one coordinate M is the equivalent inertia B. The cross products vanish, and
+    dB = 2 sum of w . I dw. This is eq. (19) of Di Gregorio (2024), which also has the
+    derivatives of rotations.
     """
-    # All vectors are in link axes, in which the inertia tensors are constant.
+    # The derivatives dw are those of w in ground axes. All scalar products are computed
+    # with components along link axes, in which the inertia tensors are constant.
     tensors, w = _link_components(mechanism, motion, motion.w)
     _, dw = _link_components(mechanism, motion, motion.dw)
     momenta = _angular_momenta(tensors, w)
-    # Letters: n row, k link, i j l coordinates, a component. One half of the derivative of
-    # M_ij by coordinate l is I w_i . (dw_j/dq_l + w_j x w_l). The other half has i and j
-    # exchanged.
+    # The first half. The second one has i and j exchanged. Letters: n row, k link, i j l
+    # coordinates, a component.
     half = np.einsum("nika,njlka->nkijl", momenta, dw)
     half += np.einsum("nika,njlka->nkijl", momenta, cross(w[:, :, None], w[:, None]))
     return Inertia(_velocity_products(momenta, w), half + np.swapaxes(half, 2, 3))
@@ -174,6 +180,8 @@ def need_inertia(mechanism: Mechanism) -> None:
 def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
     """Raise `SolveError` if a motion exists in which no link with mass moves.
 
+    Loads would accelerate such a motion endlessly.
+
     Parameters
     ----------
     mechanism
@@ -194,12 +202,14 @@ def need_moving_inertia(mechanism: Mechanism, motion: CoordinateMotion) -> None:
             "that no link with mass moves, so loads would accelerate them endlessly; give "
             "mass to links that move then, or lock a pair"
         )
-    # In every motion, some link with mass has to move, compared with the fastest link.
+    # Some link with mass has to move in every motion. Its speed counts as zero if it is
+    # below `MIN_RELATIVE_SPEED` times that of the fastest link, because of rounding. All
+    # speeds are per unit rate of a coordinate, as those in the inertia matrix.
     moving_masses = (mass for mass in mechanism.masses if mass.link != mechanism.ground)
     total_inertia = sum(np.linalg.norm(mass.tensor, 2) for mass in moving_masses)
     largest_speed_square = np.max(np.sum(motion.w[0] ** 2, axis=-1))
-    # The inertia if all links with mass moved at the smallest speed that counts. The
-    # negated comparison below is also true for NaN.
+    # The inertia (sum of I w^2) if all links with mass moved at the smallest speed that
+    # counts. The negated comparison below is also true for NaN.
     least_inertia = MIN_RELATIVE_SPEED**2 * total_inertia * largest_speed_square
     if not least_inertia < smallest:
         raise SolveError(

@@ -70,16 +70,21 @@ def judged(
 ) -> SmallIntegers:
     """Return the status of torques, and replace unknown entries of arrays by NaN.
 
-    Inertia does not depend on loads. It stays in rows in which a load is not finite, or in
-    which bearings lock. If a single load is not finite, the other loads stay too.
+    The arrays are changed in place. Entries that are known keep their numbers even if the
+    torques of the row are unknown:
+
+    - Inertia does not depend on loads. It is known in rows in which a load is not finite,
+      or in which bearings lock.
+    - If one load is not finite, the other loads of the row are known.
 
     Parameters
     ----------
     status
         (n,) status of the rates.
     masses, forces, torques
-        Inertia, (n, m, loads) generalised forces and (n, m) torques. Unknown entries of
-        these arrays are set to NaN in place.
+        Contributions of links to the inertia matrix M (`M_parts`) and to its derivatives
+        (`dM_parts`), (n, m, loads) generalised forces and (n, m) torques. Unknown entries
+        of these arrays are set to NaN in place.
     rates
         (n, m) rates of the inputs.
     locked
@@ -197,14 +202,19 @@ class InverseSolution(InputMotion):
     def sure_torques(self) -> Floats:
         """(n, inputs) driving torques, N m; 0 if they are only rounding errors.
 
-        A torque M ddq + C dq - Q is compared with the sum of the sizes of its terms.
+        A torque M ddq + C dq - Q is a rounding error if it is at most `MAX_ZERO_TORQUE`
+        times the sum of the sizes of its terms. M is the inertia matrix, C has products of
+        its derivatives dM/dq with rates, and Q are the generalised forces.
         """
         speeds = np.abs(self.input_rates)
         with np.errstate(over="ignore"):
-            # Estimated sizes of the terms M ddq and C dq, with |M| in place of dM/dq.
+            # M changes by about its own size when an input moves by 1 rad, so that |M|
+            # estimates dM/dq. The size of C dq is then |M| |dq| max |dq|, and that of
+            # M ddq + C dq is |M| times this sum of accelerations.
             accelerations = np.max(speeds, axis=1)[:, None] * speeds
             accelerations += np.abs(self.input_accelerations)
-            # The letters are: n rows, k masses, i and j inputs.
+            # Sums over the parts of M by links and of Q by loads. The letters are: n rows,
+            # k masses, i and j inputs.
             term_sizes = np.einsum("nkij,nj->ni", np.abs(self.M_parts), accelerations)
             term_sizes += np.sum(np.abs(self.Q_parts), axis=2)
             is_rounding = np.abs(self.torques) <= MAX_ZERO_TORQUE * term_sizes
@@ -333,6 +343,10 @@ def _driven(
 ) -> tuple[Mechanism, Mapping[str, TimeLaw]]:
     """Return a mechanism whose inputs are those of the laws, and the law of each input.
 
+    Laws given by name can drive other pairs than the inputs that the mechanism declares.
+    There have to be at least as many laws as declared inputs. Whether these pairs determine
+    the motion is checked by the position analysis.
+
     Parameters
     ----------
     mechanism
@@ -346,7 +360,7 @@ def _driven(
     Raises
     ------
     SolveError
-        If an input has no law.
+        If there are fewer laws than inputs.
     """
     if isinstance(law, Mapping):
         laws = law
@@ -360,8 +374,10 @@ def _driven(
             f"{mechanism.name}: input {missing} has no law; give one for every input by "
             f"its name ({listing(inputs)})"
         )
-    # The order of declared inputs is kept.
-    driven_pairs = inputs if {*inputs} == {*laws} else laws
+    # Columns of results are in the order of the inputs. If the laws are those of the
+    # declared inputs, the declared order is kept, otherwise that of the laws.
+    drives_declared_inputs = set(inputs) == set(laws)
+    driven_pairs = inputs if drives_declared_inputs else laws
     return mechanism.with_inputs(*driven_pairs), laws
 
 
@@ -378,12 +394,16 @@ def _motion_of_rotation(mechanism: Mechanism, scaling: TimeScaling, t: Floats) -
     t
         (n,) times, s.
     """
-    # The configurations are known, so the position analysis need not search for them.
+    # The schedule at these times: names, values, rates and accelerations of the inputs, and
+    # the angle theta (rad) of the rotation.
     samples = scaling.at(t)
+    # The rotation has the closed configuration of each angle. The position analysis only
+    # arranges them as rows of a motion, so it does not follow assembly modes.
+    configurations = scaling.rotation.at(samples.theta).values
     position_analysis = PositionAnalysis(
         mechanism.with_inputs(*samples.names), follow=False
     )
-    motion = position_analysis.given(scaling.rotation.at(samples.theta).values)
+    motion = position_analysis.given(configurations)
     motion = replace(
         motion,
         inputs=samples.inputs,
@@ -419,19 +439,22 @@ def needed_torques(motion: Motion) -> InverseSolution:
     for name in mechanism.names_of(motion.assembly.inputs):
         pole_request = request(mechanism, name, (), by_rank=True)
         field = evaluate_unsigned(motion.rows(has_configuration), pole_request)
-        # Inertia is computed in float64, from the rounded sizes. Rows whose rates are known
-        # from the decimal sizes of the file alone are too near to a singularity for that.
+        # `is_decimal` marks rows so near a singularity that the evaluation needs the sizes
+        # in all decimals of the file. The float64 sizes do not determine their rates.
+        # Inertia is computed in float64, so these rows count as singular.
         is_singular[has_configuration] |= (field.status != Status.OK) | field.is_decimal
     status = motion.status.copy()
     status[(status == Status.OK) & is_singular] = Status.AT_SINGULARITY
 
-    # First without friction of bearings. See `balancing` for the tuple.
+    # First without friction of bearings. The tuple identifies the rows.
     rows = motion.sample, motion.assembly_mode, motion.inputs, motion.residual
     solution = balancing(mechanism, rows, timing, coordinates, status)
     loads = Loads(mechanism)
     if loads.friction_components:
-        # This friction depends on reactions, which depend on the torques. The torques are
-        # computed again with the forces that the bearings carry.
+        # This friction depends on reactions, which depend on the torques. An iteration
+        # solves for the forces that the bearings carry, and the torques are computed again
+        # with these forces. Rows in which bearings may lock have no solution
+        # (`is_unknown`).
         has_torques = all_finite(solution.torques, 1)
         driven = DrivenState(mechanism, coordinates, timing, solution.torques)
         with np.errstate(over="ignore", invalid="ignore"):

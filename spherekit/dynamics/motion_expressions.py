@@ -63,6 +63,8 @@ class EquationLayout:
         """Assign positions in the state and among the parameters.
 
         They depend on the pair variables, inputs, loads and joint limits of `mechanism`.
+        The state is integrated: all pair variables, a momentum for each degree of freedom,
+        and the work of each load. Parameters are constant during an integration step.
         """
         self.variable_count = len(mechanism.variable_names)
         self.freedoms = len(mechanism.inputs)
@@ -77,10 +79,15 @@ class EquationLayout:
         self.table_names = [
             load.name for load in mechanism.loads if isinstance(load, TorqueTable)
         ]
-        # Positions of the parameters. The whole turns of all variables come first, then the
-        # unit of momentum and its reciprocal, the smallest measure of independence, a lower
-        # and an upper value per joint limit, and the time at which the current interval of
-        # the torque tables begins, with a value and a slope per table.
+        # Positions of the parameters, in this order:
+        # - the whole turns by which each variable is reduced,
+        # - the unit of momentum and its reciprocal,
+        # - the limit below which the loop-closure equations count as dependent,
+        # - a lower and an upper value per joint limit,
+        # - the time at which the current interval of the torque tables begins, and a value
+        #   and a slope per table,
+        # - the sign of each switch condition: an expression at whose zeros a load changes
+        #   abruptly. Conditions are added when loads are written as expressions.
         self.unit_parameter = self.variable_count
         self.min_independence_parameter = self.unit_parameter + 2
         self.limit_parameters = self.min_independence_parameter + 1
@@ -111,8 +118,10 @@ class EquationLayout:
         Parameters
         ----------
         coordinate_rates
-            The rates of all variables and links by each coordinate, in homogeneous form:
-            times the determinant of the velocity equations.
+            The rates of all variables (`tau`) and angular velocities of all links (`w`) per
+            unit rate of each coordinate. They are in homogeneous form: times the
+            determinant of the velocity equations, so that they contain no division. It also
+            has the orientations of all links (`placed`).
         variable_rates
             Rates of the variables by time.
         """
@@ -122,6 +131,7 @@ class EquationLayout:
             tau=coordinate_rates.tau,
             w=coordinate_rates.w,
             variables=self.variables,
+            # The first parameters are the whole turns of the variables.
             revolutions=[parameter_symbol(k) for k in range(self.variable_count)],
             rates=variable_rates,
             time=TIME_SYMBOL,
@@ -156,17 +166,19 @@ class EquationExpressions:
     state_rates
         Rates of the state by time.
     homogeneous_rates
-        For each coordinate the homogeneous rates of all variables: their rates per unit
-        rate of the coordinate, times the determinant of the velocity equations (tau in
-        `spherekit.velocities.coordinate_rates`).
+        For each coordinate the rates of all variables per unit rate of the coordinate,
+        times the determinant of the velocity equations. This factor removes divisions, so
+        that the rates stay finite where the coordinate does not determine the motion.
     independence
-        Measure of the independence of the loop-closure equations. It is zero where sets of
-        configurations cross.
+        Measure of the independence of the loop-closure equations. It is zero at
+        configurations in which these equations depend on each other, which is where curves
+        of configurations cross.
     events
         Events at which a run ends or changes its coordinates, without those of joint limits
-        and of switches of loads.
+        and of loads that change abruptly.
     load_state
-        Symbols of the motion on which loads depend.
+        Symbols that expressions of loads contain: variables, rates, orientations of links
+        and the time.
     """
 
     layout: EquationLayout

@@ -129,10 +129,15 @@ def _derive_independence(
 ) -> Expr:
     """Return the measure of independence of the closure equations as an expression.
 
-    It is zero where closure equations depend on each other. The homogeneous rates tau_i are
-    those of all variables by coordinate i, times a common scale D. With m degrees of
-    freedom, the measure is det(tau_i . tau_k) / D^(2 m - 2), times a constant by which it
-    is 1 at the closed configuration `values` (variables,).
+    It is zero where closure equations depend on each other. Let J be the matrix of the
+    velocity equations J v' = 0 of the loops. The measure is det(J J^T), times a constant by
+    which it is 1 at the closed configuration `values` (variables,).
+
+    With m degrees of freedom this determinant follows from the rates n_i of all variables
+    per unit rate of coordinate i, and from the scale D: the determinant of the columns of J
+    for the other variables. By the Cauchy-Binet formula det(J J^T) = D^2 det(n_i . n_k).
+    The homogeneous rates tau_i = D n_i are given, so it is
+    det(tau_i . tau_k) / D^(2 m - 2).
     """
     tau = coordinate_rates.tau
     independence = determinant([[dot(a, b) for b in tau] for a in tau])
@@ -140,7 +145,9 @@ def _derive_independence(
     for _ in range(2 * layout.freedoms - 2):
         independence = independence * inverse_scale
     if has_variables(independence):
-        # heyoka's tolerance is relative to the largest of the state and of all events.
+        # The Taylor integrator heyoka controls its error relative to the largest of the
+        # state and of all event functions. A measure far above 1 would make steps less
+        # accurate, so it is scaled to 1.
         at_values = array_function([independence], layout.variables)(values[:, None])
         independence = independence * (1.0 / at_values.item())
     return independence
@@ -152,20 +159,27 @@ def _derive_events(
     independence: Expr,
     input_variables: Sequence[int],
 ) -> list[EventFunction]:
-    """Return the events of the motion, without those of joint limits and of switches.
+    """Return the events of the motion, without those of joint limits and of loads.
 
-    There are two or three of them: a singularity, where the measure of independence falls
-    below its limit; the choice of other coordinates, where the rates of the variables
-    become too large; and, unless the inputs of the user are the coordinates, a singularity
-    of type II ("type_2"), where these inputs do not determine the motion.
+    An event occurs where its function crosses zero. There are two or three events:
+
+    - A type II singularity ("type_2"), where the inputs of the user do not determine the
+      motion. It is only needed if other pairs are the coordinates of the equation.
+    - A singularity, where the measure of independence falls below its limit.
+    - The choice of other coordinates, where the rates of the variables per unit rates of
+      the coordinates become too large.
+
+    The integrator controls its error relative to the largest of the state and of all event
+    functions. Functions of rates are therefore divided by `MAX_RATE_SQUARES`, the greatest
+    sum of squared rates before other coordinates are chosen.
 
     Parameters
     ----------
     layout
         Layout of the state and of the parameters.
     coordinate_rates
-        Homogeneous rates tau of all variables by each coordinate. They are the rates per
-        unit rate of the coordinate, times a common scale.
+        Homogeneous rates tau_i of all variables: their rates per unit rate of coordinate i,
+        times a scale that is the same for all coordinates.
     independence
         Measure of the independence of the closure equations.
     input_variables
@@ -186,6 +200,7 @@ def _derive_events(
         # The determinant of the rates of the inputs by the coordinates. It vanishes where
         # the inputs do not determine the motion.
         input_rates = determinant([[rates[v] for v in input_variables] for rates in tau])
+        # An expression without variables is constant and has no zeros.
         if has_variables(input_rates):
             for _ in input_variables:
                 input_rates = input_rates / coordinate_rates.scale
