@@ -25,7 +25,14 @@ functions are stored less accurately.
 class FunctionKind(Enum):
     """The kinds of functions that a reduced model stores.
 
-    The scales of functions of one kind, by which their errors are judged, are compared.
+    The error of a stored function is judged relative to the function's scale, its largest
+    absolute value. The scale is at least a fraction of the largest scale of the same kind.
+    Otherwise the rounding errors of functions that are nearly zero would be resolved.
+
+    `ANGLE` and `CONTACT_ARC` are pair variables: angles of R pairs, and arc lengths along
+    the profiles of contacts. `LOAD_VELOCITY` is a velocity on which a load works. A pole is
+    the axis of relative rotation of two links: `POLE_AXIS` is a component of its unit
+    vector, and the coefficients are the rate about it and the derivative of this rate.
     """
 
     ANGLE = auto()
@@ -51,10 +58,11 @@ class FunctionLabel:
     name, unit
         Name and unit in the heading of the model.
     kind
-        Kind of the function, such as an angle or an inertia. Functions of one kind are
-        compared in size.
+        Kind of the function, such as an angle or an inertia. The scale of a function, to
+        which its error is relative, is at least a fraction of the largest of its kind.
     vector
-        Name that the components of a vector share; empty if the function has its own scale.
+        Name that the components of a vector share. Their common scale is the largest of
+        their absolute values. Empty if the function is no component of such a vector.
     derivative_of
         Name of the function whose derivative by a coordinate this is, or empty.
     """

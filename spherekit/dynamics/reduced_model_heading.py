@@ -159,19 +159,26 @@ class StoredHeading:
 
     @property
     def inertia(self) -> list[str]:
-        """Names of the entries of the inertia matrix, row by row to its diagonal."""
+        """Names of the stored entries of the inertia matrix, row by row to its diagonal.
+
+        Along a curve, with one coordinate, the only entry is the inertia B.
+        """
         if self.is_curve:
             return ["B"]
         return [f"M {a} {b}" for a, b in self._lower_triangle]
 
     @property
     def christoffel(self) -> list[dict[str, float]]:
-        """For each coordinate the names of its Christoffel symbols, with factors.
+        """Names and factors of the stored Christoffel symbols, for each coordinate.
 
-        The torque at coordinate i is the sum of factor c_i,ab x_a' x_b' over the pairs a, b
-        of coordinates up to the diagonal, in the order of `inertia`. Entries off the
-        diagonal have the factor 2, because c_i,ab = c_i,ba. Along a curve the only symbol
-        is 1/2 dB/dx.
+        Christoffel symbols c_i,ab are derivatives of the inertia matrix. With the rates
+        x_a' of the coordinates, they give the part of the torque at coordinate i that is
+        quadratic in the rates: the sum of c_i,ab x_a' x_b' over all a and b. Because c_i,ab
+        = c_i,ba, only the symbols with b up to a are stored. The factor of a symbol is 1.0
+        if a is b, and 2.0 otherwise, because the symbol stands for two terms of the sum.
+
+        Along a curve there is one coordinate x, and the only symbol is 1/2 dB/dx with the
+        inertia B. The derivative dB/dx is stored, so its factor is 0.5.
         """
         if self.is_curve:
             return [{self.derivative("B"): 0.5}]
@@ -247,19 +254,28 @@ class StoredHeading:
     def forces(self) -> list[list[Expr]]:
         """The generalised forces of each load by each coordinate, as expressions.
 
-        The force of a load by a coordinate is a sum over its components: the magnitude
-        times the velocity on which the component works, per unit rate of the coordinate.
+        A load is a sum of components. The force of a load by a coordinate is therefore a
+        sum over its components: the magnitude times the velocity on which the component
+        works, per unit rate of the coordinate. Angles, velocities and derivatives in these
+        expressions are symbols of functions that the model stores.
         """
         names = load_names(self.angles)
-        m = len(self.by)
-        rates = self.motion_symbols[:m]
-        time = self.motion_symbols[2 * m]
+        coordinate_count = len(self.by)
+        # `motion_symbols` are the rates, then the accelerations of all coordinates, then
+        # the time.
+        rates = self.motion_symbols[:coordinate_count]
+        time = self.motion_symbols[2 * coordinate_count]
 
         def named_value(name: str) -> Expr:
-            """Return the value of a name in the expression of a load."""
+            """Return the value of a name in the expression of a load.
+
+            Names are ``theta_PAIR`` (angle of an R pair), ``dtheta_PAIR`` (its rate), and
+            ``t`` (time).
+            """
             if name.startswith("dtheta_"):
-                # The chain rule: derivatives by the coordinates times their rates.
-                derivatives = self.by_coordinates(name[1:])
+                # The chain rule: derivatives of the angle by the coordinates times rates.
+                angle_name = name.removeprefix("d")
+                derivatives = self.by_coordinates(angle_name)
                 return dot(map(self._function_symbol, derivatives), rates)
             return time if name == "t" else self._function_symbol(name)
 
@@ -268,14 +284,20 @@ class StoredHeading:
             magnitudes: list[Expr] = []
             for text in load.components:
                 law = parse(text, names)
-                # `convert_to_graph` takes two values of each name: one reduced by whole
-                # turns, and the full one. Stored functions only have the full value.
-                values = {name: (named_value(name),) * 2 for name in law.names}
+                # `convert_to_graph` takes two values of each angle, the full one and one
+                # without whole revolutions, because the sine of a large angle loses digits.
+                # Only the full value is stored, so both are the same here.
+                values = {}
+                for name in law.names:
+                    value = named_value(name)
+                    values[name] = (value, value)
                 magnitudes.append(convert_to_graph(law, values))
+            # A load without expressions is a torque that a table gives over time. Its
+            # present value is one symbol.
             if not magnitudes:
                 magnitudes = [*symbols([f"table {load.name}"])]
-            # Row: component of the load; column: its velocity per unit rate of a
-            # coordinate.
+            # Row: component of the load; column: the velocity on which it works, per unit
+            # rate of a coordinate.
             velocities = [
                 [self._function_symbol(name) for name in self.by_coordinates(variable)]
                 for variable in load.works_on
@@ -289,19 +311,23 @@ class StoredHeading:
         """The driving torque M x'' + C x' - Q for each coordinate, as expressions.
 
         M is the inertia matrix, C x' the products of rates with Christoffel symbols, and Q
-        the generalised force of all loads.
+        the generalised force of all loads. The entries of M and the Christoffel symbols are
+        symbols of functions that the model stores.
         """
-        m = len(self.by)
-        rates = self.motion_symbols[:m]
-        accelerations = self.motion_symbols[m : 2 * m]
-        # Symmetric matrices are stored row by row to their diagonals.
-        first, second = np.tril_indices(m)
+        coordinate_count = len(self.by)
+        # `motion_symbols` starts with the rates, then the accelerations of the coordinates.
+        rates = self.motion_symbols[:coordinate_count]
+        accelerations = self.motion_symbols[coordinate_count : 2 * coordinate_count]
+        # Symmetric matrices are stored row by row to their diagonals. `self.inertia` has
+        # the names of the entries of M in this order.
+        first, second = np.tril_indices(coordinate_count)
         rate_products = [rates[a] * rates[b] for a, b in zip(first, second, strict=True)]
-        M = np.empty((m, m), dtype=object)
+        M = np.empty((coordinate_count, coordinate_count), dtype=object)
         M[first, second] = M[second, first] = list(map(self._function_symbol, self.inertia))
         torques: list[Expr] = []
         for i, factor_by_symbol in enumerate(self.christoffel):
-            # The Christoffel symbols of coordinate i, in the order of `rate_products`.
+            # The Christoffel symbols of coordinate i, in the order of `rate_products`. The
+            # factor of a symbol off the diagonal is 2, because it stands for two entries.
             symbols_of_row = [
                 factor * self._function_symbol(name)
                 for name, factor in factor_by_symbol.items()

@@ -108,17 +108,18 @@ Smaller: the model reaches nearer to singularities, where its functions are stee
 
 @dataclass(frozen=True)
 class ClosedConfigurations:
-    """Closed configurations at n values of m inputs.
+    """Configurations at n points, each of which has given values of m inputs.
 
-    Newton's method finds each configuration from the nearest known one, which is called its
-    node.
+    Newton's method finds each configuration. It starts near the known configuration (node)
+    whose inputs are nearest.
 
     Attributes
     ----------
     linearisation
-        The configurations with their closure residuals.
+        Result of Newton's method: the pair variables of the n configurations, their closure
+        residuals, and the loop-closure equations linearised at them.
     nodes
-        (n,) index of the node of each configuration.
+        (n,) index of the node of each configuration, a row of `Sampler.nodes`.
     steps
         (n, m) difference of the inputs from those of the node, rad.
     """
@@ -167,7 +168,9 @@ class Sampler:
     driven
         Indices of the inputs among the pair variables.
     by, low, high, rise, periodic
-        Coordinates and their ranges as in `StoredHeading`.
+        Names of the model's coordinates, their ranges (rad), growth of the pair variables
+        over one period of a curve (rad), and whether the model has a period. They are
+        stored in `StoredHeading`.
     """
 
     nodes: CoordinateMotion
@@ -204,7 +207,10 @@ class Sampler:
         """Return the heading of the model of an assembly mode, without its functions.
 
         The heading describes a reduced model: the mechanism, its loads, and the coordinates
-        with their ranges. The functions are added after they were fitted.
+        (``by``) with their ranges. The functions are added after they were fitted. A pole
+        is the axis of relative rotation of two links. The user has chosen the poles whose
+        functions are stored. ``rise`` is the growth of each pair variable (rad) over one
+        period of the coordinate.
         """
         mechanism = self.mechanism
         return StoredHeading(
@@ -228,7 +234,16 @@ class Sampler:
         """Return the labels of the functions that the motion needs.
 
         They are the pair variables, their derivatives, the inertia, its derivatives, and
-        the velocities on which loads act, in the order of `evaluate_motion`.
+        the velocities on which loads act, in the order of `evaluate_motion`. All variables
+        and coordinates are in rad, so derivatives of variables have no unit.
+
+        Parameters
+        ----------
+        heading
+            Description of the model: its variables and coordinates, and the names under
+            which derivatives are stored. With one input the model has the functions along
+            the curve of all configurations (`heading.is_curve`); with several inputs, over
+            a box of their ranges.
         """
         # The pair variables: angles of R pairs, and arcs along the profiles of contacts.
         labels = []
@@ -249,8 +264,9 @@ class Sampler:
         for component, velocity_name in self.load_velocities.items():
             load = self.loads.load_of_component[component]
             unit = self.mechanism.loads[load].velocity_unit
-            # Along a curve the components of one load share a scale. Over a box each
-            # component has its own.
+            # The error of a function is judged relative to its scale, the largest absolute
+            # value. Along a curve the components of one load share a scale, because they
+            # have the same name as a vector. Over a box each component has its own.
             vector = f"load {self.loads.names[load]}" if heading.is_curve else ""
             for name in heading.by_coordinates(velocity_name):
                 kind = FunctionKind.LOAD_VELOCITY
@@ -263,7 +279,9 @@ class Sampler:
     def _label_inertia(self, heading: StoredHeading) -> list[FunctionLabel]:
         """Return the labels of the inertia matrix and of its Christoffel symbols.
 
-        With one coordinate x these are only the inertia B and its derivative dB/dx.
+        With one coordinate x (a curve) these are only the inertia B and its derivative
+        dB/dx. Only the unit of dB/dx names the radian; that of other Christoffel symbols
+        does not, although they are derivatives by angles, too.
         """
         labels = [
             FunctionLabel(name, "kg m2", FunctionKind.INERTIA) for name in heading.inertia
@@ -290,7 +308,8 @@ class Sampler:
         """Return the functions (n, F) of `label_motion_functions` at n configurations.
 
         They are the pair variables and their derivatives, then the inertia matrix, its
-        Christoffel symbols, and the velocities on which loads act.
+        Christoffel symbols, and the velocities on which loads work, per unit rate of each
+        coordinate. Velocities that are rates of pair variables are not repeated.
 
         Parameters
         ----------
@@ -309,6 +328,8 @@ class Sampler:
             masses = inertia(self.mechanism, motion)
             # For symmetric matrices the entries up to the diagonal are stored, row by row.
             rows, columns = np.tril_indices(m)
+            # The Christoffel symbols (n, i, j, k) are those of the torque at coordinate i.
+            # They are symmetric in j and k.
             symbols = christoffel_factor * christoffel(masses.dM)[:, :, rows, columns]
             functions += [masses.M[:, rows, columns], symbols.reshape(n, -1)]
         if self.load_velocities:
@@ -363,9 +384,10 @@ class CurveSampler(Sampler):
         length s of the curve.
     input_sense
         1 or -1, the sign of the input's rate along the curve; 1 if the coordinate is s.
-    lap
-        Length of the coordinate over one lap of a closed curve, or of an open curve.
-    laps
+    lap_length
+        Growth of the coordinate (rad) over one lap of a closed curve, or over an open
+        curve.
+    laps_per_period
         Laps of the curve in one period of the model: 2 if a pole axis comes back reversed
         after one lap.
     """
@@ -375,7 +397,15 @@ class CurveSampler(Sampler):
     ) -> None:
         """Follow the configuration curve, and choose its coordinate and period.
 
-        The parameters are those of `Sampler`.
+        The curve consists of all configurations that the mechanism with its one input
+        reaches.
+
+        Parameters
+        ----------
+        position_analysis
+            The mechanism with its input, and its chosen assembly mode.
+        poles
+            Pairs of links whose axis of relative rotation is stored.
         """
         super().__init__(position_analysis, poles)
         # `values` is a configuration on the curve.
@@ -390,8 +420,11 @@ class CurveSampler(Sampler):
             position_analysis.by_rank,
         )
         # The coordinate is the input variable q if the input turns fully on a closed curve
-        # and never almost stops, otherwise the arc length s.
+        # and never almost stops, otherwise the arc length s. Near a place where the input
+        # almost stops, functions of q would be steep.
         input_rates = curve.nodes.tangents[:, driven]
+        # Revolutions of the input in one lap, negative if q falls along the curve. If there
+        # are none, the sign is 0 and the following condition fails.
         revolutions = int(curve.winding[driven])
         never_almost_stops = np.all(input_rates * np.sign(revolutions) > MIN_CRANK_RATE)
         self.is_by_input = bool(
@@ -400,23 +433,27 @@ class CurveSampler(Sampler):
             and not len(curve.dead_points(driven).places)
         )
         self.input_sense = 1.0
-        self.lap = curve.length
+        self.lap_length = curve.length
         if self.is_by_input:
             self.input_sense = float(np.sign(revolutions))
-            self.lap = abs(revolutions) * TURN
-            # The curve may start whole turns away from the configuration found first.
+            self.lap_length = abs(revolutions) * TURN
+            # The curve passes the configuration `values`, perhaps with whole turns added to
+            # the variables. They are subtracted from the nodes (the known configurations
+            # from which Newton's method starts), so that the nodes pass `values` itself.
             offset = curve.at(curve.find(values[None])).values[0] - values
-            # Known configurations from which Newton's method starts.
             arc_lengths = np.linspace(0.0, curve.length, CURVE_NODES)
             node_values = curve.at(arc_lengths).values - offset
             self.nodes = motion_by_variables(self.closure, node_values, self.driven)
         self.periodic = curve.closed
-        self.laps = 1
+        # `_store_axis_senses` sets 2 laps if a pole axis comes back reversed after one lap.
+        self.laps_per_period = 1
         self._store_axis_senses()
         self.by = ("q" if self.is_by_input else "s",)
         self.low = np.zeros(1)
-        self.high = np.array([self.laps * self.lap])
-        self.rise = curve.rise * self.input_sense * self.laps
+        self.high = np.array([self.laps_per_period * self.lap_length])
+        # Growth of the variables over one period of the model. `curve.rise` is that over
+        # one lap in the sense of the arc length, in which q may fall.
+        self.rise = curve.rise * self.input_sense * self.laps_per_period
 
     def label_pole_functions(
         self, pole: str, heading: StoredHeading
@@ -484,17 +521,28 @@ class CurveSampler(Sampler):
         return np.concatenate(functions, axis=1)
 
     def _compute_motion(self, x: Floats) -> CoordinateMotion:
-        """Return the motion by the model's coordinate at x (n,), in rad."""
+        """Return the motion with derivatives by the model's coordinate x.
+
+        Parameters
+        ----------
+        x
+            (n,) values of the coordinate (rad): the input variable q, or the arc length s
+            of the configuration curve (`is_by_input` says which).
+        """
         if self.is_by_input:
             # 1 or -1: whether q grows or falls along the curve.
             sense = self.input_sense
-            lap = self.lap
+            lap_length = self.lap_length
             # The known configurations (nodes) cover one lap of the curve. Whole laps are
-            # subtracted before Newton's method and added to the variables afterwards.
-            laps = np.floor(sense * (x - self.nodes.values[0, self.driven]) / lap)
-            closed = self.close_loops((x - sense * laps * lap)[:, None])
+            # subtracted from q before Newton's method. Afterwards the growth of the
+            # variables over these laps (`rise` in each) is added.
+            start_input = self.nodes.values[0, self.driven]
+            laps = np.floor(sense * (x - start_input) / lap_length)
+            closed = self.close_loops((x - sense * laps * lap_length)[:, None])
             values = closed.linearisation.values + np.outer(laps, self.curve.rise)
-            values[:, self.driven[0]] = x
+            # Rounding of the laps is removed from the input.
+            (input_variable,) = self.driven
+            values[:, input_variable] = x
             return motion_by_variables(self.closure, values, self.driven)
         points = self.curve.at(x)
         motion = motion_by_arc_length(self.closure, points.values)
@@ -516,10 +564,12 @@ class CurveSampler(Sampler):
         """
         directions = self._compute_axes(motion)
         # An axis that points against the nearest stored direction is reversed. There are
-        # `SENSE_SAMPLES` stored directions per lap.
-        nearest = np.rint(x / self.lap * SENSE_SAMPLES).astype(int)
+        # `SENSE_SAMPLES` stored directions per lap of the configuration curve.
+        nearest = np.rint(x / self.lap_length * SENSE_SAMPLES).astype(int)
+        # On a closed curve the directions repeat after one lap, or after two laps if an
+        # axis comes back reversed after one.
         if self.periodic:
-            nearest %= SENSE_SAMPLES * self.laps
+            nearest %= SENSE_SAMPLES * self.laps_per_period
         for pole, direction in directions.items():
             if pole in self.stored_directions:
                 cosines = np.vecdot(direction, self.stored_directions[pole][nearest])
@@ -529,8 +579,9 @@ class CurveSampler(Sampler):
     def _compute_axes(self, motion: CoordinateMotion) -> dict[Pole, Floats]:
         """Return unit vectors (n, 3) along the pole axes in ground axes, in either sense.
 
-        A pole axis is the axis about which one link rotates relative to another one. Each
-        axis is computed by two methods, and the one with the smaller error is taken.
+        A pole axis is the axis about which one link rotates relative to another one. It is
+        computed as an intersection of planes. If the error bound of this is not negligible,
+        the direction of the relative angular velocity is used if that has a smaller error.
 
         Raises
         ------
@@ -544,6 +595,7 @@ class CurveSampler(Sampler):
         w = motion.w[:, 0]
         max_speeds = np.max(np.linalg.norm(w, axis=2), axis=1)
         for pole in self.poles:
+            # A copy (n, 3), because rows of it are replaced.
             axis = planned.directions[pole].T.copy()
             error = np.nan_to_num(planned.errors[pole], nan=np.inf)
             first, second = pole
@@ -551,7 +603,8 @@ class CurveSampler(Sampler):
             relative_speed = np.linalg.norm(relative_w, axis=1)
             # The second method: the direction of the relative angular velocity, with an
             # error of a few roundings of the largest angular velocity. It replaces an axis
-            # whose bound is larger.
+            # whose bound is larger. Axes with a bound below `TRUSTED_AXIS_ERROR_RAD` stay,
+            # because they are accurate enough.
             with np.errstate(divide="ignore", invalid="ignore"):
                 velocity_error = AXIS_ERROR_ROUNDINGS * EPS * max_speeds / relative_speed
                 is_better = (error > TRUSTED_AXIS_ERROR_RAD) & (velocity_error < error)
@@ -581,7 +634,7 @@ class CurveSampler(Sampler):
         """
         primary = {step.pole for step in self.plan.steps if isinstance(step, PrimaryPole)}
         motion = self._compute_motion(
-            self.lap * np.arange(SENSE_SAMPLES + 1) / SENSE_SAMPLES
+            self.lap_length * np.arange(SENSE_SAMPLES + 1) / SENSE_SAMPLES
         )
         pair_axes = self._convert_motion(motion).frames[0, :, :, 2]
         reference = np.sum(pair_axes, axis=0)
@@ -605,7 +658,7 @@ class CurveSampler(Sampler):
             pole: np.sign(samples[0] @ samples[-1]) for pole, samples in directions.items()
         }
         if self.periodic and -1.0 in end_senses.values():
-            self.laps = 2
+            self.laps_per_period = 2
             # The second lap has the samples of the first one, reversed where necessary.
             directions = {
                 pole: np.concatenate([samples[:-1], samples * end_senses[pole]])
@@ -623,19 +676,29 @@ class BoxSampler(Sampler):
         """Compute an assembly mode on a grid of inputs, as starting points of samples.
 
         The regular configurations become nodes: known configurations from which Newton's
-        method finds others. The parameters are those of `Sampler`.
+        method finds others.
+
+        Parameters
+        ----------
+        position_analysis
+            The mechanism with its inputs, and its chosen assembly mode.
+        poles
+            Pairs of links whose axis of relative rotation is stored.
         """
         super().__init__(position_analysis, poles)
         inputs = self.mechanism.inputs
         self.driven = [self.mechanism.angles[pair] for pair in position_analysis.inputs]
         self.low, self.high = np.array([item.range for item in inputs]).T
+        # The coordinates of the model are the inputs.
         self.by = position_analysis.inputs
         motion = unwrap_motion(
             position_analysis.motion(), position_analysis.angle_unwrapping
         )
         values = motion.values[motion.status == Status.OK]
         nodes = motion_by_variables(self.closure, values, self.driven)
-        # Near a singularity the inputs hardly determine the rates of the other variables.
+        # `second` are the second derivatives of the variables by the inputs. Near a
+        # singularity, variables move fast at unit rates of the inputs; `determinacy` is the
+        # reciprocal of their largest rate.
         is_regular = all_finite(nodes.second, (1, 2, 3))
         is_regular &= determinacy(nodes.rates) >= MIN_DETERMINACY
         if not np.any(is_regular):
@@ -693,7 +756,8 @@ class BoxSampler(Sampler):
             predicted = nodes.values[node_of_row] + change
             is_valid = closed.linearisation.closure_residual < CLOSURE_TOLERANCE
             is_valid &= max_abs(predicted - values, axis=1) < MAX_PREDICTION_ERROR_RAD
-            # Near a singularity the inputs hardly determine the rates of other variables.
+            # Near a singularity, variables move fast at unit rates of the inputs.
+            # `determinacy` is the reciprocal of their largest rate.
             is_valid &= determinacy(motion.rates) >= MIN_DETERMINACY
             is_valid &= motion.status == Status.OK
         functions = nans((len(inputs), function_count))
@@ -715,10 +779,18 @@ class BoxSampler(Sampler):
 def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats]:
     """Return the configuration curve of an assembly mode, and a configuration on it.
 
-    The configuration curve consists of all configurations that the mechanism with its one
-    input reaches from there. Inputs evenly spaced over the range are tried. The first
-    configuration within the joint limits, (variables,) in rad, is returned, and the curve
-    is followed from it up to joint limits.
+    An assembly mode is one way to assemble the mechanism at given inputs. Inputs evenly
+    spaced over the range are tried, until the mode has a configuration within the joint
+    limits. The configuration curve consists of all configurations that the mechanism with
+    its one input reaches from this one. It is followed in both senses, until it closes or
+    reaches a joint limit.
+
+    Returns
+    -------
+    curve
+        The configuration curve.
+    values
+        (variables,) pair variables (rad) of the first configuration.
 
     Raises
     ------
@@ -727,8 +799,11 @@ def _follow_curve(position_analysis: PositionAnalysis) -> tuple[ArcCurve, Floats
     """
     mechanism = position_analysis.mechanism
     low, high = position_analysis.range
+    # The middles of equal parts of the range.
     fractions = (np.arange(PROBED_INPUTS) + 0.5) / PROBED_INPUTS
     probed_inputs = low + (high - low) * fractions
+    # Computed angles are known up to whole revolutions. They are unwrapped, because joint
+    # limits can be beyond one revolution.
     motion = unwrap_motion(
         position_analysis.at(probed_inputs), position_analysis.angle_unwrapping
     )

@@ -37,15 +37,17 @@ MIN_STEP_TOLERANCE = 1e-14
 class TabulatedMotion:
     """The motion of a reduced model at n times.
 
-    A reduced model of one input has the functions of a mechanism along the curve of its
-    configurations. If the motion reaches an end of the curve, later rows are NaN.
+    A reduced model of one input stores functions of a mechanism, such as its pair variables
+    and its inertia, along the curve of all configurations. If the motion reaches an end of
+    the curve, later rows are NaN.
 
     Attributes
     ----------
     t
         (n,) times, s.
     x
-        (n,) coordinate along the curve (input variable or arc length), rad.
+        (n,) coordinate along the curve, rad. It is the input variable if the heading of the
+        model calls it "q", and the arc length of the curve if it is "s".
     values, value_rates
         (n, variables) pair variables and their rates, rad and rad/s.
     q, dq
@@ -73,7 +75,10 @@ class TabulatedMotion:
 
     @property
     def energy(self) -> float:
-        """Largest difference of the gained kinetic energy and the work of loads, J."""
+        """Error of the energy balance (J).
+
+        It is the largest difference of the gained kinetic energy and the work of loads.
+        """
         return float(np.nanmax(np.abs(self.kinetic - self.kinetic[0] - self.work)))
 
 
@@ -126,12 +131,15 @@ def simulate_reduced(
         """Return the rates of coordinate x, momentum p = sqrt(B) dx/dt and work W.
 
         They are p / sqrt(B), Q / sqrt(B) and Q dx/dt with the inertia B and the generalised
-        force Q of all loads.
+        force Q of all loads. With this momentum the kinetic energy is p^2 / 2, and p is
+        constant if no load acts.
         """
         coordinate, momentum, _ = state.tolist()
-        # The integrator also tries states beyond the ends of an open curve.
+        # The integrator also tries states beyond the ends `low` and `high` of an open curve
+        # of configurations. A closed curve is continued periodically.
         if not heading.periodic:
             coordinate = min(max(coordinate, low), high)
+        # The inertia B, dB/dx, and the functions on which loads depend.
         functions = evaluate_dynamics(coordinate)
         inertia, inertia_derivative = functions[:2]
         inverse_root = 1.0 / sqrt(inertia)
@@ -172,6 +180,9 @@ def _tabulate_motion(
 ) -> TabulatedMotion:
     """Return the motion that belongs to integrated states.
 
+    A reduced model stores functions of a mechanism with one input along the curve of all
+    configurations. This curve is closed, or open with two ends.
+
     Parameters
     ----------
     model
@@ -179,11 +190,13 @@ def _tabulate_motion(
     t
         (n,) times, s.
     states
-        (n, 3) coordinate x (rad), momentum sqrt(B) dx/dt and work of the loads (J). Rows
-        after the end of an open curve are set to NaN in place.
+        (n, 3) coordinate x along the curve (rad), momentum sqrt(B) dx/dt with the inertia
+        B, and work of the loads (J). Rows after the end of an open curve are set to NaN in
+        place.
     evaluations
         Number of evaluations of the right-hand side.
     """
+    # The heading names the functions of the model and the range of its coordinate.
     heading = model.heading
     message = ""
     if not heading.periodic:
@@ -204,6 +217,7 @@ def _tabulate_motion(
     values[finite] = model.functions(heading.variables, coordinates[finite])
     derivatives = model.functions(derivative_names, coordinates[finite])
     value_rates[finite] = derivatives * speeds[:, None]
+    # A model along a curve has one input.
     input_variable = heading.variables.index(f"theta_{heading.inputs[0]}")
     return TabulatedMotion(
         t=t,

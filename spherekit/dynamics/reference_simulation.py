@@ -31,12 +31,23 @@ def reference_simulation(
 ) -> ExactSimulation:
     """Return the motion of a mechanism with one input under its loads, in many digits.
 
-    It serves to measure the errors of simulations in float64.
+    It serves to measure the errors of simulations in float64. The motion is first simulated
+    in float64 with the smallest tolerance. An iteration in many digits then refines it.
 
     Parameters
     ----------
-    mechanism, start, until, torque, input_pair, assembly_mode
-        As in `spherekit.dynamics.forward_dynamics.simulate`.
+    mechanism
+        A mechanism with masses. Its loads act, and its joint limits end the motion.
+    start
+        Input variable (rad) and its rate (rad/s) at time 0.
+    until
+        Time (s) at which to end.
+    torque
+        Expression of the driving torque (N m) at the input, such as ``"10*sin(2*t)"``. By
+        default the input turns freely.
+    input_pair, assembly_mode
+        Name of the driven R pair, by default that of the file, and the number of the
+        assembly mode (way to assemble the links) at the start.
     arithmetic
         The arithmetic, such as `Digits(n)` with n digits. By default it has 20 digits.
 
