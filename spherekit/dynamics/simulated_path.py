@@ -39,13 +39,15 @@ class PathStates(ArrayRows):
     ----------
     states, rates
         (n, states) states and their rates by time. A state has the pair variables (rad),
-        the momenta and the work of each load, as in
-        `spherekit.dynamics.equation_of_motion`. Its variables are reduced by whole
-        revolutions.
+        the m momenta p = R u and the work of each load. Here u are the rates of the m
+        coordinates, and R is the symmetric root of the inertia matrix. The variables are
+        reduced by whole revolutions.
     frames
-        (n, m, variables) frames: the coefficients of the pair variables in the m
-        coordinates to which the momenta belong. With one degree of freedom the frame is a
-        vector on the side of the curve to which positive momenta lead.
+        (n, m, variables) definition of the coordinates. With several degrees of freedom
+        each coordinate is a sum of pair variables, and a row of the frame has their
+        coefficients. With one, the coordinate is the arc length of the configuration curve.
+        The frame is then a tangent of this curve (of any length), which points to where
+        positive momenta lead.
     turns
         (n, variables) numbers of the whole revolutions by which the variables are reduced.
     """
@@ -122,12 +124,14 @@ def make_collocation_path(
     steps
         The steps in order of time.
     turns
-        (variables,) numbers of whole revolutions by which the variables are reduced.
+        (variables,) numbers of whole revolutions. The engine subtracted them from the
+        variables before the first step, and the states of its steps do not contain them.
     max_closure_residual
-        Largest closure residual that was removed between steps, rad.
+        Largest closure residual (opening of a loop) that was removed by corrections of the
+        configuration between steps, rad.
     """
     starts = np.array([step.start for step in steps])
-    # Each step is a part of the path.
+    # `starts` are those of steps, `part_starts` those of parts. Here each step is a part.
     return StatePath(
         part_starts=starts,
         parts=tuple(partial(_evaluate_step, step, turns) for step in steps),
@@ -151,35 +155,46 @@ def _evaluate_step(step: CollocationStep, turns: Floats, t: Floats) -> PathState
 
 
 FrameFunction = Callable[[Floats, Floats], Floats]
-"""Converts the states and rates (n, states) of a compiled run to momenta, in place, and
-returns their frames (n, m, variables)."""
+"""Converts the momenta in states and rates (n, states) of a compiled run to those of
+`PathStates`, in place. Returns the frames (n, m, variables) of their coordinates."""
 
 
 @dataclass(frozen=True)
 class CurveFrames:
-    """Converts compiled runs of a mechanism with one degree of freedom.
+    """Converts states of the compiled engine, for one degree of freedom, to path states.
 
-    The frame of a state is the tangent of the configuration curve, which gives the momentum
-    its sense. It is a class and not a nested function, so that simulations can be pickled.
+    A momentum is positive if the mechanism moves along the configuration curve in its
+    positive direction. The compiled engine and the simulation can disagree about this
+    direction. The momenta of the engine then change their sign.
+
+    This function is a class with `__call__`, because simulations are pickled, and a nested
+    function could not be.
 
     Attributes
     ----------
     equation
-        The equation of motion, which gives the homogeneous rates of the variables.
+        The compiled equation of motion. Its homogeneous rates are rates of all pair
+        variables by a parameter of the curve: a tangent of any length.
     sense
-        +1 or -1, the sense of the tangent relative to the homogeneous rates.
+        +1 if the homogeneous rates point in the positive direction of the simulation,
+        otherwise -1.
     """
 
     equation: CompiledEquation
     sense: float
 
     def __call__(self, states: Floats, rates: Floats) -> Floats:
-        """Give momenta the sense of the tangent, in place, and return the frames.
+        """Give the momenta their sign in the simulation, in place, and return tangents.
 
         Parameters
         ----------
         states, rates
             (n, states) states and their rates by time.
+
+        Returns
+        -------
+        (n, 1, variables) tangents of the configuration curve, which point in its positive
+        direction. They are the frames of the states. Their length does not matter.
         """
         count = self.equation.layout.variable_count
         # The momentum follows after the variables.
@@ -190,16 +205,20 @@ class CurveFrames:
 
 @dataclass(frozen=True)
 class CoordinateFrames:
-    """Converts compiled runs of a mechanism with several degrees of freedom.
+    """Converts states of the compiled engine, for several degrees of freedom.
 
-    The coordinates of a run are some of the pair variables, so the frame is constant.
+    The m coordinates of a run are some of the pair variables. In the place of momenta, the
+    states of the compiled engine contain the rates u of the coordinates times a constant.
+    They are converted to the momenta p = R u of a simulation. R is the symmetric root of
+    the inertia matrix.
 
     Attributes
     ----------
     equation
-        The equation of motion, whose states contain scaled rates.
+        The equation of motion, whose functions compute the inertia.
     frame
-        (m, variables) the coefficients of the pair variables in each of the m coordinates.
+        (m, variables) the coefficients of the pair variables in each of the m coordinates:
+        a 1 in each row, at the variable that is the coordinate.
     """
 
     equation: EquationOfMotion
@@ -208,14 +227,21 @@ class CoordinateFrames:
     def __call__(self, states: Floats, rates: Floats) -> Floats:
         """Convert scaled rates of coordinates to momenta, in place, and return the frames.
 
-        The states of the compiled equation contain the rates of the coordinates times a
-        constant. The momenta of a simulation are the symmetric square root of the inertia
-        matrix times these rates.
+        The compiled engine stores the rates u of the m coordinates times the square root of
+        the links' total moment of inertia, which gives them the unit of momenta. The
+        momenta of a simulation are p = R u, with the symmetric root R of the inertia
+        matrix, M = R R.
 
         Parameters
         ----------
         states, rates
-            (n, states) states and their rates by time.
+            (n, states) states and their rates by time, before and after the call with
+            scaled rates and with momenta in the columns `equation.momenta`.
+
+        Returns
+        -------
+        (n, m, variables) the coefficients of the pair variables in each coordinate. They
+        are the same for all states, because each coordinate is one of the variables.
         """
         equation = self.equation
         scale = np.sqrt(total_moment_of_inertia(equation.mechanism))
@@ -227,7 +253,7 @@ class CoordinateFrames:
         )
         masses = inertia(equation.mechanism, motion)
         roots = InertiaRoots.from_inertia(masses.M)
-        # Momenta are p = R u with the root R of M and the rates u of the coordinates.
+        # p = R u.
         states[:, momenta] = roots.multiply(speeds)
         # By the product rule, dp/dt = (dR/dt) u + R du/dt.
         root_part = roots.multiply_derivative(masses.dM, speeds)
@@ -238,15 +264,19 @@ class CoordinateFrames:
 def make_taylor_path(
     runs: Sequence[TaylorRun], frame_functions: Sequence[FrameFunction]
 ) -> StatePath:
-    """Return the path of compiled runs.
+    """Return the path of integrations by the compiled engine.
+
+    A run is an integration of one compiled equation. A run consists of segments, and a
+    segment of several steps. Each segment is a part of the path, and is evaluated as a
+    whole.
 
     Parameters
     ----------
     runs
         The runs in order of time.
     frame_functions
-        For each run the function that converts its states to those of a simulation, and
-        returns the frames of their momenta.
+        For each run a function that converts the momenta in its states, in place, to those
+        of `PathStates`. It returns the frames, which define the coordinates of the momenta.
     """
     segments: list[Segment] = []
     parts: list[Callable[[Floats], PathStates]] = []
@@ -254,6 +284,7 @@ def make_taylor_path(
         for segment in run.segments:
             segments.append(segment)
             parts.append(partial(_evaluate_segment, segment, frame_function))
+    # `segment.starts` are the start times of the steps in a segment.
     return StatePath(
         part_starts=np.array([segment.starts[0] for segment in segments]),
         parts=tuple(parts),

@@ -121,6 +121,9 @@ class EngineReport:
 class Checks:
     """Estimates of the errors of a simulation.
 
+    The momenta are p = R u. Here u are the rates of the coordinates, and R is the symmetric
+    root of the inertia matrix, so that the kinetic energy is p^2 / 2.
+
     Attributes
     ----------
     energy
@@ -131,10 +134,11 @@ class Checks:
         Largest difference between the rate of the kinetic energy and the power of the
         loads, W.
     momentum
-        Largest error of the momentum rate times the length of its step, relative to the
-        largest momentum.
+        Largest error of a step in the momenta, relative to the largest momentum. It is the
+        difference of dp/dt from the equation of motion, times the length of the step.
     closure
-        Largest closure residual (opening of a loop) before it was removed, rad.
+        Largest closure residual (opening of a loop), rad. Residuals that were removed by
+        corrections during the integration are included.
     error
         Largest difference of a pair variable from a simulation with a smaller tolerance,
         rad. None if there is no such simulation.
@@ -153,8 +157,9 @@ class History(InputMotion):
     """The motion, forces and energies of a simulation at n times.
 
     The m coordinates are those of the integration, and m is the number of degrees of
-    freedom. With one degree of freedom the coordinate is the arc length of the curve of
-    configurations. With several it is a sum of pair variables.
+    freedom. With one degree of freedom the coordinate is the arc length of the
+    configuration curve in the space of all pair variables. With several, each coordinate is
+    a weighted sum of pair variables, whose weights are chosen during the integration.
 
     Attributes
     ----------
@@ -167,7 +172,7 @@ class History(InputMotion):
     rotations
         (n, links, 3, 3) rotations from link axes to ground axes.
     speed
-        (n, m) rates of the coordinates, 1/s.
+        (n, m) rates of the coordinates, rad/s.
     M
         (n, masses, m, m) contribution of each link with mass to the inertia matrix.
     Q
@@ -281,7 +286,10 @@ class Simulation:
 
     @checked(SolveError)
     def at(self, t: ArrayLike) -> History:
-        """Return the motion at times t (n,) in s, in any order, within [start, end.t].
+        """Return the motion at times t (n,) in s, in any order.
+
+        The times are between the start of the simulation and the time `end.t` at which it
+        ended.
 
         Raises
         ------
@@ -292,8 +300,13 @@ class Simulation:
         # Columns of the inputs among the pair variables.
         driven = list(self.driven)
         times = np.atleast_1d(np.asarray(t, dtype=float))
+        # Accelerations need second derivatives of the motion.
         path_states, dynamics = self._evaluate(times, second=True)
         states = path_states.states
+        # Momenta are p = R u with the rates u of the coordinates and the symmetric root R
+        # of the inertia matrix. The kinetic energy u M u / 2 is therefore p^2 / 2.
+        momenta = states[:, equation.momenta]
+        kinetic_energy = 0.5 * np.sum(momenta**2, axis=1)
         motion = dynamics.motion
         masses = dynamics.masses
         speed = dynamics.speed
@@ -315,7 +328,7 @@ class Simulation:
             speed=speed,
             M=masses.M_parts,
             Q=dynamics.forces,
-            kinetic=0.5 * np.sum(states[:, equation.momenta] ** 2, axis=1),
+            kinetic=kinetic_energy,
             power=dynamics.power,
             work=states[:, equation.load_work_rows],
             residual=closed.closure_residual,
@@ -340,7 +353,8 @@ class Simulation:
         """Balances of energy and power, closure residual, and the error if it is known.
 
         Balances are evaluated at three times within each of the steps
-        `StatePath.checked_steps`, and at the end.
+        `StatePath.checked_steps`, and at the end. The states contain the momenta p = R u
+        with the rates u of the coordinates and the symmetric root R of the inertia matrix.
         """
         path = self.path
         equation = self.equation
@@ -352,24 +366,30 @@ class Simulation:
         states = path_states.states
         closed = equation.closure.linearise(states[:, : equation.variable_count])
         momenta = states[:, equation.momenta]
+        # u M u / 2 with M = R R.
         kinetic = 0.5 * np.sum(momenta**2, axis=1)
         work = np.sum(states[:, equation.load_work_rows], axis=1)
+        # dp/dt of the computed path, less dp/dt by the equation of motion.
         rate_errors = path_states.rates[:, equation.momenta] - dynamics.momentum_rates
-        # At the end a load may jump, or the rates may have no value.
+        # The error of dp/dt is not computed at the end. There a load may jump, or dp/dt may
+        # have no value because the inertia matrix is singular.
         rate_errors[t >= self.end.t] = 0.0
-        # The momentum at unit speed has the size of the root of the inertia. It is included
-        # so that a mechanism at rest does not lead to a division by zero.
+        # The eigenvalues of R have the size of momenta at unit speed. They are included so
+        # that a mechanism at rest does not lead to a division by zero.
         momentum_sizes = np.append(
             np.linalg.norm(momenta, axis=1), dynamics.roots.eigenvalues
         )
         step_lengths = np.append(np.tile(lengths, len(BALANCE_FRACTIONS)), 0.0)
+        # An error of dp/dt that lasts for a whole step changes the momenta by this much.
         momentum_errors = np.linalg.norm(rate_errors, axis=1) * step_lengths
+        # Eigenvalues are NaN where an inertia matrix is not positive.
+        largest_momentum = np.nanmax(momentum_sizes)
         balance = kinetic - work
         return Checks(
             energy=float(max_abs(balance - balance[0])),
             energy_scale=float(max(np.max(kinetic), max_abs(work))),
             power=float(max_abs(np.vecdot(momenta, rate_errors))),
-            momentum=float(np.max(momentum_errors) / np.nanmax(momentum_sizes)),
+            momentum=float(np.max(momentum_errors) / largest_momentum),
             closure=max(path.max_closure_residual, float(np.max(closed.closure_residual))),
             error=self.error,
         )
@@ -387,6 +407,10 @@ class Simulation:
             Whether second derivatives are needed, from which accelerations follow. They
             take more time.
 
+        Returns
+        -------
+        The states, whose angles are reduced by whole turns, and the motion and forces.
+
         Raises
         ------
         SolveError
@@ -403,10 +427,13 @@ class Simulation:
             )
         t = np.clip(t, low, high)
         path_states = self.path.evaluate(t)
+        # Whole turns of the variables are stored apart, so that the states keep their
+        # digits. Loads may depend on these turns, which are passed to the equation (rad).
         turn_angles = TURN * path_states.turns
         return path_states, self.equation.evaluate(
             t,
             states=path_states.states,
+            # Frames define the coordinates to which the momenta in the states belong.
             frame=path_states.frames,
             whole_turns=turn_angles,
             needs_second_order=second,

@@ -101,8 +101,8 @@ class PoseStart:
 class Problem:
     """A simulation problem that has passed all checks.
 
-    The state of motion has the pair variables and m rates along a *frame*, which are m
-    vectors in the space of all pair variables.
+    The start is given by the pair variables and their velocity. The velocity is a sum of m
+    orthonormal vectors, the *frame*, times m rates. m is the number of degrees of freedom.
 
     Attributes
     ----------
@@ -111,8 +111,8 @@ class Problem:
     driven
         Indices of the inputs among the pair variables.
     values
-        (variables,) pair variables (rad) of a closed configuration at the start, reduced by
-        whole turns, so that they keep their digits.
+        (variables,) pair variables (rad) of a closed configuration at the start. Angles are
+        reduced by whole turns, because a float64 stores large angles with larger errors.
     turns
         (variables,) the numbers of these whole turns.
     frame
@@ -122,14 +122,18 @@ class Problem:
     until
         Time at which to end, s.
     switches
-        Times (s) within the simulation at which steps start anew.
+        Times (s) within the simulation at which a load may jump or have a kink, such as the
+        corners of a torque table. A step ends at each of them, because the series of a step
+        cannot represent a kink.
     passes_crossings
-        Whether the motion continues straight on where sets of configurations cross. By
+        Whether the motion continues straight on at a crossing: a configuration in which
+        curves (or surfaces) of configurations cross, as the flat state of a four-bar. By
         default the simulation ends there.
     on_progress
         Called with the simulation so far while it is computed.
     compact
-        See `spherekit.dynamics.compiled_equation.compile_equation`.
+        Whether the compiled engine uses heyoka's compact mode, which compiles faster and
+        runs slower.
     """
 
     equation: EquationOfMotion
@@ -151,7 +155,7 @@ class Problem:
 
     @property
     def targets(self) -> tuple[float, ...]:
-        """Times (s) between which no load has a knot, the end last."""
+        """Times (s) at which integration steps must end: the switches, then the end."""
         return (*self.switches, self.until)
 
 
@@ -360,14 +364,16 @@ def _close_start(
 ) -> tuple[Floats, Floats]:
     """Return the closed configuration at a start, and its whole revolutions.
 
-    Newton's method closes the loops from the given configuration.
+    Whole revolutions of the angles are split off first. Newton's method then closes the
+    loops from the given configuration.
 
     Parameters
     ----------
     closure, mechanism
         The loop-closure equations of the mechanism, and the mechanism.
     values
-        (variables,) a nearly closed configuration (rad), with any revolutions of angles.
+        (variables,) a nearly closed configuration (rad). Angles may contain any number of
+        whole revolutions.
 
     Returns
     -------
@@ -382,7 +388,8 @@ def _close_start(
             f"{name}: values at the start must be {count} finite numbers, one for each "
             "variable"
         )
-    _check_digits(name, start_values)
+    _check_angle_sizes(name, start_values)
+    # Only angles have revolutions. The arc lengths of contacts stay as they are.
     angles = [*mechanism.angles.values()]
     turns = np.zeros(count)
     turns[angles] = count_whole_turns(start_values[angles])
@@ -400,8 +407,12 @@ def _close_start(
     return np.asarray(solution.values[0]), turns
 
 
-def _check_digits(name: str, values: Floats) -> None:
-    """Raise `SolveError` if angles have too few digits for a configuration."""
+def _check_angle_sizes(name: str, values: Floats) -> None:
+    """Raise `SolveError` if an angle (rad) is too large to be accurate.
+
+    The rounding error of a float64 grows with its size. Beyond `MAX_START_ANGLE_RAD` it is
+    too large for a configuration.
+    """
     largest = float(max_abs(values))
     if largest > MAX_START_ANGLE_RAD:
         raise SolveError(
@@ -435,7 +446,7 @@ def _find_configuration(
     name = mechanism.name
     if not all_finite(q):
         raise SolveError(f"{name}: the input at the start is {q}, give finite numbers")
-    _check_digits(name, q)
+    _check_angle_sizes(name, q)
     # The search for the configuration takes longer than a short simulation, and a second
     # simulation often starts where the first one did.
     geometry = kinematics_only(mechanism)
@@ -450,14 +461,34 @@ def _find_configuration(
 def _compute_configuration(
     mechanism: Mechanism, q: Floats, assembly_mode: int
 ) -> tuple[Floats, Floats]:
-    """Return what `_find_configuration` returns, from the same arguments."""
+    """Compute the configuration of an assembly mode at some inputs, and its whole turns.
+
+    An assembly mode is one of the ways to assemble the links at the same inputs.
+
+    Parameters
+    ----------
+    mechanism
+        The mechanism with its inputs.
+    q
+        (m,) values of the inputs (rad) with any number of whole turns.
+    assembly_mode
+        Number of the assembly mode.
+
+    Returns
+    -------
+    (variables,) the configuration (rad) reduced by whole turns, and (variables,) the
+    numbers of these turns.
+    """
     name = mechanism.name
     if len(q) == 1:
+        # One input has a range with numbered modes. `compute_modes_at_inputs` shifts the
+        # input into this range by whole turns, as far as they have no influence.
         position_analysis, motion = compute_modes_at_inputs(
             position_analysis_of(mechanism), q[None]
         )
     else:
-        # Contacts can make a configuration depend on whole turns of the inputs.
+        # Several inputs have no range, so their whole turns are removed here. They remain
+        # if there are contacts, because these can make a configuration depend on the turns.
         inputs = q if mechanism.has_contacts else wrap_to_pi(q)
         position_analysis, motion = compute_modes_at_inputs(mechanism, inputs[None])
     row = position_analysis.find_mode_index(assembly_mode)

@@ -29,10 +29,16 @@ from spherekit.velocities.load_expressions import generalised_forces
 def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     """Return the equation of motion of a mechanism with its first input as the input.
 
-    The state has the pair variables v, the momentum p and the work W of each load. The
-    homogeneous rates tau are the rates of all variables by a parameter of the configuration
-    curve. With the inertia B and the generalised force Q for these rates, and u = p /
-    sqrt(B), the equation is dv/dt = tau u, dp/dt = Q / sqrt(B), dW/dt = Q u.
+    The coordinate x is a parameter of the configuration curve, with the rate u = dx/dt. The
+    homogeneous rates tau = dv/dx are the rates of all pair variables v by it. B is the
+    generalised inertia, so the kinetic energy is B u^2 / 2. Q is the generalised force. The
+    state has v, p = sqrt(B) u and the work W of each load. It is called a momentum here,
+    and the kinetic energy is p^2 / 2. The equation is (Di Gregorio 2024, eq. (9))
+
+        dv/dt = tau u,   dp/dt = Q / sqrt(B),   dW/dt = Q u,   u = p / sqrt(B).
+
+    In the compiled equation p is divided by a unit P of momentum, and W by P^2, so that the
+    numbers in the state are near 1. Each run sets P as a parameter.
     """
     layout = EquationLayout(mechanism)
     structure = KinematicStructure.from_mechanism(mechanism, mechanism.inputs[0].pair)
@@ -41,20 +47,23 @@ def derive_single_dof_equation(mechanism: Mechanism) -> EquationExpressions:
     moments = InputMoments(coordinate_rates, link_inertia_tensors(mechanism))
     (tau,) = coordinate_rates.tau
 
-    # The momentum in the state is p over its unit.
+    # 1 / sqrt(B). The matrix has B in the unit of inertia `moments.unit`, in kg m2.
     inverse_root_inertia = power(moments.unit * moments.matrix[0][0], -0.5)
+    # u = p / sqrt(B). The symbol `momentum` is p / P, and `layout.momentum_unit` is P.
     speed = layout.momentum_unit * momentum * inverse_root_inertia
     variable_rates = [rate * speed for rate in tau]
 
     load_state = layout.make_load_state(coordinate_rates, variable_rates)
+    # The part of each load in d(p/P)/dt = Q / (P sqrt(B)).
     force_factor = layout.inverse_momentum_unit * inverse_root_inertia
     momentum_rates = [
         generalised_forces(load, load_state)[0] * force_factor for load in mechanism.loads
     ]
-    # The power of a load, Q u, is its part of dp/dt times p.
+    # The power of a load over P^2: Q u / P^2 = (Q / (P sqrt(B))) (p / P).
     powers = [rate * momentum for rate in momentum_rates]
 
-    # The measure of independence: it vanishes where curves of configurations cross.
+    # The measure of independence of the velocity equations. It vanishes where curves of
+    # configurations cross, because the homogeneous rates tau vanish there.
     tau_square = dot(tau, tau)
     (input_variable,) = structure.inputs
     return EquationExpressions(

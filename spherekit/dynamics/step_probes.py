@@ -35,8 +35,9 @@ differences of arguments at the two probes are lost in rounding.
 ProbeFunction = Callable[[Indices, Floats], tuple[Floats, Floats]]
 """Compares steps of given index (n,) with the equation of motion at places (n,).
 
-Returns the error (n,) as a multiple of the allowed error, and the values (n, arguments) of
-the steep arguments.
+A place is a fraction of its step, from 0 to 1. Returns the error (n,) of the step at each
+place, as a multiple of the allowed error, and the values (n, arguments) of the steep
+arguments.
 """
 
 
@@ -51,15 +52,20 @@ class ProbePlaces:
 def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     """Return the first probed place of each step at which its error is too large.
 
-    Places are fractions of a step, from 0 to 1. Probed are evenly spaced places, zeros and
-    extrema of steep arguments, and the middles between neighbouring ones of these zeros and
-    extrema. A steep argument is one of a function such as tanh(1000 x) in a load, which
-    changes abruptly where the argument is zero or extreme.
+    A place is a fraction of a step, from 0 to 1. A steep argument is the x of a function
+    such as tanh(1000 x) in a load. The load changes abruptly where x is zero or extreme. A
+    step is probed at three kinds of places:
+
+    - evenly spaced places,
+    - the zeros and extrema of steep arguments,
+    - the middle between each two neighbours among these zeros and extrema.
 
     Parameters
     ----------
     probe
-        Compares steps with the equation of motion.
+        Compares steps of given index (n,) with the equation of motion at places (n,). It
+        returns the errors (n,) of the steps as multiples of the allowed error, and the
+        values (n, arguments) of the steep arguments.
     step_count
         Number of the steps.
 
@@ -67,6 +73,7 @@ def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     -------
     (step_count,) places between 0 and 1; infinity for steps without such an error.
     """
+    # Two places right beside the ends show whether an extremum is there.
     even_places = np.sort(
         [*np.linspace(0.0, 1.0, EVEN_PROBES), END_DISTANCE, 1.0 - END_DISTANCE]
     )
@@ -78,7 +85,8 @@ def find_first_errors(probe: ProbeFunction, step_count: int) -> Floats:
     critical = _find_critical_places(probe, arguments, even_places)
     steps = np.append(steps, critical.steps)
     places = np.append(places, critical.places)
-    errors = np.append(errors, probe(critical.steps, critical.places)[0])
+    critical_errors, _ = probe(critical.steps, critical.places)
+    errors = np.append(errors, critical_errors)
 
     first_places = np.full(step_count, np.inf)
     # NaN errors fail the comparison and count as too large.
@@ -92,24 +100,27 @@ def _find_critical_places(
 ) -> ProbePlaces:
     """Return zeros and extrema of steep arguments, and the middles between neighbours.
 
-    Steep arguments are those of functions in the loads that change abruptly where the
-    argument is zero or extreme.
+    A place is a fraction of a step, from 0 to 1. A steep argument is the x of a function
+    such as tanh(1000 x) in a load. The load changes abruptly where x is zero or extreme.
 
     Parameters
     ----------
     probe
-        Compares steps with the equation of motion.
+        Returns the errors of steps (n,) at places (n,), which are not used here, and the
+        values (n, arguments) of the steep arguments.
     arguments
         (steps, places, arguments) values of the arguments at the even places.
     even_places
-        (places,) rising fractions of the steps.
+        (places,) rising places at which all steps have been probed.
     """
 
     def evaluate_arguments(steps: Indices, places: Floats) -> Floats:
-        return probe(steps, places)[1]
+        """Return the arguments (n, arguments) of steps (n,) at places (n,)."""
+        _, argument_rows = probe(steps, places)
+        return argument_rows
 
     def evaluate_differences(steps: Indices, places: Floats) -> Floats:
-        # Central differences, which vanish at extrema.
+        """Return central differences of the arguments, which vanish at extrema."""
         after = evaluate_arguments(steps, places + END_DISTANCE)
         before = evaluate_arguments(steps, places - END_DISTANCE)
         return after - before
@@ -121,10 +132,12 @@ def _find_critical_places(
     )
     steps = np.concatenate([extrema.steps, zeros.steps])
     places = np.concatenate([extrema.places, zeros.places])
+    # Critical places are sorted by their step, then by their place in it.
     order = np.lexsort((places, steps))
     steps = steps[order]
     places = places[order]
-    # A load may jump up at one critical place and down at the next, and be right at both.
+    # A load may jump up at one critical place and down at the next. The step may agree with
+    # the equation at both, and miss the load between them. So the middle is probed too.
     neighbours = np.flatnonzero(steps[1:] == steps[:-1])
     middles = 0.5 * (places[neighbours] + places[neighbours + 1])
     return ProbePlaces(np.append(steps, steps[neighbours]), np.append(places, middles))
@@ -135,17 +148,25 @@ def _find_zeros(
 ) -> ProbePlaces:
     """Return the zeros of functions that change their sign between neighbouring values.
 
+    A place is a fraction of a step, from 0 to 1.
+
     Parameters
     ----------
     evaluate
         Returns the values (n, functions) for indices of steps (n,) and places (n,).
     values
-        (steps, k + 1, functions) known values, in the order of rising places.
+        (steps, k + 1, functions) computed values of the functions, in the order of rising
+        places. They may be differences between two places each.
     low, high
-        (k,) ends of brackets. If the sign changes between values j and j + 1, a zero is
-        between `low[j]` and `high[j]`.
+        (k,) places, the ends of brackets. If the sign changes between values j and j + 1,
+        a zero is between `low[j]` and `high[j]`. These are the places of the two values, or
+        for differences the outer ones of the three places to which the values belong.
+
+    Returns
+    -------
+    The step and the place of each zero. A value that is exactly zero is no change of sign.
     """
-    # For each change of sign the step, the interval between places, and the function.
+    # For each change of sign the step, the number of the bracket, and the function.
     steps, brackets, functions = np.nonzero(values[:, :-1] * values[:, 1:] < 0.0)
 
     def evaluate_bracketed(places: Floats, numbers: Indices) -> Floats:
