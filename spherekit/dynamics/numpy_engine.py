@@ -4,9 +4,10 @@ Steps are few and long. The equations of a step are solved by Picard iteration: 
 are evaluated at all nodes in one call, which takes little longer than a call for one node.
 The error is estimated from the last Legendre coefficients of the rates.
 
-`spherekit.dynamics.collocation_step` has the steps and their zeros. The *orientation* at a
-node is the determinant of `CollocationStep.closure_determinants`, whose sign changes where
-curves of configurations cross.
+`spherekit.dynamics.collocation_step` has the steps and their zeros. Determinants are those
+of `CollocationStep.closure_determinants` at the nodes of a step. The matrix is the Jacobian
+of the loop-closure equations, with the rates of the pair variables along the motion as
+further rows. Its determinant changes sign where curves of configurations cross.
 """
 
 import time
@@ -215,9 +216,10 @@ class Collocation:
     scales
         (states,) sizes of the state, by which errors are divided: 1 rad for variables, and
         the momentum and the energy at unit speed.
-    orientation
+    largest_determinant
         The largest size so far of the determinant whose sign changes where curves of
-        configurations cross, with the sign that it has at the last node.
+        configurations cross, with the sign that it has at the last node. 0 before the first
+        step.
     is_near_crossing
         Whether a crossing may be near: a singularity in which two curves of configurations
         intersect. Steps are then made with a tolerance of at most
@@ -235,6 +237,7 @@ class Collocation:
         self.problem = problem
         self.equation = equation = problem.equation
         self.tolerance = tolerance
+        # (m, variables) directions of the m coordinates in the space of all pair variables.
         self.frame = problem.frame
         self.steps: list[CollocationStep] = []
         self.events: list[Event] = []
@@ -243,14 +246,20 @@ class Collocation:
         largest_inertia = float(
             np.linalg.norm(inertia_matrix(equation.mechanism, motion)[0], 2)
         )
-        # Sizes of the state by which errors are divided. With the largest principal inertia
-        # B (kg m2), a momentum at unit speed is sqrt(B), and a kinetic energy about B.
+        # Sizes of the state by which errors are divided: 1 rad for the pair variables. The
+        # momenta of the state are p = R u with the rates u of the coordinates and the root
+        # R of the inertia matrix, M = R R. With the largest principal inertia B (kg m2),
+        # p is up to sqrt(B) at unit rate, and the kinetic energy is up to B / 2. The works
+        # of the loads are integrated too. Their size is that of an energy.
         self.scales = np.ones(len(self.start_state))
         self.scales[equation.momenta] = np.sqrt(largest_inertia)
         self.scales[equation.load_work_rows] = largest_inertia
-        self.orientation = 0.0
+        # Nothing is known of determinants and crossings before the first step.
+        self.largest_determinant = 0.0
         self.is_near_crossing = False
         self.max_closure_residual = 0.0
+        # Number of short steps in a row whose rates are noisy. Many of them end a
+        # simulation.
         self.noisy_steps = 0
         self.end: SimulationEnd | None = None
         # A generator, from which `advance` takes one step after the other.
@@ -265,10 +274,13 @@ class Collocation:
         Also reports progress, and sets `end` if this was the last step.
         """
         started = time.perf_counter()
+        # A step that fails has numbers that are not finite. It is rejected for that, so
+        # warnings of NumPy are not needed.
         with np.errstate(all="ignore"):
             try:
                 t = next(self._integration)
             except StopIteration as stopped:
+                # The generator returns the `SimulationEnd`: reason and time of the end.
                 self.end = stopped.value
                 t = self.reached
         self._progress_times.append((t, self.seconds + time.perf_counter() - started))
@@ -277,7 +289,8 @@ class Collocation:
             lambda: f"{t:.4g} of {self.problem.until:.6g} s"
         )
         if is_due and self.end is None and self.problem.on_progress:
-            self.problem.on_progress(self.simulation("it goes on"))
+            # The reason for the choice of the engine is stated in the final result only.
+            self.problem.on_progress(self.simulation(reason="it goes on"))
         return self.end is None
 
     @property
@@ -308,6 +321,8 @@ class Collocation:
     def simulation(self, reason: str, forecast: Forecast | None = None) -> Simulation:
         """Return the motion up to the last accepted step, as a simulation.
 
+        It may be called while the integration continues, to show the motion so far.
+
         Parameters
         ----------
         reason
@@ -320,7 +335,10 @@ class Collocation:
         SolveError
             If there is not even a first step.
         """
-        end = self.end or SimulationEnd("time", self.reached, "it goes on")
+        # While the integration continues, there is no end yet. The time that was reached
+        # counts as the end, with a message that says so.
+        unfinished = SimulationEnd("time", self.reached, "it goes on")
+        end = self.end or unfinished
         if not self.steps:
             raise make_start_error(self.problem, end.message)
         return Simulation(
@@ -372,8 +390,8 @@ class Collocation:
                 if error <= 1.0:
                     # (N,) determinants at the nodes, whose sign changes where curves of
                     # configurations cross.
-                    orientations = step.closure_determinants(equation.closure, rates)
-                    if not self._stays_on_set(step, orientations):
+                    determinants = step.closure_determinants(equation.closure, rates)
+                    if not self._stays_on_set(step, determinants):
                         error = np.inf
                 if error > 1.0:
                     # The step is rejected. The next one has at most half its length.
@@ -381,7 +399,7 @@ class Collocation:
                     if length < MIN_STEP_FRACTION * problem.until:
                         return self._diagnose_failure(step, error, attempt.dynamics)
                     continue
-                if self._needs_careful_step(orientations):
+                if self._needs_careful_step(determinants):
                     # The same step is repeated with the smaller tolerance that was set.
                     continue
                 if len(self.steps) >= MAX_COLLOCATION_STEPS:
@@ -397,7 +415,7 @@ class Collocation:
                 self.noisy_steps = self.noisy_steps + 1 if is_noisy and is_short else 0
                 if self.noisy_steps == MAX_NOISY_STEPS:
                     return SimulationEnd("too_fast", t, NOISE_MESSAGE)
-                end = self._accept(step, rates, orientations)
+                end = self._accept(step, rates, determinants)
                 if end is not None:
                     return end
                 t = target if tried == rest else step.stop
@@ -423,13 +441,15 @@ class Collocation:
 
         It is chosen so that the mechanism moves along about `FIRST_STEP_ARC` in the step,
         and is at most 1 s: the smallest of FIRST_STEP_ARC / speed,
-        sqrt(FIRST_STEP_ARC / acceleration) and 1.
+        sqrt(FIRST_STEP_ARC / acceleration) and 1. It is not longer than the simulation, nor
+        shorter than the part `MIN_STEP_FRACTION` of it, the least that a step may have.
         """
         until = self.problem.until
         dynamics = self._evaluate_dynamics(np.zeros(1), self.start_state[None])
+        # The rates u of all coordinates.
         speed = float(np.linalg.norm(dynamics.speed))
-        # Momenta are p = R u with the root R of the inertia matrix, so R^-1 dp/dt has the
-        # size of the acceleration du/dt.
+        # Momenta are p = R u with the root R of the inertia matrix. So R^-1 dp/dt is the
+        # acceleration du/dt, plus R^-1 dR/dt u, which is ignored in this estimate.
         acceleration = float(np.linalg.norm(dynamics.roots.solve(dynamics.momentum_rates)))
         inverse_length = max(
             speed / FIRST_STEP_ARC, (acceleration / FIRST_STEP_ARC) ** 0.5, 1.0
@@ -556,7 +576,9 @@ class Collocation:
         It turns residuals of the collocation equations into corrections of the momenta. It
         is the inverse of 1 - h/2 A diag(d), with the length h of the step, the
         `INTEGRATION_MATRIX` A, and the derivatives d of dp/dt by the momentum p at the
-        nodes.
+        nodes. The mechanism has a single momentum. Loads that change abruptly make its
+        equation stiff. Pair variables and works are left to the
+        iteration without derivatives.
 
         Parameters
         ----------
@@ -569,7 +591,10 @@ class Collocation:
         scale
             (states,) sizes of the state.
         """
+        # A state has the pair variables, then the momentum, then the works of the loads.
         momentum = self.equation.variable_count
+        # A larger difference has a larger truncation error, a smaller one a larger rounding
+        # error.
         shift = MOMENTUM_DIFFERENCE * scale[momentum]
         shifted_states = states.copy()
         shifted_states[:, momentum] += shift
@@ -619,15 +644,21 @@ class Collocation:
         def probe(_: Indices, fractions: Floats) -> tuple[Floats, Floats]:
             """Compare the rates of the momenta with the loads at n times of the step.
 
-            `fractions` (n,) are times from 0 at the start of the step to 1 at its end.
-            Returned are errors (n,), relative to the allowed ones, and (n, arguments) the
-            arguments of steep functions in the loads. A load can change abruptly where such
-            an argument is zero or extreme, so `find_first_errors` also probes these times.
+            The series of the step gives the rates of the momenta as a polynomial of time,
+            the loads give them anew. `fractions` (n,) are times from 0 at the start of the
+            step to 1 at its end. The other argument, which step of several it is, is not
+            needed here.
+
+            Returned are errors (n,), relative to the error that is allowed in a step, and
+            (n, arguments) the arguments of steep functions in the loads. A load can change
+            abruptly where such an argument is zero or extreme, so `find_first_errors` also
+            probes these times.
             """
             t = step.start + fractions * step.length
-            # A frame has the coefficients of the pair variables in the coordinates to which
-            # the momenta belong. With several degrees of freedom one frame applies to the
-            # whole step. With one, each node of the step has its frame, the unit tangent of
+            # The motion is described by m coordinates, one for each momentum. A frame
+            # (m, variables) has the rates of the pair variables per unit rate of each
+            # coordinate. With several degrees of freedom one frame applies to the whole
+            # step. With one, each node of the step has its own frame, the unit tangent of
             # the configuration curve, and the frame of the nearest node is used. The times
             # of the nodes, `GAUSS_NODES`, are in [-1, 1], from start to end of the step.
             distances = np.abs(2.0 * fractions[:, None] - 1.0 - GAUSS_NODES)
@@ -657,7 +688,7 @@ class Collocation:
         largest_last = np.max(sizes[-LAST_COEFFICIENTS:])
         return bool(largest_last > NOISE_RATIO * np.max(sizes))
 
-    def _stays_on_set(self, step: CollocationStep, orientations: Floats) -> bool:
+    def _stays_on_set(self, step: CollocationStep, determinants: Floats) -> bool:
         """Return whether a step stays on one set of configurations near a crossing.
 
         A set of configurations is a curve, or a surface of several degrees of freedom. The
@@ -669,20 +700,26 @@ class Collocation:
         ----------
         step
             The step.
-        orientations
-            (N,) determinants at its nodes, from `CollocationStep.closure_determinants`. The
-            sign changes at a crossing.
+        determinants
+            (N,) determinants at its nodes. The matrix is the Jacobian of the loop-closure
+            equations with the rates of the variables as further rows. The sign of its
+            determinant changes at a crossing.
         """
         if not self.problem.passes_crossings:
             return True
         equation = self.equation
-        largest, sign = self._largest_orientation(orientations)
-        is_near = np.abs(orientations) < CROSSING_RATIO * largest
+        # `sign` is a number with the sign that the determinant had before this step.
+        largest, sign = self._largest_determinant(determinants)
+        is_near = np.abs(determinants) < CROSSING_RATIO * largest
         # Without a crossing, no node may be near one.
-        if not np.any(orientations * sign < 0.0):
+        if not np.any(determinants * sign < 0.0):
             return not np.any(is_near)
-        t = step.find_crossing(orientations, float(np.copysign(largest, sign)))
-        # With a crossing, the last two nodes have to be beyond it.
+        # `find_crossing` compares sizes with the largest determinant, and signs with its
+        # sign.
+        signed_largest = float(np.copysign(largest, sign))
+        t = step.find_crossing(determinants, signed_largest)
+        # With a crossing, the last two of the N nodes have to be beyond it, so that the
+        # step ends away from it.
         if np.any(is_near[-2:]) or t is None:
             return False
         values = step.evaluate_state(np.array([t]))[0, : equation.variable_count]
@@ -693,48 +730,55 @@ class Collocation:
             closure_residual < MAX_CROSSING_TOLERANCE_RAD and condition < CROSSING_RATIO
         )
 
-    def _needs_careful_step(self, orientations: Floats) -> bool:
+    def _needs_careful_step(self, determinants: Floats) -> bool:
         """Return whether a step has to be repeated with a smaller tolerance.
 
         It has to be repeated if a crossing of configuration curves may be near, and the
         tolerance is too large to recognise the crossing. Also updates `is_near_crossing`,
-        which makes the following steps use the smaller tolerance. If crossings are passed,
-        the result is False, because `_stays_on_set` has tested the step.
+        which makes the following steps use the smaller tolerance.
+
+        If the simulation passes through crossings, the result is False: `_stays_on_set` has
+        tested then that the step does not lead to another curve. Otherwise the simulation
+        ends at a crossing.
 
         Parameters
         ----------
-        orientations
+        determinants
             (N,) determinants at the nodes of the step. The matrix is the Jacobian of the
             loop-closure equations with the rates of the variables as further rows. The sign
             of its determinant changes at a crossing.
         """
         if self.problem.passes_crossings:
             return False
-        largest, sign = self._largest_orientation(orientations)
-        # `sign` is a number with the sign that the determinants had until this step. With
-        # this sign they are positive before a crossing and become negative beyond it. A
-        # configuration off its curve by d misses a crossing by about sqrt(d), so smaller
-        # determinants, relative to the largest, may belong to a crossing.
-        is_near = orientations * np.sign(sign) < np.sqrt(self.tolerance) * largest
+        largest, sign = self._largest_determinant(determinants)
+        # `sign` is a number with the sign that the determinants had until this step. Times
+        # this sign they are positive before a crossing and negative beyond it.
+        signed_determinants = determinants * np.sign(sign)
+        # A configuration that is off its curve by d misses a crossing by about sqrt(d). A
+        # determinant below sqrt(d) times the largest one may therefore belong to a
+        # crossing.
+        is_near = signed_determinants < np.sqrt(self.tolerance) * largest
+        # The step is repeated once at most: if a crossing was near before, this step was
+        # made with the smaller tolerance already.
         was_near_crossing = self.is_near_crossing
         self.is_near_crossing = bool(np.any(is_near))
         comes_near_crossing = self.is_near_crossing and not was_near_crossing
         return comes_near_crossing and self.tolerance > MAX_CROSSING_TOLERANCE_RAD
 
-    def _largest_orientation(self, orientations: Floats) -> tuple[float, float]:
-        """Return the largest size of an orientation so far, and a number with its sign.
+    def _largest_determinant(self, determinants: Floats) -> tuple[float, float]:
+        """Return the largest size of the determinant so far, and a number with its sign.
 
-        An orientation is the determinant whose sign changes where curves of configurations
-        cross. Those at the nodes of the current step, `orientations` (N,), are included in
-        the largest size, which is positive. The second number has the sign that the
-        determinant had before this step, or at its first node if it is the first step. Its
-        size has no meaning.
+        The sign of the determinant changes where curves of configurations cross. Those at
+        the nodes of the current step, `determinants` (N,), are included in the largest
+        size, which is positive. The second number has the sign that the determinant had
+        before this step, or at its first node if it is the first step. Its size has no
+        meaning.
         """
-        largest = max(abs(self.orientation), float(max_abs(orientations)))
-        return largest, self.orientation or float(orientations[0])
+        largest = max(abs(self.largest_determinant), float(max_abs(determinants)))
+        return largest, self.largest_determinant or float(determinants[0])
 
     def _accept(
-        self, step: CollocationStep, rates: Floats, orientations: Floats
+        self, step: CollocationStep, rates: Floats, determinants: Floats
     ) -> SimulationEnd | None:
         """Add a step and record its events. Return the end if there is one within it.
 
@@ -743,14 +787,18 @@ class Collocation:
         step
             A step whose error is small enough.
         rates
-            (N, m, variables) rates of the variables by the coordinates at its nodes.
-        orientations
-            (N,) determinants at its nodes, whose sign changes where curves cross.
+            (N, m, variables) derivatives of the pair variables by the m coordinates of the
+            motion, at the N nodes of the step.
+        determinants
+            (N,) determinants at its nodes. The matrix is the Jacobian of the loop-closure
+            equations with `rates` as further rows. The sign of its determinant changes
+            where curves of configurations cross, which is a singularity.
         """
         self.steps.append(step)
-        occurrences = self._find_occurrences(step, rates, orientations)
+        occurrences = self._find_occurrences(step, rates, determinants)
         # Sorting is stable: occurrences at one time keep their order.
         for t, kind, pair in sorted(occurrences, key=lambda item: item[0]):
+            # A crossing at which the simulation ends, because it is not to pass crossings.
             if kind == "singularity":
                 return SimulationEnd(kind, t, CROSSING_MESSAGE)
             values = self._record_event(kind, t, step, pair)
@@ -760,38 +808,53 @@ class Collocation:
         return None
 
     def _find_occurrences(
-        self, step: CollocationStep, rates: Floats, orientations: Floats
+        self, step: CollocationStep, rates: Floats, determinants: Floats
     ) -> Iterator[tuple[float, EventKind | Literal["singularity"], str]]:
         """Yield time (s), kind and pair of each event within a step.
 
         They are, in this order: exceeded joint limits, a crossing of curves, reversals of
         the input (or singularities of type II with several inputs), and moments of rest.
-        The pair is empty if the event belongs to none. Also updates `orientation`, the
-        determinant whose sign changes where curves of configurations cross. The parameters
-        are those of `_accept`.
+        The pair is empty if the event belongs to none. Also updates `largest_determinant`.
+
+        Parameters
+        ----------
+        step
+            The step.
+        rates
+            (N, m, variables) derivatives of the pair variables by the m coordinates of the
+            motion, at the N nodes of the step.
+        determinants
+            (N,) determinants at its nodes, whose sign changes where curves of
+            configurations cross.
         """
         mechanism = self.equation.mechanism
         driven = list(self.problem.driven)
         for t, pair in step.find_exceeded_limits(mechanism, self.problem.turn_angles):
             yield t, "joint_limit", pair
-        largest, sign = self._largest_orientation(orientations)
-        self.orientation = float(np.copysign(largest, sign))
-        crossing = step.find_crossing(orientations, self.orientation)
+        # `find_crossing` needs the sign that the determinant had before this step.
+        largest, sign = self._largest_determinant(determinants)
+        self.largest_determinant = float(np.copysign(largest, sign))
+        crossing = step.find_crossing(determinants, self.largest_determinant)
         if crossing is not None:
             ends_here = not self.problem.passes_crossings
             yield crossing, "singularity" if ends_here else "crossing", ""
-            self.orientation = float(np.copysign(largest, orientations[-1]))
+            # Beyond the crossing the determinant has the other sign.
+            self.largest_determinant = float(np.copysign(largest, determinants[-1]))
         # At a zero of the determinant of the inputs' rates by the coordinates, the inputs
         # do not determine the motion (singularity of type II). A single input reverses.
         has_one_input = len(driven) == 1
         kind: EventKind = "dead_centre" if has_one_input else "type_2"
         input_rates = np.linalg.det(rates[:, :, driven])
-        for t in step.find_sign_changes(SERIES_MATRIX @ input_rates):
+        # The matrix converts values at the nodes to the coefficients of a Legendre series,
+        # whose zeros within the step are found.
+        input_rate_series = SERIES_MATRIX @ input_rates
+        for t in step.find_sign_changes(input_rate_series):
             yield t, kind, mechanism.input_pairs[0] if has_one_input else ""
-        # The mechanism rests where its only momentum, which follows after the variables in
-        # the state, changes its sign.
+        # With one input there is a single momentum. The mechanism rests where it changes
+        # its sign. A state has the pair variables first, then the momentum.
         if has_one_input:
-            momentum_series = step.state_series(self.equation.variable_count)
+            momentum_position = self.equation.variable_count
+            momentum_series = step.state_series(momentum_position)
             for t in step.find_sign_changes(momentum_series):
                 yield t, "rest", ""
 

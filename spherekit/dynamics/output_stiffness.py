@@ -10,10 +10,17 @@ from spherekit.geometry.vectors import nans
 from spherekit.status import Status
 
 MIN_RELATIVE_COMPLIANCE = 1e-12
-"""Smallest compliance of an axis, relative to the largest, that is no rounding error. The
-same for the angular velocity of the link by an input, relative to the fastest link.
+"""Smallest compliance of an axis, relative to the largest, that is no rounding error.
 
 Larger: stiff axes count as rigid. Smaller: rounding errors count as compliance.
+"""
+
+MIN_RELATIVE_LINK_SPEED = 1e-12
+"""Smallest angular velocity of the link by an input, relative to that of the fastest link,
+that is no rounding error.
+
+Larger: inputs that move the link slowly count as not moving it. Smaller: rounding errors
+count as motion.
 """
 
 
@@ -54,7 +61,8 @@ def output_stiffness(
     Parameters
     ----------
     solution
-        Torques or holding torques, whose rates are used.
+        Result of the computation of torques. Only the angular velocities of the links per
+        unit rate of each input are used.
     link, relative_to
         Names of the link, and of the link relative to which it moves.
     stiffness
@@ -73,7 +81,7 @@ def output_stiffness(
     w = all_w[:, :, link_number[link]] - all_w[:, :, link_number[relative_to]]
     # Velocities that are only rounding errors count as zero.
     fastest = np.max(np.linalg.norm(all_w, axis=3), axis=2)
-    w[np.linalg.norm(w, axis=2) < MIN_RELATIVE_COMPLIANCE * fastest] = 0.0
+    w[np.linalg.norm(w, axis=2) < MIN_RELATIVE_LINK_SPEED * fastest] = 0.0
     is_ok = solution.rate_status == Status.OK
     w[~is_ok] = np.nan
     # Letters: n row, i input, a b components.
@@ -95,7 +103,9 @@ def output_stiffness(
     weights = 1.0 + np.arange(w.shape[1])
     side = np.sum(w / weights[:, None], axis=1)
     axes *= np.where(axes @ side[..., None] < 0.0, -1.0, 1.0)
-    # In the order of rising stiffness, so of falling compliance.
+    # The mechanical advantage of an input is the moment on the link that a unit torque at
+    # this input balances: 1 / |w|. Axes are in the order of rising stiffness, so of falling
+    # compliance.
     with np.errstate(divide="ignore", invalid="ignore"):
         return Stiffness(
             w=w,

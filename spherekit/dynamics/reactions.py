@@ -182,25 +182,33 @@ def reactions(motion: Motion) -> Reactions:
     Notes
     -----
     Because the torques at the inputs are known, the links have as many more equations than
-    unknown reactions as there are inputs. The residual of these equations checks torques
-    and reactions.
+    unknown reactions as there are inputs. The residual of these equations, `unbalanced`,
+    checks torques and reactions.
+
+    A component of a moment or force is undetermined (`opened`) if reactions can balance
+    each other without loads. `lacking` names what the file would have to state to determine
+    the forces, for example which bearings let their links slide. A link slides (`slides`)
+    if no pair holds it at the centre O of the mechanism.
     """
     torques = needed_torques(motion)
     mechanism = motion.mechanism
     timing = motion.timing
     assert timing is not None
+    # `carried` are the sums of bearing forces to which friction of bearings is
+    # proportional.
     driven = DrivenState(
         mechanism, torques.motion, timing, torques.torques, torques.carried
     )
     # The equations are solved in rows with torques only.
     is_ok = torques.status == Status.OK
     joint_reactions = compute_reactions(driven.rows(is_ok), forces=True)
-    # The information that would determine components that are not determined. It is not
-    # looked for if links can slide along axes.
+    # If components are undetermined, it is examined which further information would
+    # determine them. This is left out if a link slides, so that no pair holds it at O.
     indeterminate_forces = IndeterminateForces()
     open_counts = np.count_nonzero(joint_reactions.opened, axis=(1, 2))
     if np.any(open_counts) and not np.any(joint_reactions.slides):
-        # The row with the fewest undetermined components is not at a special configuration.
+        # At special configurations, such as singularities, further components are
+        # undetermined. The row with the fewest undetermined components is taken therefore.
         frames = torques.motion.frames[is_ok]
         indeterminate_forces = diagnose_indeterminate_forces(
             mechanism, frames[np.argmin(open_counts)]
@@ -221,7 +229,9 @@ def reactions(motion: Motion) -> Reactions:
         lacking=indeterminate_forces,
         status=np.repeat(torques.status[:, None], len(mechanism.pairs), axis=1),
     )
-    # Pulls that are small compared with the largest moment of the row may be rounding.
+    # `push` is the force of a contact along its normal times the radius. If it is negative,
+    # the contact would have to pull. Pulls that are small compared with the largest moment
+    # of the row may be rounding.
     largest_moment = max_abs(np.nan_to_num(result.moments), axis=(1, 2))
     is_pulling = result.push < -MAX_ROW_PULL * largest_moment[:, None]
     result.status[is_pulling] = Status.LIFT_OFF

@@ -130,13 +130,17 @@ class StoredModel:
         Raises
         ------
         SolveError
-            At a single point outside the domain. Rows of several inputs are NaN there.
+            At a single point outside the domain. If many points are given over a box, the
+            torques of those outside are NaN.
         """
         if self._is_single(x):
-            # Inertia, its derivatives and load velocities, which the torques depend on.
+            # `dynamics` has two functions. The first evaluates inertia, its derivatives and
+            # load velocities, on which the torques depend. `torque_at_functions` uses the
+            # second one.
             evaluate_functions, _ = self.dynamics
             return self.torque_at_functions(evaluate_functions(x), x, dx, ddx, t)
         arrays = self._broadcast(x, dx, ddx, t=t)
+        # (m, n) torques at all n points.
         torque_rows = self._torque_function(self._arguments(arrays))
         return self._restore_shape(torque_rows.T, arrays.shape)
 
@@ -154,9 +158,11 @@ class StoredModel:
         -------
         For each load an array of the shape of `x`, the forces by each coordinate.
         """
-        # Forces do not depend on accelerations. The rates take their place among the
-        # arguments.
+        # The expressions of the forces have the accelerations as arguments, too, because
+        # they share their arguments with the torques. Forces do not depend on them, so any
+        # array of the same shape will do: here the rates once more.
         arrays = self._broadcast(x, dx, dx, t=t)
+        # The heading describes the model: names of loads, of coordinates (`by`), ...
         loads = self.heading.loads
         force_rows = self._force_function(self._arguments(arrays))
         # The axes are: load, coordinate, point.
@@ -210,10 +216,13 @@ class StoredModel:
         Parameters
         ----------
         names
-            Names of the functions. All of them belong to one group of the heading.
+            Names of the functions. All of them belong to one group: functions that are
+            stored together.
         x
-            (...) coordinates of a curve, or (..., m) over a box.
+            (...) coordinates along a curve of configurations, or (..., m) the m inputs over
+            a box of their ranges.
         """
+        # The points in n rows (n, m), with m = 1 along a curve. `arrays.shape` is (..., m).
         arrays = self._broadcast(x)
         (coordinates,) = arrays.columns
         group, _ = self.heading.locate_function(names[0])
@@ -276,11 +285,13 @@ class StoredModel:
         name
             LINK/RELATIVE_TO, such as "3/1". Either order names the same axis.
         x
-            Coordinates of the curve.
+            Coordinate of a point of the curve (rad), or coordinates (...) of many points.
         """
+        # A pole is stored for one order of its two links.
         stored_name, _ = self.heading.pole(name)
         names = [f"pole {stored_name} {axis}" for axis in "xyz"]
         if self._is_single(x):
+            # A function for a single point, which takes less time than arrays.
             return np.array(self._single_function(*names)(x))
         return self.functions(names, x)
 
@@ -296,8 +307,10 @@ class StoredModel:
         name
             LINK/RELATIVE_TO, such as "3/1".
         x
-            Coordinates of the curve.
+            Coordinate of a point of the curve (rad), or coordinates (...) of many points.
         """
+        # The heading lists the stored functions. A pole is stored for one order of its two
+        # links; the sense is -1 for the other order.
         stored_name, sense = self.heading.pole(name)
         return sense * self.value(f"rate {stored_name}", x)
 
@@ -308,6 +321,8 @@ class StoredModel:
 
     def velocity(self, pole: str, q: ArrayLike) -> Floats:
         """Return the relative angular velocity of two links by each input, over a box.
+
+        The box consists of the ranges of the m inputs of the model.
 
         Parameters
         ----------
@@ -323,8 +338,11 @@ class StoredModel:
         instantaneous axis of rotation) while this input moves alone. Its length is the
         velocity coefficient.
         """
+        # A pole is stored for one order of its two links; the sense is -1 for the other
+        # order.
         stored_name, sense = self.heading.pole(pole)
-        # For each component, the names of its derivatives by each input.
+        # For each component x, y, z the names of the stored functions: the component of the
+        # angular velocity per unit rate of each input.
         names_by_axis = [
             self.heading.by_coordinates(f"velocity {stored_name} {axis}") for axis in "xyz"
         ]
@@ -352,6 +370,8 @@ class StoredModel:
             If there is no such variable.
         """
         heading = self.heading
+        # Group 0 has the functions of the motion, the pair variables first. The others have
+        # the functions of one pole each.
         series = self.groups[0]
         if variable not in heading.variables:
             raise SolveError(
@@ -368,9 +388,12 @@ class StoredModel:
             values, rates = series.evaluate(x)[:, columns].T
             half_difference = 0.5 * (values - value)
             if is_angle:
-                # The sine of half the difference vanishes at whole revolutions too.
+                # The sine of half the difference is zero exactly where the difference is a
+                # whole number of revolutions.
                 sines = np.sin(half_difference)
                 return sines, 0.5 * np.cos(half_difference) * rates
+            # Arc lengths of contacts have no revolutions. Half the difference has the same
+            # zeros as the difference.
             return half_difference, 0.5 * rates
 
         # Zeros are sought between these positions; see `ZERO_SEARCH_DIVISIONS`.
@@ -418,18 +441,22 @@ class StoredModel:
     def save(self, path: AnyPath) -> None:
         """Write the model to a NumPy archive (.npz) that describes itself.
 
-        The archive has the heading as text, with a description of the arrays, and for each
-        group k of functions arrays such as "coefficients_k".
+        The archive has the heading as text, with a description of the arrays. The stored
+        functions are in groups, each of which shares one division of the domain into cells.
+        For each group k the archive has arrays such as "coefficients_k", the coefficients
+        of the Chebyshev series.
 
         Raises
         ------
         OutputError
             If it cannot be written; an older file is then unchanged.
         """
+        # Along a curve, the cells are intervals between edges. Over a box they are boxes.
+        array_names = _array_names(self.heading)
         arrays = {
             f"{name}_{k}": getattr(group, name)
             for k, group in enumerate(self.groups)
-            for name in _array_names(self.heading)
+            for name in array_names
         }
         heading = {**asdict(self.heading), "layout": LAYOUT}
         write_archive(path, MODEL_FORMAT, heading, arrays)
@@ -444,8 +471,12 @@ class StoredModel:
         `StoredHeading.motion_symbols` (rates, accelerations, time, torques of tables).
         """
         heading = self.heading
-        # Symbols in the torques that represent stored functions, those of inertia first.
+        # Christoffel symbols are the coefficients of products of rates in the torques.
+        # Along a curve there is one coordinate (index 0) with a single symbol, 1/2 dB/dx,
+        # which is stored as dB/dx. Over a box those of the first input come next.
         first_symbols = symbols([*heading.inertia, *heading.christoffel[0]])
+        # The symbols that represent stored functions, each once. `iterate_nodes` visits the
+        # nodes of the expressions in order, so the first symbols remain first.
         stored_symbols = [
             node
             for node in iterate_nodes([*first_symbols, *heading.torques])
@@ -465,23 +496,27 @@ class StoredModel:
         Parameters
         ----------
         functions
-            Result of the first function of `dynamics` at this point.
+            Stored functions on which the torques depend at this point: the result of the
+            first of the two functions `dynamics`.
         x, dx, ddx
-            Coordinates (rad) and their first and second rates by time: numbers along a
-            curve, sequences (m,) over a box.
+            Coordinates (rad) and their first and second rates by time: numbers if the model
+            is along a curve of configurations, sequences (m,) over a box of input ranges.
         t
             Time (s) for loads that depend on it.
         """
         heading = self.heading
         _, torque_function = self.dynamics
         rates = (dx, ddx) if heading.is_curve else (*dx, *ddx)
+        # Some loads are torques that tables give over time.
         table_torques = [float(table.at(t)) for table in heading.tables]
         try:
             torques = torque_function([*functions, *rates, t, *table_torques])
         except (ValueError, ArithmeticError):
-            # Arrays give infinity or NaN where operations on floats raise an error.
+            # Operations on floats raise an error where those on arrays give infinity or
+            # NaN. The torques are therefore computed once more for arrays with one row.
             rows = [np.array([argument], dtype=float) for argument in (x, dx, ddx, t)]
-            return self.torque(*rows)[0]
+            torque_rows = self.torque(*rows)
+            return torque_rows[0]
         return torques[0] if heading.is_curve else np.array(torques)
 
     @cached_property
@@ -521,7 +556,8 @@ class StoredModel:
         ------
         SolveError
             If points over a box have another number of inputs, or if a single one is
-            outside the domain.
+            outside the domain. Many points may include some outside, where functions are
+            NaN.
         """
         heading = self.heading
         m = len(heading.by)
@@ -538,6 +574,8 @@ class StoredModel:
         elif coordinates.ndim == 1:
             # This raises the error of a single point outside the domain.
             self._find_cell(coordinates.tolist())
+        # Times have no axis of coordinates. They get one, along which they are broadcast,
+        # so each of its m columns has the time of every point.
         times = np.asarray(t, dtype=float)[..., None]
         *broadcast_arrays, all_times = np.broadcast_arrays(*float_arrays, times)
         return BroadcastArrays(
@@ -556,10 +594,12 @@ class StoredModel:
         Parameters
         ----------
         group
-            Index of the group in the heading.
+            Index of a group, the functions that are stored together.
         coordinates
-            (n, m) coordinates (rad), in one column for a curve. A periodic curve also takes
-            coordinates of further laps. Points outside the domain of a box give NaN.
+            (n, m) coordinates (rad). A model of one coordinate (m = 1) is along a curve of
+            configurations. If the curve is periodic, coordinates of further laps are
+            possible. A model of several coordinates is over a box of their ranges; points
+            outside its domain give NaN.
 
         Raises
         ------
@@ -580,10 +620,11 @@ class StoredModel:
         if heading.periodic:
             laps = np.floor((x - low) / period)
         else:
+            # A coordinate that was computed may exceed an end by rounding.
             slack = RANGE_SLACK_RATIO * period
             is_valid &= (x >= low - slack) & (x <= high + slack)
         if not np.all(is_valid):
-            # This raises the error of the first point that is not valid.
+            # This call raises the error, with the first coordinate that is not valid.
             heading.reduce_to_range(float(x[~is_valid][0]))
         values = series.evaluate(x - laps * period)
         # The pair variables, the first functions of group 0, grow by `rise` in each lap.
@@ -732,8 +773,9 @@ def _construct_model(
     where
         Name of the file, for error messages.
     header
-        Values of the fields of `StoredHeading` by name. Loads and functions are
-        dictionaries of their fields.
+        Values of the fields of `StoredHeading` by name, which describe the stored functions
+        and loads. Loads and functions are dictionaries of their fields. A group is a list
+        of functions that are stored together.
     arrays
         The arrays of all groups by their names, such as "coefficients_0" for group 0.
     """
@@ -743,6 +785,7 @@ def _construct_model(
         tuple(StoredFunction(**item) for item in group) for group in header["groups"]
     )
     heading = StoredHeading(**fields)
+    # Ends of the ranges, and the growth of each variable over a period of a closed curve.
     numbers = [*heading.low, *heading.high, *heading.rise]
     for function in heading.functions:
         numbers += [function.largest, function.error]
@@ -760,6 +803,10 @@ def _construct_series(
     where: str, heading: StoredHeading, k: int, arrays: Mapping[str, Floats]
 ) -> PiecewiseChebyshev | TensorChebyshev:
     """Return the Chebyshev series of one group of functions, after checking its arrays.
+
+    The domain is divided into cells, each with its own coefficients. Along a curve the cell
+    c is the interval from edges[c] to edges[c + 1]. Over a box of several coordinates it is
+    the box from bounds[c, 0] to bounds[c, 1].
 
     Parameters
     ----------
@@ -792,17 +839,21 @@ def _construct_series(
         column = np.argwhere(~np.isfinite(coefficients))[0, -1]
         fault = f'"{functions[column].name}" has coefficients that are not finite'
     else:
-        # The arrays of the cells are all arrays of the group but the coefficients.
-        cell_arrays = [arrays[f"{name}_{k}"] for name in _array_names(heading)[:-1]]
         if heading.is_curve:
-            (edges,) = cell_arrays
+            edges = arrays[f"edges_{k}"]
+            cell_arrays = [edges]
             cell_starts = edges[:-1]
             cell_stops = edges[1:]
         else:
-            splits, bounds = cell_arrays
+            # `splits` are the steps by which the box was halved into cells.
+            splits = arrays[f"splits_{k}"]
+            bounds = arrays[f"bounds_{k}"]
+            cell_arrays = [splits, bounds]
             cell_starts, cell_stops = bounds.swapaxes(0, 1)
         has_all_cells = len(cell_starts) == len(coefficients) > 0
         is_rising = np.all(np.less(cell_starts, cell_stops)) and has_all_cells
+        # One message for all faults of cells: their number, their order, and numbers that
+        # are not finite.
         if not (is_rising and all(all_finite(array) for array in cell_arrays)):
             fault = f"the cells of group {k} do not rise"
     if fault is not None:
