@@ -32,12 +32,13 @@ loops wrongly.
 
 
 class BodyInertia(NamedTuple):
-    """Mass and inertia of a body in ground axes.
+    """Mass and inertia of a body of an exported model, in ground axes.
 
     Attributes
     ----------
     link
-        Name of the body: a link, or an added body between two circles in contact.
+        Name of the body: a link, or a coupler that replaces a sliding contact. A coupler is
+        a body without mass between the centres of two circles, whose distance is constant.
     mass
         Mass (kg).
     centre
@@ -45,9 +46,9 @@ class BodyInertia(NamedTuple):
     tensor
         (3, 3) inertia tensor about the centre of mass (kg m2).
     is_stated
-        Whether the mechanism has this mass and centre. Otherwise they are chosen so that
-        the tensor about the centre of the sphere is right. Without gravity this tensor
-        alone determines the motion.
+        Whether the mechanism file states this mass and centre. Otherwise they are chosen so
+        that the tensor about O, the centre of the sphere, is right. All bodies turn about
+        O, so without weight their motion depends on the tensor about O only.
     """
 
     link: str
@@ -77,40 +78,45 @@ class LinkInertia(NamedTuple):
 
 @dataclass(frozen=True)
 class LinkInertias:
-    """The inertia of all links that have some.
+    """The inertia of the links of a mechanism.
 
     Attributes
     ----------
     by_link
-        Inertia by the name of the link.
+        Inertia by the name of the link. Links for which the file states no mass are left
+        out; a stated mass may be zero.
     are_made_up
-        Whether the mechanism has no masses, and links are wires of 1 kg/m on a sphere of
-        1 m.
+        Whether the file has no masses, so that links are taken as wires of 1 kg/m on a
+        sphere of 1 m. General engines move no body without mass. Such a model shows the
+        kinematics, and its forces mean nothing.
     """
 
     by_link: Mapping[str, LinkInertia]
     are_made_up: bool
 
     def has_mass(self, link: str) -> bool:
-        """Return whether a link has any inertia."""
+        """Return whether a link has an inertia that is not zero."""
         return link in self.by_link and bool(np.any(self.by_link[link].tensor))
 
 
 def find_link_inertias(mechanism: Mechanism) -> LinkInertias:
     """Return the inertia of all links that have a mass in the mechanism file.
 
-    If no moving link has an inertia, all links are taken as wires of 1 kg/m along their
-    arcs on a sphere of 1 m radius.
+    If no moving link has an inertia, other programs could not move the mechanism. All links
+    are then taken as wires of 1 kg/m on a sphere of 1 m radius. The wires run along the
+    arcs of a link, and from the centre of the sphere to each of its pairs.
     """
     inertia_by_link = {
         mass.link: LinkInertia(mass.tensor, mass.mass, mass.centre)
         for mass in mechanism.masses
     }
-    if any(
+    # The tensor about the centre of the sphere is zero for a mass that is there.
+    has_moving_mass = any(
         np.any(inertia.tensor)
         for link, inertia in inertia_by_link.items()
         if link != mechanism.ground
-    ):
+    )
+    if has_moving_mass:
         return LinkInertias(inertia_by_link, are_made_up=False)
     shapes = link_shapes(mechanism)
     for link, shape in zip(mechanism.links, shapes, strict=True):
@@ -152,16 +158,19 @@ def make_body_inertia(
 ) -> BodyInertia:
     """Return the mass, centre and inertia tensor of a body in ground axes.
 
-    If the mass or centre is not stated, or the centre is at the centre O of the sphere,
-    both are chosen so that the tensor about O is right. A link without mass gets a small
-    inertia.
+    If the mass or the centre of mass is not stated, both are chosen so that the tensor
+    about O, the centre of the sphere, is right. They are also chosen if the stated centre
+    is at O. MuJoCo weighs the constraints that close loops by the mobility of centres of
+    mass, and moves such loops wrongly. The chosen mass does not change the motion: the body
+    turns about O, and the weight of a body with its centre at O does nothing. A link
+    without mass gets a small inertia.
 
     Parameters
     ----------
     link_inertias
         Inertia of all links.
     link
-        Name of the body. It has no mass if it is no link.
+        Name of the body: a link, or a body without mass that replaces a sliding contact.
     rotation
         (3, 3) rotation from the axes of the link to ground axes.
     light_ratio
@@ -197,10 +206,14 @@ def make_body_inertia(
 def _choose_mass(tensor: Floats) -> tuple[float, Floats]:
     """Return a mass, and a centre away from O, of a body with this tensor about O.
 
-    Many bodies have the tensor. The second moments S = trace(I) / 2 - I are the sum of mass
-    times r r^T. With mass = trace(S), all mass is at unit distance from O. A centre c is
-    possible if S - mass c c^T has no negative moments. It is put on the axis of the largest
-    second moment, at half the largest possible distance.
+    Bodies with different masses and centres have the same tensor about O. MuJoCo closes
+    loops wrongly if the centre of mass is at O, so another one is chosen.
+
+    The second moments S = trace(I) / 2 - I are the sum of mass times r r^T over all points
+    r of the body. With mass = trace(S), the root mean square of the distances of its points
+    from O is 1 m. A centre c is possible if S - mass c c^T has no negative moments. The
+    largest possible distance from O is on the axis of the largest second moment. Half of
+    this distance leaves moments about c that are positive and not nearly zero.
 
     Parameters
     ----------

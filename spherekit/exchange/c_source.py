@@ -149,7 +149,10 @@ C_SMOOTH_MODE_TEMPLATE = """\
         {mode}[n] = {written};
 {returned}}}
 """
-"""Template of the function that returns the places of a mode on its smooth curve."""
+"""Template of the function that returns the places of a mode on its smooth curve.
+
+Places are the numbers that select a mode in the formulas, such as the signs of its dyads.
+"""
 
 C_MOVED_INPUT_TEMPLATE = """\
     if (!(q >= {low} && q <= {high})) {{
@@ -194,14 +197,16 @@ def write_c(source: Source) -> str:
 def write_cpp(source: Source) -> str:
     """Return formulas as a C++ header of templates.
 
-    The number type is a parameter of the templates. It may be a type whose values carry
-    their derivatives (automatic differentiation).
+    The number type of variables, ``Scalar``, is a parameter of the templates. It may be a
+    type whose values have derivatives with them (automatic differentiation). The number
+    type of constants, ``Real``, follows from it by the template `CONSTANT_OF`.
     """
     guard = f"{source.name}_HPP"
     used_functions = "\n".join(
         f"using std::{name};" for name in ("atan2", "floor", "pow", *UNARY_FUNCTIONS)
     )
     includes = "#include <cmath>\n#include <type_traits>\n"
+    # A stored series is a function as a table of Chebyshev coefficients.
     series = _write_series(source, "Scalar", "Real", REAL_TYPE_LINE)
     parts = [
         f"{head_comment(source)}#ifndef {guard}\n#define {guard}\n\n{includes}",
@@ -209,7 +214,8 @@ def write_cpp(source: Source) -> str:
         CONSTANT_OF,
         *_write_constants(source, storage="static "),
         *source.helpers,
-        # A template in a header needs no static.
+        # The constants are static, so that several files may include the header. Templates
+        # may be defined in several files anyway.
         *(TEMPLATE_HEAD + text.removeprefix("static ") for text in series),
         *(
             TEMPLATE_HEAD + _write_function(source, function, "Scalar")
@@ -225,7 +231,10 @@ def _write_constants(source: Source, storage: str) -> Iterator[str]:
     """Yield the declarations of constants for the users of the formulas.
 
     They are the index of each result in the array of results, the values of the sizes in
-    the mechanism file, and the numbers that select each assembly mode.
+    the mechanism file, and the places of each assembly mode. The places are the numbers
+    that select a mode in the formulas. In closed form they are the sign (+1 or -1) of each
+    dyad. Otherwise they are approximate variables (rad) of all pairs, which Newton's method
+    improves.
 
     Parameters
     ----------
@@ -240,6 +249,7 @@ def _write_constants(source: Source, storage: str) -> Iterator[str]:
         f"    {name}_{result} = {index}" for index, result in enumerate(source.result_names)
     )
     yield f"enum {{\n{enumerators}\n}};\n"
+    # `nested` writes an array with C's braces around each axis.
     if formulas.sizes:
         values = nested([size.value for size in formulas.sizes], "{}")
         count = len(formulas.sizes)
@@ -292,9 +302,12 @@ def _write_series(
 def _function_head(source: Source, function: SourceFunction, scalar: str) -> str:
     """Return the C head of a function, without its body.
 
-    All arguments are arrays. A function normally writes its results to an array. A step of
-    Newton's method, which has a closure residual, changes the variables of the pairs in
-    place instead and returns that residual.
+    All arguments are arrays: the inputs and their rates (``motion``), the numbers that
+    select the assembly mode, and numbers of the mechanism file (``size``). The second
+    array is named ``mode`` if it has signs of dyads, and ``variables`` if it has the
+    variables of all pairs. A function normally writes its results to a fourth array. A step
+    of Newton's method changes the array ``variables`` in place and returns the closure
+    residual.
 
     Parameters
     ----------
@@ -304,6 +317,7 @@ def _function_head(source: Source, function: SourceFunction, scalar: str) -> str
         Name of the number type of its arguments, such as ``double``.
     """
     mode_parameter = f"{scalar} {source.mode_argument}[]"
+    # Only a step of Newton's method has a closure residual.
     if function.closure_residual:
         return (
             f"{scalar} {function.name}"
@@ -318,12 +332,17 @@ def _function_head(source: Source, function: SourceFunction, scalar: str) -> str
 def _write_function(source: Source, function: SourceFunction, scalar: str) -> str:
     """Return a C function with its body.
 
+    A function either computes the results, or makes a step of Newton's method. The step
+    reads the variables of all pairs from an argument, overwrites them by better ones, and
+    returns the closure residual (how far loops are open).
+
     Parameters
     ----------
     source, function
         The source and one of its functions.
     scalar
-        Name of the number type of its arguments, such as ``double``.
+        Name of the number type of its arguments: ``double`` in C, ``Scalar`` in the
+        templates of C++. In these, constants are written as ``Real(0.5)``.
     """
     # Compilers warn of unused arguments unless they are named in a statement.
     lines = [
@@ -332,7 +351,8 @@ def _write_function(source: Source, function: SourceFunction, scalar: str) -> st
         if argument not in function.used_arguments
     ]
     lines += function.lines
-    # The results are copied from local variables to the array that the caller reads.
+    # The results are copied from local variables to the array that the caller reads. Only a
+    # step of Newton's method has a closure residual.
     if function.closure_residual:
         for index, result in enumerate(function.results):
             lines.append(f"    {source.mode_argument}[{index}] = {result};")
@@ -349,10 +369,20 @@ def _write_function(source: Source, function: SourceFunction, scalar: str) -> st
 def _smooth_mode_head(source: Source, scalar: str) -> str:
     """Return the C head of the function that finds the places of a mode at an input.
 
-    Places are the numbers that select the mode in the formulas; they change where the
-    smooth curve of the mode crosses another curve. If positions are computed by steps from
-    a known configuration, the function returns the input of that configuration.
+    The places are the numbers that select an assembly mode in the formulas. In closed form
+    they are the signs of the dyads. They change where the configuration curve of the mode
+    crosses that of another mode. Otherwise they are the variables of a known configuration,
+    from which Newton's method starts, and the function also returns the input of that
+    configuration.
+
+    Parameters
+    ----------
+    source
+        The source.
+    scalar
+        Name of the number type of the places, such as ``double``.
     """
+    # Formulas that are not in closed form have a step of Newton's method.
     returned_type = "double" if source.formulas.step else "void"
     return (
         f"{returned_type} {source.smooth_function}"
@@ -363,9 +393,15 @@ def _smooth_mode_head(source: Source, scalar: str) -> str:
 def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
     """Yield the C function of the places of a mode on its smooth curve, if there is one.
 
-    Places are the numbers that select the mode in the formulas. The inputs at which curves
-    cross divide the range of the input into intervals, and a mode has other places in each.
-    The function looks up the interval of an input.
+    The places are the numbers that select an assembly mode in the formulas. In closed form
+    they are the sign (+1 or -1) of each dyad. Configuration curves of modes may cross. A
+    mode that follows its smooth curve through a crossing has other signs beyond it. The
+    crossings therefore divide the range of the input into intervals, and a mode has one row
+    of places in each. The C function looks up the interval of an input.
+
+    Without closed form, the places are the variables (rad) of all pairs in a known
+    configuration, from which steps of Newton's method lead to the input. The C function
+    then also returns the input of the known configuration, where the steps begin.
 
     Parameters
     ----------
@@ -382,6 +418,7 @@ def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
         return nested_with_nan(values, "{}", "NAN", "INFINITY")[1:-1]
 
     fields = source.smooth_mode_fields
+    # Lines that move an input by whole periods, as near to the range as possible.
     moved = C_MOVED_INPUT_TEMPLATE.format(**fields) if source.is_periodic else ""
     input_lines = ""
     return_line = ""
@@ -389,7 +426,8 @@ def _write_smooth_modes(source: Source, scalar: str) -> Iterator[str]:
         input_text = array_text(fields["inputs"])
         input_lines = KNOWN_INPUTS_TEMPLATE.format(**{**fields, "inputs": input_text})
         return_line = "    return q == q ? inputs[interval][k] : NAN;\n"
-    # NaN is the only number that differs from itself.
+    # In C, k is the mode and n one of its places. NaN is the only number that differs from
+    # itself.
     value = "q == q ? places[interval][k][n] : NAN"
     texts = {
         "starts": array_text(fields["starts"]),

@@ -80,7 +80,10 @@ def {name}(number, q):
         )
 {next_input}    return {returned}
 """
-"""Template of the function that returns the places of a mode on its smooth curve."""
+"""Template of the function that returns the places of a mode on its smooth curve.
+
+Places are the numbers that select a mode in the formulas, such as the signs of its dyads.
+"""
 
 CASADI_MOVED_INPUT_TEMPLATE = """\
     above = q - ca.floor((q - {low}) / {period}) * {period}
@@ -115,6 +118,9 @@ def _write_function(source: Source, function: SourceFunction) -> str:
     second result.
     """
     formulas = source.formulas
+    # The three arguments are vectors: inputs and their rates (`motion`), the numbers that
+    # select an assembly mode (`places`: signs of dyads or variables of all pairs), and
+    # numbers of the mechanism file (`sizes`).
     lengths = (len(formulas.motion), len(formulas.places), len(formulas.sizes))
     symbol_lines = [
         f'    {argument} = ca.SX.sym("{argument}", {length})'
@@ -124,7 +130,7 @@ def _write_function(source: Source, function: SourceFunction) -> str:
     residual = f", {function.closure_residual}" if function.closure_residual else ""
     # After a step of Newton's method: the new variables, and how far loops are open.
     result_names = '["after", "open"]' if residual else '["result"]'
-    results = join_items(function.results, 8)
+    results = join_items(function.results, indent=8)
     lines = [
         *symbol_lines,
         *function.lines,
@@ -141,9 +147,14 @@ def _write_function(source: Source, function: SourceFunction) -> str:
 def _write_smooth_modes(source: Source) -> Iterator[str]:
     """Yield the text of the function that finds the places of a mode, if there is one.
 
-    Places are the numbers that select the mode in the formulas. They change where the
-    smooth curve of the mode crosses another curve. If positions are computed by steps from
-    a known configuration (`formulas.step`), the function also returns its input.
+    The places are the numbers that select an assembly mode in the formulas. In closed form
+    they are the sign (+1 or -1) of each dyad. Configuration curves of modes may cross. A
+    mode that follows its smooth curve through a crossing has other signs beyond it. The
+    written function looks up the places at an input.
+
+    Without closed form, the places are the variables (rad) of all pairs in a known
+    configuration, from which steps of Newton's method (`formulas.step`) lead to the input.
+    The written function then also returns the input of the known configuration.
     """
     if source.smooth_modes is None:
         return
@@ -155,9 +166,11 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     docstring_end = ""
     first_input = ""
     next_input = ""
+    # In the written function, the places at the input q have a name such as `mode_there`.
     returned = f"{source.mode_argument}_there"
     if source.formulas.step:
         input_lines = f"    inputs = {texts.inputs}\n"
+        # The shared phrase is about arrays of inputs. Functions of CasADi have one input.
         docstring_end = KNOWN_INPUTS_TEXT.replace("inputs", "the input")
         first_input = "known_input = ca.DM(inputs[0][mode])\n    "
         next_input = (
@@ -167,7 +180,7 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
         returned += ", known_input"
     yield CASADI_SMOOTH_MODE_TEMPLATE.format(
         **{**texts.fields, "inputs": input_lines},
-        moved=texts.moved,
+        moved=texts.moved,  # lines that move an input into the range by whole periods
         returned=returned,
         more=docstring_end,
         first_input=first_input,

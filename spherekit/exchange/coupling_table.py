@@ -75,8 +75,9 @@ class CouplingValues(NamedTuple):
 class CouplingTable:
     """Passive variables and coefficients of assembly modes on a grid of m inputs.
 
-    Nodes are in one row, and the last input varies fastest. Cells are in one row in the
-    same way; each has the position of its corner with the smallest inputs.
+    A coefficient is the rate of a passive variable per unit rate of one input. Nodes are in
+    one row, and the last input varies fastest. Cells are in one row in the same way; each
+    has the position of its corner with the smallest inputs.
 
     Attributes
     ----------
@@ -227,11 +228,15 @@ class CouplingTable:
         return values
 
     def interpolate(self, mode: int, cells: Integers, positions: Floats) -> CouplingValues:
-        """Return the values of a mode in cells, whether they are sure or not.
+        """Return the interpolated values of a mode in cells of the grid.
 
-        From each corner of the cell, at the distance d, the stored gradient g and Hessian H
-        give an angle f + (2/3) g d + (1/6) d H d and a coefficient g + (1/2) H d. The
-        results are averaged with multilinear weights (see the notes of `at`).
+        Cells whose measured error exceeds the tolerance are not refused here. A corner of
+        the cell has a stored angle f with its gradient g and Hessian H by the inputs. At
+        the distance d, it gives an angle f + (2/3) g d + (1/6) d H d and a coefficient
+        g + (1/2) H d. The results of all corners are averaged with multilinear weights.
+        With these factors the average is exact for cubic angles. With those of a Taylor
+        series, 1 and 1/2, it would be exact for quadratic ones only. The notes of `at` have
+        the reference. Angular velocities (`turning`) are interpolated like coefficients.
 
         Parameters
         ----------
@@ -292,7 +297,10 @@ def write_npz(table: CouplingTable, path: AnyPath) -> None:
 
 @checked(FileError)
 def load_coupling(path: AnyPath) -> CouplingTable:
-    """Return a table that was written as a NumPy archive.
+    """Return a coupling table that was written as a NumPy archive.
+
+    The table has the variables of passive pairs, and their rates per unit rate of each
+    input, on a grid of the inputs.
 
     Raises
     ------
@@ -301,7 +309,7 @@ def load_coupling(path: AnyPath) -> CouplingTable:
     """
 
     def construct_table(heading: dict[str, Any], arrays: dict[str, Any]) -> CouplingTable:
-        """Return the table; `heading` has its texts and numbers, `arrays` the others."""
+        """Return the table of its fields: texts and single numbers, and then arrays."""
         heading_fields = {name: heading[name] for name in HEADING_FIELDS}
         return CouplingTable(**heading_fields, **arrays)
 

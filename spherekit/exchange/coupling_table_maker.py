@@ -190,17 +190,17 @@ def _refine_counts(node_counts: Sequence[int]) -> tuple[int, ...]:
 
 
 def _find_passive_variables(mechanism: Mechanism, pairs: Sequence[str] | None) -> list[int]:
-    """Return the numbers of the variables of passive pairs.
+    """Return the numbers of the variables of passive pairs, which are not driven.
 
     Parameters
     ----------
     pairs
-        Names of pairs that are not driven, None for all of them.
+        Names of passive pairs, None for all of them.
 
     Raises
     ------
     SolveError
-        If a pair is an input, or no pair remains.
+        If a pair is an input, if `pairs` is empty, or if the mechanism has no passive pair.
     """
     driven_pairs = mechanism.input_pairs
     passive_pairs = [pair.name for pair in mechanism.pairs if pair.name not in driven_pairs]
@@ -249,6 +249,8 @@ def _compute_grid_values(
 
     Parameters
     ----------
+    position_analysis
+        The analysis that found the modes, with the solver of their positions.
     motion
         The motion of the mechanism, with continuous angles.
     passive_variables
@@ -258,8 +260,10 @@ def _compute_grid_values(
     """
     solver = position_analysis.solver
     good_rows = np.flatnonzero(~motion.failed)
+    # The coordinates are the variables of the m driven pairs, so rates are those per unit
+    # rate of each input.
     coordinate_motion = motion_by_variables(
-        solver.closure, motion.values[good_rows], solver.driven
+        solver.closure, motion.values[good_rows], variables=solver.driven
     )
     mode_count = len(position_analysis.assembly_modes)
 
@@ -269,15 +273,17 @@ def _compute_grid_values(
         all_values[good_rows] = values
         return all_values.reshape(mode_count, motion.samples, *values.shape[1:])
 
-    # Axes of the motion: row, one axis for each derivative by an input, and then the
-    # variable, or the body and the component. The table has its inputs last.
+    # The motion has the K variables on the last axis: rates (rows, m, K), second
+    # derivatives (rows, m, m, K). The table has its inputs last: (rows, K, m) and
+    # (rows, K, m, m).
     rates = coordinate_motion.rates[:, :, passive_variables]
     second_rates = coordinate_motion.second[:, :, :, passive_variables]
     coefficients = place_by_mode(np.swapaxes(rates, 1, 2))
     derivatives = place_by_mode(np.moveaxis(second_rates, 3, 1))
     angles = place_by_mode(coordinate_motion.values[:, passive_variables])
     # At dead centres the angles are finite, but the coefficients are not. Such a point is
-    # treated as one at which the mode does not exist.
+    # treated as one at which the mode does not exist: its angles are made NaN. NaN in any
+    # array is enough, since it makes the error of the cell NaN.
     has_derivatives = all_finite(coefficients, (2, 3)) & all_finite(derivatives, (2, 3, 4))
     # A pole is a pair of link numbers, the smaller one first. `turning` is the angular
     # velocity of the second link relative to the first.
@@ -289,6 +295,8 @@ def _compute_grid_values(
     turning_derivatives = (
         velocity_derivatives[:, :, :, high_links] - velocity_derivatives[:, :, :, low_links]
     )
+    # Angular velocities have the axes (rows, m, P, 3), and (rows, m, m, P, 3) as
+    # derivatives. The table has the P poles first.
     return GridValues(
         angles=np.where(has_derivatives[..., None], angles, np.nan),
         coefficients=coefficients,
@@ -372,7 +380,10 @@ def _measure_errors(
 ) -> float:
     """Measure the errors of interpolation, and write them to the table.
 
-    A cell is sure if its largest error of an angle is within the tolerance.
+    Errors are measured at points of the refined grid, which divide each cell into
+    `PARTS_PER_CELL` parts along each input. They are multiplied by `ERROR_BETWEEN_POINTS`,
+    because errors between these points may be larger. A cell is sure if its largest error
+    of an angle is then within the tolerance.
 
     Parameters
     ----------
@@ -390,15 +401,18 @@ def _measure_errors(
     input_count = len(refined_counts)
     cells = np.indices(tuple(table.count - 1)).reshape(input_count, -1).T
     coefficient_error = np.zeros_like(table.error)
-    # The points in a cell at which errors are measured, as thirds along each input.
+    # A point in a cell is given by the number of parts along each input. `position` goes
+    # from 0 to 1 in the cell.
     for part in product(range(PARTS_PER_CELL + 1), repeat=input_count):
         position = np.array(part) / PARTS_PER_CELL
-        if not np.any(position % 1.0):
-            continue  # A corner of the cell: interpolation is exact.
+        is_corner = np.all((position == 0.0) | (position == 1.0))
+        if is_corner:
+            continue  # The values there are stored, so the error is zero.
         point_indices = PARTS_PER_CELL * cells + part
         points = np.ravel_multi_index(tuple(point_indices.T), refined_counts)
         positions = np.broadcast_to(position, cells.shape)
         for mode in range(len(table.modes)):
+            # `turning` are the angular velocities of the poles.
             values = table.interpolate(mode, cells, positions)
             for interpolated, computed, largest_error in (
                 (values.angles, grid_values.angles, table.error),
@@ -434,7 +448,8 @@ def _find_periods(table: CouplingTable, periods: Floats) -> None:
     for axis, range_length in enumerate(table.step * (table.count - 1)):
         if abs(range_length - TURN) > RETURN_TOLERANCE:
             continue
-        # Changes of all values from the first to the last node of this input.
+        # Changes of all angles, and of their rates per unit rate of the inputs
+        # (coefficients), from the first to the last node of this input.
         grid_axis = 1 + axis
         angle_change, coefficient_change = (
             np.diff(
@@ -443,6 +458,8 @@ def _find_periods(table: CouplingTable, periods: Floats) -> None:
             for values in (table.angles, table.coefficients)
         )
         angle_change = angle_change.reshape(mode_count, -1, len(periods))
+        # If a mode does not exist at a node, its values are NaN. The comparisons below are
+        # then false, and the input does not count as periodic.
         # Variables may grow by whole periods, at all nodes of the other inputs alike.
         with np.errstate(invalid="ignore"):
             rise = np.nan_to_num(np.round(angle_change[:, 0] / periods) * periods)

@@ -94,13 +94,14 @@ def express_dependent_numbers(
         *list_numbers(masses_and_loads(symbolic_mechanism)),
     ]
     file_numbers = [*contact_numbers, *list_numbers(masses_and_loads(mechanism))]
-    # (variables, trials, numbers) slopes of all numbers, measured at several steps.
+    # (variables, designs, numbers) slopes of all numbers by each variable, at the design of
+    # the file and at some trial designs.
     trial_slopes = np.stack(
         [varied_mechanism.trial_slopes(k) for k in range(len(variables))]
     )
     expression_by_symbol: dict[ExpressionNode, Expr] = {}
     # `number` is the position of a dependent number in both lists, and `slopes` (variables,
-    # trials) are its slopes.
+    # designs) are its slopes.
     for symbol, number, slopes in zip(
         number_symbols,
         varied_mechanism.varied_numbers,
@@ -131,14 +132,19 @@ def express_dependent_numbers(
 
 
 def _check_linear(varied_mechanism: VariedMechanism, slopes: Floats) -> None:
-    """Raise `DesignError` unless a number changes in proportion to all variables.
+    """Raise `DesignError` unless a dependent number is a linear function of the variables.
+
+    A dependent number of the formulas, such as a component of an inertia tensor, follows
+    from numbers of the mechanism file, the variables. Formulas can only contain it as a
+    linear function, whose slopes are the same at all designs.
 
     Parameters
     ----------
     varied_mechanism
         The mechanism, and the numbers of its file that vary.
     slopes
-        (variables, trials) slopes of the number at several steps of each variable.
+        (variables, designs) slopes of the dependent number by each variable. The first
+        design is that of the file, with which the other designs are compared.
     """
     differences = np.abs(slopes - slopes[:, :1])
     tolerance = CONSTANT_SLOPE_TOLERANCE * np.abs(slopes) + ZERO_SLOPE

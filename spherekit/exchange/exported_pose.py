@@ -22,7 +22,7 @@ Fewer: a mode that exists in a short range only is not found; more: the search t
 
 
 class ExportedPose(NamedTuple):
-    """A mechanism with declared inputs, and one of its closed configurations.
+    """A mechanism, and one of its configurations: the variables of all pairs.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ def find_pose(
     assembly_mode: int = 0,
     inputs: float | Sequence[float] | None = None,
 ) -> ExportedPose:
-    """Return a mechanism with its inputs declared, and one configuration.
+    """Return a mechanism and one of its configurations in an assembly mode.
 
     Parameters
     ----------
@@ -71,7 +71,9 @@ def find_pose(
         input_values = np.array(inputs, dtype=float, ndmin=1)
         if not all_finite(input_values):
             raise SolveError(f"export: at is {inputs}, it has to be finite numbers of rad")
-        mechanism = PositionAnalysis(mechanism, follow=False).mechanism
+        # This analysis is made for its checks only: a mechanism whose mobility is not its
+        # number of inputs is refused before the values are counted. No modes are searched.
+        PositionAnalysis(mechanism, follow=False)
         input_pairs = mechanism.input_pairs
         if len(input_values) != len(input_pairs):
             raise SolveError(
