@@ -74,7 +74,23 @@ class EquationOfMotion:
         input_suffixes: Sequence[str],
         free_sizes: Collection[Any],
     ) -> None:
-        """Write the generalized forces first, and then inertia and torques."""
+        """Write all formulas: the generalized forces first, then inertia and torques.
+
+        Parameters
+        ----------
+        formula_list
+            The list to which formulas are added.
+        mechanism
+            A mechanism with masses or loads.
+        positions, coefficients
+            Formulas of its positions, poles and coefficients, which are in the list.
+        input_suffixes
+            For each input the end of the names of quantities while it moves, such as
+            ``_by_41``.
+        free_sizes
+            Numbers of the file that are printed as symbols, so that users can insert other
+            values. ("mass", link) stands for the inertia tensor of a link.
+        """
         self._formula_list = formula_list
         self._mechanism = mechanism
         self._positions = positions
@@ -82,8 +98,9 @@ class EquationOfMotion:
         self._input_suffixes = input_suffixes
         self._free_sizes = free_sizes
         self._input_indices = range(formula_list.input_count)
-        self.omitted_loads: list[str] = []  # names of loads that are not written
-        self.free_symbols: dict[Any, ExpressionNode] = {}  # symbols of free sizes
+        # Names of loads that are not written: their friction follows from reactions.
+        self.omitted_loads: list[str] = []
+        self.free_symbols: dict[Any, ExpressionNode] = {}  # symbols of free tensors
         # Both methods add formulas to `formula_list`.
         forces = self._write_generalized_forces()
         self._write_torques(forces)
@@ -163,8 +180,9 @@ class EquationOfMotion:
     def _declare_tensor(self, mass: Mass) -> ExpressionNode:
         """Declare the symbol of the inertia tensor of a link, and return it.
 
-        The list of symbols shows its numbers as a matrix. A free tensor is also kept in
-        `free_symbols`, by which it is checked that formulas contain it.
+        The list of symbols shows its numbers as a matrix. A tensor is free if users want to
+        insert other numbers for it. Its symbol is also stored in `free_symbols`, so that it
+        can be checked that formulas contain it.
         """
         link_label = self._formula_list.link_labels[self._mechanism.link_number[mass.link]]
         is_free = ("mass", mass.link) in self._free_sizes
@@ -186,9 +204,11 @@ class EquationOfMotion:
     ) -> Expr:
         """Return the torque I z + y x (I y) that a link needs at constant input rates.
 
-        The angular velocity of the link is y = sum_k rate_k x_k, with the angular velocity
-        x_k per unit rate of input k. Its angular acceleration at constant rates is
-        z = sum_ki rate_k rate_i dx_k/dq_i.
+        In ground axes the angular velocity of the link is W = sum_k rate_k w_k, with the
+        angular velocity w_k per unit rate of input k. Its angular acceleration at constant
+        rates is A = sum_ki rate_k rate_i dw_k/dq_i. The vectors y and z are W and A by
+        their components along the axes of the link, and h is the symbol of the torque. Each
+        method `write...` and `_resolve_in_link` adds a formula and returns its symbol.
 
         Parameters
         ----------
@@ -220,10 +240,12 @@ class EquationOfMotion:
         return formula_list.write_indexed(r"\mathbf{h}", link_label, torque)
 
     def _name_inertia(self, inertia: dict[tuple[int, int], Expr]) -> None:
-        """Write the elements of the inertia matrix as formulas.
+        """Write the elements of the inertia matrix B as formulas.
 
-        In `inertia`, which maps rows and columns to elements, each element is replaced by
-        its symbol.
+        In `inertia`, which maps (row, column) to an element, each element is replaced by
+        its symbol. The symbol of row k and column i is B_ki. Users ask for it by the name
+        ``B_NAME_by_INPUT``: the name of input k, and the suffix of input i that moves. With
+        one input the matrix has one element, the equivalent inertia ``B``.
         """
         formula_list = self._formula_list
         names = self._mechanism.names_of(self._positions.inputs)
@@ -234,6 +256,7 @@ class EquationOfMotion:
                 symbol_name = f"B_{{{k + 1},{i + 1}}}"
                 quantity = f"B_{names[k]}{self._input_suffixes[i]}"
             inertia[k, i] = formula_list.write(make_symbol(symbol_name), inertia[k, i])
+            # The list has the components of a quantity; this one is a number.
             formula_list.quantities[quantity] = [inertia[k, i]]
 
     def _resolve_in_link(
@@ -309,15 +332,18 @@ class EquationOfMotion:
     ) -> Expr:
         """Return the magnitude of a component of a load, in N m or N.
 
-        It is an expression in the mechanism file, or a torque that is measured over time
-        and printed as a symbol.
+        It is an expression in the mechanism file, or a table of torques over time. A table
+        has no formula, so the torque is printed as a symbol.
 
         Parameters
         ----------
+        component
+            The component: its magnitude, and the pair or links on which it acts.
         load_name
             Name of the load that has this component.
         label
-            Index of the symbols of the component, its number among all from 1 on.
+            Index of the symbols of the component: the number of the component among those
+            of all loads, counted from 1.
         """
         law = component.magnitude
         if isinstance(law, TorqueTable):
@@ -367,11 +393,11 @@ class EquationOfMotion:
         return power
 
     def _write_load_name(self, name: str) -> tuple[Expr, Expr]:
-        """Return the full and the reduced value of a name in the formula of a load.
+        """Return the expression for a name in the formula of a load, twice.
 
-        `convert_to_graph` takes both for each name. The reduced value of an angle leaves
-        out whole revolutions. When sines and cosines of it are evaluated, fewer digits are
-        lost. A printed formula is not evaluated, so both values are the same expression.
+        `convert_to_graph` takes two values for each name: the full one, and one for sines
+        and cosines, in which an angle may be reduced by whole revolutions to lose fewer
+        digits. A printed formula is not evaluated, so both are the same expression.
 
         Parameters
         ----------

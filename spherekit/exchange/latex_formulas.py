@@ -62,17 +62,32 @@ class LatexFormulas:
     def __init__(
         self, mechanism: Mechanism, ground_axes: Floats, free_sizes: Collection[Any]
     ) -> None:
-        """Write all formulas: positions, poles and coefficients, and then torques."""
+        """Write all formulas: positions, poles and coefficients, and then torques.
+
+        Parameters
+        ----------
+        mechanism
+            A mechanism of R pairs whose links follow from its inputs by dyads (two links
+            that close a loop between known axes).
+        ground_axes
+            (3, 3) matrix whose columns are the axes i, j, k of the ground.
+        free_sizes
+            Numbers of the file that are printed as symbols whatever their values, so that
+            users can insert other values. Their form is explained at the class.
+        """
         self.mechanism = mechanism
         assembly = plan_assembly(mechanism)
         self.inputs = assembly.inputs
         input_names = mechanism.names_of(self.inputs)
         self.formula_list = FormulaList(mechanism, len(input_names))
-        # Names of quantities that hold while one input moves end in the name of the input.
+        # With several inputs, derivatives are those while one input moves and the others
+        # are locked. Their names end in the name of the moving input.
         self.input_suffixes = [""]
         if len(input_names) > 1:
             self.input_suffixes = [f"_by_{name}" for name in input_names]
 
+        # Each of the following objects adds its formulas to `formula_list` when it is made,
+        # and has the symbols that later formulas contain.
         self.positions = PositionFormulas(
             self.formula_list, mechanism, assembly, ground_axes, free_sizes
         )
@@ -86,8 +101,9 @@ class LatexFormulas:
             self.pole_plans,
             self.input_suffixes,
         )
-        # Each part has written its formulas to `formula_list` when it was made.
+        # Names of loads without a formula.
         self.omitted_loads: Sequence[str] = []
+        # Symbols of the free sizes; the equation of motion adds those of inertia tensors.
         self.free_symbols: dict[Any, ExpressionNode] = {**self.positions.free_symbols}
         if mechanism.masses or mechanism.loads:
             self.formula_list.section = "Equation of motion"

@@ -146,16 +146,19 @@ class PositionFormulas:
         mechanism
             The mechanism.
         assembly
-            Its inputs, and its groups (links closed together) in solving order.
+            Its inputs, and its dyads in solving order. A dyad is two links that close a
+            loop between two known axes.
         ground_axes
             (3, 3) matrix whose columns are the axes i, j, k of the ground.
         free_sizes
-            Sizes that are printed as symbols instead of numbers.
+            Sizes that stay symbols even if their angle is a multiple of 90 degrees, so that
+            users can insert other values.
         """
         self._formula_list = formula_list
         self._mechanism = mechanism
         self.inputs = assembly.inputs
         self._free_sizes = free_sizes
+        # Symbols of the free sizes, for a check that formulas contain them.
         self.free_symbols: dict[Any, ExpressionNode] = {}
 
         self.input_angles = self._declare_input_symbols("q", "angle of an input (rad)")
@@ -163,7 +166,9 @@ class PositionFormulas:
         self.input_accelerations = self._declare_input_symbols(
             r"\ddot{q}", "its acceleration (rad/s$^2$)"
         )
-        # Symbols of all pairs: theta for passive ones, q for inputs.
+        # Symbols of the variables of all pairs: q for inputs, theta for passive pairs.
+        # Their index is the second link and the first one, from which the angle is
+        # measured. An axis has no such order, so its index begins with the larger number.
         self.pair_angles = [
             make_symbol(rf"\theta_{{{formula_list.join_labels(second, first)}}}")
             for first, second in mechanism.ends
@@ -181,6 +186,7 @@ class PositionFormulas:
 
         self._place_ground(ground_axes)
         self._place_driven_links()
+        # Printed formulas exist only if all groups are dyads.
         for index, group in enumerate(assembly.groups):
             self._place_dyad(str(index + 1), group)
         self._write_pair_angles()
@@ -251,6 +257,12 @@ class PositionFormulas:
         The first axis of a link has no sizes. Each other axis has an arc from the first
         axis. From the third axis on it also has an angle about the first axis, measured
         from the arc to the second axis.
+
+        Raises
+        ------
+        EngineError
+            If the link has one axis only, or an arc is negative or above 180 degrees. The
+            formulas take the sine of an arc as positive.
         """
         link_name = self._mechanism.links[link]
         link_label = self._formula_list.link_labels[link]
@@ -258,6 +270,7 @@ class PositionFormulas:
         pair_number = self._mechanism.pair_number
         vectors: list[ExpressionNode] = []
         for axis_index, axis_name in enumerate(sizes.axes):
+            # An axis without a pair only serves to measure the others.
             if axis_name in pair_number:
                 vectors.append(self.pair_axes[pair_number[axis_name]])
             else:
@@ -266,6 +279,7 @@ class PositionFormulas:
             raise self._refuse_link(link)
 
         link_axes = [LinkAxis(vectors[0])]
+        # The first argument of a symbol is its name in LaTeX.
         first_text, second_text = (f"${vector.arguments[0]}$" for vector in vectors[:2])
         for arc_index, arc in enumerate(sizes.arcs):
             axis_name = sizes.axes[arc_index + 1]
@@ -281,7 +295,8 @@ class PositionFormulas:
             )
             turn = AngleExpression()
             if arc_index:  # the third axis, or a later one
-                # The meaning refers to the arc in the row above it, hence "there".
+                # The printed table of symbols explains this angle in the row below the arc
+                # to the same axis. The word "there" refers to that arc.
                 turn = self._declare_size(
                     ("angles", (link_name, axis_name)),
                     rf"\beta_{{{label}}}",
@@ -324,6 +339,9 @@ class PositionFormulas:
     def _place_ground(self, ground_axes: Floats) -> None:
         """Write the frame of the ground, which is given, and the axes of its pairs.
 
+        As in every link, k is the first axis of the ground, and j is the tangent at k of
+        the arc from k to the second axis.
+
         Parameters
         ----------
         ground_axes
@@ -364,9 +382,10 @@ class PositionFormulas:
     def _place_driven_link(self, pair: int, parent: int, child: int) -> None:
         """Write the frame of a link that an input joins to a link with a known frame.
 
-        The zero direction z of the pair is the tangent t1 of its first link, rotated about
-        the axis by the zero of the pair. The tangent t2 of its second link is z, rotated by
-        the input angle.
+        At the axis of the pair each of its two links has a tangent: that of the arc from
+        this axis to the first other axis of the link. The tangent t1 of the first link,
+        rotated about the axis by the zero of the pair, is the zero direction z. The tangent
+        t2 of the second link is z, rotated about the axis by the input angle.
 
         Parameters
         ----------
@@ -377,6 +396,7 @@ class PositionFormulas:
         """
         input_angle = self.pair_angles[pair]
         axis = self._find_axis(child, pair)
+        # The angle with its cosine and sine.
         rotation = AngleExpression(
             input_angle, function("cos", input_angle), function("sin", input_angle)
         )
@@ -385,7 +405,8 @@ class PositionFormulas:
                 pair, self._write_zero_direction(pair), rotation
             )
         else:
-            # The parent is the second link of the pair: both rotations are inverted.
+            # The parent is the second link of the pair. Both rotations are inverted by the
+            # sense -1.0: t2 leads to z, and z leads to t1, the tangent of the child.
             zero_direction = self._formula_list.write_indexed(
                 r"\mathbf{z}",
                 self._pair_labels[pair],
@@ -397,13 +418,17 @@ class PositionFormulas:
                 pair, zero_direction, self._declare_zero(pair), -1.0
             )
         tangent = self._formula_list.write(self._tangent_symbol(child, pair), right_side)
+        # The frame of the child begins with its first axis, and with the tangent there that
+        # leads to another axis.
         child_axes = self._axes_by_link[child]
         if axis is child_axes[0]:
             self._write_frame(
                 child, first_vector=axis.vector, tangent=tangent, axis=child_axes[1]
             )
         else:
-            # The tangent leads from this axis to the first one, at the distance axis.arc.
+            # The tangent leads from the pair's axis to the first one, along a great circle
+            # and at the distance axis.arc. At its other end the tangent that leads back is
+            # back_tangent.
             first_vector = axis.arc.cosine * axis.vector + axis.arc.sine * tangent
             back_tangent = axis.arc.sine * axis.vector - axis.arc.cosine * tangent
             self._write_frame(child, first_vector, back_tangent, axis)
@@ -477,6 +502,10 @@ class PositionFormulas:
     def _find_dyad_side(self, group: Group, outer: int, middle: int) -> DyadSide:
         """Return the link of a dyad between an outer pair and the middle pair.
 
+        A dyad is two links that the middle one of three pairs joins. The axes of the link
+        are in the order in which the file lists them. If one of them is the first axis of
+        the link, from which all sizes are measured, it is therefore first.
+
         Parameters
         ----------
         outer, middle
@@ -496,8 +525,11 @@ class PositionFormulas:
         """Return the cosine of the arc between the two axes of a link of a dyad.
 
         Axes at the arcs a and b from the first axis of the link, with the angle c between
-        these arcs, are at the arc d with cos d = cos a cos b + sin a sin b cos c. The
-        cosine gets a symbol of its own if neither axis is the first axis of the link.
+        these arcs, are at the arc d with cos d = cos a cos b + sin a sin b cos c.
+
+        The axes of `side` are in the order of the link, so only the first one can be the
+        first axis of the link. Then a = 0, and the result is cos b. Otherwise the long
+        expression gets a symbol.
         """
         first_axis = side.first_axis
         second_axis = side.second_axis
@@ -514,10 +546,20 @@ class PositionFormulas:
         )
 
     def _place_by_two_axes(self, side: DyadSide) -> None:
-        """Write the frame of a link of a dyad, whose two axes in the dyad are known.
+        """Write the frame of a link of a dyad, whose axes u and v in the dyad are known.
 
-        The frame begins with the first axis k of the link. If k is not one of the two axes
-        u and v, it is a linear combination of u, v and u x v.
+        The frame begins with the first axis k of the link, which may be u. Otherwise k
+        follows from its scalar products with u and v, and from its triple product. Each
+        axis is at an arc a from k, and the arc of v is turned about k from that of u by an
+        angle b. With u . v = c,
+
+            k = ((cos a_u - c cos a_v) u + (cos a_v - c cos a_u) v
+                 + sin a_u sin a_v sin b (u x v)) / (1 - c^2).
+
+        Raises
+        ------
+        EngineError
+            If v is at an arc of 0 or 180 degrees from k, and so shows no tangent at k.
         """
         link = side.link
         axis_u = side.first_axis
@@ -525,8 +567,6 @@ class PositionFormulas:
         start_axis = self._axes_by_link[link][0]
         start_vector: Expr = axis_u.vector
         if axis_u is not start_axis:
-            # The first axis k of the link follows from its cosines with u and v, and from
-            # its triple product with them.
             cosine = self._write_arc_cosine(side)
             triple_product = (
                 axis_u.arc.sine * axis_v.arc.sine * axis_v.turn.subtract(axis_u.turn).sine
@@ -559,13 +599,14 @@ class PositionFormulas:
         link
             Number of the link.
         first_vector
-            Expression of the unit vector along the first axis. It becomes the formula of
-            the symbol k unless k has one.
+            Expression of the unit vector along the first axis. If the symbol k has no
+            formula yet, this becomes its formula. It has one if another link with the same
+            pair was placed before.
         tangent
-            The unit tangent at k of the arc to `axis`.
+            The unit tangent at k of the arc from k to `axis`.
         axis
-            Any axis of the link but its first. The arc to this axis is turned about k by
-            the angle `axis.turn` from the arc to the second axis.
+            Any axis of the link but its first. The angle `axis.turn` about k leads from the
+            arc to the second axis of the link to the arc to this axis.
         i
             The vector i if it is known. Otherwise it is written as j x k.
         """
@@ -574,7 +615,10 @@ class PositionFormulas:
         # The symbol of the first axis.
         k = self._axes_by_link[link][0].vector
         if k not in formula_list.formulas:
+            # By default a number or a single symbol is inserted into later formulas without
+            # a formula of its own. Axes always have one.
             formula_list.write(k, first_vector, always=True)
+        # Without a sine the tangent occurs only once below. Otherwise it gets a symbol.
         if axis.turn.sine != 0.0:
             tangent = formula_list.write_indexed(r"\mathbf{d}", label, tangent)
         # j is the tangent towards `axis`, rotated back about k by `axis.turn`.
@@ -637,10 +681,12 @@ class PositionFormulas:
         return angle.cosine * vector + sense * angle.sine * cross_product(axis, vector)
 
     def _write_pair_angles(self) -> None:
-        """Write the variables of all pairs that are not inputs.
+        """Write the variables of pairs that are not inputs, and name those of all pairs.
 
-        A pair variable is the angle from the zero direction z to the tangent t of the
-        second link about the axis u, by the tangent of its half:
+        The tangent t of a link at the axis u of a pair is that of the arc from u to the
+        first other axis of the link. The zero direction z is where the tangent of the
+        second link is when the pair variable is zero. The variable is the angle about u
+        from z to the tangent t of the second link, by the tangent of its half:
 
             theta = 2 atan((u x z) . t / (1 + z . t)).
         """
@@ -657,5 +703,6 @@ class PositionFormulas:
                 self._formula_list.write(
                     self.pair_angles[pair], 2.0 * function("atan", half_angle_tangent)
                 )
+            # Users may ask for these quantities by name.
             self._formula_list.name_quantity("theta", name, self.pair_angles[pair])
             self._formula_list.name_quantity("axis", name, axis)

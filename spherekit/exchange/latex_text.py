@@ -69,9 +69,10 @@ class LatexText(NamedTuple):
     text
         The LaTeX.
     binding
-        How loosely its parts are joined, by which a larger expression puts it in brackets.
+        How loosely its parts are joined: as a symbol, a product or a sum. A sum needs
+        brackets as a factor of a product, for example.
     rank
-        Its position in products.
+        Its position among the factors of a product: numbers first, vectors last.
     """
 
     text: str
@@ -79,7 +80,10 @@ class LatexText(NamedTuple):
     rank: int = FactorRank.SCALAR
 
     def bracketed_beyond(self, loosest: Binding) -> str:
-        """Return the text, in brackets if its binding is looser than this one."""
+        """Return the text, in brackets if its binding is looser than `loosest`.
+
+        A symbol is the tightest binding, a product is looser, and a sum is the loosest.
+        """
         if self.binding <= loosest:
             return self.text
         return rf"\left({self.text}\right)"
@@ -188,13 +192,15 @@ def _print_product(node: ExpressionNode, arguments: list[LatexText]) -> LatexTex
     factors = sorted(arguments, key=lambda factor: factor.rank)
     factor_texts: list[str] = []
     for factor in factors:
-        # A product of products needs no brackets if the inner one is separated by spaces. A
-        # vector product needs them.
+        # A factor that is a product itself needs no brackets if it is separated by spaces.
+        # A vector product needs them. A sum always has brackets, since its binding is
+        # looser than that of a product.
         is_spaced_product = r" \, " in factor.text
         loosest = Binding.PRODUCT if is_spaced_product else Binding.SYMBOL
         factor_texts.append(factor.bracketed_beyond(loosest))
     if isinstance(first_argument, float):
-        # A number is the first factor. It gets no brackets even if it is negative.
+        # A number has the smallest rank and comes first, as before sorting. It gets no
+        # brackets even if it is negative.
         factor_texts[0] = factors[0].text
     binding = Binding.SUM if factor_texts[0].startswith("-") else Binding.PRODUCT
     return LatexText(r" \, ".join(factor_texts), binding, factors[1].rank)

@@ -35,9 +35,13 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
     """Return the middle (rad) of the swing of pairs that cannot turn fully, by name.
 
     The swing is the range of the angle in all assembly modes together, over a whole turn of
-    the input. Angles are counted over any number of turns, as loads see them. The result is
-    empty with several inputs, because angles then depend on the path, and with contacts,
-    because wheels may return only after several turns.
+    the input. Loads such as springs depend on the angle without jumps of whole turns. If it
+    swings over less than a turn, it is the angle nearest to the middle of the swing, and
+    formulas need no count of turns. A gap of `LEAST_GAP_RAD` has to remain, so that samples
+    cannot miss that the pair turns fully.
+
+    The result is empty with several inputs, because angles then depend on the path, and
+    with contacts, because wheels may return only after several turns.
 
     Parameters
     ----------
@@ -54,6 +58,8 @@ def find_swing_middles(mechanism: Mechanism, pairs: Sequence[str]) -> Mapping[st
     )
     position_analysis = PositionAnalysis(kinematics_only(one_turn), samples=SWING_SAMPLES)
     motion = position_analysis.motion()
+    # (n,) angles of each pair without jumps of whole turns. The empty mapping says that no
+    # block of samples precedes this one.
     angles = continue_angles(motion, pairs, position_analysis.angle_unwrapping, {})
     middles: dict[str, float] = {}
     for pair in pairs:
@@ -68,15 +74,18 @@ def revolutions_about(angle: Expr, middle: float) -> ExpressionNode:
     """Return the whole turns (rad) to add to an angle so that it is nearest to a middle.
 
     With the difference d = angle - middle, atan2(sin d, cos d) is d reduced to (-pi, pi].
-    The angle nearest to the middle is middle + atan2(sin d, cos d).
+    The angle nearest to the middle is middle + atan2(sin d, cos d), and the whole turns are
+    this angle less the given one.
 
     Parameters
     ----------
     angle
         The angle (rad), known up to whole turns.
     middle
-        The middle (rad) of the swing.
+        The middle (rad) of the range in which the angle of the pair swings.
     """
     difference = angle - middle
-    nearest = function("atan2", function("sin", difference), function("cos", difference))
-    return nearest + (middle - angle)
+    reduced_difference = function(
+        "atan2", function("sin", difference), function("cos", difference)
+    )
+    return reduced_difference + (middle - angle)

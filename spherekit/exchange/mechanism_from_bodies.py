@@ -52,7 +52,11 @@ class ImportedFile:
     def __init__(
         self, where: str, foreign_model: ForeignModel, max_distance: float | None
     ) -> None:
-        """Find links, pairs, masses and loads, and make all tables and comments.
+        """Find links, pairs, masses and loads in a model, and describe them as a file.
+
+        The results are the parts of a mechanism file: its tables (`content`), comments on
+        them (`comments`) and at the beginning (`heading`). What was left out or changed is
+        stated in `notes`.
 
         Parameters
         ----------
@@ -62,7 +66,7 @@ class ImportedFile:
             The model.
         max_distance
             Distance (m) by which axes may miss the centre of the sphere, None for the
-            default.
+            default. The centre is the point nearest to all axes.
         """
         self._where = where
         self._foreign_model = foreign_model
@@ -93,13 +97,18 @@ class ImportedFile:
         the notes.
         """
         linkage = self._linkage
-        # Inputs are chosen before idler wheels are added, which no coupling mentions.
+        # Inputs are chosen until they determine the rates of all hinges together with the
+        # closed loops and the couplings of hinges. Idler wheels come later. They are added
+        # links that gears need in place of some couplings. No coupling mentions their
+        # hinges, whose rates would seem free.
         inputs = choose_inputs(linkage)
         gear_train = self._find_gears()
         linkage.add_idler_wheels(gear_train.idlers)
         contacts = self._contact_tables(gear_train.gears)
         masses: dict[str, Table] = {}
         links: Table = {linkage.link_name(link): {} for link in linkage.links}
+        # A mechanism without masses is exported with made-up ones, and with servos at its
+        # inputs. None of them belongs to the mechanism.
         if self._foreign_model.has_made_up_masses:
             linkage.notes.append(
                 "the masses, which the file says are made up, and its servos were left out"
@@ -129,8 +138,11 @@ class ImportedFile:
         A coupling is a linear equation between the rates of joints. A mechanism file has
         bevel gears in its place.
         """
+        # Pairs that close a loop are no joint of the model and have the number -1.
         hinges = [pair for pair in self._linkage.pairs if pair.joint >= 0]
         couplings = self._foreign_model.couplings
+        # A link has the number of one of its bodies. Gears may need wheels as new links,
+        # whose numbers follow those of all bodies.
         first_new_link = len(self._linkage.link_by_body)
         try:
             return find_gears(hinges, couplings, first_new_link)
