@@ -136,7 +136,9 @@ def xml_comment(text: str) -> str:
 def toml_string(text: str) -> str:
     """Return a string of TOML that is read as the same text.
 
-    TOML has no surrogates. They are kept, so that a file with them cannot be written.
+    Hidden characters, such as control characters and marks of the writing direction, are
+    escaped. TOML has no escape sequence for surrogates (U+D800 to U+DFFF). They stay as
+    they are, so that encoding the text as UTF-8 for the file fails.
     """
 
     def write(match: re.Match[str]) -> str:
@@ -145,6 +147,7 @@ def toml_string(text: str) -> str:
         if 0xD800 <= code <= 0xDFFF:
             return match[0]
         numbered = f"\\u{code:04x}" if code < 2**16 else f"\\U{code:08x}"
+        # Line ends, tabs and some other characters have short sequences such as \n.
         return _TOML.get(match[0], numbered)
 
     escaped = text.replace("\\", "\\\\").replace('"', '\\"')

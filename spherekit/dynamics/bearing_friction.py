@@ -26,7 +26,7 @@ from spherekit.dynamics.generalised_forces import Loads
 from spherekit.dynamics.transmitted_forces import (
     AXIAL_FORCE,
     DEPENDENT_REACTIONS_RATIO,
-    DETERMINED_PART,
+    MAX_UNDETERMINED_PART,
     MOMENT_COMPONENTS,
     DrivenEquilibrium,
     DrivenState,
@@ -145,7 +145,7 @@ def diagnose_indeterminate_forces(
     # Pivoting chooses the axial force with the largest part in the space that the pairs
     # chosen before leave.
     basis_change, triangle, order = qr(balanced[axial_columns].T, pivoting=True)
-    chosen = np.count_nonzero(np.abs(np.diag(triangle)) >= np.sqrt(DETERMINED_PART))
+    chosen = np.count_nonzero(np.abs(np.diag(triangle)) >= np.sqrt(MAX_UNDETERMINED_PART))
     chosen_columns = [axial_columns[k] for k in order[:chosen]]
     floating = sorted(equations.columns[column][0] for column in chosen_columns)
     # Basis of the space that remains if all chosen pairs slide.
@@ -157,7 +157,7 @@ def diagnose_indeterminate_forces(
         centres=tuple(links_without_centre(mechanism)),
         distances=distances,
         floating=tuple(mechanism.names_of(floating)),
-        enough=not np.any(remaining[is_force] ** 2 > DETERMINED_PART),
+        enough=not np.any(remaining[is_force] ** 2 > MAX_UNDETERMINED_PART),
     )
 
 

@@ -123,8 +123,10 @@ RunEnd = Literal[
 class Segment:
     """Some successive steps of an integration by Taylor series.
 
-    Between two segments the state is normalised: angles are reduced by whole turns, the
-    work of loads is added to a separate sum, and the unit of momentum is adapted.
+    The integrator's errors are relative to the largest number in its state. The state is
+    therefore normalised between two segments, so that its numbers stay small: angles are
+    reduced by whole turns, the work of loads is added to a separate sum, and the unit of
+    momentum grows with the momentum.
 
     Attributes
     ----------
@@ -133,11 +135,13 @@ class Segment:
     starts, lengths
         (k,) start times and lengths of the steps, s.
     series
-        (k, states, order + 1) Taylor coefficients.
+        (k, states, order + 1) Taylor coefficients of the normalised state by time.
     turns
         (variables,) numbers of whole turns that were subtracted from the variables.
     momentum_unit
-        Unit of the momenta. The unit of work is its square.
+        Unit (square root of J) of the momenta in the series. A momentum is the root of an
+        inertia times a rate, so its square is an energy. The unit of the works in the
+        series is therefore the square of this unit.
     work
         (loads,) work of each load before the segment, J.
     """
@@ -161,6 +165,7 @@ class Segment:
         for array in (states, rates):
             array[:, self.layout.momentum_slice] *= self.momentum_unit
             array[:, self.layout.work_slice] *= self.momentum_unit**2
+        # The series contain the work since the start of the segment only.
         states[:, self.layout.work_slice] += self.work
         return states, rates
 
@@ -184,8 +189,10 @@ class TaylorRun:
     max_closure_residual
         Largest closure residual that was removed, rad.
     max_independence
-        Largest value of `CompiledEquation.measure_independence` so far. The measure is zero
-        where sets of configurations cross.
+        Largest measure of the independence of the loop-closure equations in the run. The
+        measure is zero where these equations depend on each other: there, sets of
+        configurations cross. It has no scale of its own, so a run that continues this one
+        compares its measure with this value.
     """
 
     equation: CompiledEquation
@@ -198,7 +205,10 @@ class TaylorRun:
 
     @property
     def last_state(self) -> Floats:
-        """The state (states,) at the end, less the whole turns of the last segment."""
+        """The state (states,) at the end, in SI units.
+
+        The variables are reduced by the whole turns of the last segment.
+        """
         states, _ = self.segments[-1].evaluate(np.array([self.end_time]))
         return states[0]
 
@@ -234,14 +244,18 @@ class RunStart:
     turns
         (variables,) numbers of these whole revolutions.
     momenta
-        (m,) momenta as in the compiled equation. With one degree of freedom the momentum is
-        sqrt(B) u, with the inertia B and the rate u along the curve, positive in the sense
-        of the homogeneous rates.
+        (m,) momenta (square root of J) as in the compiled equation. With one degree of
+        freedom the momentum is sqrt(B) u, with the inertia B and the rate u along the
+        configuration curve. It is positive if the variables change in the direction of
+        their homogeneous rates, which the compiled equation computes: rates times a common
+        factor with which they stay finite at dead centres. With several degrees of freedom
+        the momenta are the rates of the coordinates times one constant.
     momentum_unit
-        A momentum of typical size, not zero. It is the unit of momentum unless the momenta
-        are larger.
+        A momentum (square root of J) of typical size, not zero. The integrator's state
+        contains multiples of it, because step errors are relative to the largest number in
+        the state. If the norm of `momenta` is larger, it replaces this unit.
     previous_run
-        The run that is continued with other coordinates, if any.
+        The run that is continued, with other coordinates or a smaller tolerance, if any.
     closure_residual
         Closure residual that was removed between the two runs, rad.
     """
@@ -269,8 +283,9 @@ class TaylorIntegration:
         Puts a configuration (variables,) back onto its curve, and returns it with its
         closure residual (rad) before.
     crossing_ratio
-        The integration ends where the measure of independence falls below the square of
-        this part of its largest value.
+        The integration ends where the measure of independence of the loop-closure equations
+        falls below the square of this ratio times the largest value of the measure. The
+        measure is zero where sets of configurations cross.
     """
 
     def __init__(
@@ -283,7 +298,9 @@ class TaylorIntegration:
     ) -> None:
         """Compute the state of the integrator at the start.
 
-        The class explains the parameters.
+        The class describes the parameters. `project` closes the loops of a configuration,
+        and `crossing_ratio` says how near to a crossing of configuration curves the run
+        ends.
         """
         self.equation = equation
         self.layout = equation.layout
@@ -299,12 +316,16 @@ class TaylorIntegration:
             np.arange(self.variable_count), [*mechanism.angles.values()]
         )
 
-        # The state does not contain the whole turns of the variables, and the work (J) that
-        # loads have done before the current segment.
+        # Two quantities are stored apart from the integrator's state, so that its numbers
+        # stay small: whole turns of the variables, and the work (J) of each load before the
+        # current segment (up to `STEPS_PER_SEGMENT` steps).
         self.time = 0.0
         self.turns = start.turns
         self.work = np.zeros(len(mechanism.loads))
         self.max_closure_residual = start.closure_residual
+        # The measure of independence of the loop-closure equations is zero where sets of
+        # configurations cross. It has no scale of its own, so it is compared with its
+        # largest value so far.
         independence = equation.measure_independence(start.values[None])
         self.max_independence = float(independence[0])
         previous = start.previous_run
@@ -318,7 +339,9 @@ class TaylorIntegration:
             previous_measure = previous.equation.measure_independence(start.values[None])
             self.max_independence *= previous.max_independence / float(previous_measure[0])
             self.work = previous.last_state[previous.equation.layout.work_slice]
-        # The state of the integrator: variables, momenta in their unit, works.
+        # The state of the integrator: variables, momenta in their unit, works. The unit is
+        # at least the norm of the momenta, since errors of a step are relative to the
+        # largest number in the state.
         self.momentum_unit = max(start.momentum_unit, float(np.linalg.norm(start.momenta)))
         self.switch_signs = np.zeros(len(self.layout.switch_conditions))
         self.start_state = np.concatenate(
@@ -331,19 +354,23 @@ class TaylorIntegration:
     def run(self, targets: Sequence[float]) -> TaylorRun:
         """Integrate up to the last target, and return the run.
 
-        The run ends earlier at an event, such as a singularity, or if a step fails. Runs of
-        one equation in several threads wait for each other.
+        The run ends earlier at an event, such as a singularity, if a step fails, or after
+        `MAX_TAYLOR_STEPS` steps. Runs of one equation in several threads wait for each
+        other.
 
         Parameters
         ----------
         targets
-            Rising times (s) between which no load has a knot.
+            Rising times (s). Loads given by torque tables are linear in time between two
+            targets.
         """
         integrator = self.equation.integrator
         steps = 0
         progress = ProgressReporter("simulating")
         # The integrator has only one state, so a second run has to wait.
         with self.equation.lock:
+            # Values and slopes of torque tables are parameters, here those up to the first
+            # target.
             self._set_switch_signs(targets[0])
             integrator.start(self.start_state, self.time, self._parameters(targets[0]))
             for target in targets:
@@ -380,7 +407,7 @@ class TaylorIntegration:
 
     @property
     def min_independence(self) -> float:
-        """The measure of independence at which the run ends."""
+        """The measure of independence of the closure equations at which the run ends."""
         return self.crossing_ratio**2 * self.max_independence
 
     def _integrate_segment(
@@ -398,7 +425,7 @@ class TaylorIntegration:
         integrator
             The integrator, with the state that the run has reached.
         target
-            Time at which the next interval between knots of loads begins, s.
+            Time up to which the torque tables of loads are linear, s.
         min_step
             Length of a step below which the run ends, s.
         """
@@ -464,8 +491,10 @@ class TaylorIntegration:
     def _store_segment(self, steps: Sequence[TaylorStep]) -> None:
         """Store steps as a segment, and update the largest measure of independence.
 
-        The measure is zero where sets of configurations cross. It is evaluated at the start
-        of each step.
+        The segment has the series of the steps, with the whole turns, the unit of momentum
+        and the earlier work that belong to them. The measure is that of the independence of
+        the loop-closure equations, at the start of each step. It is zero where these
+        equations depend on each other, so that sets of configurations cross.
         """
         series = np.array([step.series for step in steps])
         self.segments.append(
@@ -529,23 +558,28 @@ class TaylorIntegration:
         probe_function = self.equation.probe_function
         assert probe_function is not None
         layout = self.layout
-        parameters = self._all_parameters(integrator)[: layout.switch_parameters]
+        # The signs of the switch conditions are the last parameters, and differ from step
+        # to step. All steps have the parameters before them in common.
+        common_parameters = self._all_parameters(integrator)[: layout.switch_parameters]
 
-        def probe(step: Indices, places: Floats) -> tuple[Floats, Floats]:
-            """Compare the series of steps with the equation of motion at n places.
+        def probe(step: Indices, fractions: Floats) -> tuple[Floats, Floats]:
+            """Compare the series of steps with the equation of motion at n times.
 
-            `step` (n,) are indices of steps, and `places` (n,) fractions of their lengths.
-            Returns errors (n,) relative to the allowed ones, and the arguments (n,
-            arguments) of steep functions in the loads.
+            `step` (n,) are indices of steps, and `fractions` (n,) the times since their
+            starts, divided by their lengths. Returns errors (n,) relative to the allowed
+            ones, and the arguments (n, arguments) of steep functions in the loads, such as
+            x in tanh(1000 x). The caller also probes at zeros and extrema of these
+            arguments, because the loads change abruptly there.
             """
-            h = places * lengths[step]
+            h = fractions * lengths[step]
             states, rates = _evaluate_series(series[step], h)
             # In the order of the function: state, time and parameters. The last parameters
-            # are the signs of the switch conditions.
+            # are the signs of the switch conditions. At a zero of such a condition a load
+            # changes abruptly, such as dry friction where the sliding rate is zero.
             inputs = [
                 states.T,
                 (starts[step] + h)[None],
-                np.repeat(parameters[:, None], len(places), axis=1),
+                np.repeat(common_parameters[:, None], len(fractions), axis=1),
                 switch_signs[step].T,
             ]
             outputs = probe_function(np.concatenate(inputs))
@@ -555,10 +589,14 @@ class TaylorIntegration:
             errors = np.max(differences, axis=1) * lengths[step]
             return errors / (MAX_PROBE_ERROR * self.equation.tolerance), arguments.T
 
-        for index, place in enumerate(find_first_errors(probe, len(steps))):
-            # The place is infinite if the step agrees.
-            if place <= 1.0:
-                fraction = max(RETRY_FRACTION * place, MIN_RETRY_FRACTION)
+        # For each step, the fraction of its length (0 to 1) after which its first error was
+        # seen. It is infinite if the step agrees.
+        error_fractions = find_first_errors(probe, len(steps))
+        for index, error_fraction in enumerate(error_fractions):
+            if error_fraction <= 1.0:
+                # The next step ends before the error, so that it does not contain the
+                # change of the load. A least length lets it pass a change at its start.
+                fraction = max(RETRY_FRACTION * error_fraction, MIN_RETRY_FRACTION)
                 return index, float(fraction * lengths[index])
         return len(steps), np.inf
 
@@ -585,7 +623,8 @@ class TaylorIntegration:
         integrator
             The integrator, whose state and parameters are changed in place.
         target
-            Time (s) of the next knot of a load, up to which the parameters are set.
+            Time (s) up to which the torque tables of loads are linear. Their values and
+            slopes until then are parameters.
         """
         # `state` and its slices are views, so that the integrator changes with them.
         state = integrator.state
@@ -598,6 +637,7 @@ class TaylorIntegration:
             values[:], residual = self.project(values)
             self.max_closure_residual = max(self.max_closure_residual, residual)
         self.turns = self.turns + turns
+        # Momenta have the unit sqrt(J), so the unit of work is the square of theirs.
         works = state[self.layout.work_slice]
         self.work = self.work + works * self.momentum_unit**2
         works[:] = 0.0
@@ -608,20 +648,28 @@ class TaylorIntegration:
         if size > 1.0:
             self.momentum_unit *= size
             momenta /= size
-        # The integrator changes signs of switch conditions at their zeros. They are read
-        # here, before all parameters are set again.
+        # At a zero of its switch condition a load changes abruptly, and the integrator
+        # reverses the parameter with the sign of the condition. These signs are read here,
+        # before all parameters are set again.
         self.switch_signs = self._all_parameters(integrator)[
             self.layout.switch_parameters :
         ]
+        # The integrator lacks the parameters after the last one that its equations contain.
         parameters = integrator.parameters
         parameters[:] = self._parameters(target)[: len(parameters)]
 
     def _parameters(self, target: float) -> Floats:
         """Return the parameters for the interval from now to the `target` (s).
 
-        They are, as in `EquationLayout`: whole turns of the variables, the unit of momentum
-        and its reciprocal, the smallest measure of independence, joint limits, torque
-        tables, and signs of the switch conditions.
+        The compiled equation reads them by their positions. `EquationLayout` defines this
+        order:
+
+        - the whole turns by which the variables are reduced, needed for joint limits,
+        - the unit of the momenta in the state, and its reciprocal,
+        - the measure of independence of the closure equations at which the run ends,
+        - the lower and the upper value of each joint limit,
+        - the current time, then value and slope of each torque table from this time on,
+        - the sign of each switch condition, at whose zeros a load changes abruptly.
         """
         duration = target - self.time
         table_values = [self.time]
@@ -639,18 +687,23 @@ class TaylorIntegration:
     def _set_switch_signs(self, target: float) -> None:
         """Compute the signs of the switch conditions at the start.
 
-        A load changes abruptly at a zero of its switch condition. If a condition is zero at
-        the start, its sign is that of its rate, and positive if the rate is zero too.
-        `target` is the time (s) of the next knot of a load, for the parameters.
+        A load changes abruptly at a zero of its switch condition, such as dry friction
+        where the sliding rate is zero. If a condition is zero at the start, its sign is
+        that of its rate, and positive if the rate is zero too. `target` is the time (s) up
+        to which torque tables are linear. The parameters contain their slopes until then.
         """
         switch_function = self.equation.switch_function
         if switch_function is None:
             return
         count = len(self.switch_signs)
-        # One after the other, since conditions can depend on switches before them.
+        # One after the other, since a condition or its rate can depend on the signs of the
+        # conditions before it. These signs are among the parameters.
         for k in range(count):
             inputs = np.concatenate(
                 [self.start_state, [self.time], self._parameters(target)]
             )
+            # The function returns all conditions, then their rates by time.
             signs = np.sign(switch_function(inputs[:, None])[:, 0])
-            self.switch_signs[k] = signs[k] or signs[count + k] or 1.0
+            condition_signs = signs[:count]
+            rate_signs = signs[count:]
+            self.switch_signs[k] = condition_signs[k] or rate_signs[k] or 1.0

@@ -43,8 +43,8 @@ MAX_TOOTH_SIDE_CHANGES = 6
 If teeth still change sides in the last one, the reactions are reported as not determined.
 """
 
-DETERMINED_PART = 1e-7
-"""Largest squared part of a reaction in self-balancing reactions if it is determined.
+MAX_UNDETERMINED_PART = 1e-7
+"""Squared part outside the span of the equations up to which a reaction is determined.
 
 Larger: reactions that are slightly indeterminate are reported as numbers. Smaller: rounding
 makes determined reactions indeterminate.
@@ -66,14 +66,16 @@ class DrivenState(ArrayRows):
     mechanism
         The mechanism with its masses and loads.
     motion
-        Configurations and their derivatives by m coordinates.
+        Configurations and their derivatives by m coordinates, such as the inputs or the
+        arc length of the configuration curve.
     timing
         Time, and rates and accelerations (n, m) of these coordinates.
     torques
         (n, inputs) driving torques, N m.
     carried
-        (n, k) loads that the pairs with friction carry, see `Loads.evaluate_magnitudes`.
-        None without such friction.
+        (n, k) loads to which the friction of k bearings and contacts is proportional: the
+        force (N) on each bearing, the moment (N m) of each contact. None without such
+        friction. `Loads.friction_components` are these k components of loads.
     """
 
     mechanism: Mechanism
@@ -87,7 +89,9 @@ class DrivenState(ArrayRows):
 class JointReactions:
     """Moments and forces that pairs transmit at n rows, in pair axes.
 
-    A wrench is a moment about the centre O of the mechanism followed by a force.
+    A wrench is a moment about the centre O of the mechanism followed by a force. Axis z of
+    an R pair is its axis. At a contact, z points from O to it, x along the common tangent
+    and y along the normal.
 
     Attributes
     ----------
@@ -95,12 +99,14 @@ class JointReactions:
         (n, pairs, 6) moments about O (N m) and forces through O (N). NaN if a component is
         not determined or was not requested.
     opened
-        (n, pairs, 6) whether a component is not determined, because reactions balance each
-        other.
+        (n, pairs, 6) whether a component is not determined. With redundant constraints,
+        some reactions can balance each other without loads, so that the equations do not
+        determine their sizes.
     unbalanced
         (n,) largest moment (N m) by which a link misses its equation.
     slides
-        (n, links) whether no pair holds a link at O.
+        (n, links) whether a link can be displaced from the centre O, because no pair
+        prevents it.
     """
 
     wrenches: Floats
@@ -115,7 +121,10 @@ class JointReactions:
 
     @property
     def across(self) -> Floats:
-        """(n, pairs) N m: the part across the axis, or across the point of a contact."""
+        """(n, pairs) sizes of the moments about directions across axis z of the pair, N m.
+
+        z is the axis of an R pair, or the line from the centre O to a contact.
+        """
         return np.hypot(self.wrenches[..., 0], self.wrenches[..., 1])
 
 
@@ -123,13 +132,15 @@ class JointReactions:
 class Equilibrium:
     """Solution of the Newton-Euler equations for given loads at n rows.
 
-    A reaction is one component of the moment and force (wrench) of one pair that does no
-    work.
+    A wrench (6,) is a moment about the centre O (N m) followed by a force (N). A reaction
+    is one of these six components at one pair. It does no work, because the pair has no
+    motion in this direction.
 
     Attributes
     ----------
     reaction_wrenches
-        (n, links, 6) wrenches on the links that the reactions have to supply.
+        (n, links, 6) wrenches, in ground axes, that the reactions have to exert on the
+        links.
     torques
         (n, pairs) moments of loads and drives about pair axes, N m.
     reactions
@@ -148,7 +159,8 @@ class NewtonEuler:
     """Newton-Euler equations of all links at n rows, solved for the reactions of pairs.
 
     A wrench (6,) is a moment about the centre O (N m) followed by a force (N). A reaction
-    is one component of the wrench of one pair that does no work.
+    is one of these six components at one pair. It does no work, because the pair has no
+    motion in this direction.
 
     Attributes
     ----------
@@ -159,10 +171,11 @@ class NewtonEuler:
     is_open
         (n, columns) whether a reaction is not determined.
     slides
-        (n, links) whether no pair holds a link at O.
-    working_wrenches
-        (pairs, 6) wrench of a pair in its axes for 1 N m about its axis, or along the
-        tangent of a contact: the part on which loads and drives act.
+        (n, links) whether a link can be displaced from O, because no pair prevents it.
+    unit_torque_wrenches
+        (pairs, 6) wrench, in pair axes, of a torque of 1 N m of a load or drive at a pair.
+        The torque is about the axis of an R pair. At a contact it is that of a force along
+        the tangent.
     """
 
     def __init__(
@@ -204,8 +217,8 @@ class NewtonEuler:
         # Contacts at known distances couple equations of moments and of forces. The mean
         # distance makes forces and moments comparable in size.
         self.length = float(np.mean(distances)) if distances else 1.0
-        self.working_wrenches = np.stack(
-            [_working_wrench(pair) for pair in mechanism.pairs]
+        self.unit_torque_wrenches = np.stack(
+            [_unit_torque_wrench(pair) for pair in mechanism.pairs]
         )
         sides = np.ones(frames.shape[:2]) if tooth_sides is None else tooth_sides
         self.unit_wrenches = self._compute_unit_wrenches(sides)
@@ -241,7 +254,9 @@ class NewtonEuler:
 
         The results are stored as `_inverse`, `is_open` and `slides`. A reaction is open if
         the equations do not determine it, because it belongs to reactions that balance each
-        other. A link slides if no pair holds it at the centre O.
+        other. A link slides if no reaction can balance some force on it, so that nothing
+        prevents its displacement from the centre O. An equation of forces then has a part
+        outside the column space of the matrix.
 
         Parameters
         ----------
@@ -254,6 +269,8 @@ class NewtonEuler:
         self.is_open = np.zeros((n, column_count), dtype=bool)
         is_unheld = np.zeros((n, equation_count), dtype=bool)
         # If they are coupled, all equations and reactions belong to the first system.
+        # `_has_equation` (links, 6) says which components of the moment and force on which
+        # link have an equation.
         _, equation_components = np.nonzero(self._has_equation)
         is_moment_equation = (equation_components < MOMENT_COMPONENTS) | coupled
         is_moment_column = np.array(
@@ -265,8 +282,8 @@ class NewtonEuler:
             (~is_moment_equation, ~is_moment_column),
         ):
             system = self.matrix[:, equations][:, :, columns]
-            # system = left diag(singular_values) right. Directions with a singular value
-            # that counts as zero are left out of the pseudoinverse.
+            # system = left diag(singular_values) right. A singular value that counts as
+            # zero becomes infinite, so that its reciprocal in the pseudoinverse is zero.
             left, singular_values, right = np.linalg.svd(system, full_matrices=False)
             left = transpose(left)
             is_regular = (
@@ -287,26 +304,33 @@ class NewtonEuler:
     def _compute_unit_wrenches(self, tooth_sides: Floats) -> Floats:
         """Return the wrench (n, columns, 6) of each reaction of size 1, in pair axes.
 
-        A wrench is a moment about O (components 0 to 2) and a force (3 to 5). A force acts
-        at the point of a contact, at distance r along z. With its moments m_x and m_y about
-        x and y, it has the components (m_y, -m_x) / r along x and y.
+        A wrench is a moment about O (components 0 to 2) and a force (3 to 5). There are two
+        kinds of columns:
+
+        - A force through O has no moment.
+        - A moment of a pair. At a contact with a known distance r from O along z, the force
+          at the point of contact causes it. With moments m_x and m_y about x and y, this
+          force has the components (m_y, -m_x) / r along x and y.
 
         Parameters
         ----------
         tooth_sides
-            (n, pairs) signs of the moments about y of teeth with a pressure angle. The
-            moment about x of such teeth is the size of the moment about y times the tangent
-            of the angle.
+            (n, pairs) signs of the moments m_y of teeth with a pressure angle. The force
+            along the tangent x causes m_y. The force that presses the wheels apart causes
+            m_x = tan(angle) |m_y|. The sign of m_y makes this linear in m_y.
         """
         wrenches = np.zeros((len(tooth_sides), len(self.columns), 6))
         for column, (pair_number, component) in enumerate(self.columns):
             pair = self.mechanism.pairs[pair_number]
             wrench = wrenches[:, column]
-            # Forces are in units of 1 / length, so that they are comparable with moments.
+            # A force through O, in units of 1 / length, so that it is comparable with
+            # moments.
             if component >= MOMENT_COMPONENTS:
                 wrench[:, component] = 1.0 / self.length
                 continue
             wrench[:, component] = 1.0
+            # With a pressure angle this is the only column of the pair: m_y, which also
+            # causes m_x.
             if pair.pressure_angle is not None:
                 wrench[:, 0] = np.tan(pair.pressure_angle) * tooth_sides[:, pair_number]
             if pair.distance is not None:
@@ -315,26 +339,29 @@ class NewtonEuler:
         return wrenches
 
     def subtract_torques(self, link_wrenches: Floats, torques: Floats) -> Floats:
-        """Return the wrenches (n, links, 6) that the reactions have to supply.
+        """Return the wrenches (n, links, 6) that the reactions have to exert on the links.
 
-        They are the wrenches that the motion needs, less those of loads and of the torques
-        at pairs.
+        A wrench is a moment about O followed by a force, in ground axes.
 
         Parameters
         ----------
         link_wrenches
-            (n, links, 6) wrenches on links that their motion needs, less those of loads.
+            (n, links, 6) wrenches on links that their motion needs, less those of loads
+            that act on links.
         torques
-            (n, pairs) torques (N m) about the axes of R pairs, and moments of contacts
-            along their tangents.
+            (n, pairs) torques (N m) of loads and drives at pairs: about the axis of an R
+            pair, or of a force along the tangent of a contact.
         """
-        pair_wrenches = _rotate_to_ground(self.frames, self.working_wrenches)
-        return link_wrenches - self._pair_to_link.T @ (torques[..., None] * pair_wrenches)
+        unit_wrenches = _rotate_to_ground(self.frames, self.unit_torque_wrenches)
+        pair_wrenches = torques[..., None] * unit_wrenches
+        # A pair exerts its wrench on its second link, and the opposite one on its first.
+        return link_wrenches - self._pair_to_link.T @ pair_wrenches
 
     def solve_reactions(self, reaction_wrenches: Floats) -> tuple[Floats, Floats]:
         """Return the reactions (n, columns) and the residual (n,) of the equations, N m.
 
-        `reaction_wrenches` (n, links, 6) are those that the reactions have to supply.
+        `reaction_wrenches` (n, links, 6) are the moments about O and forces that the
+        reactions have to exert on the links, in ground axes.
         """
         # Forces are multiplied by the length, as in the matrix.
         scaled_wrenches = reaction_wrenches * np.repeat([1.0, self.length], 3)
@@ -375,10 +402,15 @@ def _rotate_to_ground(frames: Floats, wrenches: Floats) -> Floats:
     return vectors.reshape(*frames.shape[:2], 6)
 
 
-def _working_wrench(pair: Pair) -> Floats:
-    """Return the wrench (6,), in pair axes, of 1 N m about an axis or along a tangent."""
+def _unit_torque_wrench(pair: Pair) -> Floats:
+    """Return the wrench (6,), in pair axes, of a torque of 1 N m at a pair.
+
+    A wrench is a moment about O followed by a force. The torque is about the axis z of an R
+    pair. At a contact a force along the tangent x causes it, so it is about the normal y.
+    """
     wrench = np.zeros(6)
     wrench[2 if pair.kind.has_axis else 1] = 1.0
+    # The force at the contact, at a known distance from O along z.
     if pair.distance is not None:
         wrench[3] = 1.0 / pair.distance
     return wrench
@@ -394,34 +426,41 @@ def links_without_centre(mechanism: Mechanism) -> list[str]:
 
 
 def _list_force_columns(mechanism: Mechanism) -> list[tuple[int, int]]:
-    """Return the pair and component (3, 4 or 5) of each force that no moment determines.
+    """Return the pair and component (3, 4 or 5) of each force that is an unknown.
 
-    They are the forces of R pairs through the centre O, and the forces of contacts whose
-    distance from O is not known. Components 3, 4 and 5 are along x, y and z of the pair. An
-    R pair has no force along its axis z if its bearings let the links slide along it.
+    The equations of moments do not determine these forces. They are the forces of R pairs
+    through the centre O, and the forces of contacts whose distance from O is not known.
+    (With a known distance, the force of a contact follows from its moment.) Components 3,
+    4 and 5 are along x, y and z of the pair. An R pair has no force along its axis z if its
+    bearings let the links slide along it.
     """
     floating_pairs = set()
-    sliding_contacts = set()
+    contacts_with_friction = set()
     for load in mechanism.loads:
         if isinstance(load, Bearings) and load.floats:
             floating_pairs.add(load.pair)
         if isinstance(load, ContactFriction):
-            sliding_contacts.add(load.pair)
+            contacts_with_friction.add(load.pair)
     columns = []
     for pair_number, pair in enumerate(mechanism.pairs):
         if pair.kind.has_axis:
             end = AXIAL_FORCE if pair.name in floating_pairs else AXIAL_FORCE + 1
             columns += [(pair_number, component) for component in range(3, end)]
         elif pair.distance is None:
-            # A force along y (component 4) causes the moment about x, a force along x
-            # (component 3) the moment about y. A contact with friction transmits both.
-            count = 2 if pair.name in sliding_contacts else pair.constraints
-            columns += [(pair_number, 4 - k) for k in range(count)]
+            # Every contact transmits a force along its normal y (component 4). A rolling
+            # contact and one with friction also transmit a force along the tangent x.
+            columns.append((pair_number, 4))
+            if pair.rolls or pair.name in contacts_with_friction:
+                columns.append((pair_number, 3))
     return columns
 
 
 def _outside_span(is_regular: Bools, vectors: Floats) -> Bools:
     """Return which coordinate axes of a space are not in the span of some unit vectors.
+
+    The vectors are singular vectors of the equilibrium equations. If the axis of a reaction
+    is outside the row space, the equations do not determine this reaction. If the axis of
+    an equation is outside the column space, reactions cannot satisfy it for all loads.
 
     Parameters
     ----------
@@ -432,12 +471,13 @@ def _outside_span(is_regular: Bools, vectors: Floats) -> Bools:
 
     Returns
     -------
-    (n, k) whether the squared part of a coordinate axis outside the subspace exceeds
-    `DETERMINED_PART`.
+    (n, k) whether an axis is outside the subspace, but for rounding.
     """
-    # The squared length of the projection of each coordinate axis onto the subspace.
+    # A unit vector along a coordinate axis is the sum of a part in the subspace and one
+    # perpendicular to it. Their squared lengths add up to 1.
     inside = np.sum(is_regular[..., None] * vectors**2, axis=1)
-    return 1.0 - inside > DETERMINED_PART
+    outside = 1.0 - inside
+    return outside > MAX_UNDETERMINED_PART
 
 
 def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReactions:
@@ -448,21 +488,25 @@ def compute_reactions(driven: DrivenState, *, forces: bool = False) -> JointReac
     driven
         n rows of a moving mechanism, with its loads and driving torques.
     forces
-        Whether to compute forces through O as well as moments. In rows in which links slide
-        they are not determined, because the loads would move the links along their axes.
+        Whether to compute forces through the centre O as well as moments. They are not
+        determined in rows in which the pairs do not prevent a displacement of a link from
+        O, such as sliding along an axis.
     """
     balance = solve_equilibrium(driven, forces)
     equations = balance.equations
     equilibrium = balance.equilibrium
-    # The reactions, and the parts on which loads and drives act.
+    # A pair transmits its reactions, and the torque of loads and drives at it.
     wrenches = equations.sum_wrenches(equilibrium.reactions)
-    wrenches += equilibrium.torques[..., None] * equations.working_wrenches
+    wrenches += equilibrium.torques[..., None] * equations.unit_torque_wrenches
+    # Components are not determined if redundant constraints let reactions balance each
+    # other, or if it is not known on which side teeth press.
     opened = equations.open_components | ~balance.is_settled[:, None, None]
     wrenches[opened] = np.nan
     residual = equilibrium.residual
     if not forces:
         wrenches[..., MOMENT_COMPONENTS:] = np.nan
         opened[..., MOMENT_COMPONENTS:] = False
+    # Rows in which a link can be displaced from O.
     is_sliding = np.any(equations.slides, axis=1)
     if np.any(is_sliding):
         # Moments are determined without the equations of forces.
@@ -493,33 +537,40 @@ def solve_equilibrium(driven: DrivenState, forces: bool) -> DrivenEquilibrium:
     Teeth with a pressure angle press on one of their two sides. The side is not known in
     advance, because it follows from the sign of the transmitted moment. The equations are
     solved with assumed sides, and again with the opposite ones wherever the solution
-    contradicts the assumption.
+    contradicts the assumption. The result marks rows that still contradict it after
+    `MAX_TOOTH_SIDE_CHANGES` solutions (`is_settled` is False).
 
     Parameters
     ----------
     driven
         n rows of a moving mechanism.
     forces
-        Whether to solve for forces through O as well as for moments.
+        Whether to solve for forces through the centre O as well as for moments.
     """
     mechanism = driven.mechanism
     motion = driven.motion
     timing = driven.timing
     applied = sum_applied_loads(driven)
-    needed = acceleration_wrenches(mechanism, motion, timing.ddq)
-    needed += velocity_wrenches(mechanism, motion, timing.dq)
+    # (n, links, 6) moments about O and forces that the motion of the links needs. They are
+    # a part linear in the accelerations, and a part that remains at constant rates.
+    inertia_wrenches = acceleration_wrenches(mechanism, motion, timing.ddq)
+    inertia_wrenches += velocity_wrenches(mechanism, motion, timing.dq)
     is_toothed = np.array([pair.pressure_angle is not None for pair in mechanism.pairs])
     sides = np.ones(motion.frames.shape[:2])
     for _ in range(MAX_TOOTH_SIDE_CHANGES):
         equations = NewtonEuler(mechanism, motion.frames, forces=forces, tooth_sides=sides)
-        equilibrium = equations.solve(needed - applied.link_wrenches, applied.torques)
+        equilibrium = equations.solve(
+            inertia_wrenches - applied.link_wrenches, applied.torques
+        )
         wrenches = equations.sum_wrenches(equilibrium.reactions)
-        # Component 1 is the moment about y, whose sign says on which side teeth press.
+        # Component 1 is the moment about the normal y, caused by the force along the
+        # tangent. Its sign says on which side teeth press.
         is_reversed = (wrenches[..., 1] * sides < 0.0) & is_toothed
         if not np.any(is_reversed):
             break
         sides = np.where(is_reversed, -sides, sides)
-    return DrivenEquilibrium(equations, equilibrium, ~np.any(is_reversed, axis=1))
+    is_settled = ~np.any(is_reversed, axis=1)
+    return DrivenEquilibrium(equations, equilibrium, is_settled)
 
 
 def acceleration_wrenches(
@@ -558,8 +609,9 @@ def velocity_wrenches(
     # letters are: n rows, i and k coordinates, l links, a components.
     w = np.einsum("ni,nila->nla", rates, motion.w)
     angular_accelerations = np.einsum("ni,nk,nikla->nla", rates, rates, motion.dw)
-    # (n, links, 2, 3) angular momenta and momenta.
+    # (n, links, 2, 3): the angular momentum about O, then the momentum, of each link.
     momenta = _apply_inertia(mechanism, motion, w).reshape(*w.shape[:2], 2, 3)
+    # The cross product of w with both vectors of its link.
     momentum_rates = cross(w[:, :, None], momenta).reshape(*w.shape[:2], 6)
     return _apply_inertia(mechanism, motion, angular_accelerations) + momentum_rates
 
@@ -582,8 +634,8 @@ def _apply_inertia(
 
     Returns
     -------
-    (n, links, 6) moments and forces. Forces are 0 for links whose centre of mass is not
-    known.
+    (n, links, 6) the vector I v, then the vector m (v x c), of each link. The latter is 0
+    for links whose centre of mass is not known.
     """
     wrenches = np.zeros((*vectors.shape[:2], 6))
     for mass in mechanism.masses:
@@ -617,12 +669,15 @@ def sum_applied_loads(driven: DrivenState) -> AppliedLoads:
     """Return the sums of all loads and driving torques on links and at pairs.
 
     A load component at a pair is a torque about its axis. Other components act on links
-    with a force and a moment (a wrench), in proportion to their magnitudes.
+    with a moment about the centre O and a force, in proportion to their magnitudes. A
+    wrench has the moment (N m) in its components 0 to 2 and the force (N) in 3 to 5.
     """
     mechanism = driven.mechanism
     motion = driven.motion
     timing = driven.timing
     loads = Loads(mechanism)
+    # Friction is proportional to the carried loads: forces on bearings, moments at
+    # contacts.
     magnitudes = loads.evaluate_magnitudes(motion, timing.dq, timing.t, driven.carried)
     link_wrenches = np.zeros((len(timing.t), len(mechanism.links), 6))
     torques = np.zeros((len(timing.t), len(mechanism.pairs)))
