@@ -110,7 +110,7 @@ class MujocoModel:
     Bodies have the names and axes of links. Joints have the names of pairs, and their
     positions are the pair variables. Each pair that closes a loop is a `connect` on its
     axis, as stiff as the time step allows. If a load acts at it, the pair has to be a
-    joint: the joint carries a *twin*, a second body of the link with half of its inertia,
+    joint: the joint carries a *twin*, a second body of the link with a part of its inertia,
     which is welded to the link. Inputs have motors (N m). If the mechanism has no masses,
     inputs have servos whose controls are angles (rad). Links are drawn on a sphere whose
     radius is the distance of the farthest centre of mass, or 1 m without masses.
@@ -139,32 +139,48 @@ class MujocoModel:
     def __init__(
         self, mechanism: Mechanism, values: Floats, timestep: float = 1e-3
     ) -> None:
-        """Choose the bodies, twins and names of the model; `text` writes it."""
+        """Choose the bodies and names of the model; `text` writes it.
+
+        MuJoCo moves bodies on the joints of a tree, and closes loops by constraints. A pair
+        that closes a loop is therefore no joint. If a load acts at it, it has to be one:
+        the link gets a second body (twin) on this joint, which is welded to the first body.
+
+        Parameters
+        ----------
+        mechanism
+            The mechanism.
+        values
+            (variables,) pair variables (rad) of a closed configuration.
+        timestep
+            Time step (s) of MuJoCo's integrator.
+        """
         self._mechanism = mechanism
         self._timestep = timestep
         self._loads = convert_loads(mechanism)
         loaded_pairs = self._loads.loaded_pairs
         self._rigid_bodies = construct_rigid_bodies(mechanism, values, loaded_pairs)
         self._radius = self._choose_radius()
-        self._connected_hinges: list[Hinge] = []
-        self._twin_hinges: list[Hinge] = []
+        # Pairs that close loops: those without a load become constraints, and those with a
+        # load become joints of twins.
+        self._unloaded_loop_hinges: list[Hinge] = []
+        self._loaded_loop_hinges: list[Hinge] = []
         for hinge in self._rigid_bodies.loop_hinges:
             if hinge.pair not in loaded_pairs:
-                self._connected_hinges.append(hinge)
+                self._unloaded_loop_hinges.append(hinge)
             elif hinge.child == mechanism.ground:
                 # The child of a hinge gets a second body (twin). The ground can have none,
                 # so the ends of the hinge are exchanged.
                 reversed_hinge = hinge._replace(
                     parent=hinge.child, child=hinge.parent, axis=-hinge.axis
                 )
-                self._twin_hinges.append(reversed_hinge)
+                self._loaded_loop_hinges.append(reversed_hinge)
             else:
-                self._twin_hinges.append(hinge)
+                self._loaded_loop_hinges.append(hinge)
         added_bodies = [hinge.child for hinge in self._rigid_bodies.hinges]
         self._names = name_elements(
             mechanism,
             list(dict.fromkeys([*mechanism.links, *added_bodies])),
-            {hinge.pair: hinge.child for hinge in self._twin_hinges},
+            {hinge.pair: hinge.child for hinge in self._loaded_loop_hinges},
         )
         self._link_shapes = link_shapes(mechanism)
         self.notes = tuple(self._write_notes())
@@ -261,12 +277,17 @@ class MujocoModel:
         citation = (mechanism.source.citation,) if mechanism.source else ()
         for position, note in enumerate((*citation, *self.notes)):
             root.insert(position, ElementTree.Comment(f" {xml_comment(note)} "))
+        # The template has one part of each kind (``worldbody``, ``actuator``, ...), and
+        # comments, whose tag is no text.
         part_by_tag = {child.tag: child for child in root if isinstance(child.tag, str)}
         self._add_custom_numbers(part_by_tag["custom"])
+        # Lights and the drawn sphere come before the body of the ground, which is last.
         ground = part_by_tag["worldbody"][-1]
         _set_rotation(ground, rigid_bodies.rotations[0])
         self._add_appearance(ground, mechanism.ground)
         self._add_bodies(ground, mechanism.ground)
+        # A force or moment whose direction is constant in ground axes refers to a site
+        # (``refsite``) with these axes.
         for _, attributes in self._loads.actuator_loads:
             if "refsite" in attributes:
                 site_name = self._names.axes_sites[attributes["refsite"]]
@@ -285,10 +306,12 @@ class MujocoModel:
                 refname=self._names.bodies[output.relative_to],
             )
         if rigid_bodies.has_made_up_masses:
-            # A key frame with the angles of the inputs, at which servos keep the pose.
+            # A model without masses of its own has servos instead of motors. A key frame
+            # has the angles of the inputs, at which the servos keep the pose.
             value_by_pair = {hinge.pair: hinge.value for hinge in rigid_bodies.hinges}
             controls = [value_by_pair[pair] for pair in mechanism.input_pairs]
             _add(part_by_tag["keyframe"], "key", name="pose", ctrl=controls)
+        # Parts of the template that this mechanism does not need are still empty.
         unused_parts = [
             part for part in root if not len(part) and not part.attrib and part.text is None
         ]
@@ -351,8 +374,9 @@ class MujocoModel:
     def _add_bodies(self, parent_element: Element, parent: str) -> None:
         """Add the bodies that hinges join to a body, and then the bodies on these bodies.
 
-        A twin is a second body of a link, on a hinge that closes a loop, with a part of the
-        link's inertia. It is welded to the link. Twins are added last.
+        A link can have a second body (twin). A pair that closes a loop, and at which a load
+        acts, is the joint of this twin; `_add_loops` welds both bodies together. They share
+        the inertia of the link (`_add_inertia`). Twins are added last, without shapes.
 
         Parameters
         ----------
@@ -362,10 +386,10 @@ class MujocoModel:
             Name of its link.
         """
         inertia_by_link = {body.link: body for body in self._rigid_bodies.bodies}
-        for hinge in [*self._rigid_bodies.hinges, *self._twin_hinges]:
+        for hinge in [*self._rigid_bodies.hinges, *self._loaded_loop_hinges]:
             if hinge.parent != parent:
                 continue
-            is_twin = hinge in self._twin_hinges
+            is_twin = hinge in self._loaded_loop_hinges
             name = (
                 self._names.twins[hinge.pair]
                 if is_twin
@@ -398,12 +422,13 @@ class MujocoModel:
         return self._rigid_bodies.rotations[number]
 
     def _add_inertia(self, body: Element, inertia: BodyInertia) -> None:
-        """Add the inertia of a body: the inertia of its link, shared with its twins.
+        """Add the inertia of a body: an equal part of the inertia of its link.
 
-        A twin is a second body of a link, welded to it, on a hinge that closes a loop. All
-        bodies of a link get equal parts. MuJoCo refuses a tensor whose largest moment
-        exceeds the sum of the two others, so all moments are enlarged by about the rounding
-        error of the file.
+        A link has more than one body if loads act at pairs of it that close loops: each
+        such pair is the joint of a second body (twin), welded to the first one.
+
+        MuJoCo refuses a tensor whose largest moment exceeds the sum of the two others, so
+        all moments are enlarged by about the rounding error of the file.
 
         Parameters
         ----------
@@ -412,12 +437,13 @@ class MujocoModel:
         inertia
             Inertia of the whole link in ground axes.
         """
-        twin_count = sum(hinge.child == inertia.link for hinge in self._twin_hinges)
+        twin_count = sum(hinge.child == inertia.link for hinge in self._loaded_loop_hinges)
         share = 1.0 / (1 + twin_count)
         rotation = self._rotation_of(inertia.link)
         tensor = share * (rotation.T @ inertia.tensor @ rotation)
         # A body has no principal moment larger than the sum of the other two. The excess is
-        # the largest moment m less that sum: m - (trace - m).
+        # the largest moment m less that sum: m - (trace - m). If all moments grow by the
+        # thickness, the sum of two grows by twice as much, and the excess vanishes.
         excess = 2.0 * np.linalg.eigvalsh(tensor)[-1] - np.trace(tensor)
         thickness = TENSOR_THICKNESS * np.trace(tensor) + max(excess, 0.0)
         tensor = tensor + thickness * np.eye(3)
@@ -431,7 +457,8 @@ class MujocoModel:
             fullinertia=elements,
         )
         if not inertia.is_stated:
-            # The chosen mass and centre must not weigh.
+            # The file states only the tensor of this link, or no mass. The chosen mass and
+            # centre must have no weight, so MuJoCo compensates gravity at this body.
             body.set("gravcomp", "1")
 
     def _add_appearance(self, body: Element, link: str) -> None:
@@ -445,7 +472,8 @@ class MujocoModel:
         body
             Element of the body.
         link
-            Name of the link. A body that is no link has no shapes.
+            Name of the link. A body that replaces the contact of two sliding circles is no
+            link, and has no shapes.
         """
         mechanism = self._mechanism
         radius = self._radius
@@ -454,7 +482,8 @@ class MujocoModel:
             return
         shape = self._link_shapes[number]
         rgba = " ".join(f"{part / 255:.3g}" for part in (*link_colour(number), 255))
-        # Capsules between every `POINTS_PER_CAPSULE`-th point of the drawn curves.
+        # Capsules between every `POINTS_PER_CAPSULE`-th point of the drawn curves. A link
+        # without curves, such as one with a single pair, is drawn as lines from the centre.
         for curve in shape.curves or radial_lines(shape.joints):
             corners = curve[[*range(0, len(curve) - 1, POINTS_PER_CAPSULE), -1]]
             for ends in np.hstack([corners[:-1], corners[1:]]):
@@ -477,6 +506,7 @@ class MujocoModel:
                 )
         for load, _ in self._loads.actuator_loads:
             if isinstance(load, PointForce | Moment) and load.link == link:
+                # A moment has no point of action, so its site is at the centre.
                 point = load.point if isinstance(load, PointForce) else np.zeros(3)
                 _add(
                     body,
@@ -487,11 +517,13 @@ class MujocoModel:
                 )
 
     def _add_loops(self, tendons: Element, equalities: Element) -> None:
-        """Add the constraints of loops, twins and rolling contacts.
+        """Add the constraints that close loops, and those of rolling contacts.
 
-        A loop is closed at a point of the pair axis, or by a weld to a twin: a second body
-        of the link on the hinge of the pair. In a rolling contact a sum of joint angles is
-        constant.
+        A pair that closes a loop is a constraint: one point of its axis coincides in both
+        links. With the centre of the sphere, which all links share, this fixes the axis. If
+        a load acts at the pair, the pair is the joint of a second body (twin) of the link
+        instead, and the twin is welded to the first body. In a rolling contact a sum of
+        joint angles is constant.
 
         Parameters
         ----------
@@ -499,14 +531,15 @@ class MujocoModel:
             Elements of the model to which they are added.
         """
         # Negative numbers of `solref` are stiffness and damping. A correction that is
-        # critically damped, with the rate r, has r^2 and 2 r.
+        # critically damped, with the rate r, has r^2 and 2 r. `LOOP_IMPEDANCE` is the
+        # largest impedance that MuJoCo accepts.
         rate = CORRECTION_PER_STEP / self._timestep
         stiffness: Attributes = {
             "solref": (-(rate**2), -2.0 * rate),
             "solimp": LOOP_IMPEDANCE,
         }
         body_names = self._names.bodies
-        for hinge in self._connected_hinges:
+        for hinge in self._unloaded_loop_hinges:
             axis_in_parent = self._rotation_of(hinge.parent).T @ hinge.axis
             _add(
                 equalities,
@@ -517,7 +550,7 @@ class MujocoModel:
                 body2=body_names[hinge.child],
                 **stiffness,
             )
-        for hinge in self._twin_hinges:
+        for hinge in self._loaded_loop_hinges:
             _add(
                 equalities,
                 "weld",
@@ -536,8 +569,9 @@ class MujocoModel:
     def _add_actuators(self, actuators: Element) -> None:
         """Add motors or servos of the inputs, and the loads that are actuators.
 
-        Inputs have motors. If masses were made up, they have servos for their angles, and
-        there are no loads.
+        Inputs have motors. If the file has no masses, `find_link_inertias` made some up,
+        since MuJoCo moves no body without mass. Torques then mean nothing: inputs have
+        servos for their angles instead of motors, and there are no loads.
 
         Parameters
         ----------
@@ -566,7 +600,8 @@ class MujocoModel:
         if has_made_up_masses:
             return
         for load, attributes in self._loads.actuator_loads:
-            # Sites are given by the name of the load; they get the names of the model.
+            # `convert_loads` names both sites like the load. Here they get their names in
+            # the model, which are different.
             named_attributes = dict(attributes)
             if "site" in attributes:
                 named_attributes["site"] = self._names.load_sites[load.name]

@@ -45,10 +45,11 @@ class MujocoLoads:
         Springs, dampers, dry friction and limits as attributes of joints, by pair. Pairs
         without any are missing.
     actuator_loads
-        Loads that are actuators without control, with the attributes of the actuators. A
-        torque at a pair is affine in its variable and rate. A force or moment on a link is
-        constant in the axes of the ground or of the link; its sites are given by the name
-        of the load.
+        Loads that are actuators without control, with the attributes of the actuators.
+        Among them are only torques at a pair that are affine in its variable and rate, and
+        forces and moments on a link that are constant in the axes of the ground or of the
+        link. A force or moment acts at a site, a marked point of a body of MuJoCo. The
+        attributes have the name of the load for it, since sites are not named yet.
     reason_by_omitted_load
         For each load that MuJoCo does not have, by name, the reason.
     approximations
@@ -63,7 +64,11 @@ class MujocoLoads:
 
     @property
     def loaded_pairs(self) -> list[str]:
-        """Pairs at which a load or a limit acts. Their hinges have to be joints."""
+        """Pairs at which a load or a limit acts.
+
+        They have to be joints in MuJoCo. A constraint, by which other pairs can close a
+        loop, has no torque.
+        """
         torque_pairs = [
             load.pair for load, _ in self.actuator_loads if isinstance(load, PairTorque)
         ]
@@ -169,8 +174,8 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
     - ``biasprm``: factors of the magnitude biasprm[0] + biasprm[1] length + biasprm[2]
       rate, by which ``gear`` is multiplied. At a joint the length is its angle.
 
-    Both sites get the name of the load here. `MujocoModel` replaces it by two different
-    names of sites in the model.
+    The names of sites are chosen later, when all elements of the model are known
+    (`MujocoModel`). Until then ``site`` and ``refsite`` are the name of the load.
 
     Parameters
     ----------
@@ -180,7 +185,8 @@ def _actuator_attributes(mechanism: Mechanism, load: ActuatorLoad) -> Attributes
     Raises
     ------
     EngineError
-        If the load is not constant, and not affine in the variable and rate of its pair.
+        If a torque at a pair is no affine function of the pair's variable and rate, or if
+        a force or moment is not constant.
     """
     if isinstance(load, PairTorque):
         (component,) = load.components(mechanism)
@@ -229,9 +235,11 @@ def _find_affine_law(component: LoadComponent, pair: str) -> Floats:
         raise EngineError(f"it depends on other pairs: {law.text}")
     variables = symbols(names)
     factors = np.array([np.nan])  # remains if the function is not affine
+    # An `EngineError` says that the law has no expression or derivative, for example
+    # because it divides by zero. The factors then stay NaN, and the load is refused below.
     with suppress(EngineError), np.errstate(all="ignore"):
-        # `convert_to_graph` takes two expressions for each name, which may differ by whole
-        # turns. Here they are the same.
+        # `convert_to_graph` takes two expressions for each angle, the full one and one
+        # without whole revolutions. Here they are the same.
         named_expressions = {
             name: (variable, variable)
             for name, variable in zip(names, variables, strict=True)

@@ -24,7 +24,9 @@ class ModelNames:
     bodies
         Names of bodies, by their links.
     twins
-        Names of second bodies of links, by the pair that moves each of them.
+        Names of second bodies of links. A pair that closes a loop, and at which a load
+        acts, is the joint of such a body, which is welded to the first body of the link.
+        The keys are these pairs.
     output_sites
         Names of sites that mark outputs, by the outputs.
     load_sites
@@ -45,7 +47,11 @@ class ModelNames:
 
     @property
     def notes(self) -> Iterator[str]:
-        """Sentences on the elements that cannot have their name of the mechanism file."""
+        """Sentences on the elements that cannot have their name of the mechanism file.
+
+        Twins and the sites with ground axes are not in the file, and sites of outputs
+        always have the names of the outputs, so nothing is said of them.
+        """
         for kind, names in (
             ("body of link", self.bodies),
             ("site of load", self.load_sites),

@@ -93,11 +93,15 @@ fewer than four digits."""
 
 @dataclass(frozen=True)
 class ModeCandidate:
-    """An assembly mode of the mechanism that is written if the formulas give it too.
+    """An assembly mode of the mechanism that may be exported with explicit formulas.
+
+    It is written to the exported source code if the formulas, too, compute these
+    configurations. *Places* are the numbers that select the mode in the formulas: signs of
+    dyads (two links and three R pairs), or variables from which Newton's method starts.
 
     If modes follow smooth curves, the inputs at which curves cross divide the range of the
-    input into intervals. Otherwise there is one interval. Places are the values that select
-    the mode in the formulas.
+    input into intervals, and the places differ between them. Otherwise there is one
+    interval.
 
     Attributes
     ----------
@@ -133,7 +137,10 @@ class ModeCandidate:
 
     @property
     def allowed_difference(self) -> Floats:
-        """(n,) largest accepted difference (rad) of a variable in each configuration."""
+        """(n,) largest accepted difference (rad) of a variable in each configuration.
+
+        It is a fixed tolerance plus ten times the error bound of the mechanism's variables.
+        """
         return ANGLE_TOLERANCE_RAD + 10.0 * self.motion.float64_error
 
 
@@ -191,17 +198,17 @@ def compare_modes(
         each other.
     """
     position_analysis = position_analysis_of(varied.mechanism, crossings)
-    borders = np.zeros(0)
+    crossing_inputs = np.zeros(0)
     if crossings == "pass":
-        borders = np.array([x.input for x in position_analysis.mode_meetings])
+        crossing_inputs = np.array([x.input for x in position_analysis.mode_meetings])
     requested_modes = position_analysis.assembly_modes
     if assembly_mode is not None:
         requested_modes = (
             requested_modes[position_analysis.find_mode_index(assembly_mode)],
         )
     sampled_motion = position_analysis.sparse(MODE_SAMPLES)
-    if len(borders):
-        inputs_by_interval = _sample_intervals(borders, *position_analysis.range)
+    if len(crossing_inputs):
+        inputs_by_interval = _sample_intervals(crossing_inputs, *position_analysis.range)
         sampled_motion = position_analysis.at(
             np.union1d(sampled_motion.inputs[:, 0], inputs_by_interval)
         )
@@ -211,14 +218,16 @@ def compare_modes(
         try:
             candidates.append(
                 _find_candidate(
-                    position_analysis, sampled_motion, mode, borders, varied, terms
+                    position_analysis, sampled_motion, mode, crossing_inputs, varied, terms
                 )
             )
         except ModeProblem as problem:
             left_out.append(f"{mode.number} ({mode.title}): {problem}")
     # The interval in which a smooth curve has the number of the mode.
-    first_interval = int(np.searchsorted(borders, position_analysis.numbering_input))
-    if not len(borders):
+    first_interval = int(
+        np.searchsorted(crossing_inputs, position_analysis.numbering_input)
+    )
+    if not len(crossing_inputs):
         first_interval = 0
     written: list[ModeCandidate] = []
     modes: list[Mode] = []
@@ -266,39 +275,45 @@ def compare_modes(
         )
     smooth = None
     if crossings == "pass":
-        smooth = _join_places(position_analysis, borders, written)
+        smooth = _join_places(position_analysis, crossing_inputs, written)
     return ModeTable(tuple(modes), tuple(left_out), min(compared), max(differences), smooth)
 
 
-def _sample_intervals(borders: Floats, low: float, high: float) -> Floats:
-    """Return inputs (rad) in all intervals of a range, and beside the crossings.
+def _sample_intervals(crossing_inputs: Floats, low: float, high: float) -> Floats:
+    """Return inputs (rad) at which formulas are compared with a mechanism.
 
-    Crossings, where curves of configurations meet, divide the range into intervals.
+    Crossings, where curves of configurations meet, divide the range of the input into
+    intervals. Inputs in all intervals are returned, and others close to each crossing, on
+    both sides.
 
     Parameters
     ----------
-    borders
+    crossing_inputs
         Rising inputs (rad) at which curves cross, at least one.
     low, high
-        Ends of the range (rad).
+        Ends of the range (rad). Inputs outside of it are left out.
     """
     # gaps[k] and gaps[k + 1] are the distances of crossing k from its neighbours.
-    gaps = np.diff(borders, prepend=-np.inf, append=np.inf)
+    gaps = np.diff(crossing_inputs, prepend=-np.inf, append=np.inf)
+    # Distance of the inputs beside each crossing. If the next crossing is near, it is a
+    # part of the distance from this one, so that the inputs are in the right interval.
     distance = np.minimum(
         BESIDE_CROSSING_RAD, MAX_BESIDE_RATIO * np.minimum(gaps[:-1], gaps[1:])
     )
-    ends = np.unique(np.clip([low, *borders, high], low, high))
+    ends = np.unique(np.clip([low, *crossing_inputs, high], low, high))
     inside = [
         np.linspace(start, stop, INTERVAL_SAMPLES + 2)[1:-1]
         for start, stop in pairwise(ends)
     ]
-    inputs = np.concatenate([borders - distance, borders + distance, *inside])
+    inputs = np.concatenate(
+        [crossing_inputs - distance, crossing_inputs + distance, *inside]
+    )
     return inputs[(inputs >= low) & (inputs <= high)]
 
 
 def _join_places(
     position_analysis: PositionAnalysis,
-    borders: Floats,
+    crossing_inputs: Floats,
     candidates: Sequence[ModeCandidate],
 ) -> SmoothModes:
     """Return the places of all modes in the intervals of the input.
@@ -311,7 +326,7 @@ def _join_places(
     ----------
     position_analysis
         The position analysis, whose modes follow smooth curves.
-    borders
+    crossing_inputs
         Rising inputs (rad) at which curves cross.
     candidates
         The modes that are written.
@@ -329,8 +344,8 @@ def _join_places(
     starts = [-np.inf]
     all_places = [places[0]]
     all_inputs = [inputs[0]]
-    gaps = np.diff(borders, prepend=-np.inf, append=np.inf)
-    for k, crossing in enumerate(borders.tolist()):
+    gaps = np.diff(crossing_inputs, prepend=-np.inf, append=np.inf)
+    for k, crossing in enumerate(crossing_inputs.tolist()):
         # Crossing k lies between the intervals k and k + 1.
         changes = np.any(places[k] != places[k + 1], axis=1)
         half_width = min(UNKNOWN_AT_CROSSING_RAD, 0.25 * min(gaps[k], gaps[k + 1]))
@@ -352,7 +367,7 @@ def _join_places(
         low=low,
         high=high,
         period=float(period),
-        crossings=tuple(borders.tolist()),
+        crossings=tuple(crossing_inputs.tolist()),
         are_all_known=position_analysis.claim.guarantee is Guarantee.COMPLETE,
         starts=tuple(starts),
         places=np.array(all_places),
@@ -373,23 +388,26 @@ def _find_candidate(
     position_analysis: PositionAnalysis,
     sampled_motion: Motion,
     mode: AssemblyMode,
-    borders: Floats,
+    crossing_inputs: Floats,
     varied: VariedMechanism,
     terms: DesignExpressions,
 ) -> ModeCandidate:
     """Choose configurations of an assembly mode, and determine its places.
 
-    Places are the values that select the mode: the signs of its dyads in closed form,
-    otherwise the variables from which Newton's method starts.
+    *Places* are the numbers that select the mode in the formulas: the signs of its dyads in
+    closed form, otherwise the variables from which Newton's method starts. A dyad consists
+    of two links and three R pairs. Its sign says in which of two ways it is assembled.
 
     Parameters
     ----------
     position_analysis, sampled_motion
         The position analysis of the mechanism, and its motion at `MODE_SAMPLES` samples.
-    borders
-        Inputs (rad) that divide the range into intervals.
+    crossing_inputs
+        Inputs (rad) at which curves of configurations cross. They divide the range into
+        intervals, in which the mode has different places if it follows a smooth curve.
     varied, terms
-        The mechanism of the formulas, and the terms from which they are built.
+        The mechanism of the formulas, and the terms from which they are built. The formulas
+        can be those of an equivalent linkage, in which links replace contacts of circles.
 
     Raises
     ------
@@ -398,22 +416,24 @@ def _find_candidate(
         mode and an interval.
     """
     motion = _select_well_conditioned_rows(
-        position_analysis, sampled_motion, mode, borders, terms.has_closed_form
+        position_analysis, sampled_motion, mode, crossing_inputs, terms.has_closed_form
     )
     interval = np.zeros(len(motion), dtype=np.intp)
-    if len(borders):
-        interval = np.searchsorted(borders, motion.inputs[:, 0])
-    # The formulas may be those of an equivalent linkage without contacts.
+    if len(crossing_inputs):
+        interval = np.searchsorted(crossing_inputs, motion.inputs[:, 0])
+    # Variables of the pairs in the formulas, which may be those of an equivalent linkage.
     values = motion.values
     if varied.equivalent_linkage is not None:
         values = varied.equivalent_linkage.values(values)
-    count = len(borders) + 1  # of intervals
+    interval_count = len(crossing_inputs) + 1
     if terms.has_closed_form and varied.equivalent_linkage is None:
-        # A mode has its signs by definition; on a smooth curve, one set in each interval.
-        signs = [piece.signs for _, piece in mode.pieces] or [mode.signs] * count
+        # A mode is defined by its signs. A mode that follows a smooth curve through
+        # crossings consists of pieces, one in each interval, with different signs.
+        signs = [piece.signs for _, piece in mode.pieces] or [mode.signs] * interval_count
         return ModeCandidate(mode, motion, values, interval, np.array(signs, dtype=float))
+    # The places of each interval are read from the configurations in it.
     places: list[Floats | None] = []
-    for number in range(count):
+    for number in range(interval_count):
         middle_row = _middle_row(interval, number)
         if middle_row is None:
             places.append(None)
@@ -422,8 +442,9 @@ def _find_candidate(
         else:
             places.append(values[middle_row])
     # Intervals without a configuration get NaN.
-    unknown = np.full(max(len(x) for x in places if x is not None), np.nan)
-    all_places = np.array([unknown if x is None else x for x in places])
+    place_count = max(len(x) for x in places if x is not None)
+    unknown_places = np.full(place_count, np.nan)
+    all_places = np.array([unknown_places if x is None else x for x in places])
     return ModeCandidate(mode, motion, values, interval, all_places)
 
 
@@ -431,7 +452,7 @@ def _select_well_conditioned_rows(
     position_analysis: PositionAnalysis,
     sampled_motion: Motion,
     mode: AssemblyMode,
-    borders: Floats,
+    crossing_inputs: Floats,
     includes_neighbours: bool,
 ) -> Motion:
     """Choose configurations at which the formulas are compared with an assembly mode.
@@ -447,7 +468,7 @@ def _select_well_conditioned_rows(
         no accurate row in `sampled_motion` and there is only one input.
     sampled_motion
         The motion of all modes at about `MODE_SAMPLES` samples.
-    borders
+    crossing_inputs
         Inputs (rad) that divide the range into intervals.
     includes_neighbours
         Whether the accurate rows next to each border are chosen as well.
@@ -479,12 +500,13 @@ def _select_well_conditioned_rows(
         )
     motion = sampled_motion.rows(rows)
     sensitivity = motion.sensitivity
-    if not len(borders):
+    if not len(crossing_inputs):
         return motion.rows(
             _spread_well_conditioned(sensitivity, np.arange(len(rows)), COMPARED_INPUTS)
         )
-    # With borders there is one input. Choose rows in each interval that has accurate ones.
-    interval = np.searchsorted(borders, motion.inputs[:, 0])
+    # Crossings are known with one input only. Choose rows in each interval that has
+    # accurate ones.
+    interval = np.searchsorted(crossing_inputs, motion.inputs[:, 0])
     interval_numbers = np.unique(interval)
     count = max(LEAST_COMPARED_INPUTS, COMPARED_INPUTS // len(interval_numbers))
     chosen: list[Indices] = []

@@ -204,7 +204,11 @@ class ForeignModel:
         return spec
 
     def _check_joints(self) -> None:
-        """Raise `FileError` unless all joints are hinges with names, and there are some."""
+        """Raise `FileError` unless all joints are hinges with names, and there are some.
+
+        Ball joints of the file have been replaced by three hinges each before, so they are
+        allowed in the file.
+        """
         other_joints: list[str] = []
         for joint, joint_type in enumerate(self.mj_model.jnt_type):
             # MuJoCo's names of types are mjJNT_HINGE and the like.
@@ -320,6 +324,8 @@ class ForeignModel:
         """Store the bodies of a weld, or the points at which two bodies are held together.
 
         The point is computed in world axes in the present pose, in which loops are closed.
+        The file can be a URDF, which MuJoCo reads, too. Its loop joints have been converted
+        to constraints of MuJoCo, and `_loop_axes` has their axes by name.
 
         Parameters
         ----------
@@ -331,25 +337,27 @@ class ForeignModel:
         mj_model = self.mj_model
         mj_data = self.mj_data
         name = element_name(mj_model.eq(equality), "loop", equality)
-        first = mj_model.eq_obj1id[equality]
-        second = mj_model.eq_obj2id[equality]
+        # The two objects are sites (points marked on bodies), or bodies.
+        first_object = mj_model.eq_obj1id[equality]
+        second_object = mj_model.eq_obj2id[equality]
         if mj_model.eq_objtype[equality] == self.mujoco.mjtObj.mjOBJ_SITE:
-            point = mj_data.site_xpos[first].copy()
-            first = mj_model.site_bodyid[first]
-            second = mj_model.site_bodyid[second]
-            rotation = mj_data.xmat[first].reshape(3, 3)
+            point = mj_data.site_xpos[first_object].copy()
+            bodies = mj_model.site_bodyid[first_object], mj_model.site_bodyid[second_object]
+            rotation = mj_data.xmat[bodies[0]].reshape(3, 3)
         else:
-            rotation = mj_data.xmat[first].reshape(3, 3)
+            bodies = first_object, second_object
+            rotation = mj_data.xmat[first_object].reshape(3, 3)
             anchor = mj_model.eq_data[equality][:3]
-            point = mj_data.xpos[first] + rotation @ anchor
+            point = mj_data.xpos[first_object] + rotation @ anchor
         if is_weld:
-            self.welded_bodies.append((first, second))
+            self.welded_bodies.append(bodies)
             return
-        self.loop_points.append(LoopPoint(name, (first, second), point))
+        self.loop_points.append(LoopPoint(name, bodies, point))
         if name in self._loop_axes:
-            # A second point on the axis of the loop joint of a URDF.
+            # The loop joint of a URDF has an axis, in the axes of its first link. A second
+            # point on it coincides in both bodies as well.
             second_point = point + rotation @ self._loop_axes[name]
-            self.loop_points.append(LoopPoint(name, (first, second), second_point))
+            self.loop_points.append(LoopPoint(name, bodies, second_point))
 
     def _find_observed_links(self) -> list[ObservedLink]:
         """Return the bodies whose orientation a sensor reads relative to another body.
@@ -397,6 +405,12 @@ class ForeignModel:
         Returns
         -------
         The factors, by joint, in a sum of rates that is zero.
+
+        Raises
+        ------
+        FileError
+            If the ratio is not constant, or a tendon runs through space. Users are advised
+            to delete the constraint in a copy of the file.
         """
         mj_model = self.mj_model
         # The data of the constraint are the coefficients of a polynomial: first object =

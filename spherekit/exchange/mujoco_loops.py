@@ -96,20 +96,22 @@ def close_loops(
 
 
 def _measure_gaps(mujoco: Any, model: Any, data: Any) -> tuple[Bools, Floats]:
-    """Evaluate the constraints that close loops, in the present pose.
+    """Evaluate the equality constraints of a model in the present pose.
 
-    `data` is updated: after the call it has the constraints of this pose.
+    They hold two bodies together, and so close loops, or they couple or lock joints. Other
+    constraints, such as limits of joints, are inequalities. `data` is updated: after the
+    call it has the constraints of this pose.
 
     Returns
     -------
-    is_loop_row
-        (constraints,) whether a constraint of MuJoCo belongs to a loop.
+    is_equality_row
+        (constraints,) whether a scalar constraint of MuJoCo belongs to an equality.
     gaps
-        The gap (m or rad) of each constraint that does.
+        The gap (m or rad) of each scalar constraint that does.
     """
     mujoco.mj_forward(model, data)
-    is_loop_row = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
-    return is_loop_row, data.efc_pos[is_loop_row]
+    is_equality_row = data.efc_type == mujoco.mjtConstraint.mjCNSTR_EQUALITY
+    return is_equality_row, data.efc_pos[is_equality_row]
 
 
 def _move_joints(mujoco: Any, model: Any, data: Any, joints: Sequence[int]) -> bool:
@@ -133,14 +135,14 @@ def _move_joints(mujoco: Any, model: Any, data: Any, joints: Sequence[int]) -> b
     """
     previous_gap = np.inf
     for _ in range(MAX_LOOP_STEPS):
-        is_loop_row, gaps = _measure_gaps(mujoco, model, data)
+        is_equality_row, gaps = _measure_gaps(mujoco, model, data)
         gap = max_abs(gaps)
         # The gap is small, and the last step has not halved it: only rounding is left.
         is_at_rounding = CLOSED_LOOP_GAP > gap > 0.5 * previous_gap
         if gap < EXACT_LOOP_GAP or is_at_rounding:
             return True
         previous_gap = gap
-        jacobian = data.efc_J.reshape(data.nefc, model.nv)[is_loop_row][:, joints]
+        jacobian = data.efc_J.reshape(data.nefc, model.nv)[is_equality_row][:, joints]
         # Loops about one point have dependent constraints, so the least change is taken.
         step = np.linalg.lstsq(jacobian, gaps, rcond=LOOP_SINGULAR_VALUE)[0]
         scale = MAX_JOINT_STEP_RAD / max(max_abs(step), MAX_JOINT_STEP_RAD)  # at most 1
@@ -150,9 +152,11 @@ def _move_joints(mujoco: Any, model: Any, data: Any, joints: Sequence[int]) -> b
 
 def _list_gaps(mujoco: Any, model: Any, data: Any) -> str:
     """Return the names of all loops with their gaps (m or rad) in the present pose."""
-    is_loop_row, gaps = _measure_gaps(mujoco, model, data)
+    is_equality_row, gaps = _measure_gaps(mujoco, model, data)
     gap_by_name: dict[str, float] = {}
-    for number, gap in zip(data.efc_id[is_loop_row].tolist(), np.abs(gaps), strict=True):
+    for number, gap in zip(
+        data.efc_id[is_equality_row].tolist(), np.abs(gaps), strict=True
+    ):
         name = element_name(model.eq(number), "equality", number)
         gap_by_name[name] = max(gap_by_name.get(name, 0.0), gap)
     return listing(f"{name} by {gap:.3g}" for name, gap in gap_by_name.items())

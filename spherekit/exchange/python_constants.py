@@ -19,12 +19,17 @@ KNOWN_INPUTS_TEXT = ", and inputs at which it has them"
 
 
 def write_constants(source: Source, library: str) -> str:
-    """Return the import of a library and the constants of a source.
+    """Return the text of the first lines of an exported Python file.
+
+    The file computes quantities of a mechanism by formulas. Its first lines import a
+    library and define four constants: the names of the arguments that describe the motion,
+    the sizes with their values, the names of the results, and for each assembly mode the
+    values that select it.
 
     Parameters
     ----------
     source
-        The source.
+        The formulas to be written, with names that the language allows.
     library
         The library to import, such as ``numpy as np``.
     """

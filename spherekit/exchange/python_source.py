@@ -106,16 +106,20 @@ def write_python(source: Source) -> str:
 
 
 def _write_function(source: Source, function: SourceFunction) -> str:
-    """Return the text of a function of arrays that returns its results.
+    """Return the Python text of one function of an exported file.
 
-    A step of Newton's method, which has a closure residual, also returns this residual.
+    The written function takes three arrays, whose further axes are samples: the motion (as
+    the constant MOTION in the file lists it), the values that select the assembly mode, and
+    the sizes (by default those of the constant SIZES). It returns the results that the
+    constant RESULTS lists. A step of Newton's method, which has a closure residual, returns
+    the variables after the step and this residual.
     """
     returned = "the RESULTS (results, ...)"
     residual = ""
     if function.closure_residual:
         returned = "variables after a step of Newton's method, and how far loops were open"
         residual = f", {function.closure_residual}"
-    results = join_items(function.results, 12)
+    results = join_items(function.results, indent=12)
     arrays = f"np.broadcast_arrays(\n            {results}\n        )"
     lines = [*function.lines, f"        return np.array({arrays}){residual}"]
     body = "\n".join(lines)
@@ -127,11 +131,18 @@ def _write_function(source: Source, function: SourceFunction) -> str:
 
 
 def _write_smooth_modes(source: Source) -> Iterator[str]:
-    """Yield the text of the function that finds the places of a mode, if there is one.
+    """Yield the Python text of the function that selects an assembly mode at an input.
 
-    Places are the numbers that select the mode in the formulas. They change where the
-    smooth curve of the mode crosses another curve. If positions are computed by steps from
-    a known configuration (`formulas.step`), the function also returns its input.
+    An assembly mode is one way to assemble the mechanism. *Places* are the numbers that
+    select it in the formulas: the signs of its dyads (two links and three R pairs), or the
+    variables from which Newton's method starts. A mode can follow a smooth curve of
+    configurations through crossings with other curves. Its places then change at the
+    crossings, which divide the range of the input into intervals. The written function
+    returns the places at an input. Without such modes nothing is yielded.
+
+    If positions are computed by steps from a known configuration (`formulas.step`), the
+    written function also returns the input of this configuration. `texts.moved` are the
+    lines that move an input outside of the range by whole periods.
     """
     if source.smooth_modes is None:
         return

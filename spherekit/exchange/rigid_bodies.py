@@ -83,8 +83,9 @@ class RigidBodies(NamedTuple):
         The mechanism.
     hinges
         Hinges of the tree, depth first, so that each subtree is in one piece. Pinocchio
-        assumes this order. The last hinges are at the centres of circles that slide on each
-        other. Each of them carries a body that is no link and has ground axes.
+        assumes this order. After them come hinges of bodies that are no links. Such a body
+        replaces the contact of two circles that slide on each other, whose centres keep
+        their distance: it has a hinge at each centre. Its axes are ground axes.
     bodies
         Body k is the child of hinge k.
     loop_hinges
@@ -97,7 +98,8 @@ class RigidBodies(NamedTuple):
     has_made_up_masses
         Whether the mechanism has no masses and its links were given some.
     light_ends
-        Links without mass that carry no mass in the tree.
+        Links without mass that carry no mass in the tree. They were given more inertia than
+        other links without mass, because engines close a loop softly at light bodies.
     """
 
     mechanism: Mechanism
@@ -221,12 +223,17 @@ def construct_rigid_bodies(
 def _find_light_ends(
     mechanism: Mechanism, branches: Sequence[Branch], massless_links: Collection[str]
 ) -> list[str]:
-    """Return the links without mass beyond which the tree has no link with mass.
+    """Return the links without mass that carry no link with mass in the tree.
+
+    Engines move no body without mass, so such links are given a little inertia. A link that
+    carries others with mass moves with these. One that carries none needs more inertia
+    (`LIGHT_END_RATIO`), because engines follow a load on a light body less exactly. All
+    links of a chain without mass are returned, not only the last one.
 
     Parameters
     ----------
     branches
-        The tree, depth first.
+        The tree of links, depth first.
     massless_links
         Names of the links without mass.
     """
