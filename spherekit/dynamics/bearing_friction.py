@@ -75,7 +75,12 @@ class IndeterminateForces:
 
     @property
     def wanted(self) -> list[str]:
-        """The missing information, as phrases of a message for users."""
+        """The information that would determine the forces, as phrases of a message.
+
+        A pair floats if its bearings let the link slide along the axis. The file says so by
+        the axial positions of the bearings (``axial``). If too many pairs hold the links
+        along their axes, their forces can balance each other and are not determined.
+        """
         wanted = []
         if self.centres:
             wanted.append(f"mass and centre of the links {listing(self.centres)}")
@@ -88,6 +93,7 @@ class IndeterminateForces:
                 f"that the pairs {listing(self.floating)}, or others in their loops, float "
                 "(bearings, axial)"
             )
+        # Even with all this information, redundant constraints leave forces undetermined.
         if not self.enough:
             wanted.append("constraints that do not repeat each other")
         return wanted
@@ -165,14 +171,16 @@ def diagnose_indeterminate_forces(
 class CarriedLoads:
     """The forces that pairs with friction carry, at n rows.
 
-    Friction depends on the carried forces and changes them. The feedback says how strongly:
-    below 1 there is exactly one solution.
+    Friction depends on the carried forces and changes them. A number called feedback, which
+    is not stored, tells how strongly. If it is below 1, there is exactly one solution.
 
     Attributes
     ----------
     carried
-        (n, k) sums of the forces on bearings (N), or the push of a contact (N m), for each
-        of `Loads.friction_components`. NaN in rows that were not to be solved.
+        (n, k) loads of k pairs with friction. The load of an R pair is the sum of the sizes
+        of the forces (N) on its bearings. That of a contact is the push: the moment (N m)
+        of its normal force about the centre of the sphere. NaN in rows that the caller has
+        excluded because they have no motion.
     is_unknown
         (n,) whether the friction is not known: the feedback is not below 1, so that
         bearings may lock, or the iteration has not converged.
@@ -233,17 +241,27 @@ def solve_bearing_friction(
     _check_determined(driven, balance, frictions)
 
     def compute_carried(reaction_wrenches: Floats) -> Floats:
-        """Return the load vectors (n, k, 2, 3) that k pairs carry at up to two places.
+        """Return the load vectors (n, k, 2, 3) that k pairs carry at up to two points.
 
-        The places are the bearings of a pair, or its contact. The vector of a place that
-        does not exist is 0. `reaction_wrenches` (n, links, 6) are the moments and forces
-        on links that the reactions have to supply.
+        An R pair has one or two bearings, on each of which there is a force (N). A contact
+        has a single vector, the moment of its normal force about the centre (N m). Missing
+        vectors are 0. All vectors are in pair axes.
+
+        Parameters
+        ----------
+        reaction_wrenches
+            (n, links, 6) for each link the moment (N m) about the centre and the force (N)
+            that the reactions of all its pairs together exert on it.
         """
         equations = balance.equations
-        reactions, _ = equations.solve_reactions(reaction_wrenches)
+        # A reaction is one component of the moment or force of a pair. The second result is
+        # the residual of the equations, which is not needed.
+        reactions, _residual = equations.solve_reactions(reaction_wrenches)
+        # (n, pairs, 6) moment and force of each pair, the sum of its reactions.
         wrenches = equations.sum_wrenches(reactions)
         carried_loads = np.zeros((len(reaction_wrenches), len(friction_pairs), 2, 3))
         for k, (friction, pair) in enumerate(zip(frictions, friction_pairs, strict=True)):
+            # The pair transmits them. The bearings share them by their axial positions.
             moment = wrenches[:, pair, :3]
             force = wrenches[:, pair, 3:] if friction.needs_forces else None
             loads_at_pair = friction.supported_loads(moment, force)
@@ -306,12 +324,18 @@ def _check_determined(
     open_components = equations.open_components
     for friction in frictions:
         is_open = open_components[:, mechanism.pair_number[friction.pair]]
+        # Gear teeth press on one of their two sides. In rows that are not settled it could
+        # not be determined on which.
         if np.any(is_open[:, :3]) or not np.all(balance.is_settled):
             raise SolveError(
                 f"{mechanism.name}: loads.{friction.name}: redundant constraints leave the "
                 f"reaction of pair {friction.pair} open, and so the friction that follows "
                 "from it; take a load of kind friction, or give gears their pressure_angle"
             )
+        # The friction of a bearing whose axial position (`axial`) is given also follows
+        # from the force through the centre. A link slides if no pair holds it along its
+        # axis. Then no forces keep it in place, and the equations of forces have no
+        # solution.
         if friction.needs_forces and (np.any(is_open) or np.any(equations.slides)):
             frames = driven.motion.frames[0]
             wanted = diagnose_indeterminate_forces(mechanism, frames).wanted

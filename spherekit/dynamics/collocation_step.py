@@ -144,16 +144,17 @@ class CollocationStep:
         mechanism
             The mechanism with its joint limits.
         turn_angles
-            (variables,) angles of whole revolutions (rad) that the states do not contain.
+            (variables,) constant angles (rad), multiples of 2 pi. A pair variable over full
+            revolutions is that of the state plus this angle.
         """
         for joint_limit in mechanism.joint_limits:
             variable = variable_of(mechanism, joint_limit.pair)
             for limit, sense in ((joint_limit.low, -1.0), (joint_limit.high, 1.0)):
-                # The variable minus its limit, as a function of time with its slope. Its
-                # product with the sense is positive outside of the range.
-                distance = self._function(
-                    self.state_series(variable, limit - turn_angles[variable])
-                )
+                # The variable minus its limit, as a function of time with its slope. The
+                # state has the variable without whole revolutions, so these are subtracted
+                # from the limit. `distance` times `sense` is positive beyond the limit.
+                limit_of_state = limit - turn_angles[variable]
+                distance = self._function(self.state_series(variable, limit_of_state))
                 zero_times = find_zeros(distance, self.times).places
                 _, slopes = distance(zero_times)
                 outward_times = zero_times[sense * slopes > 0.0]
@@ -179,8 +180,10 @@ class CollocationStep:
 
         Returns
         -------
-        The determinants; 1 if constraints are redundant, so that the matrix is not square.
+        The determinants. If constraints are redundant, the matrix is not square, and the
+        result is 1 at all nodes. Since it never vanishes, no crossing is then reported.
         """
+        # `times` has the start of the step, the N nodes and the end.
         values = self.evaluate_state(self.times[1:-1])[:, : rates.shape[2]]
         matrices = np.concatenate([closure.linearise(values).jacobian, rates], axis=1)
         if matrices.shape[1] != matrices.shape[2]:
@@ -188,21 +191,32 @@ class CollocationStep:
         return np.linalg.det(matrices)
 
     def find_crossing(self, determinants: Floats, largest: float) -> float | None:
-        """Return the time at which curves cross, if they do within the step.
+        """Return the time at which curves of configurations cross, if they do in the step.
+
+        Where curves cross, a determinant passes through zero: that of the closure Jacobian
+        with the rates of the variables as further rows.
 
         Parameters
         ----------
         determinants
-            (N,) the `closure_determinants`.
+            (N,) this determinant at the nodes, from `closure_determinants`.
         largest
-            The largest determinant so far, with the sign of that at the end of the previous
-            step. Determinants smaller than `CROSSING_RATIO` times this size count as zero.
+            A reference for size and sign. Its size is that of the largest determinant since
+            the start of the motion. Its sign is that at the end of the previous step.
+            Determinants smaller than `CROSSING_RATIO` times this size count as zero.
+
+        Returns
+        -------
+        The time (s) of the first zero, or of the first node at which the determinant is
+        small or has the other sign. None if there is no such node.
         """
         # Nodes at which the determinant vanishes or has changed its sign.
         is_small = determinants * np.sign(largest) < CROSSING_RATIO * abs(largest)
         if not np.any(is_small):
             return None
-        sign_changes = self.find_sign_changes(SERIES_MATRIX @ determinants)
+        # The Legendre series of the polynomial through the determinants at the nodes.
+        determinant_series = SERIES_MATRIX @ determinants
+        sign_changes = self.find_sign_changes(determinant_series)
         # `times` begins with the start of the step, so node k has the index k + 1.
         first_small_time = float(self.times[1 + np.argmax(is_small)])
         return min([*sign_changes, first_small_time])

@@ -168,21 +168,34 @@ class Names:
         self._boxes: list[_Box] = []  # areas covered by names and dots so far
 
     def place_names(self, bodies: Sequence[Body]) -> dict[str, list[Name]]:
-        """Return the names that links show, with their places, by the paths of the links.
+        """Return the names that links show, each with the point at which it is written.
 
-        A name moves with its link. Where it covers other names is therefore judged in a few
-        configurations ("pictures"). From a list of possible places the cheapest is chosen.
-        The cost of a place is the share of pictures in which the name covers other names or
-        dots there, plus a small amount for each place that is preferred to it. Places of
-        long names are chosen first.
+        A name moves with its link. Where it covers other names is therefore judged in the
+        pictures of a few configurations, as the eye sees them. From a list of possible
+        places on the link the one with the lowest cost is chosen. The cost is the sum of
+
+        - the share of pictures in which the name would cover each name that has a place
+          already, where the first picture counts as much as all others together, because
+          the viewer shows it first;
+        - the same for the dots that mark the pair axes, times `DOT_COST`;
+        - a small amount for each place that stands before it in the list.
+
+        Places of long names are chosen first, because they are the hardest to find.
 
         Parameters
         ----------
         bodies
             The links, at rest or with their orientations in all rows.
+
+        Returns
+        -------
+        For each link, by its path (name in the tree of the recording), the names that it
+        shows: its own, and those of its pairs that no other link shows.
         """
         requests: list[_NameRequest] = []
         for body, rotations in zip(bodies, _picture_rotations(bodies), strict=True):
+            # Dots mark the pair axes of the link. Pictures are seen from `_sight`: the eye,
+            # the point that it looks at, and the direction that is up.
             for axis in body.joints:
                 dots = project(self._sight, np.einsum("nij,j->ni", rotations, axis))
                 self._boxes.append(_Box(DOT_COST, dots, np.full(2, DOT_HALF_SIZE)))
@@ -203,7 +216,10 @@ class Names:
                 covered_share = covered_share + mean_weight * np.mean(covers, axis=0)
                 cost += box.cost * covered_share
             best = np.argmin(cost)
-            self._boxes.append(_Box(1.0, request.centres[:, best], half_size))
+            # From now on the name is an obstacle. It costs 1 to cover it in all pictures.
+            self._boxes.append(
+                _Box(cost=1.0, centres=request.centres[:, best], half_size=half_size)
+            )
             name = (request.text, request.places[best], request.is_pair)
             names[request.path].append(name)
         return names
@@ -267,14 +283,18 @@ def _name_half_size(text: str) -> Floats:
 def _picture_rotations(bodies: Sequence[Body]) -> list[Floats]:
     """Return the rotations (pictures, 3, 3) of each link in the same few configurations.
 
-    At most `MAX_PICTURES` configurations are taken, evenly spaced among the rows in which
-    all links have an orientation. A link at rest has one picture. If no configuration
-    exists, every link has one picture, in which it is not rotated.
+    In pictures of these configurations it is judged whether names cover each other. They
+    are `MAX_PICTURES` configurations, evenly spaced among the rows in which all links have
+    an orientation. If there are fewer such rows, some of them occur several times. A link
+    at rest has one picture. If no configuration exists, every link has one picture, in
+    which it is not rotated.
     """
-    moving = [body.quaternions for body in bodies if body.quaternions is not None]
     at_rest = np.eye(3)[None]
+    moving = [body.quaternions for body in bodies if body.quaternions is not None]
+    if not moving:
+        return [at_rest] * len(bodies)
     # Axes of `moving`: link, row, component of the quaternion.
-    valid_rows = np.flatnonzero(all_finite(moving, (0, 2))) if moving else moving
+    valid_rows = np.flatnonzero(all_finite(moving, (0, 2)))
     if not len(valid_rows):
         return [at_rest] * len(bodies)
     spaced = np.linspace(0, len(valid_rows) - 1, MAX_PICTURES).astype(int)
@@ -285,7 +305,7 @@ def _picture_rotations(bodies: Sequence[Body]) -> list[Floats]:
     ]
 
 
-def _places_around(axis: Floats, joints: Floats) -> Floats:
+def _places_around(axis: Floats, pair_axes: Floats) -> Floats:
     """Return possible places of a name around the axis of a pair, on the unit sphere.
 
     A place at the angle r from the axis, in the direction f, is cos(r) axis + sin(r)
@@ -296,15 +316,17 @@ def _places_around(axis: Floats, joints: Floats) -> Floats:
     ----------
     axis
         (3,) axis of the pair in the frame of its link.
-    joints
+    pair_axes
         (n, 3) axes of all pairs of the link.
 
     Returns
     -------
-    (k, 3) places. The nearest come first, and at equal distance those away from the joints.
+    (k, 3) places. The nearest come first. At equal distance the first is away from the
+    other axes of the link (f = 0), and the others follow with a growing size of f.
     """
-    away = -np.sum(joints, axis=0)
+    away = -np.sum(pair_axes, axis=0)
     away = away - (away @ axis) * axis
+    # A vector that is shorter than the smallest distance of a name counts as zero.
     if np.linalg.norm(away) < PAIR_NAME_ANGLES_RAD[0]:
         # The axes balance each other, so any direction across the axis will do.
         away = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])

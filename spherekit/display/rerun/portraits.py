@@ -33,8 +33,13 @@ def with_margin(primitive: Primitive) -> Primitive:
 def draw_portrait(portrait: Portrait) -> Stills:
     """Yield the frame, curves, marks and legend of a portrait, a plot of two quantities.
 
-    Marks with equal labels are one kind. A few kinds are named in the legend. If there are
-    more than `MAX_LEGEND_KINDS`, the label is written beside each mark instead.
+    Marks with equal labels are one kind. Up to `MAX_LEGEND_KINDS` kinds are named in the
+    legend. If there are more kinds, the label is written beside each mark instead, but only
+    if there are at most `MAX_SHOWN_LABELS` marks. More labels would cover each other.
+
+    Yields
+    ------
+    For each part the last piece of its name in the tree of the recording, and its drawing.
     """
     x = frame_side(
         title_with_unit(portrait.x_label, portrait.x_unit),
@@ -56,7 +61,8 @@ def draw_portrait(portrait: Portrait) -> Stills:
             draw_portrait_curve(points, colours.tone_colour(curve.tone)),
         )
 
-    # The legend: curves and kinds of marks, with the number of their colour.
+    # The legend: labels of curves and of kinds of marks. The tone is the number of a
+    # colour.
     tone_of_kind = {mark.label: mark.tone for mark in portrait.marks}
     has_few_kinds = len(tone_of_kind) <= MAX_LEGEND_KINDS
     legend = {curve.label: curve.tone for curve in portrait.curves if curve.label}
@@ -68,6 +74,7 @@ def draw_portrait(portrait: Portrait) -> Stills:
         yield "legend", legend_style(places, tints, list(legend))
     if portrait.marks:
         mark_points = np.array([mark.place for mark in portrait.marks])
+        shows_labels = not has_few_kinds and len(mark_points) <= MAX_SHOWN_LABELS
         yield (
             "marks",
             rr.Points2D(
@@ -75,7 +82,7 @@ def draw_portrait(portrait: Portrait) -> Stills:
                 labels=[mark.label for mark in portrait.marks],
                 colors=[colours.tone_colour(mark.tone) for mark in portrait.marks],
                 radii=rr.Radius.ui_points(4.0),
-                show_labels=not has_few_kinds and len(mark_points) <= MAX_SHOWN_LABELS,
+                show_labels=shows_labels,
             ),
         )
 

@@ -56,7 +56,9 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     """
     position_analysis, motion, note = _assemble(mechanism)
     shapes = link_shapes(mechanism)
-    # The label of a mode has a sign for each group of links; "~" says nothing.
+    # The label of an assembly mode (way to assemble the mechanism) has a sign for each
+    # group of links. A dyad, a group of two links, has the sign + or -. Other groups have
+    # the sign "~". A label with this sign only does not distinguish modes and is left out.
     titles = {}
     for mode in motion.assembly_modes:
         signs = "" if set(mode.label) == {"~"} else f" ({mode.label})"
@@ -66,12 +68,17 @@ def preview(mechanism: Mechanism, path: Path | str) -> str:
     length = np.linalg.norm(axis_sum)
     focus = axis_sum / length if length > 1e-9 else None
     with RerunRecorder(mechanism.name, path=path) as recorder:
-        still_scene = static_scene(plans(mechanism, position_analysis.by_rank), shapes)
+        # The plans tell how the pole axes are constructed while one input moves. `by_rank`
+        # tells them that the mobility follows from the rank of the velocity equations,
+        # because counting links and pairs gives another one.
+        pole_plans = plans(mechanism, position_analysis.by_rank)
+        still_scene = static_scene(pole_plans, shapes)
         recorder.start(RecordingHead([still_scene], assembly_modes=titles, focus=focus))
         sample = np.zeros(1, np.int64)  # the recording has one sample, number 0
         # One row per mode.
         for row, scene in enumerate(moving_link_scenes(motion, shapes)):
             recorder.log(scene, sample)
+            # Each pair gets an arc from its zero to its present angle.
             additions = (*_zero_arcs(motion, row), _size_table(motion, row, note))
             recorder.log(Scene(scene.page, additions), sample)
     return note

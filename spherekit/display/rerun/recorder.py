@@ -127,7 +127,8 @@ class RerunRecorder:
         name : str
             Name of the mechanism.
         path : Path or str, optional
-            File to write, ``*.rrd``. It gets this name when the recording is complete.
+            File to write, ``*.rrd``. Until the recording is complete, ``.part`` is appended
+            to its name.
         port : int, optional
             Port of this computer at which viewers find the recording.
         url : str, optional
@@ -162,13 +163,18 @@ class RerunRecorder:
         self._ticks_per_degree: int | None = None  # of the timeline of the input
         self._axis_range: tuple[float, float] | None = None  # of times (s) or inputs (deg)
         self._names: dict[Page, Names] = {}
-        """Places of the names on each page; None stands for what all pages show."""
+        """Chooses the positions of the names of links and pairs, for each page (view of one
+        assembly mode or analysis). The key None has the names that all pages show."""
         self._grid_row_length: int | None = None  # samples, in a grid of inputs
         self._path_rows: dict[str, tuple[Primitive, list[Floats]]] = {}
-        """Primitives whose path is drawn at the end, with their rows so far, by path."""
+        """Primitives whose moving point leaves a curve that is drawn at the end: the
+        primitive and its rows (n, 2 or 3) so far. The key is its name in the tree of the
+        recording."""
         self._charts: Charts | None = None
         self._live_draw_time = 0.0  # s, when curves were last drawn for live viewers
-        self._layout_size = 0  # number of paths when files got the layout last
+        # Number of things in the recording when its layout (the arrangement of the viewer's
+        # window) was last written to files. It is written again when this number has grown.
+        self._layout_size = 0
         self._is_finished = False
 
     @property
@@ -208,10 +214,12 @@ class RerunRecorder:
         sight = facing(head.focus)  # eye, target and upward direction
         layout, timeline_note = self._make_layout(head, sight)
         layout.pages.update(head.assembly_modes.items())
+        # If not all samples are recorded: a text such as "one of 5 successive samples".
         if "logged" in head.properties:
             timeline_note += f" This recording has {head.properties['logged']}."
         self._charts = Charts(layout, self._outputs)
         self._grid_row_length = head.row
+        # The key None stands for everything that all pages show.
         self._names[None] = Names(sight)
         self._outputs.send_name(self.name, head.properties)
         self._outputs.log_static(
@@ -221,7 +229,12 @@ class RerunRecorder:
         for scene in map(convert_to_degrees, head.scenes):
             names = self._names_of_new_links(scene)
             for primitive in scene.primitives:
-                self._introduce(scene.page, primitive, False, names.get(primitive.path, ()))
+                self._introduce(
+                    scene.page,
+                    primitive,
+                    has_findings=False,
+                    names=names.get(primitive.path, ()),
+                )
         if head.scenes or layout.pages:
             notes = NOTES.format(
                 name=self.name, timeline=timeline_note, compared=MAX_COMPARED_CURVES
@@ -233,14 +246,19 @@ class RerunRecorder:
     def _make_layout(self, head: RecordingHead, sight: Sight) -> tuple[Layout, str]:
         """Return an empty layout, and a sentence about its timeline for the notes.
 
-        The viewer plays the times of the recording if it has times, otherwise its input if
-        it has exactly one, and sample numbers otherwise. Times are in s. A timeline of the
-        input has whole numbers of ticks only.
+        The layout is the arrangement of the viewer's window. The viewer plays the times (s)
+        of the recording if it has times, otherwise its inputs, and sample numbers
+        otherwise. The viewer's timelines other than that of time have whole numbers only.
+        Inputs are therefore counted in ticks of 1, 0.1, 0.01 or 0.001 degrees.
+
+        This method also sets the range of the times (s) or inputs (deg), for the axes of
+        charts, and the number of ticks per degree.
 
         Parameters
         ----------
         head
-            Properties of the recording, with its times or inputs (rad).
+            Properties of the recording, with its times or inputs (rad). It has inputs only
+            if the mechanism has a single input.
         sight
             Eye, target and upward direction of the view of the sphere.
 
@@ -343,10 +361,11 @@ class RerunRecorder:
     def _log_rows(
         self, scene: Scene, timelines: list[rr.TimeColumn], row_count: int
     ) -> None:
-        """Log the rows of all primitives of a scene.
+        """Log the rows of all primitives (things that are drawn) of a scene.
 
-        Directions that leave a path on the sphere are also kept in memory: the path is
-        drawn as a curve at the end of the recording.
+        Some primitives leave a curve: pole axes and traced directions on the sphere, and
+        the marks of plots without other curves. Their rows are also stored, and the curve
+        is drawn at the end of the recording.
 
         Parameters
         ----------
@@ -358,8 +377,12 @@ class RerunRecorder:
             Number of rows of the block.
         """
         layout = self._open_charts.layout
+        # Arrows that cover each other in a row share one label, so labels vary with the
+        # row.
         labels = arrow_labels(scene.primitives)
         for primitive in scene.primitives:
+            # The name of the primitive in the tree of the recording. A primitive can
+            # consist of several parts, whose names begin with it.
             path = layout.path(scene.page, primitive)
             for suffix, columns in entities.moving_columns(
                 primitive, labels.get(primitive.path)
@@ -413,6 +436,9 @@ class RerunRecorder:
     ) -> list[rr.TimeColumn]:
         """Return the positions of rows on all timelines.
 
+        Every recording has a timeline of sample numbers. It can have a second one, of the
+        times (s) or of the inputs in ticks, which are parts of a degree.
+
         Parameters
         ----------
         samples
@@ -428,6 +454,7 @@ class RerunRecorder:
         timelines = [
             rr.TimeColumn(SAMPLE_TIMELINE, sequence=np.asarray(samples, dtype=np.int64))
         ]
+        # The timeline that the viewer plays: the second one if there are two.
         name = self._open_charts.layout.timeline
         if name == TIME_TIMELINE:
             if times is None or len(times) != len(samples):
@@ -444,6 +471,10 @@ class RerunRecorder:
         self, samples: Integers, inputs: Floats | None, times: Floats | None
     ) -> Axis:
         """Return the axis for a scene that does not name one: time, input or sample number.
+
+        The range of the times or inputs of the whole recording was set at its start, if it
+        has some. All blocks of rows then have the same axis. The number of samples is not
+        known in advance, so an axis of sample numbers has the range of this block.
 
         Parameters
         ----------
@@ -486,13 +517,15 @@ class RerunRecorder:
             return
 
     def _names_of_new_links(self, scene: Scene) -> dict[str, list[Name]]:
-        """Return the names of the links that occur for the first time, by their paths.
+        """Return names, with their positions, of the links that occur for the first time.
 
-        Names on a page are placed away from names that all pages show.
+        They are sorted by the path of the link, its name in the tree of the recording.
+        Names on a page are written away from names that all pages show (the page None).
         """
         if scene.page not in self._names:
-            self._names[scene.page] = deepcopy(self._names[None])  # names of all pages
+            self._names[scene.page] = deepcopy(self._names[None])
         layout = self._open_charts.layout
+        # A link is new if nothing has been recorded at its path on this page.
         new_bodies = [
             item
             for item in scene.primitives
@@ -541,7 +574,8 @@ class RerunRecorder:
 
         Primitives on the sphere share the view of the sphere. Charts, diagrams and surfaces
         get a view of their own among the plots, and graphs and texts among the panels. The
-        views are made when the layout is sent, so functions that make them are stored.
+        views are made when the layout is sent to the viewer, so functions that make them
+        are stored.
 
         Parameters
         ----------
@@ -562,14 +596,20 @@ class RerunRecorder:
         match primitive:
             case SphereMap(label=label, unit=unit):
                 low, high = choose_map_range(primitive.shown_values, unit)
+                # Maps on one page share one scale of colours: that of the first map.
+                # `log_first` records it and returns True if the page has none yet.
                 scale_path = f"{layout.base(page)}/scale"
                 scale = draw_colour_scale(low, high, title_with_unit(label, unit))
-                if self._outputs.log_first(scale_path, scale):  # one for each page
+                if self._outputs.log_first(scale_path, scale):
                     layout.scales.append((page, scale_path))
             case Arrow(primary=primary, shown=shown, path_shown=path_shown):
+                # Overrides change the appearance of single things in the viewer.
                 if not shown:
                     layout.overrides.append((page, path, HIDDEN))
-                if shown and path_shown and not primary:  # dots behind a pole
+                # A pole axis that is not the axis of a pair (`primary`) has a trail: dots
+                # at its last positions, over a range of the timeline.
+                has_trail = shown and path_shown and not primary
+                if has_trail:
                     trail = f"{path}/trail"
                     layout.overrides.append((page, trail, layout.trail_range))
             case Diagram(label=label):
