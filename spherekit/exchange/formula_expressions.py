@@ -53,7 +53,7 @@ class Argument(NamedTuple):
 
 
 class Mode(NamedTuple):
-    """An assembly mode that the source code names.
+    """An assembly mode (way to assemble the mechanism) in generated source code.
 
     Attributes
     ----------
@@ -62,10 +62,11 @@ class Mode(NamedTuple):
     at
         Inputs (rad) of one configuration of the mode.
     values
-        The places of that configuration, the values that select the mode in the formulas:
-        in closed form the signs of the dyads, otherwise the variables (rad) of all pairs.
-        Signs are the same everywhere in the mode, unless it follows its smooth curve
-        through crossings (`SmoothModes`).
+        The values that select the mode in the formulas. In closed form they are the signs
+        of the dyads (groups of two links). Otherwise they are the variables (rad) of all
+        pairs in that configuration, from which Newton's method starts. Signs are the same
+        everywhere in the mode, unless its curve of configurations crosses others and the
+        mode continues smoothly. Then signs change at the crossing (`SmoothModes`).
     """
 
     number: int
@@ -117,10 +118,11 @@ class SmoothModes(NamedTuple):
     inputs: Floats
 
     def pieces(self, mode: int) -> list[tuple[float, float, Floats]]:
-        """Return the parts of the range in which a mode has constant places.
+        """Return the parts of the input's range in which a mode has constant `places`.
 
-        The places are the values from which the formulas compute this mode: the signs of
-        its dyads, or the variables (rad) from which Newton's method starts.
+        This is the name of the values from which the formulas compute the mode: the signs
+        of its dyads (groups of two links), or the variables (rad) from which Newton's
+        method starts.
 
         Parameters
         ----------
@@ -130,8 +132,9 @@ class SmoothModes(NamedTuple):
         Returns
         -------
         For each part the input (rad) at which it begins, the input (rad) of a configuration
-        with these places, and the places. A part ends where the next one begins. No part
-        begins with an interval in which no configuration of the mode is known.
+        with these places, and the places. A part ends where the next one begins, and the
+        last one at the end of the range. An interval in which no configuration of the mode
+        is known (NaN) belongs to the part before it.
         """
         pieces: list[tuple[float, float, Floats]] = []
         # In each interval the mode has one input and one row of places.
@@ -140,7 +143,7 @@ class SmoothModes(NamedTuple):
         ):
             if np.isnan(known_input) or np.any(np.isnan(mode_places)):
                 continue
-            # An interval with the same places as the last piece belongs to that piece, even
+            # An interval with the same places as the last part belongs to that part, even
             # if intervals without a configuration are between them.
             if not pieces or not np.array_equal(pieces[-1][2], mode_places):
                 # The first interval begins at -inf, but the range begins at `low`.
@@ -149,8 +152,9 @@ class SmoothModes(NamedTuple):
 
 
 class ModeTable(NamedTuple):
-    """The assembly modes that the source code names, and how they were checked.
+    """The assembly modes in generated source code, and how they were checked.
 
+    An assembly mode is one of the ways to assemble the mechanism.
     `spherekit.exchange.mode_table` compares the formulas with the mechanism in each mode.
 
     Attributes
@@ -165,8 +169,9 @@ class ModeTable(NamedTuple):
     largest_difference
         Largest difference (rad) of a pair variable between the formulas and the mechanism.
     smooth
-        The places of the modes along their smooth curves, in the order of `modes`. It is
-        None if each mode keeps its places where curves cross.
+        The signs of dyads by which the modes are computed, if these change: at a crossing
+        of curves of configurations each mode follows its own smooth curve. The order is
+        that of `modes`. It is None if each mode keeps its signs.
     """
 
     modes: tuple[Mode, ...]
@@ -295,21 +300,36 @@ class Formulas:
 
         Returns
         -------
-        A function of three arrays: values of `motion`, of `places` and of `sizes`, with one
-        row for each argument. Each array has n columns, one for each configuration, or one
-        column that applies to all configurations. The function returns the values
-        (expressions, n), in the units of the results.
+        A function of three arrays with one row for each argument:
+
+        - motion: inputs (rad), and rates, accelerations, loads if results depend on them,
+        - places: values that select the assembly mode, which are the signs of its dyads or
+          approximate variables (rad) of all pairs,
+        - sizes: numbers of the mechanism file that are arguments.
+
+        Each array has n columns, one for each configuration, or one column that applies to
+        all configurations. The function returns the values (expressions, n), in the units
+        of the results.
         """
         # The compiled function takes one array. Its rows are the three groups of arguments
-        # in turn, and then the values of the stored series.
+        # in turn. They are followed by functions that have no formula and are stored as
+        # series, such as the coordinates of a contact profile over its arc length.
         terms = [term for symbol_group in self.variables for term in symbol_group]
-        # For each table, the row of that array with the variable of the series.
+        # For each table of such functions, the row of that array with their variable.
         series_rows = [terms.index(table.of) for table in self.tables]
         terms += [term for table in self.tables for term in table.terms]
         function = array_function(expressions, terms)
 
         def evaluate(motion: Floats, places: Floats, sizes: Floats) -> Floats:
-            """Return the expressions (expressions, n); see `numpy_function`."""
+            """Return the values (expressions, n) of the expressions in n configurations.
+
+            Parameters
+            ----------
+            motion, places, sizes
+                (arguments, n) or (arguments, 1) values of the three groups of arguments.
+                `places` select the assembly mode: the signs of its dyads, or approximate
+                variables (rad) of all pairs.
+            """
             # Arrays with one column are repeated for all n configurations.
             arguments = (motion, places, sizes)
             count = max(argument.shape[1] for argument in arguments)
@@ -319,7 +339,8 @@ class Formulas:
                     for argument in arguments
                 ]
             )
-            # Symbols of stored functions get the values of their series.
+            # Functions without a formula, such as the coordinates of a contact profile, are
+            # stored as series. They are evaluated at one of the arguments, an arc length.
             series_values = [
                 table.at(argument_rows[series_row])
                 for table, series_row in zip(self.tables, series_rows, strict=True)

@@ -210,9 +210,11 @@ def _is_link_size(variable: DesignVariable) -> bool:
 def refuse_link_sizes(mechanism: AnyMechanism, vary: Sequence[str]) -> None:
     """Refuse numbers as arguments of generated source code if they are sizes of links.
 
-    This is called if the assembly modes in the code pass through the inputs at which their
-    curves cross. The code contains these inputs, which are computed for the sizes in the
-    mechanism file. With other sizes the curves cross at other inputs or nowhere.
+    The configurations of an assembly mode form a curve over the input. At some inputs the
+    curves of two modes can cross. This function is called if the modes in the code continue
+    smoothly there (option "pass" of crossings, not "end"). The code contains these inputs,
+    which are computed for the sizes in the mechanism file. With other sizes the curves
+    cross at other inputs or nowhere.
 
     Parameters
     ----------
@@ -241,14 +243,18 @@ def refuse_link_sizes(mechanism: AnyMechanism, vary: Sequence[str]) -> None:
 def _list_quantities(
     mechanism: Mechanism, inputs: Names, quantities: Sequence[str] | None
 ) -> list[str]:
-    """Return the names of the requested quantities, whether they exist or not.
+    """Return the names of the requested quantities.
+
+    A requested name that no quantity has is returned too. An error with the nearest name is
+    raised later, when the quantity is to be expressed.
 
     Parameters
     ----------
     inputs
         Names of the driven pairs.
     quantities
-        Requested names or patterns, None for the default ones.
+        Requested names or patterns. None stands for the default: pair angles, velocity
+        coefficients relative to ground, transmission angles, inertia and torques.
     """
     all_names = row_quantities(mechanism)
     if quantities is not None:
@@ -261,10 +267,10 @@ def _list_quantities(
         "theta_*",
         f"*_coefficient_*_{mechanism.ground}",
         "transmission_angle_*",
-        "B",
-        "dB_dq",
-        "torque",
-        *(f"B_{pair}" for pair in inputs),
+        "B",  # equivalent inertia of one input
+        "dB_dq",  # its derivative by the input
+        "torque",  # driving torque
+        *(f"B_{pair}" for pair in inputs),  # inertia matrix of several inputs
     ]
     # With several inputs, names end in the name of the moving input.
     patterns += [f"{pattern}_by_*" for pattern in patterns]
@@ -282,8 +288,10 @@ def _find_results(
 ) -> dict[str, Expr]:
     """Return quantities as expressions, by their names.
 
-    The quantity "closure_2", for example, is the square that is negative if the second dyad
-    does not close.
+    The quantity "closure_2", for example, tells whether the second dyad (two links with
+    three R pairs) closes. It is the square of the triple product of the three axes, which
+    is computed from the arcs between them. If the dyad does not close at these arcs, the
+    square is negative.
 
     Parameters
     ----------
@@ -352,8 +360,8 @@ def _express_revolutions(
 
     The formulas give angles in (-pi, pi], and loads such as springs see angles with whole
     revolutions. If a pair swings over less than a turn, its angle is the one nearest to the
-    middle of its swing, which determines the revolutions. For other pairs they stay
-    arguments of the formulas.
+    middle of its swing, which determines the revolutions. A pair that turns fully has no
+    such middle. Its revolutions stay an argument of the formulas, and it is left out here.
 
     Parameters
     ----------
@@ -367,6 +375,7 @@ def _express_revolutions(
         Replacements of other symbols, which are applied to the expressions.
     """
     used_symbols = _list_symbols(results)
+    # Contacts have arc lengths, which do not count revolutions. `angles` has the R pairs.
     pairs = [
         pair
         for pair, symbol in design_expressions.revolution_symbols.items()
@@ -390,9 +399,12 @@ def _write_newton_step(design_expressions: DesignExpressions) -> list[Expr]:
     Returns
     -------
     All variables after the step, followed by the closure residual before it: how far (rad)
-    the loops are open. Variables that follow the inputs through wheels do not change.
+    the loops are open. Variables that follow the inputs through wheels are linear functions
+    of the inputs, so they need no step.
     """
     coordinate_rates = design_expressions.coordinate_rates
+    # The changes of the variables that close the loops to first order. A residual is the
+    # rotation that is still missing at the closing pair, so the changes are added.
     changes = coordinate_rates.solve_loops(coordinate_rates.closure_residuals)
     variables_after_step: list[Expr] = []
     for symbol, variable, change in zip(
@@ -401,6 +413,7 @@ def _write_newton_step(design_expressions: DesignExpressions) -> list[Expr]:
         changes,
         strict=True,
     ):
+        # A variable that is no function of the inputs is represented by its own symbol.
         is_unknown = variable is symbol
         variables_after_step.append(symbol + change if is_unknown else variable)
     closure_residual = function("sqrt", coordinate_rates.closure_residual_square)

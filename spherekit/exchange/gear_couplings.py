@@ -116,7 +116,11 @@ class BevelGears:
 
 @dataclass(frozen=True)
 class IdlerWheel:
-    """A wheel that is added between two coaxial gears, which gives them a ratio.
+    """A wheel that is added to a mechanism between two coaxial gears.
+
+    An imported model can state a ratio of two links that turn about one axis. Two gears
+    with the same axis do not touch each other. A third wheel, whose axis is at right angles
+    to theirs, rolls on both of them and gives them this ratio.
 
     Attributes
     ----------
@@ -192,13 +196,15 @@ class CoaxialHinges(NamedTuple):
 class BevelEquation:
     """The equation u x + v y = 0 of two links that turn about crossing axes of a carrier.
 
-    The carrier turns by x about the first axis relative to the first link, and the second
-    link by y about the second axis relative to the carrier.
+    Here x is the angular velocity (rad/s) of the carrier relative to the first link, about
+    the first axis. The angular velocity of the second link relative to the carrier, about
+    the second axis, is y. Both are sums of rates of hinges (R pairs).
 
     Attributes
     ----------
     equation
-        (hinges,) factors of the rates of all hinges.
+        (hinges,) the same equation by hinges: the factors of their rates in a sum that is
+        zero.
     links
         Numbers of the two links.
     axes
@@ -221,14 +227,16 @@ class BevelEquation:
 class CoaxialEquation:
     """The equation u x + v y = 0 of two links that turn about one axis of a carrier.
 
-    x and y are the rotations of the first and the second link relative to the carrier. Two
-    gears with one axis do not touch. An idler wheel whose axis is at right angles to theirs
-    rolls on both.
+    Here x and y are the angular velocities (rad/s) of the first and the second link
+    relative to the carrier. Both are rates of hinges (R pairs), up to the sign. Two gears
+    with one axis do not touch. An idler wheel whose axis is at right angles to theirs rolls
+    on both.
 
     Attributes
     ----------
     equation
-        (hinges,) factors of the rates of all hinges.
+        (hinges,) the same equation by hinges: the factors of their rates in a sum that is
+        zero.
     links
         Numbers of the two links.
     axis
@@ -251,19 +259,22 @@ class CoaxialEquation:
     def construct_gears(self, idler_link: int) -> tuple[BevelGears, BevelGears]:
         """Return the gears of first link and idler, and of idler and second link.
 
-        The equation of the links is u x + v y = 0, or y = ratio x with ratio = -u / v. x
-        and y are their rotations relative to the carrier. The idler wheel turns by
-        sqrt(|ratio|) x, up to the sign, so that both meshes have the same share in the
-        ratio and no gear is smaller than it has to be.
+        The equation of the links is u x + v y = 0, or y = ratio x with ratio = -u / v. Here
+        x and y are their angular velocities relative to the carrier. The first mesh has the
+        ratio sqrt(|ratio|), and the second one ratio / sqrt(|ratio|), which is the same up
+        to the sign. With unequal shares, the mesh with the larger ratio would have a
+        smaller gear.
 
         Parameters
         ----------
         idler_link
             Number of the link that is the idler wheel.
         """
-        # In a mesh with the factors (a, -1), the second wheel turns relative to the carrier
-        # by a times the rotation of the carrier relative to the first wheel. The idler then
-        # turns by z = idler_rate * (-x), and y = ratio / idler_rate * (-z) = ratio * x.
+        # Let z be the angular velocity of the idler relative to the carrier. The equation
+        # of a mesh has the rotation of the carrier relative to the first wheel, which is
+        # -x in the first mesh and -z in the second one:
+        #     idler_rate (-x) - z = 0,    (ratio / idler_rate) (-z) - y = 0.
+        # Together they give y = ratio x.
         ratio = -self.factors[0] / self.factors[1]
         idler_rate = float(np.sqrt(abs(ratio)))
         return (
@@ -437,10 +448,10 @@ def _find_bevel_equations(
 ) -> Iterator[BevelEquation]:
     """Yield the equations of bevel gears that follow from the couplings of joints.
 
-    All pairs of links are tried. The path of hinges between them has to have two axes,
-    which are the axes of both gears on their carrier. If the couplings imply u x + v y = 0
-    for the rotations x and y about both axes, bevel gears on the two links have the same
-    equation.
+    Each two links are tried. The path of hinges between them has to have two axes, which
+    are the axes of both gears on their carrier. If u x + v y = 0 is a linear combination of
+    the couplings, for the rates x and y of the rotations about both axes, bevel gears on
+    the two links have the same equation.
 
     Parameters
     ----------
@@ -468,7 +479,8 @@ def _find_bevel_equations(
             axes=(axes[0].axis, axes[1].axis),
             factors=(factors[0], factors[1]),
         )
-        # A gear whose pitch circle is a point cannot roll.
+        # A gear whose pitch circle is a point cannot roll. The radius of a circle is an
+        # angle (rad). For angles so small the limit of their sine is the same number.
         circles = bevel_equation.construct_gears().circles
         if min(circle.radius for circle in circles) > SAME_WHEEL_AXIS_SINE:
             yield bevel_equation
@@ -477,10 +489,12 @@ def _find_bevel_equations(
 def _find_coaxial_equations(
     hinges: Sequence[ImportedPair], equations: Floats
 ) -> Iterator[CoaxialEquation]:
-    """Yield the equations between two coaxial hinges of one link that couplings imply.
+    """Yield the equations of coaxial gears that follow from the couplings of joints.
 
-    The equation is u x + v y = 0 for the rotations x and y of the outer links relative to
-    the link between them, the carrier.
+    Such gears are on two links that are hinged to a third one, the carrier, about the same
+    axis. The equation is u x + v y = 0 for their rates x and y relative to the carrier. It
+    has to be a linear combination of the couplings. Since coaxial gears do not touch, an
+    idler wheel on the carrier transmits the motion from one to the other.
 
     Parameters
     ----------
@@ -496,6 +510,7 @@ def _find_coaxial_equations(
         if len(axes) != 1:
             continue
         axis = axes[0].axis
+        # Each hinge has a number, and its sense: -1 if the path goes against it.
         to_carrier, from_carrier = axes[0].hinges
         # Rotations of both links relative to the carrier. The path leads to the carrier by
         # its first hinge, so this rotation is reversed.
@@ -506,8 +521,9 @@ def _find_coaxial_equations(
         if factors is None:
             continue
         (carrier,) = {*hinges[to_carrier.hinge].links} & {*hinges[from_carrier.hinge].links}
-        # Any idler axis across the axis will do. The coordinate axis that is farthest from
-        # the axis gives the most accurate cross product.
+        # The axis of the idler is at right angles to the axis of the gears. Any such
+        # direction will do. The cross product with the coordinate axis that is farthest
+        # from the axis of the gears is the most accurate one.
         farthest_axis = np.eye(3)[int(np.argmin(np.abs(axis)))]
         across = np.cross(axis, farthest_axis)
         yield CoaxialEquation(
@@ -523,6 +539,9 @@ def _find_coaxial_equations(
 def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None:
     """Return the factors (2,) of two rotations in an equation that the couplings imply.
 
+    Couplings imply the equation u x + v y = 0 if the rates x and y of the two rotations
+    satisfy it in every motion that the couplings allow.
+
     Parameters
     ----------
     rotations
@@ -532,24 +551,28 @@ def _find_implied_factors(rotations: Floats, equations: Floats) -> Floats | None
 
     Returns
     -------
-    The factors, or None if there is no such equation, or if the couplings keep one of the
-    rotations at zero.
+    The factors, or None if there is no such equation, or if the couplings keep one or both
+    of the rotations at zero.
     """
-    _, singular_values, directions = np.linalg.svd(equations)
-    rank = int(np.sum(singular_values > COUPLING_TOLERANCE))
-    # The rows from `rank` on are the motions that the couplings allow. An equation between
-    # the two rotations is satisfied in all of them: its factors combine the two rows of
-    # `allowed_rotations` to zero. They belong to a second singular value of zero.
-    allowed_rotations = rotations @ directions[rank:].T
-    combinations, singular_values, _ = np.linalg.svd(allowed_rotations)
-    singular_values = np.append(singular_values, np.zeros(2 - len(singular_values)))
-    has_no_equation = singular_values[1] > COUPLING_TOLERANCE
-    has_no_motion = singular_values[0] <= COUPLING_TOLERANCE
-    if has_no_equation or has_no_motion:
+    # The motions that the couplings allow are the null space of `equations`. The right
+    # singular vectors from `rank` on are a basis of it, one motion in each row.
+    _, equation_values, motions = np.linalg.svd(equations)
+    rank = int(np.sum(equation_values > COUPLING_TOLERANCE))
+    # (2, allowed motions) the rates of both rotations in each motion. The factors combine
+    # the two rows to zero. They exist if the rank is 1, so that the second singular value
+    # is zero, and are the second left singular vector.
+    allowed_rotations = rotations @ motions[rank:].T
+    combinations, rotation_values, _ = np.linalg.svd(allowed_rotations)
+    # With fewer than two motions there are fewer singular values; the others are zero.
+    rotation_values = np.append(rotation_values, np.zeros(2 - len(rotation_values)))
+    has_no_equation = rotation_values[1] > COUPLING_TOLERANCE
+    are_both_at_rest = rotation_values[0] <= COUPLING_TOLERANCE
+    if has_no_equation or are_both_at_rest:
         return None
     factors = combinations[:, 1]
+    # A factor of zero means that the couplings keep the other rotation at zero.
     if np.min(np.abs(factors)) <= COUPLING_TOLERANCE:
-        return None  # one of the rotations is always zero
+        return None
     return factors
 
 

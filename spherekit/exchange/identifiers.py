@@ -58,7 +58,8 @@ class NameRules:
         """Return a text as a name that the language allows, unchanged if it is one.
 
         Characters that names cannot have become underscores. A name that is still not
-        allowed gets "m_" before it.
+        allowed gets "m_" before it. No word of a language, and no name in the generated
+        sources, begins with "m_", so the result is not checked again.
         """
         name = re.sub(r"\W", "_", text, flags=re.ASCII)
         if not self.underscores:
@@ -68,7 +69,11 @@ class NameRules:
         return name
 
     def is_taken(self, name: str) -> bool:
-        """Return whether a text is no name, or one that the language or a source uses."""
+        """Return whether a text cannot be used as a name.
+
+        It may be no name at all, a word of the language, or the name of an argument, an
+        intermediate term or a helper function in the generated sources.
+        """
         return bool(
             not name
             or name[0].isdigit()
