@@ -89,6 +89,8 @@ def check(document: Document, kind: Kind = "mechanism") -> None:
         With one line for each fault, in the order of the file.
     """
     _check_format_version(document)
+    # Infinite, NaN and huge numbers are reported alone. The rules of the schema compare
+    # numbers, which has no meaning for these, and would report them a second time.
     faults = list(_unusable_numbers(document.data))
     if not faults:
         errors = validator(kind).iter_errors(document.data)
@@ -101,9 +103,9 @@ def check(document: Document, kind: Kind = "mechanism") -> None:
 def check_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> None:
     """Raise `FileError` if numbers that were changed do not fit the format.
 
-    The document fitted the format before the change. Only the entries of tables with
-    changed numbers are checked, which is faster than a check of the document. The other
-    rules of the format depend on keys, names and kinds.
+    The document fitted the format before the change. Rules about keys, names and kinds are
+    therefore still met, and only rules about numbers can be broken. Only the entries of
+    tables with changed numbers are checked, which is faster than a check of the document.
 
     Parameters
     ----------
@@ -118,7 +120,8 @@ def check_numbers(document: Document, numbers: Mapping[KeyPath, float]) -> None:
         table, name, *_ = map(str, path)
         entries.setdefault(table, {})[name] = document.data[table][name]
     are_finite = all(math.isfinite(number) for number in numbers.values())
-    # Errors of other parts are due to the missing tables.
+    # `entries` lacks the other tables of a document. Errors that are not at a changed
+    # number are due to that, and are ignored.
     errors = validator().iter_errors(entries)
     has_error = any(tuple(error.absolute_path) in numbers for error in errors)
     if not are_finite or has_error:
@@ -137,15 +140,17 @@ def shown(value: object) -> str:
         return "a table" if value else "an empty table"
     if isinstance(value, int) and value.bit_length() > MAX_INTEGER_BITS:
         return "a huge integer"
-    # Texts in an array get the quotes of TOML.
-    text = repr(value).replace("'", '"')
     if isinstance(value, str):
         quoted_text = json.dumps(value, ensure_ascii=False)
-        # `ascii` gives an escape sequence in quotes.
+        # `ascii` returns the escape sequence of a character, such as "\x07", in quotes,
+        # which are removed.
         text = "".join(
             character if character.isprintable() else ascii(character)[1:-1]
             for character in quoted_text
         )
+    else:
+        # Python writes texts in an array in single quotes, TOML in double ones.
+        text = repr(value).replace("'", '"')
     if len(text) > MAX_SHOWN_CHARACTERS:
         return f"{text[: MAX_SHOWN_CHARACTERS - 3]}..."
     return text
@@ -176,8 +181,20 @@ def validator(kind: Kind = "mechanism") -> Any:
     ) -> Iterator[Any]:
         """Yield the errors of the items of an array, as the rule "items" of jsonschema.
 
-        jsonschema passes the validator, the schema of the items, the array, and the part of
-        the schema with this rule.
+        The rule of jsonschema is slow for long arrays of numbers. They are first checked in
+        one pass. Only if this finds a fault, or if there are other items, such as integers
+        (which might be truth values), the rule of jsonschema is applied.
+
+        Parameters
+        ----------
+        validator
+            The validator of jsonschema.
+        item_schema
+            The schema that each item has to meet: the value of the key "items".
+        array
+            The array to be checked.
+        part
+            The schema that contains the key "items".
         """
         # The schema of the items may refer to a named definition.
         name = item_schema.get("$ref", "").removeprefix(_DEFINITIONS)
@@ -227,17 +244,21 @@ def convert_values(data: Table, converters: Converters, kind: Kind = "mechanism"
 
         `path` are the keys and indices that lead to the value.
         """
-        # A part may refer to a named definition, such as "angle".
+        # A part may refer to a named definition, such as "angle". Without a reference the
+        # name is empty, and no definition has it.
         name = part.get("$ref", "").removeprefix(_DEFINITIONS)
         if name in converters:
             return converters[name](path, value)
         part = declaration["$defs"].get(name, part)
 
-        # Tables. A table of several kinds has rules "if ... then" that choose its part.
+        # Tables. The keys of a table can depend on the value of its key "kind", for
+        # example. The schema then has a list of choices "if the table has this value, then
+        # ...". The part of the first condition that is met declares the table.
         if isinstance(value, Mapping):
             for choice in part.get("allOf", ()):
                 if "$ref" in choice.get("then", ()) and _is_met(choice["if"], value):
                     return convert(choice["then"], value, path)
+            # The declared keys, and the schema of all other keys, if these are allowed.
             properties = part.get("properties", {})
             other_properties = part.get("additionalProperties")
             if not (properties or other_properties):
@@ -258,6 +279,7 @@ def convert_values(data: Table, converters: Converters, kind: Kind = "mechanism"
             return convert(item_part, value, path)
         if isinstance(value, bool | str):
             return value
+        # Data fit the schema, so a value that is not declared as a number is an integer.
         return float(value) if part.get("type") == "number" else int(value)
 
     return convert(declaration, data, ())
@@ -339,18 +361,24 @@ def _explain_error(error: Any, kind: Kind) -> Iterator[_Fault]:
         types = " or ".join(_TYPE_WORDS[name] for name in limits)
         yield path, mismatch(value, types) + _description(error.schema)
     elif rule in ("enum", "const"):
+        # Truth values are written as in TOML: true, not True.
         hint = nearest(value, limits) if isinstance(value, str) else ""
         words = [shown(choice) if isinstance(choice, bool) else choice for choice in limits]
         yield path, f"found {shown(value)}, allowed: {listing(words)}{hint}"
     elif rule in ("not", "anyOf"):
+        # These rules combine others. The schema describes in words what is demanded.
         yield path, str(error.schema["description"])
     elif rule in ("pattern", "minLength", "maxLength") and "pattern" in error.schema:
+        # A text with a pattern is a name.
         yield path, f"found {shown(value)}; {_NAME_RULE}"
-    elif rule[3:] in _COUNTED_WORDS:  # minItems, maxItems, minLength, ...
-        least = error.schema.get(f"min{rule[3:]}")
-        most = error.schema.get(f"max{rule[3:]}")
+    elif rule[3:] in _COUNTED_WORDS:
+        # For the rules minItems, maxItems, minLength and so on, `quantity` is "Items" or
+        # "Length".
+        quantity = rule[3:]
+        least = error.schema.get(f"min{quantity}")
+        most = error.schema.get(f"max{quantity}")
         needs = f"{limit}" if least == most else f"{bound} {limit}"
-        has = counted(len(value), _COUNTED_WORDS[rule[3:]])
+        has = counted(len(value), _COUNTED_WORDS[quantity])
         yield path, f"has {has}, needs {needs}{_description(error.schema)}"
     elif rule in ("minimum", "maximum"):
         yield path, f"found {shown(value)}, needs {bound} {limit:g}"

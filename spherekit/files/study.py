@@ -93,7 +93,9 @@ class Start:
         return Start(**state)
 
     def each(self, inputs: Sequence[str]) -> tuple[Floats, Floats]:
-        """Return the variables and the rates of the inputs at the start.
+        """Return the variables and the rates of the inputs at the start of a simulation.
+
+        They are the attributes `q` and `dq`, as arrays with one number for each input.
 
         Parameters
         ----------
@@ -112,8 +114,10 @@ class Start:
         ModelError
             If there is not one number for each input.
         """
-        # The default rate 0 applies to all inputs.
-        rates = np.zeros(len(inputs)) if self.dq == 0.0 else self.dq
+        # `dq` is a number or one number for each input. The single number 0, which is the
+        # default, applies to all inputs.
+        is_at_rest = self.dq == 0.0
+        rates = np.zeros(len(inputs)) if is_at_rest else self.dq
         state = []
         for key, values in (("q", self.q), ("dq", rates)):
             # A single number becomes an array (1,).

@@ -86,24 +86,31 @@ class _StudyReader:
     data: Table
 
     def study(self, path: Path) -> Study:
-        """Return the study in the file, whose path is given.
+        """Return the study that the file contains.
 
-        The name of the file without ending is the name of the study. The path of the
-        mechanism in the file is relative to the folder of the file.
+        Parameters
+        ----------
+        path
+            Path of the file. The study has the name of the file, without the ending. The
+            path of the mechanism, which is stated in the file, is relative to its folder.
         """
         data = self.data
         start = data.get("start", {})
-        # Some pairs of the mechanism may be locked, and other pairs may be driven.
-        mechanism = self.with_inputs(self.locked(self.mechanism(path.parent)))
+        # The study can lock pairs of the mechanism, and drive other pairs than its file.
+        mechanism = self.mechanism(path.parent)
+        mechanism = self.locked(mechanism)
+        mechanism = self.with_inputs(mechanism)
         return Study(
             name=path.name.removesuffix(STUDY_SUFFIX),
             mechanism=mechanism,
             samples=self.samples(mechanism),
+            # Values of the inputs that the study lists, in place of their ranges.
             path=self.input_path(mechanism),
             analyses=self.document.data.get("analyses", {}),
             folder=self.output_path("folder"),
             recording=self.output_path("recording"),
             degrees=data.get("output", {}).get("degrees", False),
+            # Time laws of inputs, by their pairs.
             laws={
                 pair: self.law(("inputs", pair, "law"), item["law"])
                 for pair, item in data.get("inputs", {}).items()
@@ -111,6 +118,7 @@ class _StudyReader:
             },
             start=Start(start["q"], start.get("dq", 0.0)) if start else None,
             torque=start.get("torque"),
+            # With this function, later errors name the line of the file with their cause.
             locate=self.document.fault,
             **{key: data[key] for key in _COPIED_KEYS if key in data},
         )

@@ -77,16 +77,21 @@ class _KeyScanner:
         A token is a string, a comment, a punctuation mark, the end of a line, or a word.
         The reader records the line of each key and of each item of an array in `lines`.
 
-        Attributes that change here are `line` (the present line), `brackets` (the open
-        brackets of arrays and inline tables, each with the path of its next item or of
-        itself), `key_parts` (the parts of a key so far), `key_path` (the path of the last
-        key or item), `header_depth` (number of brackets that open a table header) and
-        `is_value` (whether a value, instead of a key, is read).
+        Attributes that change here are
+
+        - `line`: the present line,
+        - `brackets`: the open brackets, each with a path. For an array ``[`` it is the path
+          of its next item, for an inline table ``{`` the path of the table,
+        - `key_parts`: the parts of a key so far,
+        - `key_path`: the path of the last key or item,
+        - `header_depth`: the number of brackets that open a table header,
+        - `is_value`: whether a value, instead of a key, is read.
         """
-        # The innermost open bracket, and the path of its next item or of itself.
+        # The innermost open bracket with its path, see above.
         bracket, path = self.brackets[-1] if self.brackets else ("", self.table)
         if bracket == "[" and token[0] not in "],\n#":
-            # An item of an array begins, or continues.
+            # An item of an array begins, or continues. `setdefault` keeps the line at which
+            # it began.
             self.key_path = path
             self.lines.setdefault(path, self.line)
 
@@ -101,7 +106,8 @@ class _KeyScanner:
             self.brackets.append((token, inner_path))
             self.is_value = False
         elif token in ("]", "}") and self.brackets:
-            # An array or an inline table ends.
+            # An array or an inline table ends. It was a value, and no key follows it on the
+            # same line, except after a comma.
             self.brackets.pop()
             self.is_value = True
         elif token == "," and self.brackets:

@@ -95,10 +95,18 @@ class ArcLength:
 
     @cached_property
     def _inverse_deviation(self) -> PiecewiseChebyshev:
-        """Interpolant of the parameter minus its linear part, as a function of s."""
+        """Interpolant of the curve parameter u minus its linear part, as a function of s.
+
+        Here s is the arc length. The linear part is s times the mean of du/ds, and `invert`
+        adds it again. The rest is zero at both ends of the curve.
+        """
 
         def deviation(s: Floats) -> Floats:
-            """Return u - s du/ds (n, 1), with the mean of du/ds, at arc lengths (n,)."""
+            """Return u - s du/ds (n, 1), with the mean of du/ds, at arc lengths (n,).
+
+            A panel is a range of the parameter u on which the speed is a Legendre series.
+            `edges` are the parameters, and `starts` the arc lengths, at the ends of panels.
+            """
             # Solve the equation s(x) = s on the panel that contains each arc length, where
             # x from -1 to 1 is the position on the panel. Arc lengths count from its start.
             panel = np.searchsorted(self.starts[1:-1], s, side="right")
@@ -120,6 +128,9 @@ class ArcLength:
             u = self.edges[panel] + 0.5 * np.diff(self.edges)[panel] * (1.0 + x)
             return (u - s * self._mean_slope)[:, None]
 
+        # The error is relative to the largest parameter. The fit begins with one cell for
+        # each panel and halves cells until the first tolerance is reached. Where halving no
+        # longer reduces the error, which is then due to rounding, the second one suffices.
         return PiecewiseChebyshev.fit(
             deviation,
             low=0.0,
@@ -148,7 +159,8 @@ def measure_arc_length(path: FourierPath | SplinePath, edges: Floats) -> ArcLeng
     path
         A path that is smooth between the edges.
     edges
-        (panels + 1,) parameters of the first panels.
+        (panels + 1,) parameters that divide the path into panels. On each panel the speed
+        is approximated by a series. Panels are halved until the series is accurate enough.
 
     Raises
     ------
@@ -198,14 +210,19 @@ def integrate_rate(
 
     final_starts: list[Floats] = []
     final_series: list[Floats] = []
-    scale = 0.0  # the whole length, if the rate is a smooth speed
+    scale = 0.0  # size of the whole integral, set in the first round
     for halvings in range(MAX_PIECE_HALVINGS + 1):
         # (panels, order) series of the rate by the position x from -1 to 1 in each panel.
         half = 0.5 * (high - low)[:, None]
         series = half * (rate(low[:, None] + half * (1.0 + nodes)) @ to_coefficients)
         largest = max_abs(series, axis=1)
+        # The integral over a panel is twice its first coefficient, which is the largest one
+        # of a smooth speed. The largest one is taken instead, because the first one can
+        # vanish if the function changes its sign.
         if halvings == 0:
             scale = 2.0 * float(np.sum(largest))
+        # Integration divides the coefficient of order k by 2 k + 1, so the last ones are
+        # divided by more than the order.
         last_coefficients = max_abs(series[:, -2:], axis=1) / SERIES_ORDER
         is_final = (last_coefficients <= SERIES_TOLERANCE * scale) | (
             last_coefficients <= relative_error * largest
@@ -225,7 +242,8 @@ def integrate_rate(
     # Panels have become final in any order.
     starts = np.concatenate(final_starts)
     order = np.argsort(starts)
-    speeds = np.ascontiguousarray(np.concatenate(final_series)[order].T)
+    rate_series = np.ascontiguousarray(np.concatenate(final_series)[order].T)
     # The integral of a Legendre series over its panel is twice the first coefficient.
-    arc_lengths = np.append(0.0, np.cumsum(2.0 * speeds[0]))
-    return ArcLength(np.append(starts[order], edges[-1]), arc_lengths, speeds)
+    integrals = np.append(0.0, np.cumsum(2.0 * rate_series[0]))
+    panel_edges = np.append(starts[order], edges[-1])
+    return ArcLength(edges=panel_edges, starts=integrals, speeds=rate_series)

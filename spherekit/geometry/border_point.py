@@ -92,12 +92,16 @@ def find_crossings(
         values_at_high=smallest_margins(evaluate(outside)),
         tolerance=EPS,
     )
-    # The margin that ends the region is negative just beyond the crossing.
+    # The margin that ends the region is negative just beyond the crossing. The search has
+    # ended with a point there, unless the margin is exactly zero at the crossing: then its
+    # end outside may be far away, where other margins are negative too. A small step beyond
+    # the crossing is taken instead.
     value = smallest_margins(evaluate_on_arcs(crossing_angle, all_arcs))
     lookup_angle = np.where(
         value == 0.0, crossing_angle + STEP_BEYOND_BORDER * length, angle_outside
     )
     values_outside = evaluate_on_arcs(lookup_angle, all_arcs)
+    # Of margins that are equal up to their rounding errors, the first one is returned.
     return (
         points_on_arcs(inside, outside, crossing_angle),
         find_active_margins(values_outside, evaluate.rounding_errors),

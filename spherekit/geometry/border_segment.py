@@ -65,7 +65,10 @@ def chord_frames(start: Floats, end: Floats) -> Floats:
 def points_beside_chords(
     frames: Floats, length: Floats, u: Floats, height: Floats
 ) -> Floats:
-    """Return the points at given heights over chords, which are arcs of great circles.
+    """Return the points at given heights over chords.
+
+    A chord is the arc of a great circle between two points of a curve on the unit sphere.
+    The height is the angle (rad) of a point from the chord, positive to its left.
 
     Parameters
     ----------
@@ -83,8 +86,10 @@ def points_beside_chords(
     -------
     (n, ..., 3) unit vectors.
     """
-    # Angle (rad) from the start along the chord.
-    angle = 0.5 * np.expand_dims(length, (*range(1, np.ndim(height)),)) * (1.0 + u)
+    # Angle (rad) from the start along the chord. The lengths (n,) get as many axes as the
+    # heights (n, ...).
+    later_axes = tuple(range(1, np.ndim(height)))
+    angle = 0.5 * np.expand_dims(length, later_axes) * (1.0 + u)
     level = np.cos(height)
     components = [level * np.cos(angle), level * np.sin(angle), np.sin(height)]
     # n is the chord, i the row of its frame, j the component of the point.
@@ -177,11 +182,13 @@ class BorderSegments(ArrayRows):
         is_leading: Bools,
         is_searched: Bools,
     ) -> "BorderSegments":
-        """Return the segments between points of the border, in the lowest order.
+        """Return the segments between points of the border, with polynomials of low degree.
 
         A segment is the border of a region in one triangle of a mesh. The chord is the arc
-        of a great circle between its ends, and the order is the degree of the polynomial of
-        its height over the chord. Margins are functions that are at least 0 in the region.
+        of a great circle between its ends. The border beside the chord is given by its
+        height, the angle from the chord to the left, as a polynomial along the chord. The
+        order of a segment is the degree of this polynomial: 1, 4, 8 or 16. Margins are
+        functions that are at least 0 in the region.
 
         Parameters
         ----------
@@ -189,16 +196,21 @@ class BorderSegments(ArrayRows):
             The margins.
         ends
             Two arrays (n, 3) of unit vectors, the starts and the ends of the chords.
-        margin, triangle, is_leading
-            (n,) as in the class.
+        margin
+            (n,) number of the margin that is zero on each segment.
+        triangle
+            (n,) number of the triangle that contains the segment.
         crossings
-            `start` and `stop` of the class: numbers of the points at which the border
-            crosses the edges of its triangle.
+            Numbers of the points at which the border enters (n,) and leaves (n,) its
+            triangle through an edge.
+        is_leading
+            (n,) False for the second of two segments that meet in a corner of the triangle.
         is_searched
             (n,) segments whose border is searched. The others are their chords.
         """
-        # Begin with the chords, which have the height and the area zero, then search the
-        # border beside them.
+        # Begin with the chords, which have the height and the area zero and the order 1.
+        # Then search the border beside them at the nodes of the next order. Segments whose
+        # border is not found there are marked as not sound and stay their chords.
         n = len(margin)
         start, stop = crossings
         segments = BorderSegments(
@@ -233,17 +245,23 @@ class BorderSegments(ArrayRows):
     ) -> None:
         """Set the heights, areas and errors of some segments at a new order.
 
+        A segment is a piece of the border of a region. Its height over the chord, the arc
+        of a great circle between its ends, is a polynomial along the chord, whose degree is
+        the order. It is given by its values at Chebyshev nodes.
+
         Parameters
         ----------
         evaluate
-            The margins.
+            The margins, functions that are at least 0 in the region. One is zero on the
+            border.
         selected
             (k,) numbers of the segments.
         order
             Their new order.
         height
-            (k, order + 1) heights (rad) at its nodes. NaN if not known yet; these are
-            computed and stored in the array.
+            (k, order + 1) heights (rad) of the border at the nodes, to the left of the
+            chord. NaN if not known yet; these are computed and stored in the array. If the
+            border is not found at a node, the whole segment becomes its chord.
         """
         length = self.length[selected]
         # Borders over very short chords are not searched. The chord is taken for them.
@@ -261,7 +279,10 @@ class BorderSegments(ArrayRows):
             It counts as negative where the border is to the left of the chord, which takes
             area away from the region.
             """
-            sines = np.sin(height[:, :: order // steps])
+            # The nodes of half the order are every second node of this order.
+            node_spacing = order // steps
+            sines = np.sin(height[:, ::node_spacing])
+            # The weights are those of a parameter from -1 to 1 along the chord.
             return -0.5 * length * (sines @ integration_weights(steps))
 
         # The error is the change of the area if half of the nodes are left out, plus
@@ -357,9 +378,13 @@ class BorderSegments(ArrayRows):
         is zero on the segment, and no other one may be negative there. The difference
         between another margin and the zero one is interpolated by a parabola through every
         three samples, so that a minimum between samples is noticed.
+
+        A segment with a negative margin is not the border of the region in its triangle. It
+        is marked as not sound, and its chord stands for the border then.
         """
         u = np.linspace(-1.0, 1.0, AUDIT_STEPS + 1)
-        # New segments have the second order.
+        # The height of a segment, an angle to the left of its chord, is a polynomial along
+        # the chord. In new segments its degree is 4, the second of the possible `ORDERS`.
         nodes_to_samples = interpolation_matrix(ORDERS[1], u)
         height = self.height[selected, : ORDERS[1] + 1] @ nodes_to_samples.T
         values = evaluate(self._points_at(selected, u, height).reshape(-1, 3))
@@ -373,7 +398,8 @@ class BorderSegments(ArrayRows):
         second_difference = before - 2.0 * middle + after
         slope = 0.5 * (after - before)
         with np.errstate(all="ignore"):
-            # Place of the extremum, in steps from the middle sample.
+            # Position of the extremum, in steps from the middle sample. If it is a maximum,
+            # the middle sample is lower, and the minimum of both is taken.
             extremum = -slope / second_difference
             lowest = np.where(
                 np.abs(extremum) < 1.0, middle + 0.5 * slope * extremum, middle
@@ -393,7 +419,12 @@ class BorderSegments(ArrayRows):
         )
 
     def node_points(self, selected: Indices) -> tuple[Floats, Indices]:
-        """Return the nodes of some segments.
+        """Return the nodes of some segments: points on the border of the region.
+
+        A segment is a piece of the border. Its height over the chord, the arc of a great
+        circle between its ends, is a polynomial along the chord. The order of the segment
+        is the degree of this polynomial, and the heights at order + 1 Chebyshev nodes are
+        stored.
 
         Parameters
         ----------
@@ -403,17 +434,18 @@ class BorderSegments(ArrayRows):
         Returns
         -------
         points
-            (m, 3) nodes of all these segments, one segment after another.
-        position
+            (m, 3) unit vectors, the nodes of all these segments, one segment after another.
+        segment_index
             (m,) index in `selected` of the segment of each node.
         """
-        # The nodes of every order are among the 17 of the highest.
-        step = ORDERS[-1] // self.order[selected, None]
-        position, node = np.nonzero(np.arange(ORDERS[-1] + 1) % step == 0)
-        segment = selected[position]
-        height = self.height[segment, node // step[position, 0]]
+        # The highest order has 17 nodes. Those of a lower order are every second, fourth or
+        # sixteenth of them.
+        spacing = ORDERS[-1] // self.order[selected, None]
+        segment_index, node = np.nonzero(np.arange(ORDERS[-1] + 1) % spacing == 0)
+        segment = selected[segment_index]
+        height = self.height[segment, node // spacing[segment_index, 0]]
         u = chebyshev_nodes(ORDERS[-1])[node]
-        return self._points_at(segment, u, height), position
+        return self._points_at(segment, u, height), segment_index
 
     def polyline(self, chain: Indices) -> Floats:
         """Return the nodes (m, 3) of segments that follow one another, each node once."""
@@ -426,9 +458,11 @@ def find_nearest_point(
 ) -> Floats:
     """Return the point of a border that is nearest to a direction.
 
-    Segments that can contain it are raised to the highest order. There the nearest point is
-    an end, or the slope of the cosine of the distance is zero. Only the ends of segments
-    whose border was not found are considered.
+    The border consists of segments. Beside the chord, the arc of a great circle between the
+    ends of a segment, the border is given by its height, an angle to the left, as a
+    polynomial along the chord. Segments that can contain the nearest point are given the
+    highest degree. There the nearest point is an end, or the slope of the cosine of the
+    distance is zero. Of segments whose border was not found only the ends are considered.
 
     Parameters
     ----------
@@ -444,14 +478,15 @@ def find_nearest_point(
     (3,) unit vector.
     """
     # A segment is nearby if it may contain a point that is nearer than the nearest end of
-    # all segments. Its order is the degree of the polynomial of its height.
+    # all segments. Each of its points is nearer to one of its ends than the chord is long.
+    # `is_sound` tells whether the border was found.
     distance = np.min(arc(segments.ends, direction), axis=1)
     nearby = segments.rows(distance - segments.length <= np.min(distance))
     while np.any(is_coarse := nearby.is_sound & (nearby.order < ORDERS[-1])):
         nearby.raise_order(evaluate, np.flatnonzero(is_coarse))
 
-    # Candidates: all ends, and the points of segments where the cosine of the distance, a
-    # Chebyshev series in u, has the slope 0.
+    # Candidates: all ends, and the points of segments where the cosine of the distance has
+    # the slope 0. It is a Chebyshev series in u, which is -1 and 1 at the ends of a chord.
     candidates = [nearby.ends.reshape(-1, 3)]
     for segment in np.flatnonzero(nearby.is_sound)[:, None]:
         points, _ = nearby.node_points(segment)

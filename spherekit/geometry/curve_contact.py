@@ -51,9 +51,13 @@ class CurveSamples:
 def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     """Return the points at which two curves have the most similar frames.
 
+    The frame of a curve on the unit sphere has the unit vectors to the point, along the
+    tangent, and at right angles to both. If two curves touch, their frames there are equal.
+
     Both curves are sampled. The search starts from all pairs of samples whose frames are
-    more similar than those of neighbouring pairs, and that are near enough for a contact
-    between samples. From there the angle between the frames is minimised.
+    more similar than those of neighbouring pairs. Pairs whose frames differ so much that no
+    contact can be between them and the next samples are left out. From there the angle
+    between the frames is minimised.
 
     Parameters
     ----------
@@ -85,7 +89,10 @@ def nearest_frames(first: Curve, second: Curve) -> tuple[Floats, float]:
     )
     angles = np.sqrt(squares)
     arc_lengths = np.where(is_closed, np.mod(arc_lengths, lengths), arc_lengths)
-    # Among equally good contacts, the first one along the first curve is chosen.
+    # Among equally good contacts, the first one along the first curve is chosen. Rounding
+    # can move a contact at the start of a closed curve to its end. Before the comparison
+    # all arc lengths are therefore increased by a small amount, which takes such a contact
+    # beyond the end, back to the start.
     best = np.flatnonzero(angles <= np.min(angles) + EQUAL_CONTACT_RAD)
     from_start = np.mod(arc_lengths[best, 0] + START_SLACK_RAD, lengths[0])
     chosen = best[np.argmin(from_start)]
