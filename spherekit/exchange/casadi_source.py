@@ -145,7 +145,7 @@ def _write_function(source: Source, function: SourceFunction) -> str:
 
 
 def _write_smooth_modes(source: Source) -> Iterator[str]:
-    """Yield the text of the function that finds the places of a mode, if there is one.
+    """Yield the text of the function that selects an assembly mode, if there is one.
 
     The places are the numbers that select an assembly mode in the formulas. In closed form
     they are the sign (+1 or -1) of each dyad. Configuration curves of modes may cross. A
@@ -159,7 +159,11 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     if source.smooth_modes is None:
         return
     texts = smooth_mode_texts(
-        source, 'float("nan")', 'float("inf")', CASADI_MOVED_INPUT_TEMPLATE
+        source,
+        nan_literal='float("nan")',
+        infinity_literal='float("inf")',
+        # Lines that shift q into the range of the input by whole periods.
+        moved_template=CASADI_MOVED_INPUT_TEMPLATE,
     )
     # The parts of the text about the input of the known configuration; empty without one.
     input_lines = ""

@@ -61,11 +61,14 @@ class ImportedDynamics:
     # Masses
 
     def mass_tables(self) -> dict[str, Table]:
-        """Return the masses of the moving links that have some, by the names of the links.
+        """Return the mass tables of the moving links that have inertia, by their names.
 
+        The inertia of a link is that of its bodies, and of a rotor on the ground that turns
+        with it. A link without bodies of its own can have the tensor of such a rotor alone.
         Tensors are about the centre of the sphere.
         """
         tables: dict[str, Table] = {}
+        # (3, 3) tensor of the rotor of each link that has one.
         rotors = self._find_rotors()
         for link in self._linkage.links[1:]:
             bodies = self._find_bodies_with_mass(link)
@@ -90,8 +93,10 @@ class ImportedDynamics:
     def _add_up_bodies(self, link: int, bodies: list[int], rotor: Floats | None) -> Table:
         """Return the table of the mass of a link, the sum over its bodies.
 
-        The inertia tensor is about the centre of the sphere. Mass and centre are omitted if
-        no gravity acts and the weight of all bodies is compensated.
+        The inertia tensor is about the centre of the sphere. Mass and centre of mass are
+        omitted if no gravity acts and all bodies are marked as weightless ("gravcomp"). An
+        exported model has such bodies in place of links that had only a tensor; their mass
+        was chosen by the export.
 
         Parameters
         ----------
@@ -103,6 +108,7 @@ class ImportedDynamics:
             (3, 3) tensor (kg m2) of the rotor that the link carries, or None.
         """
         mj_model = self._mj_model
+        # Bodies whose whole weight is compensated, so that they are weightless.
         is_compensated = mj_model.body_gravcomp[bodies] == 1.0
         masses = mj_model.body_mass[bodies]
         arms = self._mj_data.xipos[bodies] - self._linkage.centre
@@ -121,7 +127,10 @@ class ImportedDynamics:
         total_mass = np.sum(masses)
         table: Table = {"tensor": _tensor_rows(tensor)}
         has_gravity = self._linkage.foreign_model.gravity is not None
-        if not np.all(is_compensated) or has_gravity:
+        has_chosen_masses = np.all(is_compensated) and not has_gravity
+        if not has_chosen_masses:
+            # Coordinates of the centre of mass are rounded relative to this length, which
+            # is not zero if the centre of mass is at the centre of the sphere.
             gyration_radius = np.sqrt(np.trace(tensor) / total_mass)
             # A body with compensated weight counts as if at the centre of the sphere.
             centre = masses * ~is_compensated @ arms / total_mass
@@ -144,7 +153,9 @@ class ImportedDynamics:
         """
         rotors: dict[int, Floats] = {}
         for pair in self._linkage.pairs:
-            armature = self._mj_model.dof_armature[pair.joint] if pair.joint >= 0 else 0.0
+            # A pair that is no joint of the model, but closes a loop, has the number -1.
+            is_joint = pair.joint >= 0
+            armature = self._mj_model.dof_armature[pair.joint] if is_joint else 0.0
             first_link, second_link = pair.links
             if armature and first_link == 0:
                 disc = 0.5 * armature * (np.eye(3) + np.outer(pair.axis, pair.axis))
@@ -172,7 +183,7 @@ class ImportedDynamics:
         return tables
 
     def _list_loads(self, has_masses: bool) -> Iterator[tuple[str, Table]]:
-        """Yield the name and table of each load; a name may occur twice.
+        """Yield the name and table of each load; `load_tables` makes the names unique.
 
         Loads are gravity, springs, friction and dampers at joints, and actuators without
         control. Parts that a mechanism file cannot have are left out with a note.
@@ -187,6 +198,7 @@ class ImportedDynamics:
             acceleration = [shorten(component, 1.0) for component in gravity]
             yield "gravity", {"kind": "gravity", "acceleration": acceleration}
         for pair in self._linkage.pairs:
+            # A pair that is no joint of the model, but closes a loop, has the number -1.
             if pair.joint >= 0:
                 yield from self._list_joint_loads(pair)
         yield from self._list_actuator_loads()
@@ -202,20 +214,17 @@ class ImportedDynamics:
         """Yield the name and table of each load at the joint of a pair.
 
         Loads are a spring, dry friction and a damper. If there is dry friction, damping is
-        written as the viscous part of the same load.
+        written as the viscous part of the same load. Numbers are written as short decimals,
+        without the digits that are only rounding errors.
         """
         mj_model = self._mj_model
+        # All joints of the model are hinges. Joints, velocities (dof) and coordinates
+        # (qpos) therefore have the same numbers.
         joint = pair.joint
         name = pair.name
-        # Stiffness (N m/rad), damping (N m s/rad) and torque of dry friction (N m).
-        stiffness, viscous, dry = (
-            shorten(values[joint], values[joint])
-            for values in (
-                mj_model.jnt_stiffness,
-                mj_model.dof_damping,
-                mj_model.dof_frictionloss,
-            )
-        )
+        stiffness = _shorten_alone(mj_model.jnt_stiffness[joint])  # N m/rad
+        viscous = _shorten_alone(mj_model.dof_damping[joint])  # N m s/rad
+        dry = _shorten_alone(mj_model.dof_frictionloss[joint])  # N m
         if stiffness:
             rest_angle = shorten_angle(mj_model.qpos_spring[joint])
             yield (
@@ -232,6 +241,7 @@ class ImportedDynamics:
                 "kind": "friction",
                 "pair": name,
                 "torque": dry,
+                # From rad/s to deg/s.
                 "speed": shorten_angle(SMOOTHING_RATE_RAD_S),
             }
             if viscous:
@@ -248,7 +258,9 @@ class ImportedDynamics:
 
         An actuator without control is a load: a torque at a pair, or a constant force or
         moment. An actuator with control is an input if it drives a hinge. Notes are added
-        on all other actuators, and on feedback, which inputs do not have.
+        on all other actuators, and on feedback (a force that depends on angle or rate),
+        which inputs do not have. There is no note if the file says that its masses were
+        made up by the export. The feedback is then that of servos from the same export.
         """
         mj_model = self._mj_model
         kinds = self._linkage.foreign_model.mujoco.mjtTrn
@@ -305,12 +317,15 @@ class ImportedDynamics:
     def _is_constant_wrench(self, actuator: int) -> bool:
         """Return whether an actuator at a site is a constant force or moment.
 
-        Without a reference site it acts along axes of its link. With a reference site it
-        acts along the axes of that site. These are constant only if the site is fixed to
-        the world.
+        A site is a frame on a body. A load can be constant in the axes of its own link, or
+        in those of the ground. An actuator without a reference site acts along axes of its
+        link, so this is the first case. An actuator with a reference site acts along the
+        axes of that site. This is the second case only if the site is fixed to the world.
         """
         mj_model = self._mj_model
-        has_feedback = np.any(mj_model.actuator_biasprm[actuator][1:3])
+        # The force is bias[0] + bias[1] * length + bias[2] * rate of the length.
+        bias = mj_model.actuator_biasprm[actuator]
+        has_feedback = np.any(bias[1:3])
         _, reference_site = mj_model.actuator_trnid[actuator]
         is_reference_fixed = (
             reference_site < 0
@@ -335,6 +350,9 @@ class ImportedDynamics:
         site, reference_site = mj_model.actuator_trnid[actuator]
         is_in_link_axes = reference_site < 0
         axes_site = site if is_in_link_axes else reference_site
+        # From axes of the site to world axes, in the pose of the model. The imported file
+        # describes the mechanism in this pose, in which all link axes coincide with the
+        # ground axes. Components in link axes and in ground axes are therefore equal.
         rotation = self._mj_data.site_xmat[axes_site].reshape(3, 3)
         link = self._linkage.link_by_body[mj_model.site_bodyid[site]]
         magnitude = mj_model.actuator_biasprm[actuator][0]
@@ -360,6 +378,11 @@ class ImportedDynamics:
                 "moment": _as_texts(rotation @ moment),
                 "axes": axes,
             }
+
+
+def _shorten_alone(value: float) -> float:
+    """Return a number as a short decimal, whose rounding is relative to itself."""
+    return shorten(value, value)
 
 
 def _tensor_rows(tensor: Floats) -> list[list[float]]:

@@ -96,7 +96,19 @@ class ImportedLinkage:
     def __init__(
         self, where: str, foreign_model: ForeignModel, max_distance: float | None
     ) -> None:
-        """Merge bodies into links, find the centre of the sphere, and make the pairs."""
+        """Merge bodies into links, find the centre of the sphere, and make the pairs.
+
+        The axes of all pairs of a spherical mechanism meet in the centre of the sphere.
+
+        Parameters
+        ----------
+        where
+            Name of the file, for messages.
+        foreign_model
+            The model, in a pose in which its loops are closed.
+        max_distance
+            Distance (m) by which axes may miss the centre; None for the default.
+        """
         self.where = where
         self.foreign_model = foreign_model
         self._mj_model = foreign_model.mj_model
@@ -116,7 +128,10 @@ class ImportedLinkage:
         }
         self.link_by_body = self._merge_bodies()  # number of the link of each body
         self.loop_points = self._group_loop_points()  # points at which loops are closed
+        # The centre (3,), and the largest distance (m) of an axis from it.
         self.centre, self.centre_distance = self._find_centre(max_distance)
+        # A ball joint is given by three hinges. It constrains nothing if its links turn
+        # about the centre anyway, because other pairs connect them.
         self._removed_hinges = self._remove_free_ball_joints()
         self.pairs: list[ImportedPair] = []
         self._add_joint_pairs()
@@ -176,9 +191,12 @@ class ImportedLinkage:
         """Return the number of the link of each body.
 
         Two bodies are one link if they are welded, or if no joint between them can turn.
-        The number of the link is the number of one of its bodies; the ground is 0.
+        The number of the link is the number of one of its bodies; the ground is 0. A note
+        is added for each joint that cannot turn.
         """
         mj_model = self._mj_model
+        # Each body except the world (0) is joined to its parent. Its joints, if it has any,
+        # are those between both.
         turning_bodies = {0, *mj_model.jnt_bodyid[self._turning_joints].tolist()}
         fixed_couples = [
             (mj_model.body_parentid[body], body)
@@ -187,7 +205,8 @@ class ImportedLinkage:
         ]
         link_by_body = [*range(mj_model.nbody)]
         for couple in [*fixed_couples, *self.foreign_model.welded_bodies]:
-            # Bodies of the link `merged` are given the number of the link `remaining`.
+            # Bodies of the link `merged` are given the number of the link `remaining`. This
+            # changes nothing if both are the same link already.
             remaining, merged = (link_by_body[body] for body in couple)
             if merged == 0:  # The ground keeps its number.
                 remaining, merged = merged, remaining
@@ -219,10 +238,12 @@ class ImportedLinkage:
         return points_by_links
 
     def _list_axis_lines(self) -> list[AxisLine]:
-        """Return the axes that have to pass the centre.
+        """Return the axes that have to pass the centre of the sphere.
 
-        These are the axes of all joints, and the lines through two points at which the same
-        two links are held together.
+        These are the axes of all joints that can turn. Loops of the model are closed at
+        points at which two links are held together. If the same two links are held together
+        at two points, they can only turn about the line through both, so this line is an
+        axis, too.
         """
         # MuJoCo's xanchor is a point of the axis of a joint, xaxis its unit vector.
         lines = [
@@ -371,7 +392,8 @@ class ImportedLinkage:
         Parameters
         ----------
         text
-            The name of the pair, changed if it is in use or no name of the file.
+            The name of the pair. It is changed if another pair has it, or if it has
+            characters that names in a mechanism file cannot have.
         links
             Numbers of the first and the second link.
         axis
@@ -379,7 +401,8 @@ class ImportedLinkage:
         value
             Variable (rad) in the pose of the model.
         joint
-            Number of its joint in the model, or -1 if it is no joint.
+            Number of the joint of the model from which the pair is made. -1 if it is made
+            from none: it closes a loop, or carries an added wheel.
         """
         name = self.make_unique_name(text, (pair.name for pair in self.pairs))
         self.pairs.append(ImportedPair(name, links, axis, value, joint))
@@ -435,12 +458,16 @@ class ImportedLinkage:
             arms = np.array([point.point for point in points]) - self.centre
             radii = np.linalg.norm(arms, axis=1)
             farthest = np.argmax(radii)
+            # Axes of the model miss the centre by up to `centre_distance`. A point as near
+            # to it as that has no direction from the centre.
             if radii[farthest] <= self.centre_distance:
                 self.notes.append(
                     f"loop {points[farthest].name} left out: it holds the centre, which "
                     "does not move"
                 )
                 continue
+            # The pair has the name of the first constraint that holds the two links. The
+            # file may state its variable (rad) by this name.
             loop_name = points[0].name
             value = self.foreign_model.loop_values.get(loop_name, 0.0)
             axis = arms[farthest] / radii[farthest]

@@ -82,8 +82,13 @@ def write_javascript(source: Source) -> str:
     """Return formulas as an ES module: a description of them, and their functions.
 
     The description has the names of arguments and results, the sizes, and the values that
-    select each assembly mode. Functions of stored series, of the formulas and of the modes
-    follow.
+    select each assembly mode (way to assemble the mechanism). Three kinds of functions
+    follow:
+
+    - Functions that the formulas contain, such as profiles of contacts. They are stored as
+      tables of Chebyshev coefficients (series).
+    - The formulas. If there is no closed form, a step of Newton's method is one of them.
+    - The function that returns the values that select a mode at any input.
     """
     formulas = source.formulas
     description = {
@@ -94,15 +99,17 @@ def write_javascript(source: Source) -> str:
         "results": [
             {"name": name, "unit": unit} for name, unit in formulas.results.items()
         ],
+        # `step` has the terms of a step of Newton's method; it is empty in closed form.
         "closed_form": not formulas.step,
     }
     parts = [
         f"export const {source.name}_about = {json_text(description, indent=1)};\n",
         *write_series(
             source,
-            JAVASCRIPT_SERIES_TEMPLATE,
-            JAVASCRIPT_CLOSED_SERIES_TEMPLATE,
-            JAVASCRIPT_OPEN_SERIES_TEMPLATE,
+            template=JAVASCRIPT_SERIES_TEMPLATE,
+            # A function along a closed curve is periodic, one along an open curve ends.
+            closed_template=JAVASCRIPT_CLOSED_SERIES_TEMPLATE,
+            open_template=JAVASCRIPT_OPEN_SERIES_TEMPLATE,
         ),
         *(_write_function(source, function) for function in source.functions),
         *_write_smooth_modes(source),
@@ -113,12 +120,16 @@ def write_javascript(source: Source) -> str:
 def _write_function(source: Source, function: SourceFunction) -> str:
     """Return the text of a function that writes its results to an array.
 
-    A step of Newton's method, which has a closure residual, overwrites the variables of
-    the pairs instead and returns this residual.
+    Usually this is the array ``result``, which the function returns. If positions have no
+    closed form, there also is a function for one step of Newton's method. It has a closure
+    residual (by how much the loops are open). It overwrites its argument ``variables`` with
+    the variables of all pairs after the step, and returns the residual.
     """
     parameters = ", ".join(source.arguments)
-    target = source.mode_argument
-    if not function.closure_residual:
+    if function.closure_residual:
+        # Without a closed form this argument is called ``variables``.
+        target = source.mode_argument
+    else:
         target = "result"
         parameters += f", result = new Float64Array({len(function.results)})"
     lines = [*function.lines]
@@ -130,16 +141,28 @@ def _write_function(source: Source, function: SourceFunction) -> str:
 
 
 def _write_smooth_modes(source: Source) -> Iterator[str]:
-    """Yield the text of the function that finds the places of a mode, if there is one.
+    """Yield the text of the function that selects an assembly mode, if there is one.
 
-    Places are the numbers that select the mode in the formulas. They change where the
-    smooth curve of the mode crosses another curve. If positions are computed by steps from
-    a known configuration (`formulas.step`), the function also returns its input.
+    The mode has a number k and follows a smooth curve of configurations as the input q
+    changes. The formulas are told a mode by some numbers, the *places*: the signs of its
+    dyads, or in a mechanism without closed form a known configuration. Crossings with other
+    curves divide the range of the input into intervals, and the mode has other places in
+    each of them. The function writes the places in the interval of q to an array.
+
+    In closed form it returns this array. Otherwise (`formulas.step`) it returns the input
+    of the known configuration, from which steps of Newton's method lead to q.
     """
     if source.smooth_modes is None:
         return
-    texts = smooth_mode_texts(source, "NaN", "Infinity", JAVASCRIPT_MOVED_INPUT_TEMPLATE)
+    texts = smooth_mode_texts(
+        source,
+        nan_literal="NaN",
+        infinity_literal="Infinity",
+        # Lines that shift q into the range of the input by whole periods.
+        moved_template=JAVASCRIPT_MOVED_INPUT_TEMPLATE,
+    )
     input_lines = ""
+    # The name of the array.
     returned = source.mode_argument
     if source.formulas.step:
         input_lines = f"  const inputs = {texts.inputs};\n"

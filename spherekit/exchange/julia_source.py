@@ -98,8 +98,13 @@ def write_julia(source: Source) -> str:
     """Return formulas as Julia functions of vectors, with constants of sizes and modes.
 
     Constants come first: the names of the results, the sizes of the mechanism, and the
-    values that select each assembly mode. Functions of stored series, of the formulas and
-    of the modes follow.
+    values that select each assembly mode (way to assemble the mechanism). Three kinds of
+    functions follow:
+
+    - Functions that the formulas contain, such as profiles of contacts. They are stored as
+      tables of Chebyshev coefficients (series).
+    - The formulas. If there is no closed form, a step of Newton's method is one of them.
+    - The function that returns the values that select a mode at any input.
     """
     formulas = source.formulas
     name = source.name
@@ -112,9 +117,10 @@ def write_julia(source: Source) -> str:
         f"const {name}_modes = [{modes}]\n",
         *write_series(
             source,
-            JULIA_SERIES_TEMPLATE,
-            JULIA_CLOSED_SERIES_TEMPLATE,
-            JULIA_OPEN_SERIES_TEMPLATE,
+            template=JULIA_SERIES_TEMPLATE,
+            # A function along a closed curve is periodic, one along an open curve ends.
+            closed_template=JULIA_CLOSED_SERIES_TEMPLATE,
+            open_template=JULIA_OPEN_SERIES_TEMPLATE,
         ),
         *(_write_function(source, function) for function in source.functions),
         *_write_smooth_modes(source),
@@ -123,7 +129,11 @@ def write_julia(source: Source) -> str:
 
 
 def _write_function(source: Source, function: SourceFunction) -> str:
-    """Return a function of its results, and of the closure residual after a step."""
+    """Return the text of a function that returns its results.
+
+    A step of Newton's method also returns the closure residual (by how much the loops were
+    open before the step).
+    """
     residual = f", {function.closure_residual}" if function.closure_residual else ""
     results = join_items(function.results, 8)
     lines = [*function.lines, f"    return [\n        {results}\n    ]{residual}"]
@@ -133,15 +143,25 @@ def _write_function(source: Source, function: SourceFunction) -> str:
 
 
 def _write_smooth_modes(source: Source) -> Iterator[str]:
-    """Yield the text of the function that finds the places of a mode, if there is one.
+    """Yield the text of the function that selects an assembly mode, if there is one.
 
-    Places are the numbers that select the mode in the formulas. They change where the
-    smooth curve of the mode crosses another curve. If positions are computed by steps from
-    a known configuration (`formulas.step`), the function also returns its input.
+    The mode has a number k and follows a smooth curve of configurations as the input q
+    changes. The formulas are told a mode by some numbers, the *places*: the signs of its
+    dyads, or in a mechanism without closed form a known configuration. Crossings with other
+    curves divide the range of the input into intervals, and the mode has other places in
+    each of them. The function returns the places in the interval of q. Without closed form
+    (`formulas.step`) it also returns the input of the known configuration, from which steps
+    of Newton's method lead to q.
     """
     if source.smooth_modes is None:
         return
-    texts = smooth_mode_texts(source, "NaN", "Inf", JULIA_MOVED_INPUT_TEMPLATE)
+    texts = smooth_mode_texts(
+        source,
+        nan_literal="NaN",
+        infinity_literal="Inf",
+        # Lines that shift q into the range of the input by whole periods.
+        moved_template=JULIA_MOVED_INPUT_TEMPLATE,
+    )
     input_lines = ""
     returned = source.mode_argument
     if source.formulas.step:

@@ -78,7 +78,8 @@ def latex(
     Parameters
     ----------
     mechanism
-        The mechanism. Its inputs have to join links to the ground one after another.
+        The mechanism. Each input has to join a link to the ground, or to a link that other
+        inputs join to the ground.
     quantities
         The quantities to print, by the names or patterns of
         `spherekit.velocities.row_quantities.row_quantities`; vectors also without their
@@ -92,10 +93,12 @@ def latex(
     ------
     EngineError
         If positions or poles have no closed form, a quantity is not written as LaTeX, a key
-        belongs to a load, or no quantity depends on the number of a key.
+        belongs to a load (numbers of loads are never symbols), or no quantity depends on
+        the number of a key.
     FileError, DesignError
         If the file has no number of a key.
     """
+    # The groups are sets of links whose loops are closed together.
     for group in assembly_by_count_or_rank(mechanism).groups:
         if not group.is_dyad:
             links = [mechanism.links[link] for body in group.bodies[1:] for link in body]
@@ -105,18 +108,22 @@ def latex(
                 "which all links follow by dyads, or export to a language that solves it"
             )
     key_by_size = _find_free_sizes(mechanism, vary)
+    # Formulas contain arcs and angles of links. If the file gives the axes of the pairs in
+    # a reference pose instead, links are described by arcs and angles first. Each link then
+    # has new axes; `ground_axes` are those of the ground.
     sized_mechanism, ground_axes = _convert_to_sizes(mechanism)
     latex_formulas = LatexFormulas(sized_mechanism, ground_axes, key_by_size)
     expressions = _select_expressions(latex_formulas, quantities)
     text = "\n".join(_document_lines(latex_formulas, expressions))
 
-    # Symbols that no printed formula uses have been removed from the meanings by now.
+    # Symbols that no printed formula uses have been removed from the meanings by now. A
+    # number of `vary` whose symbol is among them, or which has no symbol, is unused.
     used_symbols = latex_formulas.formula_list.symbol_meanings
-    unused_keys = [
-        key
-        for size, key in key_by_size.items()
-        if latex_formulas.free_symbols.get(size) not in used_symbols
-    ]
+    unused_keys = []
+    for size, key in key_by_size.items():
+        symbol = latex_formulas.free_symbols.get(size)
+        if symbol not in used_symbols:
+            unused_keys.append(key)
     if unused_keys:
         raise EngineError(
             f"{mechanism.name}: {listing(unused_keys)}: no quantity that is printed "
@@ -137,7 +144,8 @@ def _select_expressions(
     names
         Names of quantities, or patterns such as ``theta_*``. A name may end in a component
         of a vector, ``_x``; the vector is then printed whole. By default the angles of
-        pairs, poles, torques, and coefficients of links relative to the ground.
+        pairs (``theta_``), poles, torques, and the velocity and acceleration coefficients
+        of links relative to the ground.
 
     Raises
     ------
@@ -149,6 +157,8 @@ def _select_expressions(
     if names is None:
         usual_prefixes = ("theta_", "pole_", "torque")
         names = [name for name in quantities if name.startswith(usual_prefixes)]
+        # With several inputs, the suffix names the input that moves while the others are
+        # locked.
         names += [
             f"{kind}_coefficient_{link}_{mechanism.ground}{suffix}"
             for suffix, link, kind in product(
@@ -165,9 +175,11 @@ def _select_expressions(
             quantities, vector_name
         )
         if not matching_names:
+            # A suggestion of a similar name, if there is one.
+            suggestion = nearest(name, quantities) or ";"
             raise EngineError(
                 f'{mechanism.name}: "{name}" is not written as LaTeX'
-                f"{nearest(name, quantities) or ';'} there are {listing(quantities)}"
+                f"{suggestion} there are {listing(quantities)}"
             )
         for matching_name in matching_names:
             expressions += quantities[matching_name]
@@ -294,11 +306,15 @@ def _find_free_sizes(mechanism: Mechanism, keys: Sequence[str]) -> dict[Any, str
     document = document_of(mechanism)
     key_by_size: dict[Any, str] = {}
     for key in keys:
-        variable = design_variable(document, key)  # its slot is kind and owner, or None
+        variable = design_variable(document, key)
         table, name, *_ = variable.path
-        # Without loads a mass acts only by its inertia tensor, which is one symbol.
-        is_inertia = table == "mass" and not mechanism.loads
-        size = ("mass", name) if is_inertia else variable.slot
+        # The slot of a size is its kind and owner. Other numbers have None.
+        size = variable.slot
+        # Without loads the numbers of a mass table act only by the inertia tensor, which is
+        # one symbol. With loads, such as gravity, they may act by the weight too, which has
+        # no symbol.
+        if table == "mass" and not mechanism.loads:
+            size = ("mass", name)
         if size is None or size[0] not in ("mass", "arcs", "angles", "zeros"):
             raise EngineError(
                 f"{mechanism.name}: {key} is a number in LaTeX, not a symbol; vary arcs, "
@@ -334,6 +350,8 @@ def _convert_to_sizes(mechanism: Mechanism) -> tuple[Mechanism, Floats]:
         toward, across, first = reference_frame(axes, next(iter(axes))).T
         rotation = np.stack([-across, toward, first])
         rotation_by_link[link] = rotation
+        # Polar coordinates of all axes of the link in the new frame: the arc from z, and
+        # the angle about z from y towards -x. The second axis has the angle 0.
         x, y, z = rotation @ np.transpose([*axes.values()])
         arcs = np.arctan2(np.hypot(x, y), z)
         angles = np.arctan2(-x, y)
@@ -343,15 +361,18 @@ def _convert_to_sizes(mechanism: Mechanism) -> tuple[Mechanism, Floats]:
         )
     ground_rotation = rotation_by_link[mechanism.ground]
     pairs = mechanism.pairs
-    # The frames of all pairs in the new axes of their first and of their second link.
-    frames_in_first, frames_in_second = (
-        {
-            pair.name: rotation_by_link[pair.links[side]] @ frames[pair.name]
-            for pair in pairs
-        }
-        for side, frames in enumerate(pair_frames(mechanism))
-    )
+    # The frames of all pairs in the new axes of their first and of their second link. They
+    # also tell at which angle the variable of each pair is zero.
+    frames_in_first: dict[str, Floats] = {}
+    frames_in_second: dict[str, Floats] = {}
+    old_frames_in_first, old_frames_in_second = pair_frames(mechanism)
+    for pair in pairs:
+        name = pair.name
+        first_rotation, second_rotation = (rotation_by_link[link] for link in pair.links)
+        frames_in_first[name] = first_rotation @ old_frames_in_first[name]
+        frames_in_second[name] = second_rotation @ old_frames_in_second[name]
     geometry = sizes_from_frames(pairs, (frames_in_first, frames_in_second), sizes_by_link)
+    # Vectors and tensors of outputs, masses and loads are rotated to the new axes, too.
     redescribed_parts = redescribe(
         mechanism, rotations=rotation_by_link, ground_rotation=ground_rotation
     )

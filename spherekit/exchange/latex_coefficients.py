@@ -76,23 +76,43 @@ class CoefficientFormulas:
         pole_plans: Sequence[Plan],
         input_suffixes: Sequence[str],
     ) -> None:
-        """Write all formulas, section by section, for each input that moves alone."""
+        """Write all formulas, section by section, for each input that moves alone.
+
+        Parameters
+        ----------
+        formula_list
+            The list to which formulas are added. It has the formulas of the positions.
+        mechanism, positions
+            The mechanism, and the formulas of its positions.
+        pole_plans
+            For each input the steps in which the poles follow while it moves.
+        input_suffixes
+            For each input the text that ends the names of quantities while it moves. It is
+            empty for the only input.
+        """
         self._formula_list = formula_list
         self._mechanism = mechanism
         self._positions = positions
         self._pole_plans = pole_plans
         self._input_suffixes = input_suffixes
 
-        # One item for each input. Bodies are links that are rigid while it moves.
+        # All lists have one item for each input. While one input moves and the others are
+        # locked, some links cannot move relative to each other. They form one body.
         input_indices = range(len(pole_plans))
+        # The unit vector of each pole. This call sets the sections of the formulas itself.
         self._poles = [self._write_poles(index) for index in input_indices]
         formula_list.section = "Velocity coefficients"
+        # The velocity coefficient and the angular velocity of each body, relative to the
+        # ground. The next call adds an item to both lists.
         self._ratios_by_body: list[dict[int, Expr]] = []
         self._velocities_by_body: list[dict[int, Expr]] = []
         for index in input_indices:
             self._write_velocities(index)
         formula_list.section = "Acceleration coefficients"
+        # The formulas that are differentiated, a copy, since their derivatives are added to
+        # the same list.
         earlier_formulas = [*formula_list.formulas.items()]
+        # The derivative of each symbol with respect to the input.
         self._derivatives_by_term = [
             self._write_derivatives(index, earlier_formulas) for index in input_indices
         ]
@@ -124,9 +144,11 @@ class CoefficientFormulas:
         """Write the poles while one input moves and the others are locked.
 
         A body is a set of links that are then rigid with each other. The pole of two bodies
-        is the axis of their relative rotation. If it is no axis of a pair, it is the line
-        common to two planes. Each plane is spanned by the poles of the two bodies relative
-        to a third body. The line is the cross product of the normals of the two planes.
+        is the axis of their relative rotation. It is primary if it is the axis of a pair.
+        Otherwise it is the line common to two planes (Aronhold and Kennedy). Each plane is
+        spanned by the poles of the two bodies relative to a third body. The line is the
+        cross product of the normals of the two planes. Poles become known in passes, of
+        which each uses poles of earlier passes.
 
         Returns
         -------
@@ -153,8 +175,11 @@ class CoefficientFormulas:
                 )
             smaller_body, larger_body = step.pole
             label = formula_list.join_labels(larger_body, smaller_body)
+            # `round` is the number of the pass in which the pole becomes known.
             formula_list.section = f"Poles of pass {roman_numeral(step.round)}{condition}"
-            # Third bodies of one group give the same plane, so one of each group is used.
+            # `via` are all third bodies whose two poles are known. Those that turn about
+            # one axis (`coaxial`) with one of the two bodies give the same plane. They form
+            # a group, and one of each group is used.
             third_body_groups = group_by_circle(step.via, step.pole, pole_plan.coaxial)
             normals: list[Expr] = []
             for third_body, *_ in third_body_groups[:2]:
@@ -289,19 +314,23 @@ class CoefficientFormulas:
         return derivative_by_term
 
     def _name_coefficients(self, input_index: int) -> None:
-        """Give all poles, angular velocities and coefficients the names that users write.
+        """Give all poles, angular velocities and coefficients the names that users know.
+
+        Users ask for a quantity by a name such as ``velocity_coefficient_2_1``. In the
+        formulas it is a symbol, such as m_21. This function stores the expression of each
+        name.
 
         A quantity of two links a and b describes the motion of a relative to b. It is 0 if
-        both are rigid with each other. If one of them is at rest, the coefficients relative
-        to the ground have been written before. Otherwise they are written here: they are
-        the components of the relative angular velocity, and of its derivative, along the
-        pole.
+        both are rigid with each other. If one of them is at rest, the coefficients are
+        those relative to the ground, whose formulas exist already. Otherwise their formulas
+        are written here. They are the components of the relative angular velocity, and of
+        its derivative, along the pole.
         """
         formula_list = self._formula_list
         links = self._mechanism.links
         suffix = self._input_suffixes[input_index]
-        mark = formula_list.input_mark(input_index)
-        body = self._pole_plans[input_index].body
+        mark = formula_list.input_mark(input_index)  # shows the moving input in symbols
+        body = self._pole_plans[input_index].body  # number of the body of each link
         ratios = self._ratios_by_body[input_index]  # coefficients relative to the ground
         for link, name in enumerate(links):
             velocity = self.angular_velocity(input_index, link)
@@ -319,13 +348,14 @@ class CoefficientFormulas:
                 axis = self._poles[input_index][pole_of(body[a], body[b])]
                 velocity_a = self.angular_velocity(input_index, a)
                 velocity_b = self.angular_velocity(input_index, b)
+                # The angular velocity of a link at rest is the number 0, no expression.
                 if 0.0 in (velocity_a, velocity_b):
                     b_rests = velocity_b == 0.0
                     ratio = ratios[body[a]] if b_rests else -1.0 * ratios[body[b]]
                     ratio_derivative = self.derivative(ratio, input_index)
                 else:
                     ratio = formula_list.write_indexed(
-                        "m",
+                        "m",  # letter of velocity coefficients
                         formula_list.join_labels(a, b),
                         inner_product(velocity_a - velocity_b, axis),
                         mark=mark,

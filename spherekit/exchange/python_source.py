@@ -146,7 +146,13 @@ def _write_smooth_modes(source: Source) -> Iterator[str]:
     """
     if source.smooth_modes is None:
         return
-    texts = smooth_mode_texts(source, "np.nan", "np.inf", PYTHON_MOVED_INPUT_TEMPLATE)
+    texts = smooth_mode_texts(
+        source,
+        nan_literal="np.nan",
+        infinity_literal="np.inf",
+        # Lines that shift q into the range of the input by whole periods.
+        moved_template=PYTHON_MOVED_INPUT_TEMPLATE,
+    )
     input_lines = ""
     docstring_end = ""
     returned = f"np.where(np.isnan(q), np.nan, {source.mode_argument}_there)"
