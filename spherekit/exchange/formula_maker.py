@@ -29,7 +29,7 @@ from spherekit.exchange.formula_expressions import (
 )
 from spherekit.exchange.load_angles import find_swing_middles, revolutions_about
 from spherekit.exchange.mode_table import compare_modes, passive_variables
-from spherekit.exchange.size_arguments import check_numbers_are_followed
+from spherekit.exchange.size_arguments import check_sizes_change_no_constants
 from spherekit.exchange.stored_formulas import profile_table
 from spherekit.files.mechanism_reader import AnyMechanism, mechanism_of
 from spherekit.files.number_change import document_of
@@ -129,7 +129,7 @@ def formulas(
         equivalent_linkage=find_equivalent_linkage(driven_mechanism, inputs),
         masses_follow_sizes=bool(vary) and needs_inertia,
     )
-    check_numbers_are_followed(varied_mechanism)
+    check_sizes_change_no_constants(varied_mechanism)
     design_expressions = varied_mechanism.make_expressions()
     size_symbols = symbols(variable.name for variable in variables)
     # The expressions contain symbols that are no arguments of the formulas. Each is

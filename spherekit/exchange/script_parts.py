@@ -22,23 +22,28 @@ def join_items(items: Iterable[str], indent: int = 4) -> str:
 def write_series(
     source: Source, template: str, closed_template: str, open_template: str
 ) -> Iterator[str]:
-    """Yield the text of the functions that evaluate the stored series.
+    """Yield the source code of a function for each stored series, which evaluates it.
 
-    A stored series is a table of Chebyshev coefficients by which a formula is computed.
+    A stored series is a table of Chebyshev coefficients by which functions of one variable
+    are computed, such as the coordinates of a contact profile over its arc length. Its
+    range is divided into cells. A template is source code with fields in braces, which
+    `str.format` replaces by the values of a series.
 
     Parameters
     ----------
     source
         The formulas with their series.
     template
-        Template of such a function in the language, with the fields of
-        `Source.series_fields` and `around`.
+        Template of the function in a programming language. Its fields are the keys of the
+        dictionaries in `Source.series_fields`, and ``{around}``.
     closed_template, open_template
-        Templates of the field `around`: the lines that move the variable into the period
-        of a closed curve, and the lines that return NaN outside of an open curve.
+        Templates of the lines that replace ``{around}``. They deal with values of the
+        variable outside of the range of the series. On a closed curve they are moved into
+        the range by whole periods, on an open curve the function returns NaN.
     """
     for fields in source.series_fields:
         around_template = closed_template if fields["closed"] else open_template
+        # Arrays are written as nested lists of numbers, in lines of limited width.
         texts = {
             "edges": wrap_lines(nested(fields["edges"])),
             "coefficients": wrap_lines(nested(fields["coefficients"])),
@@ -49,18 +54,24 @@ def write_series(
 
 @dataclass(frozen=True)
 class SmoothModeTexts:
-    """The parts of the function of places on smooth curves that differ between sources.
+    """Source code for the function that selects an assembly mode at a given input.
 
-    Places are the values that select an assembly mode: signs of dyads or variables.
+    An assembly mode is one of the ways to assemble the mechanism. It is selected by numbers
+    called places: the signs of its dyads (two links and three R pairs), or pair variables
+    (rad) from which Newton's method starts. If a mode follows a smooth curve of
+    configurations, the places are constant in intervals of the input.
 
     Attributes
     ----------
     fields
-        Fields of the template, with the arrays `starts` and `places` as text.
+        Values of the fields of the template of this function. The arrays ``starts`` (start
+        of each interval) and ``places`` are text in the programming language.
     inputs
-        The array of known inputs as text.
+        Text of an array: for each interval and mode, an input (rad) at which the
+        configuration with these places is known.
     moved
-        Lines that move an input by whole periods, empty if there is no period.
+        Lines that move an input by whole periods into the range of the mechanism. Empty if
+        configurations do not repeat after a period.
     """
 
     fields: dict[str, Any]
@@ -71,19 +82,23 @@ class SmoothModeTexts:
 def smooth_mode_texts(
     source: Source, nan_literal: str, infinity_literal: str, moved_template: str
 ) -> SmoothModeTexts:
-    """Return the parts of the function of places on smooth curves.
+    """Return source code for the function that selects an assembly mode at a given input.
 
-    In the source this function returns, for an input, the values that select an assembly
-    mode there (the places): signs of dyads or variables.
+    An assembly mode is one of the ways to assemble the mechanism. It is selected by numbers
+    called places: the signs of its dyads (two links and three R pairs), or pair variables
+    (rad) from which Newton's method starts. If a mode follows a smooth curve of
+    configurations, its places are constant in intervals of the input. The function returns
+    those of the interval of its input.
 
     Parameters
     ----------
     source
-        A source whose modes follow smooth curves.
+        The formulas in a programming language, with modes that follow smooth curves.
     nan_literal, infinity_literal
         NaN and infinity in the language.
     moved_template
-        Template of the lines that move an input by whole periods.
+        Template of the lines that move an input outside of the range by whole periods. They
+        are only written if configurations repeat after a period of the input.
     """
     fields = source.smooth_mode_fields
     moved = moved_template.format(**fields) if source.is_periodic else ""

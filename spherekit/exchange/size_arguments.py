@@ -57,15 +57,20 @@ KINEMATIC_UNITS = ("rad", "", "1/rad")
 """Units of angles, velocity coefficients and their derivatives."""
 
 
-def check_numbers_are_followed(varied: VariedMechanism) -> None:
-    """Check that the formulas depend correctly on each size, an argument of the formulas.
+def check_sizes_change_no_constants(varied: VariedMechanism) -> None:
+    """Check that no constant in explicit formulas would have to change with a size.
 
-    Arcs, angles, axes and directions are symbols in the formulas. Masses and loads
-    follow the sizes. If contacts of circles are replaced by links between their centres
-    (`varied.equivalent_linkage`), the links are computed from the sizes too, and all sizes
-    are accepted. The formulas contain as constants: series of profiles that are not
-    circles, circles whose contacts are not replaced by links, and P pairs that are given by
-    points.
+    A size is a number of the mechanism file that is an argument of the formulas. It may be
+    one of two kinds:
+
+    - an arc, an angle, an axis of a pair or a direction of an output, which is a symbol in
+      the formulas,
+    - a number of a mass or load, for which the formulas contain expressions of the sizes.
+
+    A size of another kind is refused. Contact profiles are constants in the formulas, so a
+    size on which the profiles depend is refused too. An exception is a mechanism whose
+    contacts of circles are all replaced by links between the centres
+    (`varied.equivalent_linkage`). These links follow every size, and nothing is refused.
 
     Parameters
     ----------
@@ -83,9 +88,11 @@ def check_numbers_are_followed(varied: VariedMechanism) -> None:
     values_before = _profile_numbers(mechanism)
     fixed_keys = []
     for variable in varied.variables:
-        # A variable without a slot is no size of an R pair.
+        # The slot tells which arc, angle, axis or direction a variable is; it is None for
+        # all other numbers. `ACTIONS` are the tables of masses and loads in the file.
         is_fixed = variable.slot is None and variable.path[0] not in ACTIONS
-        # With contacts, a size may change profiles as well.
+        # The size is changed a little, to see whether the contact profiles change with it.
+        # A size for which no change is possible (None) is refused.
         if mechanism.has_contacts and not is_fixed:
             values_after = _profile_numbers_after_change(varied, variable)
             is_fixed = values_after is None or not np.array_equal(
@@ -104,7 +111,9 @@ def check_numbers_are_followed(varied: VariedMechanism) -> None:
 def _profile_numbers(mechanism: Mechanism) -> Floats:
     """Return all numbers of the contact profiles of a mechanism as one array.
 
-    They include, for each track, the arc length at which its variable is zero.
+    For each profile these are the numbers that define the curve: centre, radius, points and
+    coefficients of a series. Then follows, for each profile, the arc length at the contact
+    point when the variable of the contact is zero.
     """
     numbers = [profile_numbers(profile) for profile, _ in list_profiles(mechanism)]
     starts = [track.start for track in make_contact_profiles(mechanism)]
@@ -116,6 +125,7 @@ def _profile_numbers_after_change(
 ) -> Floats | None:
     """Return the numbers of all contact profiles after one number of the file is changed.
 
+    Compared with the numbers before, they show whether the profiles depend on this number.
     Several changes are tried, because some numbers must be whole and some changes are not
     possible. The result is None if no changed file gives a mechanism.
 
@@ -126,8 +136,9 @@ def _profile_numbers_after_change(
     variable
         The number that is changed.
     """
+    # Steps are relative to the number, or to 1 if it is zero. Steps of 1 are for numbers
+    # that must be whole, such as numbers of teeth.
     size = abs(variable.value) or 1.0
-    # Steps of 1 are for numbers that must be whole, such as numbers of teeth.
     for step in (RELATIVE_STEP * size, -RELATIVE_STEP * size, 1.0, -1.0):
         try:
             changed_design = make_design(
@@ -179,29 +190,35 @@ def _idle_arguments(formulas: Formulas) -> list[str]:
     """Return the file keys of the sizes that change no result of these formulas.
 
     Each size in turn is changed by `RELATIVE_STEP` in one configuration of each assembly
-    mode. The rates, accelerations and loads of this configuration are not zero, so that
-    results that depend on motion are not all zero. If the formulas have no closed form, the
-    Newton step counts as a result as well, because the variables follow the size through
-    it.
+    mode (way to assemble the mechanism). The rates, accelerations and loads of this
+    configuration are not zero, so that results that depend on motion are not all zero.
+
+    Formulas without a closed form take the pair variables as arguments, and contain a step
+    of Newton's method that computes them. A size that changes only this step is not idle,
+    so the variables after the step count as results too.
     """
     sizes, modes = formulas.sizes, formulas.modes
     if not sizes:
         return []
+    # `step` is empty in closed form.
     outputs = [*formulas.outputs, *formulas.step]
     # (motion, modes) arbitrary different values. The inputs are then replaced by inputs at
     # which the modes are known.
     motion = np.tile(0.3 + 0.1 * np.arange(len(formulas.motion)), (len(modes), 1)).T
     inputs = np.array([mode.at for mode in modes]).T
     motion[: len(inputs)] = inputs
+    # The values that select each mode: signs of dyads in closed form, or pair variables.
     places = np.array([mode.values for mode in modes]).T.reshape(-1, len(modes))
     evaluate = formulas.numpy_function(outputs)
     values_before = evaluate(motion, places, formulas.size_values)
-    # The least change of each result that counts as an effect of a size. Results without a
-    # unit and angles have a least scale.
+    # The scale of a result is its largest value in the modes. A result that is zero in all
+    # of them, up to rounding, has no scale of its own. Angles and velocity coefficients
+    # have a smallest scale, so that their rounding errors do not count as changes.
     units = [*formulas.results.values(), *("" for _ in formulas.step)]
     floor = np.where([unit in KINEMATIC_UNITS for unit in units], MIN_KINEMATIC_SCALE, 0.0)
     scale = np.maximum(np.max(np.abs(np.nan_to_num(values_before)), axis=1), floor)
     noise = _estimate_noise(evaluate, (motion, places, formulas.size_values))
+    # A smaller change of a result can be rounding, by its scale or by its measured noise.
     least_effect = np.maximum(MIN_RELATIVE_EFFECT * scale, MIN_EFFECT_OVER_NOISE * noise)
     idle_keys = []
     for row, size in enumerate(sizes):
@@ -234,7 +251,8 @@ def _estimate_noise(
     evaluate
         Function of the arguments that returns the results (r, n) in n configurations.
     arguments
-        Values of the motion, the places and the sizes, as `evaluate` takes them.
+        Three arrays, as `evaluate` takes them: the motion (inputs, rates, loads), the
+        places (values that select the assembly mode) and the sizes.
 
     Returns
     -------

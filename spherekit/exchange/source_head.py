@@ -61,14 +61,18 @@ def _head_lines(source: Source) -> Iterator[str]:
 def _argument_lines(source: Source) -> Iterator[str]:
     """Yield a list of the elements of each argument and of the result, with units.
 
-    Places are the values that select the assembly mode: signs of dyads, or, if positions
-    are found by steps of Newton's method, the variables from which it starts.
+    The arguments are arrays: the motion (inputs, rates, ...), the numbers that select the
+    assembly mode (called places), and the sizes (numbers of the mechanism file). In closed
+    form the places are the signs of the dyads (two links and three R pairs). Otherwise they
+    are the pair variables from which Newton's method starts.
     """
     formulas = source.formulas
+    # `step` has the expressions of a step of Newton's method. It is empty in closed form.
     place_note = "rad" if formulas.step else "+1 or -1: the side of a dyad"
     notes_by_array = {
         "motion": [(argument.name, argument.unit) for argument in formulas.motion],
         source.mode_argument: [(name, place_note) for name in formulas.places],
+        # Each size with its key and its value in the mechanism file.
         "size": [
             (size.name, f"{size.unit}; {size.key} = {size.value:.12g}")
             for size in formulas.sizes
@@ -122,9 +126,12 @@ def _mode_lines(source: Source, position: int, mode: Mode) -> Iterator[str]:
 def _method_sentences(source: Source) -> str:
     """Return the sentences on how positions are computed.
 
-    They depend on whether positions are computed by steps of Newton's method, or in closed
-    form with or without modes that pass through crossings.
+    Positions are computed by steps of Newton's method, or in closed form. In closed form,
+    an assembly mode either keeps the signs of its dyads (two links and three R pairs) for
+    all inputs, which is explained here. Or it follows a smooth curve through crossings, so
+    that the signs can change, which `_smooth_mode_sentences` explains.
     """
+    # `step` has the expressions of a step of Newton's method. It is empty in closed form.
     if source.formulas.step:
         return (
             f"Loops are closed by steps of Newton's method, {source.name}_step, from the "
@@ -132,6 +139,7 @@ def _method_sentences(source: Source) -> str:
             "returns, by how much loops were open (rad), is small."
         )
     method = "Nothing is iterated; results are NaN where the mode does not close."
+    # `smooth` is None if modes keep their signs.
     if source.formulas.mode_table.smooth is not None:
         return method
     return method + (
@@ -143,8 +151,15 @@ def _method_sentences(source: Source) -> str:
 def _smooth_mode_sentences(source: Source) -> str:
     """Return the sentences on modes that follow smooth curves through crossings.
 
-    They say where curves cross, whether all crossings are known, and how the source passes
-    a crossing: it changes the signs of dyads, or starts Newton's method on the right side.
+    At a crossing, curves of configurations of different assembly modes meet, as at the
+    change point of a four-bar. The sentences say where curves cross, and whether all
+    crossings are known. They also say how the generated source stays on one curve:
+
+    - In closed form, it changes the signs of the dyads (two links and three R pairs), which
+      are also called the sides of the dyads.
+    - Otherwise, it starts Newton's method from a known configuration. No crossing is
+      between the input of this configuration and the input that is asked for, because at a
+      crossing Newton's method can change to the other curve.
     """
     smooth_modes = source.smooth_modes
     assert smooth_modes is not None
@@ -154,8 +169,9 @@ def _smooth_mode_sentences(source: Source) -> str:
         return f"A mode is a smooth curve. No curves cross {range_text}."
     if not smooth_modes.crossings:
         return f"A mode is a smooth curve as far as crossings are known.{unknown}"
-    # Adding zero turns -0.0 into 0.0.
+    # Inputs (rad) of the crossings. Adding zero turns -0.0 into 0.0.
     crossings = listing(f"{q + 0.0:.6g}" for q in np.round(smooth_modes.crossings, 12))
+    # `step` has the expressions of a step of Newton's method. It is empty in closed form.
     if source.formulas.step:
         use = (
             f"{source.smooth_function} gives variables of a mode, and the input at which "

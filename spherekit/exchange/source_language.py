@@ -27,8 +27,10 @@ class Language:
     assignment_format
         An assignment of the value {1} to the new name {0}.
     table_format
-        A call that evaluates the stored functions of table {k} of the source {name} at the
-        value {place} of their variable, and assigns the {columns} results.
+        A statement that evaluates stored functions and assigns their {columns} values to
+        one array. Stored functions are Chebyshev series, in numbered tables. The statement
+        calls the function of table {k} in the source code of the mechanism {name}, with the
+        value {place} of the only variable.
     comment_prefix
         Begins the lines of a comment.
     escape_comment

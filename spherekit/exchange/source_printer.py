@@ -27,7 +27,9 @@ class SourceFunction(NamedTuple):
     name
         Name of the function.
     lines
-        Calls of stored series, then assignments.
+        The statements. First, functions that are stored as Chebyshev series (such as the
+        coordinates of a contact profile) are evaluated by calls. Then one assignment
+        follows for each operation.
     results
         The values that it returns: names or numbers.
     closure_residual
@@ -188,11 +190,20 @@ class Source:
 
     @property
     def smooth_mode_fields(self) -> dict[str, Any]:
-        """The values that are inserted in the template of the function of places.
+        """The values that are inserted in the template of `smooth_function`.
 
-        Places are the numbers that select a mode on its smooth curve; they change at
-        crossings. The values are names, numbers as text, the arrays of `SmoothModes`, and
-        the lengths of the axes of its places: `intervals`, `modes` and `count`.
+        This function of the generated source selects an assembly mode at an input. It
+        returns numbers called places: the signs of the dyads (two links and three R pairs),
+        or pair variables from which Newton's method starts. The inputs are divided into
+        intervals, at whose ends curves of modes cross. In each interval the places of a
+        mode are constant. Keys of the result are:
+
+        - ``name``, ``mode``: names of the function and of the argument that selects a mode,
+        - ``low``, ``high``, ``period``: range and period of the input (rad), as text,
+        - ``starts`` (intervals,): the input (rad) at which each interval begins,
+        - ``places`` (intervals, modes, count): the places,
+        - ``inputs`` (intervals, modes): an input (rad) of a configuration with them,
+        - ``intervals``, ``modes``, ``count``: the lengths of these axes.
         """
         smooth_modes = self.smooth_modes
         assert smooth_modes is not None
@@ -200,6 +211,7 @@ class Source:
         return {
             "name": self.smooth_function,
             "mode": self.mode_argument,
+            # These two are subtracted in the template, so a negative one needs brackets.
             "low": bracketed_number(smooth_modes.low),
             "high": bracketed_number(smooth_modes.high),
             "period": number(smooth_modes.period),
@@ -220,14 +232,22 @@ class Source:
     def series_fields(self) -> Iterator[dict[str, Any]]:
         """For each stored series the values that are inserted in its template.
 
-        A series is a polynomial in each of several cells of its variable, for each of
-        several functions (columns). The values are the name of the source and the number
-        `k` of the table, the numbers of cells and columns, the order of the polynomials,
-        their coefficients (cells, columns, order), the edges (cells + 1,) of the cells,
-        whether the series is of a closed curve, and as text the length of the curve and the
-        ends of the range.
+        A stored series gives several functions of one variable. The range of the variable
+        is divided into cells. In each cell each function is a sum of Chebyshev polynomials.
+        Keys of the values are:
+
+        - ``name``: name of the function of the mechanism in the generated source,
+        - ``k``: number of the series,
+        - ``cells``, ``columns``: numbers of the cells and of the functions,
+        - ``order``: number of coefficients of a function in a cell (its degree plus 1),
+        - ``edges`` (cells + 1,): the ends of the cells,
+        - ``coefficients`` (cells, columns, order),
+        - ``closed``: whether the functions are periodic, as on a closed curve,
+        - ``length``, ``low``, ``high``: the period and the ends of the range, as text.
         """
         for table_number, table in enumerate(self.formulas.tables):
+            # The templates need the coefficients of one function beside each other, so the
+            # axes (cells, order, columns) become (cells, columns, order).
             coefficients = np.swapaxes(table.series.coefficients, 1, 2)
             cell_count, column_count, order = coefficients.shape
             yield {

@@ -25,7 +25,8 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
     A reduced model stores the inertia, its derivative and the pair variables along one
     configuration curve as series of one coordinate. The results of the formulas are these
     functions and the driving torque. Their arguments are the motion that a user gives: the
-    coordinate, its rate and acceleration, the time, and torques of loads that tables give.
+    coordinate, its rate and acceleration, and the time. A load whose torque is given by a
+    table in the mechanism file adds the present torque as an argument.
 
     Parameters
     ----------
@@ -39,16 +40,19 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
     heading = model.heading
     series: Any = model.groups[0]
     unit_by_result = {function.name: function.unit for function in heading.groups[0]}
-    # The arguments: coordinate, its two derivatives by time, time, and a torque for each
-    # load that a table gives.
+    # The arguments. `heading.by` has the name of the only coordinate. `motion_symbols` are
+    # its rate, its acceleration, the time, and a torque for each of `heading.tables`, the
+    # torque tables.
     (coordinate,) = symbols(heading.by)
     motion_symbols = (coordinate, *heading.motion_symbols)
     motion_units = ("rad", "rad/s", "rad/s2", "s", *["N m"] * len(heading.tables))
+    # The only argument of the node of a symbol is its name.
     motion = tuple(
         Argument(symbol.arguments[0], unit)
         for symbol, unit in zip(motion_symbols, motion_units, strict=True)
     )
-    # The formulas have a symbol for each function. The table gives its values.
+    # The formulas have a symbol for each function. The table gives its values. Its range
+    # begins at the least coordinate, so the coordinate needs no offset (`start`).
     series_symbols = tuple(symbols(unit_by_result))
     table = SeriesTable(
         terms=series_symbols,
@@ -61,6 +65,7 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
     # The model belongs to one mode and one set of sizes, so there are no arguments that
     # select the mode (places) or change sizes, and nothing is iterated (step).
     mode = Mode(heading.assembly_mode, name="", at=heading.low, values=())
+    # `heading.torques` is the driving torque as an expression of the symbols above.
     return Formulas(
         mechanism=mechanism,
         motion=motion,
@@ -70,6 +75,7 @@ def reduced_formulas(mechanism: Mechanism, model: StoredModel) -> Formulas:
         results={**unit_by_result, "torque": "N m"},
         outputs=(*series_symbols, *heading.torques),
         step=(),
+        # Symbols of the motion; there are none of places and of sizes.
         variables=(motion_symbols, (), ()),
         tables=(table,),
         title=f"stored functions, errors up to {model.error:.2g} of the largest of each",
@@ -81,9 +87,10 @@ def profile_table(
 ) -> SeriesTable:
     """Return the functions of a contact profile as a stored series.
 
-    The functions are coordinates of the profile and its curvature, over the arc length. The
-    derivative of the last function (the curvature) is added as one more. They are piecewise
-    Chebyshev series of the pair variable that is the arc length.
+    A profile is the curve along which the contact point moves on one link. The functions
+    are the tangent and the point (unit vectors), the geodesic curvature k and dk/ds, over
+    the arc length s. Accelerations also contain d2k/ds2, which is added as one more. All
+    are piecewise Chebyshev series of the pair variable that is the arc length.
 
     Parameters
     ----------
@@ -93,13 +100,16 @@ def profile_table(
         Symbols of all pair variables.
     """
     profile_series = profile.series
+    # The variable that is the arc length, and the arc length at which it is zero.
     track = profile.track
     series = profile_series.series
-    # Axes of the coefficients: cells, orders, functions. The derivative has one order less,
-    # so a highest coefficient of zero is added.
+    # Axes of the coefficients: cells, orders, functions. The last function is dk/ds, so its
+    # derivative is d2k/ds2. It has one order less, so a highest coefficient of zero is
+    # added.
     last_derivative = series.derivative.coefficients[:, :, -1:]
     padded_derivative = np.pad(last_derivative, ((0, 0), (0, 1), (0, 0)))
     coefficients = np.concatenate([series.coefficients, padded_derivative], axis=2)
+    # The symbols of all these functions in the formulas.
     terms: Any = (*profile.column_symbols, profile.last_derivative)
     return SeriesTable(
         terms=terms,

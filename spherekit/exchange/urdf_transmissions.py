@@ -185,8 +185,11 @@ def _drive(
 ) -> DrivenJoint | DrivenWheel:
     """Return the joint that an actuator turns alone, or the wheel that turns two joints.
 
-    The angle of the actuator is a sum of factors times the angles of two joints. If one
-    factor is zero, it turns the other joint alone.
+    With the angles q_i and q_o of the inner and the outer joint, the angle of the actuator
+    is a = f_i q_i + f_o q_o. If one factor is zero, it turns the other joint alone.
+    Otherwise it turns a wheel, coaxial with the inner joint, whose angle is
+    q_i + ratio q_o with ratio = f_o / f_i. The angle of the actuator is f_i times that of
+    the wheel.
 
     Parameters
     ----------
@@ -195,16 +198,17 @@ def _drive(
     actuator, joints
         The actuator, and the two joints.
     factors
-        Factors of both joint angles in the angle of the actuator.
+        Factors of both joint angles in the angle of the actuator, in the order of the
+        joints. At most one of them is zero.
     inner
         Index, 0 or 1, of the joint that carries the other one.
     """
     outer = 1 - inner
-    for index in (inner, outer):
-        other_index = 1 - index
-        if factors[other_index] == 0.0:
-            joint_name = joints[index].name
-            return DrivenJoint(transmission, actuator.name, joint_name, factors[index])
+    if factors[outer] == 0.0:
+        return DrivenJoint(transmission, actuator.name, joints[inner].name, factors[inner])
+    if factors[inner] == 0.0:
+        return DrivenJoint(transmission, actuator.name, joints[outer].name, factors[outer])
+    # The file has no name for the wheel, so it is named after its motor.
     return DrivenWheel(
         transmission=transmission,
         motor=actuator.name,

@@ -144,10 +144,11 @@ def _is_name(word: str) -> bool:
 
 
 def _pack(entry: EntryPoint) -> Pack:
-    """Return the pack that an entry point declares: the files in the folder of a package.
+    """Return the pack that an entry point declares.
 
-    The package is not imported. If the pack cannot be used, the result has no files, and
-    the reason.
+    A pack is the set of mechanism and study files in the folder of an installed package.
+    The package names itself in an entry point, and is not imported. If the pack cannot be
+    used, the result has no files, and the reason. A pack has at least one mechanism file.
     """
 
     def broken_pack(fault: str) -> Pack:
@@ -161,12 +162,15 @@ def _pack(entry: EntryPoint) -> Pack:
         return broken_pack(f"{type(error).__name__}: {error}")
     if spec is None:
         return broken_pack(f'no package is named "{entry.value}"')
+    # Mechanism and study files by their names. A namespace package can have several
+    # folders. If two contain a file of one name, that of the first folder is used.
     files: dict[str, Path] = {}
     studies: dict[str, Path] = {}
     for folder in spec.submodule_search_locations or ():
         try:
             entries = sorted(Path(folder).iterdir())
         except OSError as error:
+            # A package that was installed as a zip archive has no folder.
             return broken_pack(f"{folder}: {error.strerror}; install the pack unpacked")
         for path in entries:
             if not path.name.endswith(_SUFFIX):

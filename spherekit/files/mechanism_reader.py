@@ -169,10 +169,13 @@ def mechanism_from_document(document: Document) -> Mechanism:
     try:
         # Angles are converted to rad, directions to unit vectors.
         reader = _MechanismReader(document, convert_to_model(document, document.data))
+        # Actions are masses, loads and joint limits.
         return reader.add_actions(reader.mechanism())
     except ModelError as error:
         # Errors of the model begin with the key, as "pairs.21.links: ...", but have no
         # line. The text of the key becomes a path such as ("pairs", "21", "links").
+        # `document.fault` adds the line, and returns a `FileError`, or a `ModelError` if
+        # the data were not read from a text.
         message = str(error).removeprefix(f"{document.data['name']}: ")
         if key_message := _KEY_MESSAGE.fullmatch(message):
             path = tuple(
@@ -266,10 +269,12 @@ class _MechanismReader:
             ),
             modes=data.get("modes", {}),
             source=construct_element(Source, data["source"]) if "source" in data else None,
+            # Free data of the user, in which numbers become ordinary floats.
             user=_plain(data.get("user", {})),
         )
         # Some wheels have a phase in the file: angles of their shafts at which they mesh.
-        # The start of the contact follows from it and from the rest of the mechanism.
+        # The model needs the start of their contact instead: the arc lengths along both
+        # circles at which they then touch. It follows from the phase and all other sizes.
         pairs = tuple(self.with_start(mechanism, pair) for pair in mechanism.pairs)
         return replace(mechanism, pairs=pairs) if pairs != mechanism.pairs else mechanism
 
@@ -421,7 +426,8 @@ class _MechanismReader:
     def geometry(self) -> SizeGeometry | PoseGeometry:
         """The geometry in the file: sizes of links, or the axes of all pairs in one pose.
 
-        A file has keys of one of the two forms. Keys of both, or of none, are refused.
+        A file has keys of one of the two forms. Keys of both are refused. Keys of none are
+        refused if there are R pairs, whose axes would not be known.
         """
         pairs = self.data["pairs"]
         links = self.data["links"]
@@ -446,15 +452,21 @@ class _MechanismReader:
                 if axis is not None:
                     axes[name] = axis
             return PoseGeometry(axes, _numbers(pairs, "value"))
+        # `joined_links` has the two links of each R pair. Without R pairs, all pairs are
+        # contacts of profiles, and links need no sizes.
         if self.joined_links and not size_paths:
+            first_pair = next(iter(self.joined_links))
             self.fail(
-                ("pairs", next(iter(self.joined_links))),
+                ("pairs", first_pair),
                 "no geometry: give axes and arcs in every link, or xyz or lonlat in "
                 "every R pair",
             )
-        # Sizes of links. A link occurs once for each of its keys; the result is the same.
+        # Sizes of links. A link with several of the keys is listed once.
+        links_with_sizes = dict.fromkeys(
+            link for _, link, _ in self.paths_of("links", _SIZE_KEYS)
+        )
         sizes: dict[Any, LinkSizes] = {}
-        for _, link, _ in self.paths_of("links", _SIZE_KEYS):
+        for link in links_with_sizes:
             if "axes" not in links[link]:
                 self.fail(
                     ("links", link),

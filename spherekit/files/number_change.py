@@ -38,11 +38,12 @@ _OPTIONAL_PAIR_KEYS = ("zero", "value")
 def document_of(
     mechanism: Mechanism | str | os.PathLike[str], unit: AngleUnit = "deg"
 ) -> Document:
-    """Return the data of a mechanism file, in which all directions are given by two angles.
+    """Return the data of a mechanism file, with longitude and latitude for directions.
 
-    These are the axes of a reference pose, the directions of outputs and the points of
-    profiles. Longitude and latitude can vary one by one, unlike the three components of a
-    unit vector.
+    Callers change single numbers of these data, for example in a sweep of designs. A
+    longitude or a latitude can be changed alone. A single component of a unit vector
+    cannot, because the vector would no longer have unit length. Therefore the axes of a
+    reference pose, the directions of outputs and the points of profiles are converted.
 
     Parameters
     ----------
@@ -58,14 +59,16 @@ def document_of(
     """
     if isinstance(mechanism, Mechanism):
         return _with_lonlat(parse(canonical_text(mechanism, unit), mechanism.name))
+    # Read the file and check it against the format.
     return _with_lonlat(checked_document(mechanism))
 
 
 def _with_lonlat(document: Document) -> Document:
     """Return the data of a mechanism file, with angles in place of unit vectors.
 
-    The axes of pairs, the directions of outputs and the points of profiles get a longitude
-    and a latitude, in the unit of the file. The given document is not changed.
+    The axes of pairs, the directions of outputs and the lists of points of profiles get a
+    longitude and a latitude, in the unit of the file. Other vectors, such as the centre of
+    a circle, are not converted. The given document is not changed.
     """
     # Only these tables have directions. They are copied, because they are changed below.
     tables = {
@@ -80,14 +83,15 @@ def _with_lonlat(document: Document) -> Document:
         x, y, z = map(float, direction)
         longitude = math.atan2(y, x)
         latitude = math.atan2(z, math.hypot(x, y))
+        # A number of a file keeps its text, from which it is converted to rad exactly.
         return [LiteralNumber(repr(to_unit(angle))) for angle in (longitude, latitude)]
 
     for table in tables.values():
         for entry in table.values():
             if "xyz" in entry:
                 entry["lonlat"] = lonlat(entry.pop("xyz"))
-    # The key ``points_xyz`` of a profile, for example, becomes ``points``. A single vector,
-    # such as a centre, stays as it is.
+    # The key ``points_xyz`` of a profile, for example, becomes ``points``. A key with a
+    # single vector, such as a centre, stays as it is: its first element is a number.
     for pair in tables["pairs"].values():
         for profile in pair.get("profiles", {}).values():
             for key, points in list(profile.items()):
@@ -134,15 +138,17 @@ def number_path(document: Document, key: str) -> KeyPath:
     for part in key.split("."):
         if part not in value:
             where = f"{key_path_text(path)}: " if path else ""
-            problem = f'{where}there is no "{part}"{nearest(part, value) or ";"}'
+            # The most similar key that exists, as a question to the user, or "".
+            suggestion = nearest(part, value)
+            problem = f'{where}there is no "{part}"{suggestion or ";"}'
             break
         path = (*path, part)
         value = value[part]
         if not isinstance(value, Mapping):
             value = {}
     prefix = ".".join(map(str, path))
-    # Of the keys of a number the shortest, such as "links.2.arc", was added last. It comes
-    # first in the message.
+    # `_number_paths` adds the location of a number as its first key, and shorter keys, such
+    # as "links.2.arc", after it. In the message the shorter ones come first.
     alternatives = [
         other_key for other_key in reversed(path_by_key) if other_key.startswith(prefix)
     ]
@@ -170,21 +176,25 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
     entry: Any = {}
     with suppress(AttributeError, KeyError, TypeError):
         entry = document.data[table][name]
-    # By the parts of the key within the entry. A key of one part is a tuple (part,).
+    # The location of each number by its key, as a tuple of the parts of the key that follow
+    # the name of the entry: ("arcs", "32") for ``links.2.arcs.32``.
     path_by_parts: dict[KeyPath, KeyPath] = {}
-    # Angles of pairs that are 0 if the file does not contain them.
+    # A file may leave out the angles ``zero`` and ``value`` of pairs, which are 0 then.
+    # Their keys exist all the same.
     if table == "pairs" and entry:
         for part in _OPTIONAL_PAIR_KEYS:
-            path_by_parts[part,] = (table, name, part)
+            single_part = (part,)
+            path_by_parts[single_part] = (table, name, part)
     for inner_path, value in values_in(entry if isinstance(entry, Mapping) else {}):
         if isinstance(value, bool) or not isinstance(value, int | float):
             continue
         # The key that is the location itself.
         path = (table, name, *inner_path)
         path_by_parts.setdefault(inner_path, path)
-        # Further keys. An array of two numbers may be a direction, so they can be called
-        # longitude and latitude. (Two arcs get these keys too.) Of the direction of a pair
-        # or output, the key "lonlat" may be left out: "pairs.41.longitude".
+        # Further keys. The elements of each array of two numbers get the keys longitude and
+        # latitude, because it may be a direction. (An array of two arcs gets them as well,
+        # which does no harm.) For a direction of a pair or output, the part "lonlat" may be
+        # left out: "pairs.41.longitude" stands for "pairs.41.lonlat.longitude".
         *outer, last = inner_path
         if isinstance(last, int) and len(reduce(getitem, outer, entry)) == 2:
             path_by_parts[*outer, _LONLAT_NAMES[last]] = path
@@ -192,16 +202,18 @@ def _number_paths(document: Document, table: str, name: str) -> dict[str, KeyPat
                 path_by_parts[*outer[:-1], _LONLAT_NAMES[last]] = path
         match table, inner_path:
             case "links", ("arcs" | "angles" as sizes, int(index)):
-                # All arcs start at axis 0 of the link: arcs[k] leads from there to axis
-                # k + 1. The arc to axis 1 is the zero direction of the angles: angles[k] is
-                # the angle to the arc to axis k + 2. `axes` has the names of the pairs.
+                # A size can be named by the pair to whose axis it belongs. Axes are
+                # numbered in the order of `axes`, the names of the pairs on the link.
+                # arcs[k] leads from axis 0 to axis k + 1. angles[k] is the angle at axis 0
+                # between the arc to axis 1 and the arc to axis k + 2.
                 axis = index + (1 if sizes == "arcs" else 2)
                 axes = entry.get("axes", ())
                 if axis < len(axes):
                     path_by_parts[sizes, axes[axis]] = path
                 if len(entry[sizes]) == 1:
-                    # "arc" or "angle"
-                    path_by_parts[sizes[:-1],] = path
+                    # The key of an only size is "arc" or "angle", without the final s.
+                    single_part = (sizes[:-1],)
+                    path_by_parts[single_part] = path
     return {
         ".".join((table, name, *map(str, parts))): path
         for parts, path in path_by_parts.items()
