@@ -64,7 +64,7 @@ class ProfileSeries:
 
     @staticmethod
     def fit(curve: Curve) -> "ProfileSeries":
-        """Return the series of a curve, as accurate as the curve up to rounding.
+        """Return the series of a curve, with errors as small as rounding allows.
 
         The eight columns are functions of the arc length s: the tangent (3), the point (3),
         the geodesic curvature k and dk/ds. A bound of |d2k/ds2| is added, which the error
@@ -83,11 +83,14 @@ class ProfileSeries:
             first_cells=curve.edges,
             degree=PROFILE_SERIES_DEGREE,
             max_cells=MAX_PROFILE_CELLS,
+            # An error up to this limit is accepted if halving the cell does not halve it.
+            # The curve itself then has rounding errors of this size.
             rounding_tolerance=SERIES_ROUNDING_TOLERANCE,
         )
         # The last column, 7, is dk/ds, so its derivative is d2k/ds2. Its largest value at
         # some positions in each cell is enlarged by a factor, because |d2k/ds2| can be
-        # larger between these positions.
+        # larger between these positions. Each cell has `SLOPE_SAMPLES` positions, with both
+        # ends; `spread_positions` counts the upper end with the next cell.
         positions = series.spread_positions(SLOPE_SAMPLES - 1)
         curvature_second = np.abs(series.derivative.evaluate(positions)[:, 7])
         bound = SLOPE_SAFETY_FACTOR_OF_PROFILES * float(np.max(curvature_second))

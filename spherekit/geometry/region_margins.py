@@ -97,17 +97,21 @@ def estimate_rounding(values: Floats) -> Floats:
 
 
 def smallest_margins(values: Floats) -> Floats:
-    """Return the smallest margin of each point, which is negative exactly outside.
+    """Return the smallest margin of each point.
+
+    It is negative if and only if the point is outside the region.
 
     Parameters
     ----------
     values
-        (n, k) margins. NaN means that the point cannot be reached.
+        (n, k) margins, functions that are at least 0 inside the region. NaN means that the
+        mechanism cannot reach the point, which is then outside.
 
     Returns
     -------
-    (n,) smallest margins. A point with NaN has -1, unless another margin is negative there:
-    then it has the smallest of the others.
+    (n,) smallest margins. If a margin is NaN and no other is negative, the result is -1, so
+    that the point counts as outside. If another margin is negative, its value is returned,
+    because it shows how far outside the point is.
     """
     is_missing = np.isnan(values)
     if not is_missing.any():
@@ -117,7 +121,10 @@ def smallest_margins(values: Floats) -> Floats:
 
 
 def select_margins(values: Floats, numbers: Indices) -> Floats:
-    """Return one margin of each point, -1 in place of NaN.
+    """Return one margin of each point.
+
+    A margin is a function that is at least 0 inside a region. NaN, where it is not defined,
+    is replaced by -1, so that the point counts as outside.
 
     Parameters
     ----------

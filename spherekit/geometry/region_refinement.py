@@ -43,29 +43,35 @@ UNCLASSIFIED = -1
 
 @dataclass(frozen=True)
 class TriangleDivision:
-    """How border segments divide their triangles into fans and triangles.
+    """How the border of a region divides the triangles of a mesh that it crosses.
 
-    A segment is the part of the border of a region in one of the T triangles of a mesh.
-    Together with one vertex of the triangle that is inside the region, the apex, it bounds
-    a fan of triangles. If two vertices are inside, one more triangle fills the rest of the
-    region: its corners are the apex, the other vertex inside, and the start of the segment.
+    A mesh has T triangles. A segment is the part of the border in one of them, and there
+    are n segments. The region in a triangle is divided into two parts:
+
+    - a fan of small triangles between the segment and a vertex inside the region, the apex;
+    - if two vertices are inside, an extra triangle between the apex, the other vertex
+      inside, and the start of the segment.
+
+    A border with a corner consists of two segments in the same triangle. Both have fans
+    from the same apex, and the first one has the extra triangle.
 
     Attributes
     ----------
     inside_count
         (T,) for every triangle of the mesh, the number of its vertices inside the region.
     apex
-        (n,) vertex with which each segment makes a fan.
-    third
-        (n,) third vertex of the triangle, used by the additional triangle.
-    has_additional
-        (n,) whether the region contains the additional triangle.
+        (n,) vertex number of the apex of each segment.
+    other_inside
+        (n,) vertex number of the other vertex inside. Without an extra triangle the number
+        has no meaning.
+    has_extra_triangle
+        (n,) whether the region contains the extra triangle.
     """
 
     inside_count: Integers
     apex: Indices
-    third: Indices
-    has_additional: Bools
+    other_inside: Indices
+    has_extra_triangle: Bools
 
 
 class RegionRefinement:
@@ -91,8 +97,9 @@ class RegionRefinement:
         (T,) `TriangleClass`, or `UNCLASSIFIED`.
     longest_edges
         (T,) longest edge (rad) of each classified triangle.
-    is_contested
-        (T,) whether several margins are uncertain in a triangle.
+    has_several_uncertain
+        (T,) whether several margins may be positive or negative in a triangle. One of them
+        may then cut off a part of the region beyond the border of another one.
     segments
         The border in the triangles where it is known.
     """
@@ -106,21 +113,23 @@ class RegionRefinement:
         self.points, self.triangles = icosahedron(spacing)
         self.values = evaluate(self.points)
         # For each triangle its class, which says whether the border crosses it, its longest
-        # edge (rad), and whether several margins are uncertain in it.
+        # edge (rad), and whether several margins may have either sign in it.
         count = len(self.triangles)
         self.classes = np.full(count, UNCLASSIFIED)
         self.longest_edges = np.zeros(count)
-        self.is_contested = np.zeros(count, dtype=bool)
+        self.has_several_uncertain = np.zeros(count, dtype=bool)
 
         # Crossings of edges with the border: key, number of the margin that is zero there,
         # and point. A key has the number of the vertex inside the region in its upper 32
         # bits, and that of the vertex outside in its lower ones.
         no_index = np.zeros(0, np.intp)
-        no_point = self.points[:0]
-        no_flag = self.is_contested[:0]
+        no_point = np.zeros((0, 3))
+        no_flag = np.zeros(0, dtype=bool)
         self._crossing_keys = no_index
         self._crossing_margins = no_index
         self._crossing_points = no_point
+        # The border, as segments in triangles. `find` makes an object with no segments from
+        # empty arrays; `_find_border` adds some later.
         self.segments = BorderSegments.find(
             evaluate,
             ends=(no_point, no_point),
@@ -134,31 +143,36 @@ class RegionRefinement:
     def refine(self, tolerance: float, feature: float, max_evaluations: int) -> None:
         """Refine until the error of the area is small enough, or nothing more helps.
 
-        Each triangle of the mesh has a class, which says how the region lies in it. In each
-        round, triangles are cut for the first of these reasons that applies to any of them:
-        their class shows too little; the search of the border has failed in them; the error
-        of the area is too large.
+        Each triangle of the mesh has a class, which says how the region lies in it. It is
+        open if a part of the region, or a hole, may be hidden in it. In each round,
+        triangles are cut for the first of these reasons that applies to any of them:
+
+        - they are open, or the functions that define the region have values in a part of
+          the triangle only;
+        - no border was found that joins their crossed edges, so that they are open now;
+        - the error of the area is too large.
 
         Parameters
         ----------
         tolerance
             Error of the area (sr) at which the refinement ends.
         feature
-            Open triangles are cut until their edges are shorter than this (rad). Smaller
-            ones are cut only while the error exceeds the tolerance.
+            Smallest size (rad) of parts and holes of the region that are to be found. Open
+            triangles with longer edges are cut. Smaller ones are cut only while the error
+            exceeds the tolerance.
         max_evaluations
-            Evaluations of the margins after which the refinement ends.
+            Number of points after which the refinement ends. The margins, the functions
+            that are at least 0 in the region, are evaluated at these points.
         """
         while True:
-            # In a broken triangle, margins are defined in a part only. In an open one, a
-            # part of the region or a hole may be hidden.
+            # In a broken triangle, margins are defined in a part only.
             self._classify()
             is_cut = self.classes == TriangleClass.BROKEN
             is_cut &= self.longest_edges > MAX_BROKEN_EDGE_RAD
             is_cut |= self.is_open & (self.longest_edges > feature)
             if not is_cut.any():
                 self._find_border()
-                # Triangles in which the search of the border failed are open now.
+                # Triangles without a sound border are open now.
                 is_cut = self.is_open & (self.longest_edges > feature)
             if not is_cut.any():
                 is_cut = self._reduce_error(tolerance)
@@ -166,6 +180,8 @@ class RegionRefinement:
             if not cost or self.evaluate.evaluations + cost > max_evaluations:
                 break
             self._cut(is_cut)
+        # If the evaluations were used up in a round that cuts for the first reason, the
+        # border has not been searched in the last triangles. Otherwise nothing is done.
         self._find_border()
 
     @property
@@ -188,26 +204,33 @@ class RegionRefinement:
         """Return the area (T,) of the region (sr) that is assigned to each triangle.
 
         A triangle with all three vertices inside is counted as a whole. If one or two are
-        inside, the region in the triangle consists of the triangle of an inner vertex (the
-        apex) and the chord (the straight arc between the ends of the border), of the area
-        between this chord and the border, and, if two are inside, of one more triangle.
+        inside, the border of the region crosses the triangle in a segment from start to
+        end. The chord is the great-circle arc between these points. The area is the sum of:
+
+        - the triangle of the chord and of one vertex inside, the apex;
+        - the area between the chord and the segment, negative if the segment bends inwards;
+        - if two vertices are inside, the triangle of both and of the start of the segment.
 
         A segment of the border may leave its triangle. A single value may therefore be
         wrong, but the sum over connected triangles is right.
         """
         division = self._divide_triangles()
         apex = self.points[division.apex]
-        third = self.points[division.third]
+        other_inside = self.points[division.other_inside]
         start, end = np.moveaxis(self.segments.ends, 1, 0)
-        # The triangle of apex and chord, and the area between chord and border.
         part = triangle_areas(apex, start, end) + self.segments.area
-        part += division.has_additional * triangle_areas(apex, third, start)
+        part += division.has_extra_triangle * triangle_areas(apex, other_inside, start)
         count = division.inside_count
         whole_triangles = (count == 3) * self.areas
         return whole_triangles + np.bincount(self.segments.triangle, part, len(count))
 
     def surface(self) -> tuple[Floats, Indices]:
         """Return a triangulation of the region alone, up to its border.
+
+        Triangles of the mesh with all vertices inside are taken as they are. In a triangle
+        that the border crosses, the border is a segment: a curve with several nodes. Two
+        neighbouring nodes and a vertex inside, the apex, make a triangle of a fan. If two
+        vertices are inside, an extra triangle joins both to the first node.
 
         Returns
         -------
@@ -225,11 +248,11 @@ class RegionRefinement:
         # A fan triangle for each node but the last one of its segment.
         fan = np.stack([division.apex[segment], number, number + 1], axis=1)
         fan = fan[:-1][~is_first_node[1:]]
-        additional = np.stack(
-            [division.apex, division.third, number[is_first_node]], axis=1
-        )[division.has_additional]
+        first_node = number[is_first_node]  # of each segment
+        extra = np.stack([division.apex, division.other_inside, first_node], axis=1)
+        extra = extra[division.has_extra_triangle]
         whole_triangles = self.triangles[division.inside_count == 3]
-        return points, np.concatenate([whole_triangles, fan, additional])
+        return points, np.concatenate([whole_triangles, fan, extra])
 
     def border_loops(self) -> list[Indices]:
         """Return the closed curves of the border, as segment numbers in their order.
@@ -258,18 +281,22 @@ class RegionRefinement:
     def _divide_triangles(self) -> TriangleDivision:
         """Return how the segments of the border divide their triangles.
 
-        A segment and one vertex of its triangle, the apex, bound a fan of triangles. The
-        apex is a vertex inside the region: the odd one (which differs from both others), if
-        it is the only one inside; otherwise one of the two others.
+        A segment is the border in one triangle. A vertex of the triangle inside the region,
+        the apex, is joined to all nodes of the segment, which makes a fan of triangles. If
+        two vertices are inside, an extra triangle joins both to the start of the segment.
         """
         inside_count = self.is_inside[self.triangles].sum(axis=1)
         odd, second, third = self._odd_vertex_first(self.segments.triangle)
+        # The odd vertex is the only one inside, or the only one outside.
         has_one_inside = inside_count[self.segments.triangle] == 1
+        # A border with a corner has two segments in a triangle. The leading one begins at
+        # the edge of the triangle, so the extra triangle ends at its start.
+        has_extra_triangle = ~has_one_inside & self.segments.is_leading
         return TriangleDivision(
             inside_count=inside_count,
             apex=np.where(has_one_inside, odd, second),
-            third=third,
-            has_additional=~has_one_inside & self.segments.is_leading,
+            other_inside=third,
+            has_extra_triangle=has_extra_triangle,
         )
 
     def _odd_vertex_first(self, selected: Indices) -> Indices:
@@ -288,12 +315,15 @@ class RegionRefinement:
     def _classify(self) -> None:
         """Sample the margins in the new triangles, and classify these.
 
-        A class says whether the triangle is inside or outside the region, or whether the
-        border crosses it. `classes`, `longest_edges` and `is_contested` are updated.
+        Margins are functions of the direction that are at least 0 in the region. A class
+        says whether the triangle is inside or outside the region, or whether the border
+        crosses it. `classes`, `longest_edges` and `has_several_uncertain` are updated. The
+        last one says whether several margins may have either sign in a triangle.
         """
-        new = np.flatnonzero(self.classes < 0)
+        new = np.flatnonzero(self.classes == UNCLASSIFIED)
         triangles = self.triangles[new]
         self.longest_edges[new] = measure_edges(self.points, triangles).max(axis=1)
+        # (E, 2) vertices of each edge, and (T, 3) numbers of the edges of each triangle.
         edges, sides = list_edges(triangles)
         low, high = np.moveaxis(self.points[edges], 1, 0)
         centroids = self.points[triangles].sum(axis=1)
@@ -302,10 +332,11 @@ class RegionRefinement:
         samples = np.concatenate([low + high, 3.0 * low + high, centroids])
         margins = self.evaluate(unit_rows(samples))
         middle, check, centroid = np.split(margins, [len(edges), 2 * len(edges)])
+        # (10, T, k) the k margins at the ten samples of each triangle.
         stacked = np.concatenate(
             [self.values[triangles.T], middle[sides.T], check[sides.T], centroid[None]]
         )
-        self.classes[new], self.is_contested[new] = classify_triangles(
+        self.classes[new], self.has_several_uncertain[new] = classify_triangles(
             self.points, triangles, stacked
         )
 
@@ -367,7 +398,9 @@ class RegionRefinement:
             is_leading=np.arange(len(position)) < len(crossed),
             is_searched=~self.is_open[triangle],
         )
-        is_audited = self.is_contested[triangle] & segments.is_sound
+        # If several margins may have either sign, others than that of the segment are
+        # evaluated along it. It is not sound if one of them is negative there.
+        is_audited = self.has_several_uncertain[triangle] & segments.is_sound
         segments.audit(self.evaluate, np.flatnonzero(is_audited))
         self.classes[triangle[~segments.is_sound]] = TriangleClass.OPEN
         self.segments = BorderSegments.concatenate([self.segments, segments])
@@ -401,11 +434,14 @@ class RegionRefinement:
         return order[np.searchsorted(self._crossing_keys, keys, sorter=order)]
 
     def _reduce_error(self, tolerance: float) -> Bools:
-        """Raise orders of segments, and return the triangles (T,) to cut for the rest.
+        """Reduce the error of the area, and return which triangles (T,) have to be cut.
 
-        The order of a segment is the degree of the polynomial by which its border is
-        approximated. Segments and open triangles may each contribute half of the tolerance
-        (sr).
+        A segment is the border of the region in one triangle, approximated by a polynomial
+        of a degree that is called its order. Its error is that of the area beside it. An
+        open triangle may hide a part of the region, so its whole area counts as an error.
+        Segments and open triangles may each contribute half of the tolerance (sr). If
+        segments contribute more, their orders are raised. Triangles are cut if that does
+        not help, and if open triangles contribute more.
         """
         is_cut = np.zeros(len(self.triangles), dtype=bool)
         segments = self.segments
@@ -425,10 +461,12 @@ class RegionRefinement:
                 is_cut[segments.triangle[is_poor]] = True
                 break
             segments.raise_order(self.evaluate, np.flatnonzero(can_raise))
+            # A segment is not sound if no border was found at the new nodes.
             self.classes[segments.triangle[~segments.is_sound]] = TriangleClass.OPEN
         open_area = self.is_open * self.areas
         if open_area.sum() > share:
-            # The largest triangles are cut first; small ones matter only after these.
+            # The largest triangles are cut first; small ones matter only after these. With
+            # a larger factor, fewer triangles are cut in a round, and more rounds follow.
             is_cut |= open_area > 0.1 * open_area.max()
         return is_cut & (self.longest_edges > MIN_EDGE_RAD)
 
@@ -436,23 +474,24 @@ class RegionRefinement:
         """Cut the triangles for which `is_cut` (T,) is true.
 
         Their neighbours are cut too where a vertex would otherwise be in the middle of an
-        edge. The classes and segments of all triangles that are not cut are kept.
+        edge. Triangles that are not cut keep their classes, and their segments: the parts
+        of the border in them. Segments of triangles that are cut are removed.
         """
         old_count = len(self.points)
         mesh = bisect_triangles(self.points, self.triangles, is_cut)
         self.points = mesh.points
         self.triangles = mesh.triangles
-        origin = mesh.origin
+        origin = mesh.origin  # the old number of each triangle, -1 for new ones
         new_values = self.evaluate(self.points[old_count:])
         self.values = np.concatenate([self.values, new_values])
-        # `origin` is the old number of each triangle, -1 for new ones. The values that are
-        # copied for new ones are replaced by `_classify`. `new_number` has the new number
-        # of each old triangle, -1 if it was cut. Its additional last element takes up the
-        # -1 of origin.
-        new_number = np.full(len(is_cut) + 1, -1)
-        new_number[origin] = np.arange(len(origin))
-        self.classes = np.where(origin >= 0, self.classes[origin], UNCLASSIFIED)
+        is_kept = origin >= 0
+        # New triangles have no values yet. The index -1 gives them those of the last old
+        # triangle, which `_classify` replaces.
+        self.classes = np.where(is_kept, self.classes[origin], UNCLASSIFIED)
         self.longest_edges = self.longest_edges[origin]
-        self.is_contested = self.is_contested[origin]
+        self.has_several_uncertain = self.has_several_uncertain[origin]
+        # The new number of each old triangle, -1 if it was cut.
+        new_number = np.full(len(is_cut), -1)
+        new_number[origin[is_kept]] = np.flatnonzero(is_kept)
         self.segments.triangle[:] = new_number[self.segments.triangle]
         self.segments = self.segments.rows(self.segments.triangle >= 0)

@@ -105,7 +105,8 @@ def rotation_vector(matrix: Floats) -> Floats:
     accurate to rounding, which closure residuals need.
     """
     r = matrix
-    # The vector of the antisymmetric part: the axis times twice the sine of the angle.
+    # The vector of the antisymmetric part: the axis times twice the sine of the angle. Its
+    # components x, y, z are written into one array and used below.
     twice_sine_vector = np.empty(r.shape[:-1])
     x = np.subtract(r[..., 2, 1], r[..., 1, 2], out=twice_sine_vector[..., 0])
     y = np.subtract(r[..., 0, 2], r[..., 2, 0], out=twice_sine_vector[..., 1])
@@ -113,11 +114,15 @@ def rotation_vector(matrix: Floats) -> Floats:
     sine = 0.5 * np.sqrt(x * x + y * y + z * z)
     cosine = 0.5 * (r[..., 0, 0] + r[..., 1, 1] + r[..., 2, 2] - 1.0)
     angle = np.arctan2(sine, cosine)
+    # Near the angle 0 the quotient of angle and sine is computed from its series. The sine
+    # is as small near half a turn, but the result is replaced there.
     is_small = sine < SMALL_ANGLE_SINE
     angle_over_sine = np.where(
         is_small, 1.0 + angle * angle / 6.0, angle / np.where(is_small, 1.0, sine)
     )
     vectors: Floats = 0.5 * angle_over_sine[..., None] * twice_sine_vector
+    # Near half a turn the antisymmetric part vanishes, so that the axis would lose digits.
+    # This limit is wider than `SMALL_ANGLE_SINE`.
     is_half_turn = (cosine < 0.0) & (sine < HALF_TURN_SINE)
     if np.any(is_half_turn):
         xyzw = quaternion(r[is_half_turn])
@@ -188,7 +193,9 @@ def log_rate(vector: Floats, w: Floats) -> Floats:
     """
     first_product = cross(vector, w)
     second_product = cross(vector, first_product)
-    return w - 0.5 * first_product + _SECOND_ORDER_FACTOR(_square(vector)) * second_product
+    # The factor c, a power series in a^2 that also holds at a = 0.
+    c = _SECOND_ORDER_FACTOR(_square(vector))
+    return w - 0.5 * first_product + c * second_product
 
 
 def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
@@ -210,7 +217,7 @@ def log_rate_change(vector: Floats, rate: Floats, w: Floats) -> Floats:
     -------
     (n, 3) derivatives, rad/s^2.
     """
-    square = _square(vector)
+    square = _square(vector)  # a^2, on which c depends
     square_rate = 2.0 * np.sum(vector * rate, axis=1, keepdims=True)
     first_product = cross(vector, w)
     first_product_rate = cross(rate, w)

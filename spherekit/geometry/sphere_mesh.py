@@ -77,6 +77,8 @@ def icosahedron(spacing: float) -> tuple[Floats, Indices]:
     )
     is_inward = np.linalg.det(points[faces]) < 0.0
     faces[is_inward] = faces[is_inward, ::-1]
+    # Vertices on the coordinate axes would often be at corners and borders of regions,
+    # since regions of mechanisms are often symmetric about these axes.
     return quarter_until_short(points @ _MESH_ROTATION.T, faces, spacing)
 
 

@@ -74,7 +74,7 @@ class TriangleAngles:
         if the triangle does not close.
     closes
         (n,) whether the sides satisfy the triangle inequalities and their sum is at most a
-        full turn, up to the slack.
+        full turn. A small violation, the slack (rad) of `vertex_angles`, is accepted.
     """
 
     at_first: Floats
@@ -136,16 +136,17 @@ class DyadClosure:
     Attributes
     ----------
     first_rotation, second_rotation
-        (n, 3, 3) rotations from the axes of each body to base axes.
+        (n, 3, 3) rotations from the axes of each body to base axes. If the outer axes lie
+        on one line, the whole dyad can rotate about it, and one of infinitely many
+        orientations is returned.
     sine
         (n,) sine of the angle between the arcs of the two bodies at the middle axis. It is
         0 at a dead centre of the dyad, and if an arc is too short to have a direction.
     slenderness
-        (n,) smallest over largest sine of the three sides of the triangle. Directions along
-        the shortest side lose digits in this ratio.
+        (n,) smallest over largest sine of the three sides of the triangle. The smaller it
+        is, the larger is the relative rounding error of the direction of the shortest side.
     closes
-        (n,) whether the arcs reach each other. If they do and the whole dyad can rotate
-        about one line, one of infinitely many configurations is returned.
+        (n,) whether the arcs reach each other at the middle axis.
     """
 
     first_rotation: Floats

@@ -137,7 +137,7 @@ def classify_triangles(
     -------
     classes
         (n,) `TriangleClass`.
-    is_contested
+    has_several_uncertain
         (n,) whether more than one margin is uncertain.
     """
     # Bounds of each margin in each triangle (n, k).
@@ -180,11 +180,16 @@ def classify_triangles(
     classes[is_broken & no_margin_negative] = TriangleClass.BROKEN
     classes[is_unreachable.all(axis=0)] = TriangleClass.OUTSIDE
     classes[is_negative.any(axis=1)] = TriangleClass.OUTSIDE
-    return classes, np.count_nonzero(is_uncertain, axis=1) > 1
+    has_several_uncertain = np.count_nonzero(is_uncertain, axis=1) > 1
+    return classes, has_several_uncertain
 
 
 def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
     """Return bounds of margins in triangles.
+
+    Margins are functions that are at least 0 inside a region. They are known at ten samples
+    of each triangle only. The bounds are therefore as certain as the samples, and are
+    widened by `VALUE_SAFETY_FACTOR` times the error that the samples show.
 
     Parameters
     ----------
@@ -192,17 +197,23 @@ def _bound_margins(triangles: Indices, samples: Floats) -> MarginBounds:
         (n, 3) vertex numbers.
     samples
         (10, n, k) margins: at the three vertices, at the midpoints of the edges 12, 23 and
-        31, at a check point on each of these edges, and at the centroid.
+        31, at a check point on each of these edges, and at the centroid. A check point is
+        at a quarter of its edge from the vertex with the lower number.
     """
     # Six samples determine a polynomial of degree 2, which its Bernstein coefficients
     # bound. Its error is measured at four check points.
     coefficients = np.tensordot(_TRIANGLE_BERNSTEIN, samples[:6], axes=1)
     interpolated = np.tensordot(_CHECKS, samples[:6], axes=1)
-    # The check point of an edge is near its vertex with the lower number. This is the
-    # second vertex in the triangle if the numbers fall along the edge.
-    falls = triangles > np.roll(triangles, -1, axis=1)
-    interpolated[:3] = np.where(falls.T[..., None], interpolated[3:6], interpolated[:3])
-    error = max_abs(interpolated[[0, 1, 2, 6]] - samples[6:], axis=0)
+    # The rows are the interpolated values at a quarter of the edges 12, 23 and 31 from the
+    # first vertex of the edge, at a quarter from its second vertex, and at the centroid.
+    near_first = interpolated[:3]
+    near_second = interpolated[3:6]
+    at_centroid = interpolated[6:]
+    # An edge goes from a vertex of the triangle to the next one, counter-clockwise.
+    second_is_lower = triangles > np.roll(triangles, -1, axis=1)
+    at_check_points = np.where(second_is_lower.T[..., None], near_second, near_first)
+    deviations = np.concatenate([at_check_points, at_centroid]) - samples[6:]
+    error = max_abs(deviations, axis=0)
     slack = VALUE_SAFETY_FACTOR * error
     return MarginBounds(
         low=coefficients.min(axis=0) - slack,
@@ -215,6 +226,11 @@ def _gradients_lie_in_cone(
     corners: Floats, samples: Floats, error: Floats, is_uncertain: Bools
 ) -> Bools:
     """Return whether the gradients of the uncertain margins lie in a cone about their mean.
+
+    A margin, a function that is at least 0 inside a region, is uncertain in a triangle if
+    its zeros may cross it. If all gradients lie in a cone, all these margins increase along
+    the axis of the cone. A line in this direction then enters the region at most once, so
+    the border is a single curve, and no part or hole of the region is hidden.
 
     The gradient of a polynomial of degree 2 is linear in a triangle. It therefore lies in a
     cone everywhere if it does at the three vertices.
@@ -250,10 +266,13 @@ def _gradients_lie_in_cone(
     error_gain = np.hypot(1.0 / base, (1.0 + np.abs(shift) / base) / height)
     with np.errstate(all="ignore"):
         # The axis of the cone is the mean of all unit gradients. The cosine of the angle of
-        # each gradient to it is reduced by the possible error.
+        # each gradient to it is reduced by the possible error. The error of a slope is the
+        # measured error of the margin times a factor that is enough for degree 3.
         slack = SLOPE_SAFETY_FACTOR * error * error_gain / size
         directions = np.where(is_uncertain, gradient / size, 0.0)
         axis = np.sum(directions, axis=(0, 2))
         cosine = np.real(directions * np.conj(axis / np.abs(axis))[:, None]) - slack
-    # The angle to the axis is at most 90 deg less half the sharpest corner.
+    # Where the zeros of two margins meet in a corner of the region with the angle A, their
+    # gradients differ by 180 deg - A, each from the mean by 90 deg - A / 2. Wider cones
+    # belong to sharper corners than `MIN_CORNER_RAD`, and are refused.
     return np.all((cosine > np.sin(0.5 * MIN_CORNER_RAD)) | ~is_uncertain, axis=(0, 2))
