@@ -23,8 +23,7 @@ def warnings_as_sentences(
     Parameters
     ----------
     report
-        Function that gets the sentence. The sentence may mention the status: in each row of
-        a table it states whether the row is valid.
+        Function that receives the sentence, for example to print it.
     shows_source
         Whether the sentence also names the file and the line, as ``--traceback`` asks for.
     """
@@ -52,6 +51,7 @@ def warnings_as_sentences(
         if category is UserWarning:
             report(f"warning: {text}")
             return
+        # The status is a column of result tables: why a row has no, or not all, numbers.
         report(
             f"warning: {_name_library(filename)} reports: {text}; this was not expected "
             f"and may concern results, so check those without a status; {where}"

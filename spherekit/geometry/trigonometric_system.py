@@ -115,16 +115,19 @@ MAX_STEP_RAD = 0.3
 class EliminantRoots:
     """Roots of the eliminants of n systems of equations.
 
-    The eliminant is the trigonometric polynomial in the first angle that remains when the
-    other angles are eliminated. Each of its roots belongs to a solution of the system.
+    The eliminant is the trigonometric polynomial in the first angle x that remains when the
+    other angles are eliminated. Its terms are e^(ikx) with k from -degree to degree, so it
+    has 2 degree roots e^(ix). Each of them belongs to a solution of the system.
 
     Attributes
     ----------
     roots
-        (n, 2 degree) values of e^(ix), x the first angle; NaN or infinite where the degree
-        drops.
+        (n, 2 degree) values of e^(ix). NaN or infinite if the coefficient of the highest
+        power is zero, so that there are fewer roots.
     excess
-        (n,) largest coefficient beyond the degree, relative to the largest coefficient.
+        (n,) largest coefficient of e^(ikx) with k beyond the degree, relative to the
+        largest coefficient of all. The eliminant has no such terms. They are computed by
+        the Fourier transform of more samples than needed, and show the rounding errors.
     problems
         For each system the reason why the roots do not give its solutions, or "".
     """
@@ -140,20 +143,24 @@ class RemainingForms:
 
     The equations are linear in the cosine and sine of each angle. If all angles but one
     have values, a form (c0, c1, c2) remains, the equation c0 + c1 cos + c2 sin = 0. The
-    systems have two equations in the angles x and z, or three in x, y and z.
+    systems have two equations in the angles x and z, or three in x, y and z. Numbers are
+    complex, because a form may have complex zeros.
+
+    In a system of three, the first equation contains x and y only. At a value of x it is a
+    form in the second angle y with two zeros. A system of two has no second angle, and the
+    arrays ``second_...`` are placeholders filled with 1.
 
     Attributes
     ----------
     last_forms
-        (n, r, s, 2, 3) forms of the last two equations in the last angle, at the s values
-        of y: 2 for three equations. Two equations have no angle in between, so s is 1.
+        (n, r, s, 2, 3) forms of the last two equations in z, at the s = 2 zeros of y. For
+        systems of two equations s is 1.
     second_zeros
-        (n, r, s, 3) values (1, cos y, sin y) at which the first of three equations is
-        zero. Ones for two equations.
+        (n, r, s, 3) values (1, cos y, sin y) at the zeros of y.
     second_forms
-        (n, r, 3) form of that first equation in y. Ones for two equations.
+        (n, r, 3) form in y of the first equation.
     second_weights
-        (n, r) c1^2 + c2^2 of that form. Ones for two equations.
+        (n, r) c1^2 + c2^2 of that form. The eliminant has a power of it as a factor.
     """
 
     last_forms: Complexes
@@ -239,13 +246,15 @@ def eliminant_degree(incidence: Bools) -> int:
     _, contains_second, contains_third = incidence[0]
     if contains_third or not contains_second:
         return 0
-    # The last two equations have the resultant R(x, y), which has degree p in y. With the
-    # zeros y1(x) and y2(x) of the first equation, the eliminant is
-    # (a1^2 + a2^2)^p R(x, y1) R(x, y2). Its degree is 2 p in the coefficients a, and that
-    # of two resultants in the coefficients of the last two equations.
+    # Elimination of z from the last two equations gives their resultant R(x, y). It has
+    # degree p in y: 2 for each of both equations that contains y. The first equation has
+    # two zeros y1(x) and y2(x), and the eliminant is (a1^2 + a2^2)^p R(x, y1) R(x, y2).
+    # The factor has degree 2 p in the coefficients a, which have degree 1 or 0 in x. Each
+    # resultant has degree 2 in x for each of the last two equations that contains x.
     resultant_degree = 2 * (contains_first[1] + contains_first[2])
     power = _resultant_degree(incidence)
-    return int(2 * power * contains_first[0] + 2 * resultant_degree)
+    factor_degree = 2 * power * contains_first[0]
+    return int(factor_degree + 2 * resultant_degree)
 
 
 def _resultant_degree(incidence: Bools) -> int:
@@ -323,9 +332,11 @@ def find_near_real_angles(equations: Numbers, incidence: Bools) -> tuple[Complex
 def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
     """Return all complex solutions of n systems.
 
-    The solutions of a system are complete if there are as many different ones as roots.
-    Most systems of three equations are solved by Newton's method from the solutions of a
-    neighbour, so neighbouring systems should be similar.
+    If all angles but the first angle x are eliminated, the eliminant remains: a
+    trigonometric polynomial in x. With the degree d its terms are e^(ikx) with k from -d to
+    d, so it has 2 d roots e^(ix). The solutions of a system are complete if there are as
+    many different ones as roots. Most systems of three equations are solved by Newton's
+    method from the solutions of a neighbour, so neighbouring systems should be similar.
 
     Parameters
     ----------
@@ -333,12 +344,12 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
         (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
         belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
     incidence
-        (t, t) whether an equation (row) contains an angle (column). The
-        `eliminant_degree` must not be 0.
+        (t, t) whether an equation (row) contains an angle (column). The angles must be
+        eliminable in their order: `eliminant_degree` must not be 0.
 
     Returns
     -------
-    (n, 2 degree, t) angles (rad). NaN for a system whose solutions are not complete.
+    (n, 2 d, t) angles (rad). NaN for a system whose solutions are not complete.
     """
     n, t = equations.shape[:2]
     angles = np.full((n, 2 * eliminant_degree(incidence), t), np.nan, dtype=complex)
@@ -370,7 +381,8 @@ def find_all_angles(equations: Numbers, incidence: Bools) -> Complexes:
                 is_solution=is_solution,
             )
 
-        # 3. Elimination with all starts for systems whose solutions are not complete yet.
+        # 3. Elimination for systems whose solutions are not complete yet. All starts that
+        # belong to a root are used: two values of y, each with two values of z.
         unsolved = systems[np.isnan(angles[:, 0, 0])]
         _eliminate(
             angles,
@@ -465,16 +477,17 @@ def _eliminate(
     Parameters
     ----------
     angles
-        (n, 2 degree, t) angles (rad) of the solutions of n systems, changed in place. The
-        degree is that of the eliminant, which has twice as many roots.
-    equations, incidence
-        The systems, and which of their equations contain which angles, as in
-        `find_all_angles`.
+        (n, roots, t) angles (rad) of the solutions of n systems, changed in place.
+    equations
+        (n, t, 3, ..., 3) coefficients of n systems of t equations. Each axis of length 3
+        belongs to an angle: indices 0, 1 and 2 are the coefficients of 1, cosine and sine.
+    incidence
+        (t, t) whether an equation (row) contains an angle (column).
     systems
         (k,) indices of the systems to solve.
     starts_per_root
-        Number of starts of Newton's method for each root. Of all possible starts, those
-        with the smallest residuals are taken.
+        Number of starts of Newton's method for each root. A root gives 2 starts in a system
+        of two equations, 4 in one of three. Those with the smallest residuals are taken.
     """
     if len(systems):
         roots = _find_eliminant_roots(equations[systems], incidence).roots
@@ -592,8 +605,9 @@ def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForm
     """Return the forms that remain of systems of two or three equations.
 
     A form is an equation c0 + c1 cos + c2 sin = 0 in one angle. The values of the first
-    angle are inserted. In a system of three equations, the first one then gives two values
-    of the second angle, which are inserted in the others.
+    angle x are inserted. In a system of three equations, the first one then is a form in
+    the second angle y. Its two zeros are inserted in the others, which become forms in the
+    last angle z. The first of three equations must not contain z.
 
     Parameters
     ----------
@@ -608,6 +622,8 @@ def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForm
     factors = angle_factors(first_angles).astype(complex)
     remaining = np.einsum("nkx...,nrx->nrk...", equations, factors)
     if equations.shape[1] == 2:
+        # Two equations have no second angle: the results for it are ones, which change
+        # nothing as factors.
         ones = np.ones((*first_angles.shape, 1, 3), dtype=complex)
         return RemainingForms(
             last_forms=remaining[:, :, None],
@@ -617,6 +633,7 @@ def _reduce_to_forms(equations: Numbers, first_angles: Numbers) -> RemainingForm
         )
     # The first equation does not contain z, so only its factor of 1 is not zero.
     second_forms = remaining[:, :, 0, :, 0]
+    # The zeros (1, cos y, sin y), and c1^2 + c2^2 of each form as its weight.
     second_zeros, second_weights = _form_zeros(second_forms)
     last_forms = np.einsum("nrkyz,nrsy->nrskz", remaining[:, :, 1:], second_zeros)
     return RemainingForms(
@@ -696,7 +713,9 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     """Return starts of Newton's method at values of the first angle.
 
     The other angles follow from the equations: in a system of three the second angle from
-    the first equation, and then the last angle from one of the last two equations.
+    the first equation, and then the last angle from one of the last two equations. With
+    all other angles inserted, an equation is a form c0 + c1 cos + c2 sin = 0 with two
+    zeros.
 
     Parameters
     ----------
@@ -712,21 +731,23 @@ def _start_angles(equations: Numbers, first_angles: Complexes) -> Complexes:
     three equations, 2 for two. Each solution with that first angle is near one of them.
     """
     forms = _reduce_to_forms(equations, first_angles)
-    # Both equations have the same zero in the last angle. The one with the larger part in
-    # cos and sin gives it more accurately.
+    # Axes of the forms in the last angle: system, first angle, zero of the second angle,
+    # the two equations, coefficients c0, c1, c2. At a solution both equations have a common
+    # zero. The one with the larger (c1, c2) gives it more accurately.
     angle_parts = np.linalg.norm(forms.last_forms[..., 1:], axis=4)
     better = np.argmax(angle_parts, axis=3)[..., None, None]
     better_forms = np.take_along_axis(forms.last_forms, better, axis=3)[..., 0, :]
     last_zeros, _ = _form_zeros(better_forms)
     last_angles = _angles_of(last_zeros)
     second_angles = _angles_of(forms.second_zeros)
-    # Axes of the columns: system, first angle, zero of the second angle, zero of the last.
-    columns = np.broadcast_arrays(
+    # Axes of each array: system, first angle, zero of the second angle, zero of the last.
+    first_starts, second_starts, last_starts = np.broadcast_arrays(
         first_angles[..., None, None], second_angles[..., None], last_angles
     )
-    # Two equations have no second angle in between.
     if equations.shape[1] == 2:
-        columns = columns[::2]
+        columns = [first_starts, last_starts]
+    else:
+        columns = [first_starts, second_starts, last_starts]
     shape = (len(first_angles), prod(last_angles.shape[1:]), len(columns))
     return np.stack(columns, axis=-1).reshape(shape)
 
@@ -866,16 +887,25 @@ def _evaluate(equations: Numbers, angles: Complexes) -> tuple[Complexes, Complex
     t = angles.shape[2]
     factors = angle_factors(angles)
     factor_rates = np.stack([0.0 * angles, -factors[..., 2], factors[..., 1]], axis=-1)
-    # The last axis is 0 for the factors of an angle, and 1 for their derivatives by it.
+    # (n, m, t, 2, 3): index 0 of the fourth axis has the factors of an angle, index 1 their
+    # derivatives by it.
     factors_and_rates = np.stack([factors, factor_rates], axis=3)
 
-    # Angle by angle, an axis x of coefficients is replaced by an axis a at the end: 0 for
-    # the value, 1 for the derivative by this angle. Letters: n system, m solution, k
-    # equation. Index 0 on all axes is the value; one 1 is the derivative by that angle.
+    # Each step inserts one angle: it sums over the first axis x of coefficients, and adds
+    # an axis a at the end, 0 for the value and 1 for the derivative by this angle. The
+    # result is (n, m, t, 2, ..., 2). Letters: n system, m solution, k equation.
     products = np.einsum("nkx...,nmax->nmk...a", equations, factors_and_rates[:, :, 0])
     for angle in range(1, t):
         products = np.einsum(
             "nmkx...,nmax->nmk...a", products, factors_and_rates[:, :, angle]
         )
-    columns = [products[..., *index] for index in np.eye(t, dtype=int)]
-    return products[..., *[0] * t], np.stack(columns, axis=3)
+    # Index 0 on all new axes is the value. Index 1 on one of them, with 0 on the others, is
+    # the derivative by that angle.
+    value_index = [0] * t
+    values = products[..., *value_index]
+    derivatives = []
+    for angle in range(t):
+        derivative_index = [0] * t
+        derivative_index[angle] = 1
+        derivatives.append(products[..., *derivative_index])
+    return values, np.stack(derivatives, axis=3)

@@ -94,16 +94,17 @@ def redescribe(
 
     def redescribe_part(part: Any) -> Any:
         """Return a pair, output, mass or load with the new names and in the new axes."""
-        # Vectors of a part that belongs to a link are in the axes of this link, except the
-        # components of a force or moment in ground axes. Vectors of other parts, such as
-        # the acceleration of gravity, are in ground axes. A rotation is None if the axes
-        # stay as they are.
+        # Vectors of numbers, such as a centre of mass, are in the axes of the link to which
+        # the part belongs. Those of a part without a link, such as the acceleration of
+        # gravity, are in ground axes. A rotation is None if the axes stay as they are.
         link = getattr(part, "link", None)
         rotation = ground_rotation if link is None else rotations.get(link)
+        # A force or moment has three expressions as components. Its field `axes` says
+        # whether they are along link axes or ground axes.
         is_in_link_axes = getattr(part, "axes", "ground") == "link"
         component_rotation = rotation if is_in_link_axes else ground_rotation
-        # Fields that change, by their kind: names, profiles, vectors, tensors, and
-        # expressions: "texts" of the three components of a vector, or one "text".
+        # Each field of a part has a kind. A "text" is one expression, "texts" are the three
+        # expressions of a force or moment. They contain names such as "theta_41".
         changes: dict[str, Any] = {}
         for name, kind in field_kinds(part).items():
             match kind, getattr(part, name):
@@ -113,6 +114,7 @@ def redescribe(
                     changes[name] = tuple(link_names.get(link, link) for link in links)
                 case "profiles", (_, _) as profiles:
                     # The profile on each link of a contact pair is in the axes of the link.
+                    # A function that the caller gives may need the pair too.
                     changes[name] = tuple(
                         rotate_pair_profile(profile, rotations[link], part)
                         if link in rotations

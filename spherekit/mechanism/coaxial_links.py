@@ -52,8 +52,9 @@ def find_coaxial_links(
 ) -> dict[LinkName, CoaxialLink[PairName]]:
     """Find all links that coaxial R pairs join to a wheel, breadth first.
 
-    Relative to each of them the wheel rotates about one line, by the signed sum of the
-    angles of the pairs between.
+    Relative to each of these links the wheel rotates about one line, which is fixed in the
+    wheel and in the link. The angle of this rotation is the sum of the variables of the
+    pairs between them, each with a sign.
 
     Parameters
     ----------
@@ -64,7 +65,7 @@ def find_coaxial_links(
     wheel
         The link from which the search starts. It is in the result, with an empty path.
     wheel_line
-        (3,) unit vector in the axes of the wheel.
+        (3,) unit vector along this line, in the axes of the wheel.
 
     Returns
     -------
@@ -87,13 +88,15 @@ def find_coaxial_links(
                 axes[near_side], coaxial_link.line
             ):
                 continue
-            # 1 if the axis of the pair has the sense of the line, otherwise -1.
-            sense = float(np.sign(axes[near_side] @ coaxial_link.line))
-            # The pair variable moves the second link relative to the first. It counts with
-            # the opposite sign where the wheel is on the side of the first link.
-            sign = sense if near_side else -sense
+            # 1 if the axis of the pair points along the line, -1 if it points against it.
+            direction_sign = float(np.sign(axes[near_side] @ coaxial_link.line))
+            # The pair variable is the rotation of the second link relative to the first. If
+            # the wheel is on the side of the second link, this is the rotation of the wheel
+            # relative to the new link. Otherwise it is the opposite rotation.
+            wheel_is_second = near_side == 1
+            sign = direction_sign if wheel_is_second else -direction_sign
             reached[next_link] = CoaxialLink(
-                line=sense * axes[far_side],
+                line=direction_sign * axes[far_side],
                 angle_signs={**coaxial_link.angle_signs, pair: sign},
                 path=(*coaxial_link.path, (pair, near_side)),
             )

@@ -176,15 +176,18 @@ class LinkSizes:
         link. The second is in the half-plane x = 0, y > 0 (the frame of Di Gregorio 2024,
         Fig. 3).
     arcs
-        `arcs[k]` is the arc from the first axis to `axes[k + 1]`.
+        `arcs[k]` is the arc of the great circle from the first axis to `axes[k + 1]`.
     angles
-        `angles[k]` is the angle from the arc to `axes[1]` to the arc to `axes[k + 2]`,
-        counter-clockwise about the first axis.
+        `angles[k]` locates `axes[k + 2]`. It is the angle about the first axis between two
+        arcs: from the arc that ends at `axes[1]`, counter-clockwise, to the arc that ends
+        at `axes[k + 2]`.
     unpaired
-        Axes that carry no pair. They remain because frames and zeros refer to them.
+        Axes that carry no pair. They remain because the frame of the link, or the zero of
+        a pair variable, is defined by the arc to such an axis.
     signed
-        Whether arcs may be below 0 or above pi. Such an arc continues along its great
-        circle to an axis on the other side of the first one.
+        Whether arcs may be below 0 or above pi. A negative arc leads from the first axis
+        in the opposite direction. An arc above pi continues beyond the point opposite to
+        the first axis.
     """
 
     axes: Names
@@ -203,10 +206,14 @@ def resize_link(
 ) -> LinkSizes:
     """Return a link with other arcs or angles.
 
+    An arc is that from the first axis of the link to another one. An angle, about the first
+    axis, is that from the arc to the second axis to the arc to another one. The arc or
+    angle is said to lead to that other axis, and is named by the pair of the axis.
+
     Parameters
     ----------
     where
-        Beginning of the error message.
+        Beginning of error messages: the place in the mechanism file.
     link
         The link whose sizes change.
     kind
@@ -239,7 +246,10 @@ def resize_link(
 
 @dataclass(frozen=True)
 class SizeGeometry:
-    """Geometry given by the sizes of the links. Its assembly modes have to be computed.
+    """Geometry given by the sizes of the links.
+
+    Sizes do not say how the links are assembled, unlike a reference pose (`PoseGeometry`).
+    The assembly modes, which are the ways to assemble them, have to be computed.
 
     Attributes
     ----------
@@ -249,7 +259,7 @@ class SizeGeometry:
         Angle (rad) of each pair at which its variable reads zero, by name. It is measured
         about the axis of the pair from the reference arc of the first link to that of the
         second. The reference arc of a link at an axis leads to the first other axis in
-        `LinkSizes.axes`. Pairs that are missing have zero.
+        `LinkSizes.axes`. For pairs that are missing this angle is 0.
     """
 
     links: Mapping[str, LinkSizes]
@@ -267,8 +277,8 @@ class PoseGeometry:
     axes
         Axis of each R pair, a unit vector in ground axes, by name.
     values
-        Variable (rad) of each R pair in the pose, by name. Pairs that are missing have
-        zero.
+        Variable (rad) of each R pair in the pose, by name. For pairs that are missing it is
+        0.
     """
 
     axes: Mapping[str, Vector]

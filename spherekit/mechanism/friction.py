@@ -141,15 +141,31 @@ class Bearings(BearingFriction):
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
         """Check the fields of the load, which has all bearings of its pair.
 
-        `key` is the key of the load in the file of the mechanism, for messages. A
-        `ModelError` is raised if the positions give no lever arm, if the axial shares do
-        not add up to 1 or are not all 0, or if another load has bearings of the same pair.
+        The axial shares state which part of the axial force each bearing supports. They add
+        up to 1, or are all 0 if the pair transmits no axial force.
+
+        Parameters
+        ----------
+        key
+            The key of the load in the mechanism file, for messages.
+        mechanism
+            The mechanism.
+
+        Raises
+        ------
+        ModelError
+            If the positions give no lever arm, the axial shares have another sum, or
+            another load has bearings of the same pair.
         """
         super().check(key, mechanism)
         # One bearing needs a lever arm from the centre, two bearings one between them.
-        first, *others = self.positions or (0.0,)
-        has_no_lever = others[0] == first if others else first == 0.0
-        if len(others) > 1 or has_no_lever:
+        if len(self.positions) == 1:
+            has_lever = self.positions[0] != 0.0
+        elif len(self.positions) == 2:
+            has_lever = self.positions[0] != self.positions[1]
+        else:
+            has_lever = False
+        if not has_lever:
             raise ModelError(
                 f"{key}.positions: found {list(self.positions)} m, needs one that is not "
                 "0, or two that differ: distances of the bearings from the centre along "
@@ -176,7 +192,11 @@ class Bearings(BearingFriction):
                 )
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return one component, whose magnitude -tanh(v / speed) is per N m of friction."""
+        """Return one component, whose magnitude is -tanh(v / speed).
+
+        Other code multiplies it by the friction (N m): the coefficient times the radius
+        times the load on the bearings.
+        """
         magnitude = f"-tanh(dtheta_{self.pair}/{format_number(self.speed)})"
         if not self.friction_coefficient > 0.0:
             magnitude = "0"
@@ -188,9 +208,11 @@ class Bearings(BearingFriction):
 class ContactFriction(BearingFriction):
     """Coulomb friction of a sliding contact, which follows from its push.
 
-    The friction is the coefficient times the push. It acts against the rate v (rad/s) at
-    which the second link slides along the first and is smoothed by tanh(v / speed). At a
-    contact at the distance r from the centre the sliding velocity is r v.
+    A contact at the distance r from the centre of the sphere has a normal force N and a
+    friction force. Their moments about the centre are the push r N (N m) and the friction
+    (N m). The friction is the coefficient times the push. It acts against the rate v
+    (rad/s) at which the second link slides along the first, and is smoothed by
+    tanh(v / speed). The sliding velocity at the contact is r v.
 
     Attributes
     ----------
@@ -226,7 +248,10 @@ class ContactFriction(BearingFriction):
         return (moments * [1.0, 0.0, 0.0])[..., None, :]
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
-        """Return one component, whose magnitude -tanh(v / speed) is per N m of friction."""
+        """Return one component, whose magnitude is -tanh(v / speed).
+
+        Other code multiplies it by the friction (N m): the coefficient times the push.
+        """
         if not self.friction_coefficient > 0.0:
             return (LoadComponent(parse("0", [])),)
         rate = sliding_rate_name(self.pair)

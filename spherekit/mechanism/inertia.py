@@ -148,6 +148,9 @@ def uniform_arc(
 def check_mass(mass: Mass) -> None:
     """Raise an error if no body can have this inertia.
 
+    The inertia tensor of a link is about the centre O of the sphere. A mass and a centre of
+    mass may be stated with it.
+
     Raises
     ------
     ModelError
@@ -162,8 +165,8 @@ def check_mass(mass: Mass) -> None:
             raise ModelError(f"{key}.mass: found {mass.mass:g} kg, needs more than 0")
     tensor = np.array(mass.tensor, dtype=np.float64)
     check_tensor(f"{key}.tensor", tensor)
-    # With the mass at its centre, the tensor about the centre of mass is known too, and has
-    # to be that of a body.
+    # If the mass and its centre are stated, they determine the tensor about the centre of
+    # mass (Steiner's theorem). It also has to be that of a body.
     if mass.centre is None:
         return
     if mass.mass is None:

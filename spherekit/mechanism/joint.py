@@ -180,11 +180,20 @@ class Joint(ABC):
 
     @classmethod
     def evaluate_states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
-        """Return the frames and curvatures of m contacts at n samples.
+        """Return the frames and curvatures of m pairs of one kind at n samples.
 
-        `values` are the variables (n, m, variables of a joint). This method is for
-        contacts; R pairs override it. Variables that are not finite are
-        replaced by finite numbers, because curves are defined at finite arc lengths only.
+        This method is for contacts, and the class of R pairs replaces it. The states of a
+        contact also tell whether the contact point is between the ends of both profiles
+        (`inside`).
+
+        Parameters
+        ----------
+        joints
+            The m contacts, all of this class.
+        values
+            (n, m, k) the k variables of each contact, rad. A variable that is not finite is
+            replaced by a finite number, because curves are defined at finite arc lengths
+            only. The states of this contact have no meaning in that sample.
         """
         states = PairStates.blank(len(values), len(joints))
         frames = (states.first, states.second)
@@ -225,12 +234,18 @@ class Joint(ABC):
     ) -> Floats:
         """Return the time derivatives (n, m, variables, 3) of the velocity vectors.
 
+        The velocity vector of a variable is the angular velocity of the second link
+        relative to the first per unit rate of this variable. It turns with the links, and
+        changes with the curvatures of the profiles at a contact.
+
         Parameters
         ----------
         frames
-            (n, m, 3, 3) frames of the pairs, in the axes of the result.
+            (n, m, 3, 3) frames of the pairs in any common axes, such as ground axes. The
+            derivatives are in the same axes.
         states
-            States of the pairs, of which the curvatures and their rates are used.
+            States of the pairs, with the geodesic curvatures of both profiles and their
+            derivatives by the arc length.
         first_w, second_w
             (n, m, 3) angular velocities (rad/s) of the first and the second links, in the
             same axes.
@@ -245,6 +260,10 @@ class Revolute(Joint):
     R from link axes to ground axes. The frames of the pair in its two links are A_first =
     first Z(v) and A_second = second, where Z(v) is the rotation by the variable v (rad)
     about z.
+
+    The axis is the third column of the frames (`axis_column`). It is also the pole axis of
+    the two links (`pole_line`), about which they turn relative to each other. Random start
+    values of the variable are drawn from `start_ranges` (rad).
 
     Attributes
     ----------
@@ -273,7 +292,8 @@ class Revolute(Joint):
     def evaluate_states(cls, joints: Sequence[Self], values: Floats) -> PairStates:
         """Return the states of R pairs: frames A_first = first Z(v) and A_second = second.
 
-        Z(v) is the rotation by the variable v (rad) about the axis z.
+        Z(v) is the rotation by the variable v (rad) about the axis z. `values` (n, m, 1)
+        are the variables of m pairs at n samples.
         """
         states = PairStates.blank(len(values), len(joints))
         (x, y, axis), second = _stacked_frames(tuple(joints))
@@ -287,12 +307,18 @@ class Revolute(Joint):
 
     @staticmethod
     def velocity_vectors(frames: Floats, curvatures: Floats) -> Floats:
+        """Return the axis of each R pair (n, m, 1, 3), in the axes of `frames`."""
         return frames[:, :, None, :, 2]
 
     @staticmethod
     def vector_rates(
         frames: Floats, states: PairStates, first_w: Floats, second_w: Floats
     ) -> Floats:
+        """Return the time derivative (n, m, 1, 3) of the axis of each R pair.
+
+        The axis is fixed in both links and turns with the first one, whose angular velocity
+        is `first_w` (n, m, 3).
+        """
         return cross(first_w, frames[..., 2])[:, :, None]
 
 

@@ -52,13 +52,17 @@ def make_joints_in_pose(
 ) -> tuple[tuple[Joint, ...], Floats | None]:
     """Return the joints of a mechanism and its variables in the reference pose.
 
+    A reference pose is a configuration in which the file gives the axes of all pairs. The
+    profiles of a contact touch in it if they have a common point with a common tangent:
+    their frames (tangent, normal, point) are equal there.
+
     Parameters
     ----------
     mechanism
         Mechanism given by sizes of links or by a reference pose.
     profile_gap
-        Largest angle (rad) between the frames (tangent, normal, point) of two profiles in
-        the reference pose. Profiles with a smaller angle touch where it is smallest.
+        Largest angle (rad) between the frames of two profiles that is accepted, because
+        numbers in a file are rounded. The profiles touch where the angle is smallest.
 
     Returns
     -------
@@ -86,17 +90,18 @@ def make_joints_in_pose(
             pose_variables.append(pose.values.get(pair.name, 0.0) if pose else 0.0)
             continue
         curves = make_contact_curves(mechanism, pair)
-        # Arc lengths along both profiles at the contact. In a reference pose the profiles
-        # themselves show where they touch.
+        # Arc lengths along both profiles at the contact: those of the file if the mechanism
+        # is given by sizes. In a reference pose the profiles show where they touch.
         start = pair.start
         if pose:
             start = find_contact_lengths(mechanism, pair, curves, profile_gap)
         if pair.type == "Cr":
-            # The arc length of rolling is counted from the reference pose.
+            # A rolling contact. Its variable is the arc length that has rolled, counted
+            # from the contact at `start`.
             joints.append(Rolling(*curves, start))
             pose_variables.append(0.0)
         else:
-            # The arc lengths along both profiles are the variables.
+            # A sliding contact. The arc lengths along both profiles are the variables.
             joints.append(Sliding(*curves))
             pose_variables += start
     return tuple(joints), np.array(pose_variables) if pose else None
