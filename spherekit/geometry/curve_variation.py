@@ -100,14 +100,19 @@ def quintic_panels(
 class PathVariation:
     """A path that carries its derivative by a design variable as a complex step.
 
+    Complex step: a quantity a and its derivative da are one complex number a + i h da. The
+    step h is so tiny that the imaginary part does not change the real one. A function
+    of such numbers then has its derivative, times h, as imaginary part.
+
     Attributes
     ----------
     path
-        The path, with complex numbers.
+        The path, whose points and coefficients are such complex numbers.
     table
-        Its arc length as a function of its parameter.
+        The arc length of the path as a function of its parameter, real numbers only.
     arc_length_rate
-        Derivative of the arc length by the design variable, at a fixed parameter.
+        Derivative of the arc length by the design variable, at a fixed parameter. It is a
+        function of the parameter, like the arc length itself.
     length_rate
         Derivative of the whole length (rad).
     closed
@@ -127,6 +132,11 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
     A number and its derivative are the real part and the scaled imaginary part of one
     complex number (complex step).
 
+    The parameter of the spline is to be nearly its arc length. The knots, which are the
+    parameters of the points, depend on the spline in turn. The spline is therefore fitted
+    several times. The knots of the first fit are the sums of the arcs between points. Those
+    of every other fit are the arc lengths of the points on the fit before it.
+
     Parameters
     ----------
     points, change
@@ -139,15 +149,17 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
     if closed:
         moving_points = np.concatenate([moving_points, moving_points[:1]])
 
-    # The spline is fitted several times. The knots of the first fit are the sums of the
-    # arcs between points. Those of every other fit are the lengths along the fit before it.
-    # `step_rates` are the derivatives of the differences between successive knots.
+    # Derivatives of the differences between successive knots.
     step_rates = _arc_rates(moving_points)
+    # The fits without derivatives: real spline, and its arc length by the parameter. Each
+    # is repeated here with complex numbers. Only the last one is the result.
     fits = list(spline_fits(points, closed))
     for path, _ in fits:
         knot_rates = np.append(0.0, np.cumsum(step_rates))
         knots = add_complex_step(path.knots, knot_rates)
         spline = quintic_panels(knots, moving_points, closed)
+        # `spline` has the complex knots. The knots of a `SplinePath` itself do not affect
+        # its points, so they may be real.
         moving_path = SplinePath(spline, path.knots, closed)
         arc_length_rate = _integrate_speed_rate(moving_path, path.knots)
         # The arc length up to a knot changes with the curve at a fixed parameter, and by
@@ -156,6 +168,7 @@ def _vary_spline(points: Floats, change: Floats, closed: bool) -> PathVariation:
         step_rates = np.diff(
             rate_at_fixed_parameter + path.speed(path.knots) * extract_derivative(knots)
         )
+    # The arc length of the last fit, the final curve.
     _, table = fits[-1]
     return PathVariation(
         path=moving_path,
@@ -192,13 +205,15 @@ the point, 6 to the geodesic curvature k and 7 to dk/ds."""
 def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative:
     """Return the derivative of a curve by a design variable, at fixed arc lengths.
 
-    Numbers and their derivatives by the design variable are the real and the scaled
-    imaginary parts of complex numbers (complex step).
+    A curve is a path p(u) on the unit sphere with the arc length s as its variable. A
+    design variable, such as a coefficient of the path, changes the curve. The points of the
+    path are complex numbers: the real part is the point itself, the scaled imaginary part
+    is its derivative by the design variable (complex step).
 
     Parameters
     ----------
     variation
-        The path of the curve, with its derivative by the design variable.
+        The complex path, with the arc length of the real path and its derivative.
     backwards
         Whether the curve runs against the path.
     """
@@ -206,24 +221,28 @@ def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative
     table = variation.table
 
     def evaluate(s: Floats) -> Floats:
-        """Return the derivatives (8, n) of the curve at arc lengths (n,).
+        """Return the derivatives (8, n) of the curve by the design variable.
 
-        The rows are the components of the tangent and of the point, the geodesic curvature,
-        and its derivative by the arc length.
+        They are taken at the fixed arc lengths `s` (n,), rad. The rows are the components
+        of the tangent and of the point, the geodesic curvature, and its derivative by the
+        arc length.
         """
         direction = -1.0 if backwards else 1.0
         arc_length = direction * s
         # Whole lengths of the path are added to reach the range of the table from arc
         # length to parameter. An open curve that runs backwards starts at the end of the
         # path, so one length is added. The lengths have a derivative, too.
-        laps = np.full_like(s, backwards)
         if variation.closed:
             laps = -np.floor(arc_length / table.length)
+        else:
+            laps = np.full_like(s, 1.0 if backwards else 0.0)
         arc_length = arc_length + laps * table.length
         target_rate = laps * variation.length_rate
 
-        # The parameter u changes so that the arc length remains at its target: the rate of
-        # the arc length at fixed u, plus |dp/du| u', is the rate of the target.
+        # The arc length s(u, x) depends on the parameter u and on the design variable x. It
+        # has to remain at its target, ds/dx + ds/du u' = (rate of the target). Here ds/dx
+        # is `arc_length_rate`, ds/du = |dp/du| is the speed, and u' is the derivative of
+        # the parameter by x.
         u = table.invert(arc_length)
         speed = np.real(path.speed(add_complex_step(u, 0.0)))
         u_rate = (target_rate - variation.arc_length_rate.evaluate(u)) / speed
@@ -231,8 +250,9 @@ def _differentiate(variation: PathVariation, backwards: bool) -> CurveDerivative
         frame = extract_derivative(frames.frame)
         curvature = extract_derivative(frames.curvature)
         curvature_rate = extract_derivative(frames.curvature_rate)
-        # The columns 0 and 2 of a frame are tangent and point. On a curve that runs
-        # backwards, tangent and curvature change their sign.
+        # The columns of a frame are tangent t, p x t and point p. On a curve that runs
+        # backwards, tangent and curvature change their sign. The derivative of the
+        # curvature by the arc length does not: both curvature and arc length change theirs.
         return np.concatenate(
             [
                 direction * frame[:, :, 0].T,
@@ -272,18 +292,22 @@ def differentiate_fourier(
     for row, value_and_derivative in enumerate((cosines, sines)):
         for k, coefficients in enumerate(value_and_derivative):
             series[k, row, : np.size(coefficients)] = coefficients
-    # The moving path carries the derivative as the imaginary parts of its numbers.
+    # The moving path has complex numbers. Their real parts are the values, their scaled
+    # imaginary parts the derivatives by the design variable (complex step).
     moving_cosines, moving_sines = add_complex_step(*series)
     moving_path = FourierPath(
         axes_about(add_complex_step(*centre)), moving_cosines, moving_sines
     )
     path = FourierPath(axes_about(np.asarray(centre[0], dtype=float)), *series[0])
+    # Azimuths between which the path is smooth enough for an accurate integral of its
+    # speed. The derivative of the arc length is the integral of that of the speed.
     edges = azimuth_panels(size)
     arc_length_rate = _integrate_speed_rate(moving_path, edges)
     variation = PathVariation(
         path=moving_path,
         table=measure_arc_length(path, edges),
         arc_length_rate=arc_length_rate,
+        # The integral over all azimuths: the derivative of the whole length.
         length_rate=arc_length_rate.length,
         closed=True,
     )

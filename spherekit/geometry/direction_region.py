@@ -50,13 +50,15 @@ class BorderArc:
 class Boundary:
     """A closed curve of the border of a region of directions.
 
+    The region has the directions in which all margins (functions of the direction) are at
+    least 0. Its connected parts are components, those of the outside are gaps.
+
     Attributes
     ----------
     arcs
-        Its smooth arcs in order.
+        Its smooth arcs in order. One margin is 0 along an arc.
     component, gap
-        Number of the part of the region to its left, and of the part of the outside to its
-        right.
+        Number of the component to its left, and number of the gap to its right.
     """
 
     arcs: tuple[BorderArc, ...]
@@ -72,8 +74,10 @@ class Boundary:
 
     @property
     def corners(self) -> Floats:
-        """Points (c, 3) at which arcs of different margins meet."""
-        starts = [arc.points[0] for arc in self.arcs if len(self.arcs) > 1]
+        """Points (c, 3) at which arcs with different margins meet."""
+        # A single arc is a smooth closed curve without corners.
+        corner_arcs = self.arcs if len(self.arcs) > 1 else ()
+        starts = [arc.points[0] for arc in corner_arcs]
         return np.reshape(starts, (-1, 3))
 
 
@@ -184,12 +188,15 @@ class Region:
                 f"{point!r} is not a direction; give three finite numbers, not all 0"
             )
         direction = direction / length
-        # A direction is in the region if all margins are at least 0. The margins at the
-        # vertices of the mesh give their rounding errors.
+        # A direction is in the region if all margins are at least 0. The rounding error of
+        # a margin is estimated from the sizes of its values, here those at the vertices of
+        # the mesh. A margin that is negative by less than this error counts as 0.
         evaluate = MarginEvaluator(self.margins, sampled=self.values)
         if smallest_margins(evaluate(direction[None]))[0] >= 0.0:
             return direction
-        # Outside, the nearest point is on the border.
+        # For a direction outside, the nearest point is on the border. An empty region has
+        # no border; `excluding` has the sets of margins that no direction satisfies
+        # together.
         if not len(self.border.margin):
             raise RegionError(
                 "the region is empty, so no point of it is nearest; sets of margins that "
@@ -393,14 +400,19 @@ def _find_excluding_sets(
     def excludes_all(margins: tuple[int, ...]) -> bool:
         """Return whether no direction satisfies some margins, as far as a mesh shows.
 
-        A direction satisfies a margin that is at least 0 there.
+        A direction satisfies a margin that is at least 0 there. `margins` are numbers of
+        the margins that are examined.
         """
+        # `values` (V, k) are all margins at the directions that were evaluated before.
         if np.any(smallest_margins(values[:, margins]) >= 0.0):
             return False
-        # Search the region of these margins alone.
+        # Search the region of these margins alone. The first mesh has edges of `spacing`
+        # (rad). Triangles in which a part of the region may be hidden are cut until their
+        # edges are shorter than `feature` (rad).
         selected = MarginEvaluator(lambda points: evaluate(points)[:, margins])
         refinement = RegionRefinement(selected, spacing)
-        # The accuracy of the area does not matter.
+        # The question is only whether there is a region. Triangles are not cut for the
+        # accuracy of its area, so the tolerance of the area is infinite.
         refinement.refine(
             tolerance=np.inf, feature=feature, max_evaluations=EVALUATIONS_PER_SET
         )

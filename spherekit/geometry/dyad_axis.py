@@ -63,12 +63,16 @@ def triple_square(
     are the arcs of the bodies. It is negative if the arcs are too short or too long for the
     outer axes.
 
+    The vectors a and c enter by two squares instead of a . c. If they nearly coincide or
+    are nearly opposite, a . c is close to 1 or -1 and its differences lose digits. One of
+    the two squares then is small and keeps them.
+
     Parameters
     ----------
     first_arc, second_arc
         Arcs A and C from the outer axes a and c to the middle axis.
     sum_square, difference_square
-        |a + c|^2 and |a - c|^2.
+        |a + c|^2 and |a - c|^2: numbers, arrays or symbolic expressions.
     """
     first_factor = _cosine_minus_dot(first_arc - second_arc, sum_square, difference_square)
     second_factor = -1.0 * _cosine_minus_dot(
@@ -88,6 +92,8 @@ def middle_axis(
 
     The dyad is a chain of two bodies between the outer axes a and c, both unit vectors. The
     axis b of the pair between its bodies is the sum of the three vectors times the factors.
+    Two axes b are possible, at mirror images about the plane of a and c. They differ in the
+    sign of the triple product t = b . (a x c).
 
     Parameters
     ----------
@@ -96,7 +102,8 @@ def middle_axis(
     sum_square, difference_square
         |a + c|^2 and |a - c|^2.
     root
-        The triple product t, a root of `triple_square`. Its sign chooses the assembly mode.
+        The triple product t, a square root of the result of `triple_square`. Its sign
+        chooses the assembly mode, one of the two ways to assemble the dyad.
 
     Returns
     -------

@@ -66,7 +66,12 @@ def normals_of(phi: ArrayLike, gamma: ArrayLike) -> Floats:
 def normal_at(phi: float, gamma: float) -> Floats:
     """Return the unit normal (3,) of the mirror with the angles phi and gamma, rad.
 
-    The angles define the normal (-sin(phi / 2), sin(gamma / 2), n_z) with n_z >= 0.
+    A mirror is a plane through the centre of the sphere. A mechanism may have a base and an
+    output that are mirror images of each other in it. phi is the arc from the point
+    (1, 0, 0) to its mirror image, and gamma is the angle by which the mirror turns the
+    plane y = 0 (Chen et al. 2021). A reflection moves a point or plane by twice its angle
+    to the mirror, so the normal is (-sin(phi / 2), sin(gamma / 2), n_z). Its sign is chosen
+    so that n_z >= 0.
 
     Raises
     ------

@@ -9,7 +9,8 @@ The volume element that is invariant under rotations is
 with Euler angles and sin(b) da db dc.
 
 The cubes are divided into cells with integer coordinates. In a cell each margin is
-interpolated by a polynomial of degree 2 in each coordinate, from 27 samples.
+interpolated by a polynomial of degree 2 in each coordinate, from 27 samples. A cell at the
+border of the set is divided into a grid of subcells, in which the volume is summed.
 """
 
 from dataclasses import dataclass
@@ -46,9 +47,9 @@ FIRST_HALVINGS = 3
 MIN_CELL_WIDTH = 4
 """Cells of this width, in units, are not halved: their samples are one unit apart."""
 
-STEPS_PER_CELL = 6
-"""Steps of the grid in a cell on which the volume is summed. Larger: more accurate volumes
-of cells at the border, and more computation."""
+SUBCELLS_PER_SIDE = 6
+"""Number of subcells along each side of a cell, in which the volume is summed. Larger: more
+accurate volumes of cells at the border, and more computation."""
 
 EVALUATIONS_PER_HALVING = 120
 """Approximate number of evaluations that halving a cell in three directions costs."""
@@ -82,13 +83,16 @@ class Orientations:
     Attributes
     ----------
     volume, error
-        Their volume, of 8 pi^2 for all orientations, and an estimate of its error: the
-        change at the last halving of each cell.
+        Volume of these orientations, and an estimate of its error. All orientations
+        together have the volume 8 pi^2. The volume is a sum over cells. Its error is the
+        change when cells were halved the last time.
     place, depth
-        (4,) unit quaternion xyzw with the largest smallest margin among all samples, and
-        this margin.
+        (4,) unit quaternion xyzw of the orientation deepest inside the set, and its depth.
+        The depth of an orientation is the smallest of its margins. Only the orientations at
+        which margins were evaluated are compared.
     evaluations, calls
-        Number of orientations at which the margins were evaluated, and of calls.
+        Number of orientations at which the margins were evaluated, and number of calls of
+        the function that returns the margins.
     """
 
     volume: float
@@ -123,24 +127,25 @@ _CUBE_BERNSTEIN = np.kron(_LINE_BERNSTEIN, np.kron(_LINE_BERNSTEIN, _LINE_BERNST
 """(27, 27) matrix from samples to Bernstein coefficients. The smallest and largest
 coefficient bound the polynomial in the cell."""
 
-_STEP_CENTRES = (_cubic_grid(np.arange(STEPS_PER_CELL)) + 0.5) / STEPS_PER_CELL
-_AT_CENTRES = _interpolation_matrix(_STEP_CENTRES)
+_SUBCELL_CENTRES = (_cubic_grid(np.arange(SUBCELLS_PER_SIDE)) + 0.5) / SUBCELLS_PER_SIDE
+_AT_CENTRES = _interpolation_matrix(_SUBCELL_CENTRES)
 _CHANGES = [
-    _interpolation_matrix(_STEP_CENTRES + half_step)
-    - _interpolation_matrix(_STEP_CENTRES - half_step)
-    for half_step in 0.5 / STEPS_PER_CELL * np.eye(3)
+    _interpolation_matrix(_SUBCELL_CENTRES + half_step)
+    - _interpolation_matrix(_SUBCELL_CENTRES - half_step)
+    for half_step in 0.5 / SUBCELLS_PER_SIDE * np.eye(3)
 ]
-"""Matrices from samples to the changes over a step in each direction. For polynomials of
-degree 2 they are the derivatives at the centre times the step."""
+"""Matrices from samples to the changes over a subcell in each direction. For polynomials of
+degree 2 they are the derivatives at the centre times the width of the subcell."""
 
-_STEP_MEANS = np.mean(
+_SUBCELL_MEANS = np.mean(
     [
-        _interpolation_matrix(_STEP_CENTRES + offset / STEPS_PER_CELL)
+        _interpolation_matrix(_SUBCELL_CENTRES + offset / SUBCELLS_PER_SIDE)
         for offset in (_CORNERS_OF_CUBE - 0.5) / 3**0.5
     ],
     axis=0,
 )
-"""Matrix from samples to the means over steps, by Gauss's rule with two nodes per axis."""
+"""Matrix from samples to the means over subcells, by Gauss's rule with two nodes per
+axis."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(4)
 _CUBE_GAUSS_POINTS = _cubic_grid(0.5 * (1.0 + _NODES))
@@ -211,16 +216,21 @@ def find_orientations(
 
 @dataclass(frozen=True)
 class _Boxes(ArrayRows):
-    """n cubic boxes in the four cubes of unit quaternions, with integer coordinates.
+    """n cells: cubic boxes in the four cubes of unit quaternions.
+
+    Unit quaternions up to their sign are divided into four cubes, one for each component
+    that is the largest. The other three components, divided by the largest, are coordinates
+    from -1 to 1 in the cube. Here they are counted in whole units from the lowest corner of
+    the cube, which is 2**CUBE_BITS units wide.
 
     Attributes
     ----------
     cube
-        (n,) number of the cube, which is that of the largest component of the quaternion.
+        (n,) number of the cube: the position of the largest component, from 0 to 3.
     corner
-        (n, 3) coordinates of the lowest corner, in units of the cube.
+        (n, 3) coordinates of the lowest corner of each cell, in units.
     width
-        (n,) width, in the same units.
+        (n,) width of each cell, in units.
     """
 
     cube: Indices
@@ -229,7 +239,10 @@ class _Boxes(ArrayRows):
 
 
 class _OrientationCells:
-    """Cells of the four cubes, with the volume of the set of orientations in each.
+    """Cells of the space of orientations, with the volume of the set in each of them.
+
+    The set has the orientations at which all margins are at least 0. The cells are cubic
+    boxes in the four cubes of unit quaternions.
 
     Attributes
     ----------
@@ -238,14 +251,21 @@ class _OrientationCells:
     volume, error
         (n,) volume of the set in each cell, and its error; 0 if it is certain.
     deepest, depth
-        (4,) unit quaternion xyzw with the largest smallest margin, and this margin.
+        (4,) unit quaternion xyzw of the orientation deepest inside the set, and its depth,
+        which is the smallest of its margins.
     """
 
     def __init__(self, evaluate: MarginEvaluator) -> None:
-        """Halve the cubes `FIRST_HALVINGS` times, and measure the cells."""
+        """Halve the cubes of quaternions `FIRST_HALVINGS` times, and measure the cells.
+
+        `evaluate` returns margins (n, k) at unit quaternions (n, 4). The set of
+        orientations to be measured is that in which all margins are at least 0.
+        """
         self.evaluate = evaluate
+        # The orientation with the largest smallest margin, the depth. None is known yet.
         self.deepest = np.array([0.0, 0.0, 0.0, 1.0])
         self.depth = -np.inf
+        # Coordinates are integers. A cube is 2**CUBE_BITS units wide.
         corners = _cubic_grid(np.arange(2**FIRST_HALVINGS))
         width = 2 ** (CUBE_BITS - FIRST_HALVINGS)
         count = 4 * len(corners)
@@ -254,10 +274,11 @@ class _OrientationCells:
             corner=np.tile(corners * width, (4, 1)),
             width=np.full(count, width),
         )
-        # The whole volume of an uncertain cell is its first error.
+        # A volume is certain if the cell belongs to the set as a whole or not at all. The
+        # whole volume of an uncertain cell is its first error.
         self.volume, has_certain_volume = self._measure(self.boxes)
         self.error = np.where(
-            has_certain_volume, 0.0, _step_volumes(self.boxes).sum(axis=1)
+            has_certain_volume, 0.0, _subcell_volumes(self.boxes).sum(axis=1)
         )
 
     def halve(self, selected: Indices) -> None:
@@ -289,66 +310,89 @@ class _OrientationCells:
         self.error = np.concatenate([self.error[remaining], error])
 
     def _measure(self, boxes: _Boxes) -> tuple[Floats, Bools]:
-        """Return the volumes (n,) of the set in n boxes, and whether they are certain.
+        """Return the volumes (n,) of the set in n cells, and whether they are certain.
 
-        In each box a margin is interpolated by a polynomial from 27 samples. A volume is
-        certain if no margin can change its sign in the box. Otherwise the box is divided
-        into small steps, and the part of each step in which all margins are positive is
-        estimated.
+        The set has the orientations at which all margins are at least 0. In each cell a
+        margin is interpolated by a polynomial of degree 2 in each of three coordinates,
+        from 27 samples. A volume counts as certain if no margin can change its sign in the
+        cell. The bounds for this include an estimate of the interpolation error, so they
+        are no proof. An uncertain cell is divided into a grid of subcells, and the part of
+        each subcell in which all margins are positive is estimated.
+
+        Parameters
+        ----------
+        boxes
+            The boxes of the n cells in the space of orientations.
 
         Returns
         -------
         volumes
-            (n,) volume of the set in each box, of 8 pi^2 for all orientations.
+            (n,) volume of the set in each cell. All orientations together have 8 pi^2.
         has_certain_volume
-            (n,) whether the volume is certain: all of the box or nothing.
+            (n,) whether the volume is certain: all of the cell or nothing.
         """
-        # Bounds of each margin: those of its polynomial, widened by the slack. This is the
-        # error of the polynomial at the check points times a safety factor.
+        # Axes of samples and checks: point, cell, margin. The polynomials are compared with
+        # the margins at four check points, whose coordinates are in quarters of the cell.
         samples, checks = self._sample(boxes)
         margin_count = samples.shape[2]
         at_checks = np.tensordot(
             _interpolation_matrix(_CHECK_QUARTERS / 4.0), samples, axes=1
         )
+        # The interpolation error is estimated as the largest one at the check points times
+        # a safety factor. The Bernstein coefficients of a polynomial bound its values.
         slack = VALUE_SAFETY_FACTOR * max_abs(at_checks - checks, axis=0)
         bernstein = np.tensordot(_CUBE_BERNSTEIN, samples, axes=1)
         is_outside = (bernstein.max(axis=0) + slack < 0.0).any(axis=1)
         has_certain_volume = is_outside | (bernstein.min(axis=0) >= slack).all(axis=1)
 
-        # (n, steps) volumes of the steps of each cell. In uncertain cells they are reduced
-        # to the part in which all margins are positive.
-        volumes = _step_volumes(boxes) * ~is_outside[:, None]
+        # (n, subcells) volumes of the subcells of each cell. In uncertain cells they are
+        # reduced to the part in which all margins are positive.
+        volumes = _subcell_volumes(boxes) * ~is_outside[:, None]
         uncertain = np.flatnonzero(~has_certain_volume)
         # Chunks limit the memory.
         chunk_count = len(uncertain) * margin_count // VALUES_PER_CHUNK + 1
         for chunk in np.array_split(uncertain, chunk_count):
+            # One column for each margin in each cell, with its 27 samples.
             filled = _filled_fractions(samples[:, chunk].reshape(27, -1))
-            filled = filled.reshape(STEPS_PER_CELL**3, len(chunk), margin_count)
-            # The margin that excludes most of a step decides about it.
+            filled = filled.reshape(SUBCELLS_PER_SIDE**3, len(chunk), margin_count)
+            # Axes: subcell, cell, margin. If several margins exclude a part of a subcell,
+            # the largest of these parts counts; their overlap is not examined.
             volumes[chunk] *= filled.min(axis=2).T
         return volumes.sum(axis=1), has_certain_volume
 
     def _sample(self, boxes: _Boxes) -> tuple[Floats, Floats]:
-        """Return the margins at the samples and check points of n boxes.
+        """Return the margins at the samples and check points of n cells.
 
-        A margin that is NaN is replaced: by -1 if no other margin is negative at this
-        point, because the orientation cannot be reached; otherwise by the largest value of
-        the margin in the box, so that it does not bound the set. `deepest` and `depth` are
-        updated.
+        A margin may be NaN, which has two meanings:
+
+        - No other margin is negative at this point. The orientation cannot be reached, so
+          it is outside of the set. The NaN is replaced by -1.
+        - Another margin is negative, which excludes the point already. The NaN is replaced
+          by the largest value of its margin in the cell, so that this margin does not seem
+          to bound the set there.
+
+        The deepest orientation so far, the one whose smallest margin is largest, is updated
+        too.
+
+        Parameters
+        ----------
+        boxes
+            The boxes of the n cells, each in one of the four cubes of unit quaternions.
 
         Returns
         -------
         samples
-            (27, n, k) margins at a grid of 3 x 3 x 3 points in each box.
+            (27, n, k) margins at a grid of 3 x 3 x 3 points in each cell.
         checks
             (4, n, k) margins at four points between these.
         """
-        # (31, n, 3) integer coordinates in the cube: samples, then check points.
+        # (31, n, 3) integer coordinates in the cube: samples, then check points, which are
+        # at multiples of a quarter of the width of a cell.
         quarter_width = boxes.width[:, None] // 4
         points = boxes.corner + _SAMPLE_QUARTERS[:, None] * quarter_width
         cubes = np.broadcast_to(boxes.cube, points.shape[:2])
-        # Neighbouring boxes share samples. Each one is evaluated once: cube and coordinates
-        # are combined to one integer key.
+        # Neighbouring cells share samples. Each one is evaluated once: number of the cube
+        # and coordinates are combined to one integer key.
         key = np.ravel_multi_index((cubes, *np.moveaxis(points, 2, 0)), (4, *CUBE_POINTS))
         _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
         quaternions = _quaternions(cubes.ravel()[first], points.reshape(-1, 3)[first])
@@ -368,31 +412,35 @@ class _OrientationCells:
 
 
 def _filled_fractions(polynomials: Floats) -> Floats:
-    """Return the fraction of each step of a cell in which a polynomial is positive.
+    """Return the fraction of each subcell of a cell in which a polynomial is positive.
 
-    Across the border the fraction changes linearly over the width of the step. On average
-    this is exact for planes. A correction removes the effect of curvature on the average.
+    A cell is divided into SUBCELLS_PER_SIDE**3 equal subcells. The fraction is estimated as
+    a linear function of the value at the centre of the subcell. It is 1/2 if the value is
+    0, and 0 or 1 if the value is half of the sum of all changes over the subcell. If the
+    border, where the polynomial is zero, is a plane, errors of single subcells cancel on
+    average. A correction removes the effect of curvature on this average.
 
     Parameters
     ----------
     polynomials
-        (27, m) samples of m polynomials in a cell.
+        (27, m) values of m polynomials at the 27 samples of a cell, of which they are
+        interpolants.
 
     Returns
     -------
-    (STEPS_PER_CELL**3, m) fractions from 0 to 1.
+    (SUBCELLS_PER_SIDE**3, m) fractions from 0 to 1.
     """
-    # The fraction is 1/2 + value / sum |changes|, with the value at the centre and the
-    # changes over a step in three directions. The value is corrected for curvature.
+    # Value at the centre, and sizes of the changes over a subcell in three directions.
     value = _AT_CENTRES @ polynomials
     changes = np.abs(_CHANGES @ polynomials)
     change_sum = changes.sum(axis=0)
     square_sum = np.sum(changes**2, axis=0)
     with np.errstate(all="ignore"):
-        curvature = _STEP_MEANS @ polynomials - value
+        # The mean over the subcell differs from the value at its centre by curvature only.
+        curvature = _SUBCELL_MEANS @ polynomials - value
         offset = value / change_sum + curvature * change_sum / square_sum
         fraction = np.clip(0.5 + offset, 0.0, 1.0)
-        # A constant polynomial fills the step or leaves it empty.
+        # A constant polynomial fills the subcell or leaves it empty.
         return np.where(square_sum > 0.0, fraction, value >= 0.0)
 
 
@@ -405,23 +453,27 @@ def _quaternions(cube: Indices, points: Array) -> Floats:
     return unit_rows(quaternions)
 
 
-def _step_volumes(boxes: _Boxes) -> Floats:
-    """Return the volumes (n, STEPS_PER_CELL**3) of the steps of n boxes.
+def _subcell_volumes(boxes: _Boxes) -> Floats:
+    """Return the volumes (n, SUBCELLS_PER_SIDE**3) of the subcells of n cells.
 
-    The volume element 8 / (1 + x^2 + y^2 + z^2)^2 dx dy dz, with coordinates from -1 to 1
-    in a cube, is evaluated at the centre of each step. The volumes are then scaled so that
-    their sum is the volume of the box by Gauss's rule, which is far more accurate.
+    Each cell is divided into SUBCELLS_PER_SIDE equal parts along each side. An orientation
+    is a unit quaternion, divided by its largest component. The other components x, y, z,
+    from -1 to 1, are coordinates in one of four cubes. The volume element that is invariant
+    under rotations is 8 / (1 + x^2 + y^2 + z^2)^2 dx dy dz. It is evaluated at the centre
+    of each subcell. The volumes are then scaled so that their sum is the volume of the cell
+    by Gauss's rule, which is far more accurate.
     """
-    # Units in which a cube is 2 wide. Axes: box, point, coordinate.
+    # The coordinates of boxes are integers from 0 to 2**CUBE_BITS. They are converted to
+    # coordinates from -1 to 1. Axes: cell, point, coordinate.
     unit = 2.0 ** (1 - CUBE_BITS)
     corner = boxes.corner[:, None] * unit - 1.0
     width = boxes.width[:, None, None] * unit
 
     def density(points: Floats) -> Floats:
-        """Return the volume element (n, m) at coordinates (m, 3) from 0 to 1 in boxes."""
+        """Return the volume element (n, m) at coordinates (m, 3) from 0 to 1 in cells."""
         x = corner + points * width
         return 8.0 / (1.0 + np.vecdot(x, x)) ** 2
 
-    at_centres = density(_STEP_CENTRES)
+    at_centres = density(_SUBCELL_CENTRES)
     cell_volume = density(_CUBE_GAUSS_POINTS) @ _CUBE_GAUSS_WEIGHTS * width[:, 0, 0] ** 3
     return at_centres * (cell_volume / at_centres.sum(axis=1))[:, None]

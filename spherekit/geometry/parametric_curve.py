@@ -75,12 +75,16 @@ class CirclePath:
 
     def frames(self, u: Floats) -> PathFrames:
         """Return the frames at parameters u (n,)."""
+        # The azimuth about the centre is u / sine. `outward` (n, 3) points from the centre
+        # to this azimuth, and `tangent` is 90 degrees ahead.
         outward, tangent = radial_directions(self.axes, u / self.sine)
         point = (self.cosine * self.axes[:, 2, None] + self.sine * outward.T).T
+        # Adding 0 u gives constants the shape (n,). They are NaN where u is NaN.
+        zeros = 0.0 * u
         return PathFrames(
             frame=orthonormal_frame(point, tangent),
-            curvature=self.cosine / self.sine + 0.0 * u,
-            curvature_rate=0.0 * u,
+            curvature=self.cosine / self.sine + zeros,
+            curvature_rate=zeros,
         )
 
 
@@ -150,21 +154,24 @@ class FourierPath:
         colatitude, d1, d2, d3 = self.colatitude(u, 3)
         s = np.sin(colatitude)
         c = np.cos(colatitude)
-        # Arrays (3, n) have the samples in the innermost loops.
+        # Vectors are stored as (3, n), so that they can be multiplied by arrays (n,).
+        # `outward` points from the centre to the azimuth, `eastward` is 90 degrees ahead.
         outward, eastward = (directions.T for directions in radial_directions(self.axes, u))
         centre = self.axes[:, 2, None]
         point = c * centre + s * outward
         southward = c * outward - s * centre
         speed = np.sqrt(d1 * d1 + s * s)
         tangent = (d1 / speed) * southward + (s / speed) * eastward
-        # k = D / speed^3 with D = det(p, p', p''), from the components of p' and p''
-        # southward and eastward.
+        # The geodesic curvature is k = D / speed^3 with D = det(p, p', p''). The components
+        # southward and eastward are d1 and s for p', d2 - s c and 2 c d1 for p''. Primes
+        # are derivatives by the azimuth.
         determinant = 2.0 * c * d1**2 + s * (s * c - d2)
         determinant_rate = (
             d1 * (3.0 * c * d2 - 2.0 * s * d1**2 + s * (2.0 * c**2 - s**2)) - s * d3
         )
         speed_rate = d1 * (d2 + s * c) / speed
         k = determinant / speed**3
+        # dk/ds = k' / speed, because the arc length grows by the speed.
         return PathFrames(
             frame=orthonormal_frame(point.T, tangent.T),
             curvature=k,
@@ -223,15 +230,20 @@ class SplinePath:
         r = np.sqrt(dot(x, x))
         product = cross(x, x1)
         size = np.sqrt(dot(product, product))
-        # k = ratio^3 det(x, x', x'') with ratio = |x| / |x cross x'|. Derivatives by u are
-        # divided by |p'| = size / r^2 to give those by the arc length.
+        # The geodesic curvature is k = ratio^3 det(x, x', x'') with ratio = |x| / |x cross
+        # x'|. Its derivative by u follows from the product rule, with |x|' = (x . x') / |x|
+        # and |x cross x'|' = (x cross x') . (x cross x'') / size.
         ratio = r / size
         determinant = dot(product, x2)
         determinant_rate = dot(product, x3)
         ratio_rate = ratio * (dot(x, x1) / r**2 - dot(product, cross(x, x2)) / size**2)
         k_rate = ratio**3 * determinant_rate + 3.0 * ratio**2 * ratio_rate * determinant
+        # The part of x' perpendicular to x, times |x|^2. It has the direction of dp/du.
+        along_tangent = cross(product, x)
+        # Division by the speed |dp/du| = size / r^2 turns a derivative by u into one by the
+        # arc length.
         return PathFrames(
-            frame=orthonormal_frame(x, cross(product, x)),
+            frame=orthonormal_frame(x, along_tangent),
             curvature=ratio**3 * determinant,
             curvature_rate=k_rate * r**2 / size,
         )

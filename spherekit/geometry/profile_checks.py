@@ -55,10 +55,13 @@ def check_colatitude(path: FourierPath) -> None:
         If it does not.
     """
     # With z = e^(i a), the slope of the colatitude at azimuth a is a polynomial in z,
-    # divided by a power of z. Its extrema are at the angles of the roots with |z| = 1. The
-    # angles of other roots do no harm.
-    cosines, sines = path.derivative_coefficients[1]
-    # Coefficients of z^k: (c_k - i s_k) / 2 for k >= 0, and their conjugates for -k.
+    # divided by a power of z. The extrema of the colatitude are at the angles of the roots
+    # with |z| = 1. All roots are examined, because rounding moves roots off |z| = 1. The
+    # angle of any other root is one more azimuth at which the colatitude is checked.
+    cosines, sines = path.derivative_coefficients[1]  # those of the first derivative
+    # Coefficients of z^k: (c_k - i s_k) / 2 for k >= 0, and their conjugates for -k. They
+    # are rounded to `ROOT_DIGITS` decimals, since quotients of extremely small ones would
+    # overflow.
     positive_orders = np.round(0.5 * (cosines - 1j * sines), ROOT_DIGITS)
     negative_orders = np.conj(positive_orders[1:])
     roots = np.roots(np.concatenate([positive_orders[::-1], negative_orders]))
@@ -182,14 +185,18 @@ def check_no_self_intersection(path: SplinePath) -> None:
 
 
 def _lie_on_both_sides(a: Floats, b: Floats, c: Floats, d: Floats) -> Bools:
-    """Return (n,) whether c and d are not strictly on the same side of a great circle.
+    """Return (n,) whether c and d are on different sides of a great circle, or on it.
+
+    An arc from c to d then meets the circle. A vector that is within `ON_CIRCLE_TOLERANCE`
+    of the circle counts as being on it: otherwise arcs that touch would be missed because
+    of rounding errors.
 
     Parameters
     ----------
     a, b
         (n, 3) unit vectors that span great circles.
     c, d
-        (n, 3) unit vectors. A vector on the circle counts as being on both sides.
+        (n, 3) unit vectors.
     """
     normal = cross(a, b)
     normal = normal / np.sqrt(dot(normal, normal))[:, None]

@@ -151,7 +151,8 @@ class Curve:
 def circle(centre: ArrayLike, radius: float) -> Curve:
     """Return a circle, which runs counter-clockwise about its centre.
 
-    Its geodesic curvature is cot(radius). The centre is on the side of n.
+    Its geodesic curvature is cot(radius), positive because the circle turns left. With the
+    point p and the tangent t of the circle, the centre is on the side of n = p x t.
 
     Parameters
     ----------
