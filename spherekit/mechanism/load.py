@@ -35,18 +35,19 @@ Axes = Literal["ground", "link"]
 
 @dataclass(frozen=True)
 class LinkMoment:
-    """The direction of a moment about the centre of the sphere that acts on a link.
+    """A moment, or a force at a point, that acts on a link.
 
     Attributes
     ----------
     link
         Name of the link.
     direction
-        (3,) the moment; with an arm, the force that causes it.
+        (3,) the moment per unit magnitude of its load component. With an arm it is a force
+        instead, whose moment about the centre of the sphere acts on the link.
     axes
-        Axes of the direction.
+        Axes of the components of `direction`: "ground" or "link".
     arm
-        (3,) point of the link (m, link axes) at which the force acts, or None.
+        (3,) point of the link (m, link axes) at which the force acts. None for a moment.
     """
 
     link: str
@@ -59,8 +60,9 @@ class LinkMoment:
 class TorqueCallback:
     """A torque at a pair that a Python function f(t, q, dq) returns.
 
-    It replaces an `Expression` as the magnitude of a component, if the magnitude is
-    evaluated at given states only.
+    It is an alternative to an `Expression` as the magnitude of a load. Only computations
+    that call it with numbers can use it. An expression can also be differentiated and
+    compiled.
 
     Attributes
     ----------
@@ -129,22 +131,23 @@ def no_expression_message(pair: str) -> str:
 
 @dataclass(frozen=True)
 class LoadComponent:
-    """A part of a load: a magnitude, and what it works on.
+    """A part of a load: a magnitude, and the pair or the links on which it acts.
 
     Attributes
     ----------
     magnitude
         Function of pair variables, their rates and the time. If the component is friction
-        of a bearing, it is the magnitude per N m of that friction.
+        that follows from a reaction, it is only the factor (-1 to 1) that depends on the
+        rate. The size of this friction (N m) is computed later and multiplies it.
     pair
-        Pair at which the component acts, or empty. It works on the rate of the variable of
-        an R pair, or on the rate at which the second link of a contact slides along the
-        first.
+        Pair at which the component acts, or empty. The power of the component is the
+        magnitude times a rate. This is the rate of the variable of an R pair, or the rate
+        at which the second link of a contact slides along the first.
     moments
-        Moments on links, if it does not act at a pair. Each is multiplied by the magnitude
-        and works on the angular velocity of its link.
+        Moments on links, if it does not act at a pair. Each is multiplied by the magnitude.
+        Its power is its dot product with the angular velocity of the link.
     bearing_friction
-        The load whose friction it is, if the friction follows from a reaction.
+        The load of which this component is the friction, if it follows from a reaction.
     """
 
     magnitude: "Expression | TorqueCallback | TorqueTable"
@@ -221,13 +224,19 @@ class Load(ABC):
     """Values of fields that files may leave out although the class has no default."""
 
     velocity_unit: ClassVar[str] = ""
-    """Unit of the generalised force divided by that of the magnitudes; empty for 1."""
+    """Unit of the generalised force divided by that of the magnitudes; empty for 1.
+
+    A generalised force is a magnitude times the velocity, per unit rate of a coordinate, on
+    which the load works. This is the unit of that velocity.
+    """
 
     torque_template: ClassVar[str] = ""
     """The torque at its pair as an expression with fields in braces, if that is all."""
 
     def check(self, key: str, mechanism: LoadedMechanism) -> None:
-        """Check the fields of the load. The links and pairs that it names exist.
+        """Check the values of the fields of the load.
+
+        Names of links and pairs are not checked: the mechanism has refused unknown ones.
 
         Parameters
         ----------
@@ -239,7 +248,7 @@ class Load(ABC):
         Raises
         ------
         ModelError
-            If a field has no meaning.
+            If a field cannot have its value, such as a negative stiffness.
         """
         for name, field_kind in self.field_kinds.items():
             value = getattr(self, name)
@@ -268,18 +277,26 @@ class BearingFriction(Load):
     @property
     @abstractmethod
     def friction_coefficient(self) -> float:
-        """The friction (N m) per unit of the lengths of the `supported_loads`."""
+        """The friction (N m) divided by the sum of the sizes of the `supported_loads`.
+
+        These are forces on bearings (N), so that it is a length (m), or the moment of the
+        push of a contact (N m), so that it has no unit.
+        """
 
     @property
     def needs_forces(self) -> bool:
-        """Whether the friction also follows from the force through the centre."""
+        """Whether the friction depends on the transmitted force as well as on the moment.
+
+        This force acts through the centre of the sphere. It is computed only if needed.
+        """
         return False
 
     @abstractmethod
     def supported_loads(self, moments: Floats, forces: Floats | None = None) -> Floats:
-        """Return the loads on the bearings or on the contact.
+        """Return the loads on the bearings of the pair, or on the contact.
 
-        The friction is the sum of their lengths times the `friction_coefficient`.
+        The friction torque at the pair is the sum of the sizes of these vectors, times the
+        `friction_coefficient`.
 
         Parameters
         ----------
@@ -290,7 +307,8 @@ class BearingFriction(Load):
 
         Returns
         -------
-        (..., positions, 3) loads in pair axes.
+        (..., k, 3) loads in pair axes: the forces (N) on k bearings, or the moment (N m) of
+        the push of a contact, with k = 1.
         """
 
 
@@ -508,9 +526,10 @@ def make_component(
     pair
         Pair at which the component acts, or empty.
     moments
-        Moments on links that are multiplied by the magnitude, if it acts at no pair.
+        Vectors of moments on links if it acts at no pair. The magnitude multiplies them.
     bearing_friction
-        The load whose friction the component is, if it follows from a reaction.
+        The load of which this component is the friction, if this friction follows from a
+        reaction.
     """
     expression = parse(magnitude, load_names(mechanism.angles))
     return LoadComponent(

@@ -242,7 +242,11 @@ def parse(text: str, names: Iterable[str]) -> Expression:
 
 @lru_cache(maxsize=1024)
 def _parse(text: str, names: Names) -> Expression:
-    """Parse an expression, see `parse`. Results are cached, so the names are a tuple."""
+    """Parse an expression in variables of given names.
+
+    Results are cached (`lru_cache`), which needs hashable arguments. The names are
+    therefore a tuple. `ModelError` names the column at which the text is wrong.
+    """
     if len(text) > MAX_LENGTH:
         raise ModelError(
             f"column {MAX_LENGTH + 1}: the expression has {len(text)} characters, at "
@@ -255,6 +259,7 @@ def _parse(text: str, names: Names) -> Expression:
         raise _syntax_error(forbidden.start(), f"found {forbidden[0]!a}{hint}")
     if not one_line.strip():
         raise ModelError("column 1: the expression is empty; write 0 for no torque")
+    # Python's parser refuses spaces at the start. They count in the columns of messages.
     indentation = len(one_line) - len(one_line.lstrip(" "))
     python_tree = _parse_python(one_line.strip(" "), indentation)
     root = _convert_python_tree(python_tree, names, indentation)
@@ -423,9 +428,10 @@ def _iterate_steep_arguments(
 ) -> Iterator[Node]:
     """Yield the steep arguments of functions in a tree, the innermost first.
 
-    These are the arguments at whose zeros and extrema a function may change suddenly, so
-    that a power series need not show it. Sums, products, sine and cosine have none, and
-    constants are left out.
+    A function may change suddenly where its steep argument is zero or extreme, such as
+    tanh(x) or sqrt(x) at x = 0. A power series at another point does not show this change.
+    Sums, products, sine and cosine have no steep arguments. All arguments of other
+    functions count, except constants and numerators.
 
     Parameters
     ----------
@@ -441,7 +447,7 @@ def _iterate_steep_arguments(
     for argument in arguments:
         yield from _iterate_steep_arguments(argument, non_smooth_functions)
     is_ignored = name in NON_SMOOTH_FUNCTIONS and name not in non_smooth_functions
-    # The power series of the operations `ENTIRE_OPERATIONS` converge everywhere.
+    # The power series of these operations, such as products and sines, converge everywhere.
     if name in ENTIRE_OPERATIONS or is_ignored:
         return
     if name in ("min", "max"):
@@ -450,10 +456,13 @@ def _iterate_steep_arguments(
     elif name == "/":
         # Only the denominator counts.
         arguments = arguments[1:]
-    elif name == "**" and isinstance(exponent := arguments[1], float):
-        # A power with a natural exponent is a product; with another one its base counts.
-        is_natural = exponent >= 0.0 and exponent.is_integer()
-        arguments = [] if is_natural else arguments[:1]
+    elif name == "**":
+        base, exponent = arguments
+        # A power with a natural number as exponent is a product. With another number only
+        # its base counts. With a variable exponent both count.
+        if isinstance(exponent, float):
+            is_natural = exponent >= 0.0 and exponent.is_integer()
+            arguments = [] if is_natural else [base]
     # An argument without variables is a constant.
     yield from (argument for argument in arguments if _find_names(argument))
 

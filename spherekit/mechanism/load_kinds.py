@@ -144,7 +144,8 @@ class Gravity(Load):
 class PointForce(Load):
     """A force on a link, at a point that is fixed in the link.
 
-    The reaction acts on the ground.
+    The reaction acts on the ground. `field_kinds` says what the fields contain, which
+    readers of files need.
 
     Attributes
     ----------
@@ -155,8 +156,8 @@ class PointForce(Load):
     point
         (3,) point (m) in link axes.
     force
-        Expressions of the components (N) in pair variables ``theta_PAIR``, their rates
-        ``dtheta_PAIR`` and the time ``t``.
+        Expressions of the components (N) in the time ``t``, the variable ``theta_21`` of a
+        pair named 21, and its rate ``dtheta_21``.
     axes
         Axes of the components: those of the ground or of the link.
     """
@@ -165,8 +166,8 @@ class PointForce(Load):
     field_kinds = MappingProxyType(
         {"link": "link", "point": "vector", "force": "texts", "axes": "axes"}
     )
-    # The generalised force is a moment (N m), and the magnitudes are forces (N). Their
-    # quotient has the unit of the arm of the force.
+    # Unit of the velocity of the point per unit rate of an angle, on which the force works.
+    # Forces (N) times this velocity (m) are generalised forces (N m).
     velocity_unit = "m"
 
     name: str
@@ -185,7 +186,8 @@ class PointForce(Load):
 class Moment(Load):
     """A moment on a link.
 
-    The reaction acts on the ground.
+    The reaction acts on the ground. `field_kinds` says what the fields contain, which
+    readers of files need.
 
     Attributes
     ----------
@@ -194,8 +196,8 @@ class Moment(Load):
     link
         Name of the link.
     moment
-        Expressions of the components (N m) in pair variables ``theta_PAIR``, their rates
-        ``dtheta_PAIR`` and the time ``t``.
+        Expressions of the components (N m) in the time ``t``, the variable ``theta_21`` of
+        a pair named 21, and its rate ``dtheta_21``.
     axes
         Axes of the components: those of the ground or of the link.
     """
@@ -210,6 +212,7 @@ class Moment(Load):
 
     def components(self, mechanism: LoadedMechanism) -> LoadComponents:
         """Return the components of the moment on the link."""
+        # A force would have an arm. A moment has none.
         return _link_components(mechanism, self, self.moment, arm=None)
 
 

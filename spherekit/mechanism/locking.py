@@ -196,8 +196,10 @@ def _join_link_sizes(
 ) -> SizeGeometry:
     """Return the sizes of a mechanism in which the two links of a locked pair are one.
 
-    Pairs of the new link, and all pairs whose links have no sizes yet, get sizes from their
-    frames. The sizes of all other links stay as they are.
+    Sizes are the arcs and angles between the axes of a link. Each pair also has a zero: the
+    angle in its first link from which its variable is counted. The joined link, and all
+    links without sizes, get sizes from the frames of their pairs. The sizes of all other
+    links stay as they are.
 
     Parameters
     ----------
@@ -210,7 +212,8 @@ def _join_link_sizes(
     rotations
         Rotations of the two joined links to the axes of the new link.
     """
-    # A reference pose has no sizes that could be kept.
+    # A mechanism that is given in a reference pose has axes instead of sizes. All links
+    # then get sizes.
     sizes = SizeGeometry({})
     if isinstance(mechanism.geometry, SizeGeometry):
         sizes = mechanism.geometry
@@ -219,14 +222,12 @@ def _join_link_sizes(
         for link, link_sizes in sizes.links.items()
         if link not in rotations
     }
-    # Pairs between links that are not joined keep their sizes and zeros.
-    changed_pairs = [
-        pair
-        for pair in mechanism.pairs
-        if pair.kind.has_axis
-        and pair != locked
-        and not other_links.keys() >= set(pair.links)
-    ]
+    # Pairs between two links that keep their sizes also keep their zeros.
+    changed_pairs = []
+    for pair in mechanism.pairs:
+        has_unchanged_links = all(link in other_links for link in pair.links)
+        if pair.kind.has_axis and pair != locked and not has_unchanged_links:
+            changed_pairs.append(pair)
     # The frames of these pairs in their first and second links. Frames in the two joined
     # links are rotated to the axes of the new link.
     old_first_frames, old_second_frames = pair_frames(mechanism)

@@ -310,8 +310,9 @@ class Mechanism:
         >>> driven = sk.load("four_bar").with_inputs("41")
         >>> half = driven.with_inputs(ranges={"41": (0, 90)}, angle_unit="deg")
         """
-        # Inputs with a range, by pair: the declared ones, and then those with new ranges.
-        # The default input, through one turn, is not a declared one.
+        # Inputs with a range, by pair: first those that the user has declared, then those
+        # with new ranges. A mechanism without declared inputs has a default one, which
+        # rotates through one turn.
         input_by_pair = {item.pair: item for item in self.inputs if not item.is_default}
         declared_names = set(input_by_pair)
         names = pairs or self.input_pairs
@@ -328,11 +329,14 @@ class Mechanism:
         # Pairs without a range are driven through one turn.
         one_turn_inputs = (Input(self.pair(name).name, 0.0, ONE_TURN_RAD) for name in names)
         inputs = tuple(input_by_pair.get(item.pair, item) for item in one_turn_inputs)
+        # A default input that becomes a declared one needs a new mechanism, although both
+        # compare as equal.
         if declared_names and inputs == self.inputs:
             return self
-        # A named mode is given by values of all declared inputs. It is therefore dropped if
-        # other pairs are driven.
-        keeps_modes = declared_names in (set(), set(names))
+        # A named assembly mode is given by values of all declared inputs. It is therefore
+        # dropped if other pairs are driven. Without declared inputs it does not depend on
+        # them.
+        keeps_modes = not declared_names or declared_names == set(names)
         return replace(self, inputs=inputs, modes=self.modes if keeps_modes else {})
 
     @checked(ModelError)

@@ -111,11 +111,14 @@ def pair_frames_from_sizes(
 def axes_from_sizes(sizes: LinkSizes) -> AxesOfLink:
     """Return the unit axes (3,) of a link in link axes, in the order of `sizes.axes`.
 
-    The first axis is z, and the second one is in the half-plane x = 0, y > 0.
+    The first axis is z, and the second one is in the half-plane x = 0, y > 0. Each further
+    axis has an arc and an angle (rad). The arc is its distance from the first axis. The
+    angle is its azimuth about the first axis, counter-clockwise from the second axis.
     """
     axes: AxesOfLink = {name: np.array([0.0, 0.0, 1.0]) for name in sizes.axes[:1]}
-    # The angle of the second axis is zero by definition. Missing sizes leave out the axes
-    # after them: the mechanism refuses such links with a message of its own.
+    # The angle of the second axis is zero by definition. If sizes are missing, the loop
+    # below leaves out the last axes. No error is raised here, because the constructor of
+    # the mechanism reports missing sizes.
     azimuths = (0.0, *sizes.angles)
     for name, arc, azimuth in zip(sizes.axes[1:], sizes.arcs, azimuths, strict=False):
         sine = np.sin(arc)

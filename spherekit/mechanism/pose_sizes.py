@@ -14,20 +14,21 @@ from spherekit.mechanism.pair_frames import COLLINEAR_SINE
 class PoseSize(NamedTuple):
     """An arc or an angle of a link, as it is in the reference pose.
 
-    An arc starts at the axis of the link's first R pair. An angle is measured about that
-    axis, counter-clockwise from the arc to the second axis.
+    An arc leads from the axis of the link's first R pair to the axis of another R pair. An
+    angle is measured at that first axis between two arcs, counter-clockwise from the arc to
+    the second axis.
 
     Attributes
     ----------
     kind
         Whether it is one of the link's arcs or one of its angles.
     pair
-        Name of the pair to whose axis the arc leads, or the arc that the angle leads to.
+        Name of the pair at whose axis the arc ends, or the arc at which the angle ends.
     value
         Arc or angle (rad).
     growth_axis
-        (3,) unit vector in ground axes. If the size grows, the axis of `pair` rotates about
-        it, counter-clockwise.
+        (3,) unit vector in ground axes. When this arc or angle increases, the axis of
+        `pair` rotates counter-clockwise about this vector.
     """
 
     kind: Literal["arcs", "angles"]

@@ -20,16 +20,19 @@ def sizes_from_frames(
 ) -> SizeGeometry:
     """Return the sizes with which R pairs have given frames in the axes of their links.
 
-    Sizes are arcs from the first axis of a link to the others, and angles between these
-    arcs. The first axes in the list of a link are its own z axis and y axis, which carry no
-    pair. So the axes of the link remain as they are.
+    Sizes are arcs from the first axis of a link to the others, and angles (azimuths) about
+    the first axis, counter-clockwise from the second one. The first axis of a link defines
+    its z axis and the second one the half-plane x = 0, y > 0. In order that the link axes
+    stay as they are, z and y themselves become the first two axes, which carry no pair.
+    Each pair also has a zero: the angle in its first link from which its variable counts.
 
     Parameters
     ----------
     pairs
         The pairs of the mechanism.
     frames
-        Frames of R pairs in their first and in their second links.
+        Frames of R pairs in their first and in their second links. The z column is the axis
+        of the pair, and the x column the direction of the variable's zero.
     known_sizes
         Sizes of the links that have their sizes already.
     """
@@ -47,6 +50,7 @@ def sizes_from_frames(
         angles = []
         for x, y, z in axes.values():
             arcs.append(float(np.arctan2(np.hypot(x, y), z)))
+            # The azimuth about z, counter-clockwise from y: -x is a quarter turn from y.
             angles.append(float(np.arctan2(-x, y)))
         sizes = LinkSizes(
             axes=(*link_axes, *axes),
@@ -56,8 +60,9 @@ def sizes_from_frames(
         )
         links[link] = known_sizes.get(link, sizes)
 
-    # The frames from these sizes differ from the given ones by rotations about z. Only the
-    # sum of the zeros in both links of a pair matters.
+    # The frames from these sizes differ from the given ones by rotations about z, in both
+    # links of a pair. The zero of the pair is an angle in the first link. A rotation in the
+    # second link has the effect of the opposite one in the first, hence the difference.
     frames_without_zeros = pair_frames_from_sizes(pairs, SizeGeometry(links, {}))
     zeros = {}
     for name in frames[0]:

@@ -167,7 +167,7 @@ def find_contact_start(mechanism: Mechanism, contact: Pair, phase: Angles) -> En
 def _find_shaft(
     mechanism: Mechanism, contact: Pair, wheel: str, phase: Angles
 ) -> WheelShaft:
-    """Find the R pair, among those of a phase, about which a wheel of a contact rotates.
+    """Find the R pair about which a wheel of a contact rotates.
 
     Parameters
     ----------
@@ -178,8 +178,8 @@ def _find_shaft(
     wheel
         Name of the link with the circle.
     phase
-        Angles (rad) of the two shafts by the names of their R pairs. Only the names are
-        used.
+        Angles (rad) of the shafts of both wheels in one configuration, by the names of
+        their R pairs. The pair is chosen among these names; the angles are not used.
 
     Raises
     ------
@@ -197,16 +197,21 @@ def _find_shaft(
     if contact.profiles is None or contact.profiles[side].round_axis is None:
         raise ModelError(f"the profile of {wheel} is no circle about a shaft")
     first_frames, second_frames = pair_frames(mechanism)
-    # The second link of a pair is turned relative to the first by its angle, about the z
+    # The second link of a pair is rotated relative to the first by its angle, about the z
     # axis of the frames of the pair in both links.
     first = first_frames[shaft.name]
     second = second_frames[shaft.name]
+    # The orientation of the wheel: its rotation matrix (3, 3) relative to the other link.
     if shaft.links[1] == wheel:
         return WheelShaft(
-            shaft.name, shaft.links[0], lambda angle: first @ about_z(angle) @ second.T
+            pair=shaft.name,
+            carrier=shaft.links[0],
+            orientation=lambda angle: first @ about_z(angle) @ second.T,
         )
     return WheelShaft(
-        shaft.name, shaft.links[1], lambda angle: second @ about_z(-angle) @ first.T
+        pair=shaft.name,
+        carrier=shaft.links[1],
+        orientation=lambda angle: second @ about_z(-angle) @ first.T,
     )
 
 
@@ -233,20 +238,21 @@ def find_wheel_contact(
         for wheel, rotation in zip(wheels, orientations, strict=True)
     )
     # The contact point is on the great circle through both centres, at the distance of the
-    # first radius from the first centre. Both circles are described so that one touches the
-    # other from inside: for an external contact the second wheel has the opposite centre,
-    # and the supplementary radius pi - radius. The point is therefore on the side of the
-    # second centre if the first circle is the larger one, otherwise on the other side.
-    # Circles with equal radii only touch if they have the same centre. `across` is the part
-    # of the second centre perpendicular to the first.
+    # first radius from the first centre. By the definition of `Wheel.centre` the normals of
+    # both curves point to the centres, and at the contact both normals are equal. One
+    # circle therefore touches the other from inside. (In an external contact the second is
+    # described by the opposite centre and the radius pi - radius.) So the contact is on the
+    # side of the second centre if the first circle is the larger one, otherwise on the
+    # other side. Circles with equal radii only touch if they have the same centre.
+    # `across` is the part of the second centre perpendicular to the first.
     across = second_centre - (first_centre @ second_centre) * first_centre
     size = np.linalg.norm(across)
     if size < COLLINEAR_SINE:
         raise ModelError("both wheels turn about one line, so they touch everywhere")
-    # 1 if the first radius is larger: both are between 0 and pi.
-    sense = np.sign(np.sin(first_radius - second_radius))
+    # 1 if the first circle is larger, -1 if it is smaller.
+    side = np.sign(first_radius - second_radius)
     point = (
-        np.cos(first_radius) * first_centre + np.sin(first_radius) * sense * across / size
+        np.cos(first_radius) * first_centre + np.sin(first_radius) * side * across / size
     )
     return [
         wheel.arc_length(rotation.T @ point)

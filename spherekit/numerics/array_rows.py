@@ -12,8 +12,9 @@ from spherekit.arrays import Array, Indices
 class ArrayRows:
     """Base class of dataclasses whose arrays have one row per item along their first axis.
 
-    A field may be an array, another `ArrayRows`, or a dictionary or tuple of these. Fields
-    of other types belong to all rows; they are passed on unchanged.
+    The methods select and join the rows of all these arrays together. A field may be an
+    array, another `ArrayRows`, or a dictionary or tuple of these. Fields of other types
+    belong to all rows; they are passed on unchanged.
     """
 
     def rows(self, chosen: slice | Array) -> Self:
@@ -26,9 +27,10 @@ class ArrayRows:
         return type(self)(**selected)
 
     def assign_rows(self, rows: Indices, new: Self) -> None:
-        """Replace some rows of all arrays in place by the rows of another record.
+        """Replace some rows of the arrays in place by the rows of another record.
 
-        Arrays in dictionaries and nested records are changed too; tuples of arrays are not.
+        Nested records and arrays in dictionaries are changed too. Arrays in tuples are not:
+        a class with such a field must not use this method.
 
         Parameters
         ----------

@@ -269,8 +269,8 @@ def evaluate_cells(
     """Return F functions of m variables at positions in given cells.
 
     In each cell a function is a sum of coefficients times products of one Chebyshev
-    polynomial per variable. Their argument is the position in the cell, from -1 to 1.
-    Positions outside their cell get the value at its edge.
+    polynomial per variable. Their argument is the position in the cell, from -1 to 1. It is
+    clipped to this range, so that positions outside their cell get the value at its edge.
 
     Parameters
     ----------
@@ -290,10 +290,12 @@ def evaluate_cells(
     # The positions are sorted by cell, so that each cell takes one matrix product.
     order = np.argsort(cell_of, kind="stable")
     values = np.full((len(x), coefficients.shape[-1]), np.nan)
-    # Positions in no cell (-1) come first, before the start of cell 0.
+    # Positions in no cell (-1) come first, before the start of cell 0. As an index, -1 is
+    # the last cell, but what is computed for them is not used.
     cell_of = cell_of[order]
     low, high = bounds[cell_of].swapaxes(0, 1)
     reduced = (2.0 * x[order] - low - high) / (high - low)
+    # Clips the arguments to [-1, 1].
     polynomials = evaluate_polynomials(reduced, coefficients.shape[1] - 1)
     # The sorted positions from one start to the next are those in one cell.
     cell_starts = np.searchsorted(cell_of, np.arange(len(coefficients) + 1))
@@ -372,13 +374,15 @@ def find_real_zeros(series: Floats, limit: float = 1.0) -> Floats:
     """Return the real zeros of a Chebyshev series in [-limit, limit], rising.
 
     `series` has the coefficients of the Chebyshev polynomials T_0, T_1, ... The zeros are
-    eigenvalues of its companion matrix. Rounding can give a double zero a small imaginary
-    part (see `MAX_IMAGINARY_PART`), which is left out.
+    eigenvalues of its companion matrix. Rounding turns a double zero into two complex ones
+    with imaginary parts below `MAX_IMAGINARY_PART`. Their real parts are returned. `limit`
+    is 1, or a little more, so that zeros are not lost that rounding moves beyond an end.
     """
     # Tiny last coefficients would lead to large spurious eigenvalues.
     largest_coefficient = float(np.max(np.abs(series), initial=0.0))
     series = trim_series(series, 1e-15 * largest_coefficient)
-    # No T_k exceeds 1 in [-1, 1], so a first term that dominates all others leaves no zero.
+    # No polynomial T_k exceeds 1 in [-1, 1]. If the first term is larger than all others
+    # together, the series has no zero there. This check takes `limit` as 1.
     if len(series) < 2 or abs(series[0]) > np.sum(np.abs(series[1:])):
         return np.zeros(0)
     roots = chebyshev.chebroots(series)
