@@ -8,7 +8,7 @@ from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import DTypeLike
@@ -30,7 +30,7 @@ def _convert_to_array(
     """Return a column as an array. This is the `__array__` protocol of NumPy."""
     if copy is False:
         raise ValueError("what is put together cannot be read without a copy")
-    (values,) = read([column])
+    (values,) = read_columns([column])
     return values if dtype is None else values.astype(dtype, copy=False)
 
 
@@ -68,14 +68,18 @@ class Interleaved:
 
     A table may have, for example, one row per pole (axis of relative rotation of two links)
     for each sample of a motion. Each pole is then a subject. The first rows of all subjects
-    come first, then their second rows, and so on.
+    come first, then their second rows, and so on. The rows are put together only when the
+    column is converted to an array (`numpy.asarray`), since some parts may be lazy: a
+    source computes them only then.
 
     Attributes
     ----------
     parts
-        One column (n,) for each subject.
+        One column (n,) for each subject: an array, or a column that is still to be
+        computed.
     """
 
+    # A column is an array with one axis.
     ndim = 1
 
     def __init__(self, parts: Sequence[Array | LazyColumn]) -> None:
@@ -105,13 +109,18 @@ def once(column: Array | Interleaved) -> tuple[Array, int]:
 Column = Array | LazyColumn | Interleaved
 
 Span = tuple[slice, int]
-"""Rows of a column, and the row of an output array at which the first of them belongs."""
+"""Rows of a column, and the row of an output array at which the first of them belongs.
+
+In a column with several subjects, a span has complete groups of one row for each subject.
+"""
 
 
-def read(columns: Iterable[Column]) -> list[Array]:
-    """Return columns of equal length as arrays. Columns of one source are read together.
+def read_columns(columns: Iterable[Column]) -> list[Array]:
+    """Return columns of equal length as arrays.
 
-    Columns that are arrays already are returned as they are.
+    A lazy column is computed by its source when it is read. All columns of one source are
+    computed together, which takes less time. Columns that are arrays already are returned
+    as they are.
     """
     arrays: list[Array] = []
     # Columns that must be computed, each with the empty array that receives its values.
@@ -125,46 +134,64 @@ def read(columns: Iterable[Column]) -> list[Array]:
         arrays.append(array)
         unread.append((column, array))
         length = max(length, len(array))
-    # All rows, to be written from row 0 of the arrays.
-    put(unread, [(slice(0, length), 0)])
+    # All rows are copied. The first one belongs in row 0 of the arrays.
+    first_output_row = 0
+    copy_columns(unread, [(slice(0, length), first_output_row)])
     return arrays
 
 
-_Target = tuple[Array, int]
-"""An output array from the first row of one subject on, and the number of subjects."""
+class _Target(NamedTuple):
+    """Where the rows of one subject (such as a pole) of a column are written.
+
+    Attributes
+    ----------
+    output
+        The output array from the first row of the subject on.
+    subject_count
+        Number of subjects. The rows of this subject belong in every `subject_count`-th row.
+    """
+
+    output: Array
+    subject_count: int
 
 
-def put(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span]) -> None:
+def copy_columns(columns: Iterable[tuple[Column, Array]], spans: Sequence[Span]) -> None:
     """Copy rows of columns into output arrays.
 
-    A column is an array, a column that a source computes when it is read, or several of
-    these whose rows alternate (one for each subject). All parts of a source are read in one
-    pass.
+    A column is an array, or a lazy column, which a source computes when it is read. It can
+    also consist of several of these (parts) whose rows alternate. For example, the rows of
+    several poles alternate in a table of poles; each pole is called a subject. All parts of
+    one source are computed in one pass.
 
     Parameters
     ----------
     columns
         Columns, with the output array of each.
     spans
-        The rows to copy, and where they belong. They apply to all columns.
+        The rows to copy, as slices, each with the output row to which its first row
+        belongs. They apply to all columns.
     """
     # Columns to compute, by the identity of their source. A source need not be hashable.
     targets_by_source: defaultdict[int, list[tuple[LazyColumn, _Target]]]
     targets_by_source = defaultdict(list)
-    for column, out in columns:
+    for column, output in columns:
         parts = column.parts if isinstance(column, Interleaved) else (column,)
         for subject, part in enumerate(parts):
-            # The rows of a subject go to every len(parts)-th row of the output.
-            target = out[subject:], len(parts)
+            # The first row of a subject is row `subject` of the output.
+            target = _Target(output[subject:], subject_count=len(parts))
             if isinstance(part, LazyColumn):
                 targets_by_source[id(part.source)].append((part, target))
             else:
-                _copy_rows([target], spans, slice(0, len(part)), [part])
+                # All rows of an array are available.
+                all_rows = slice(0, len(part))
+                _copy_rows([target], spans, all_rows, [part])
     for parts_and_targets in targets_by_source.values():
         keys = [part.key for part, _ in parts_and_targets]
         targets = [target for _, target in parts_and_targets]
         source = parts_and_targets[0][0].source
-        source.read(keys, partial(_copy_rows, targets, spans))
+        # The source calls this function with slices of rows and the values in them.
+        reader: Reader = partial(_copy_rows, targets, spans)
+        source.read(keys, reader)
 
 
 def _copy_rows(
@@ -173,30 +200,33 @@ def _copy_rows(
     rows: slice,
     values_of_parts: Sequence[Array],
 ) -> None:
-    """Copy some rows of several parts to their targets, as far as the spans contain them.
+    """Copy available rows of several parts to output arrays.
 
-    A part is a column, or the rows of one subject of a column in which the rows of several
-    subjects (such as poles) alternate.
+    In some columns the rows of several subjects, such as poles, alternate. A part has the
+    rows of one subject of such a column, or it is a whole column of another kind.
 
     Parameters
     ----------
     targets
-        For each part, the output array from the first row of its subject on, which is
-        changed in place, and the number of subjects whose rows alternate in it.
+        For each part, where its rows are written. The output arrays are changed in place.
     spans
-        The rows of the columns to copy, each with the first output row of these rows.
+        The rows of the columns to copy, as slices, each with the output row to which its
+        first row belongs. Other available rows are not copied.
     rows
         The rows of the parts that are available.
     values_of_parts
         The values of each part in these rows.
     """
-    # The slices are the same for all parts of columns with equally many subjects.
-    slices_by_count = {
-        count: _match_rows(count, spans, rows) for count in {count for _, count in targets}
-    }
-    for values, (out, count) in zip(values_of_parts, targets, strict=True):
-        for out_slice, value_slice in slices_by_count[count]:
-            out[out_slice] = values[value_slice]
+    # Pairs of slices: rows of the output, and rows among the available values. They are
+    # the same for all parts of columns with equally many subjects.
+    slices_by_count: dict[int, list[tuple[slice, slice]]] = {}
+    for target in targets:
+        subject_count = target.subject_count
+        if subject_count not in slices_by_count:
+            slices_by_count[subject_count] = _match_rows(subject_count, spans, rows)
+    for values, target in zip(values_of_parts, targets, strict=True):
+        for output_slice, value_slice in slices_by_count[target.subject_count]:
+            target.output[output_slice] = values[value_slice]
 
 
 def _match_rows(
@@ -205,34 +235,39 @@ def _match_rows(
     """Return which output rows receive which of the available rows of one subject.
 
     In the column, the rows of all subjects (such as poles) alternate: row r of subject s is
-    row r * subject_count + s. A source delivers the rows of one subject.
+    row r * subject_count + s of the column. A source delivers the rows of one subject.
 
     Parameters
     ----------
     subject_count
         Number of subjects, whose rows alternate in the column and in the output.
     spans
-        Rows of the column to copy, each with the first output row of these rows.
+        The rows of the column to copy, as slices, each with the output row to which its
+        first row belongs. A span has complete groups of one row for each subject, so its
+        ends are multiples of `subject_count`.
     rows
-        The available rows of the subject.
+        The available rows, counted among the rows of the subject.
 
     Returns
     -------
-    For each span that contains some of the rows, the slice of the output, counted from the
-    first row of the subject, and the slice of the available rows.
+    For each span that contains some of the available rows: the slice of the output that
+    receives them, and their slice among the available rows. The output is counted from row
+    s on for subject s, so that the slices are the same for all subjects.
     """
     matches = []
-    for span, first_out_row in spans:
-        # Rows of a column are converted to rows of one subject.
+    for span, first_output_row in spans:
+        # Rows of the column are converted to rows of the subject.
         span_start = span.start // subject_count
+        span_stop = span.stop // subject_count
+        # The rows that are in the span and available.
         low = max(rows.start, span_start)
-        high = min(rows.stop, span.stop // subject_count)
+        high = min(rows.stop, span_stop)
         if low < high:
-            out_start = first_out_row + (low - span_start) * subject_count
-            out_stop = first_out_row + (high - span_start) * subject_count
+            output_start = first_output_row + (low - span_start) * subject_count
+            output_stop = first_output_row + (high - span_start) * subject_count
             matches.append(
                 (
-                    slice(out_start, out_stop, subject_count),
+                    slice(output_start, output_stop, subject_count),
                     slice(low - rows.start, high - rows.start),
                 )
             )

@@ -24,9 +24,10 @@ def make_local_polynomials(
 ) -> Callable[[float], list[float]]:
     """Return a function that evaluates a series at one position in the least time.
 
-    The series is fitted again by polynomials of low degree in the distance from the middle
-    of narrow cells. Their coefficients are Python floats. For a few functions at a single
-    position, Horner's scheme with floats takes less time than creating a NumPy array.
+    The series is fitted again by polynomials of degree `LOCAL_DEGREE` (7) in the distance
+    from the middle of narrow cells. Their coefficients are Python floats. For a few
+    functions at a single position, Horner's scheme with floats takes less time than
+    creating a NumPy array.
 
     Parameters
     ----------
@@ -39,6 +40,8 @@ def make_local_polynomials(
     -------
     A function that maps a position in the range of the series to the m values.
     """
+    # Functions that lose digits cannot be fitted to `LOCAL_TOLERANCE`. An error below
+    # `rounding_tolerance` that a halving does not reduce is rounding, and is accepted.
     fine_series = PiecewiseChebyshev.fit(
         function=series.evaluate,
         low=float(series.edges[0]),
@@ -68,6 +71,8 @@ def make_local_polynomials(
         """Return the values of all functions at x, by Horner's scheme in its cell."""
         cell = bisect_right(inner_edges, x)
         t = x - middles[cell]
+        # The eight coefficients a, b, ..., h of a polynomial of degree 7. A loop over them
+        # would take longer.
         return [
             ((((((h * t + g) * t + f) * t + e) * t + d) * t + c) * t + b) * t + a
             for a, b, c, d, e, f, g, h in rows_by_cell[cell]

@@ -12,8 +12,9 @@ Function = Callable[[Floats], Floats]
 FRACTIONS = np.linspace(0.0, 1.0, 17)[:, None]
 """(17, 1) positions in a cell or bracket that are sampled, as fractions of its width.
 
-The next bracket is the neighbourhood of the smallest sample, an eighth of the width. More
-fractions: minima in a cell are less easily missed, with more function values.
+The first one is 0 and the last one is 1. The next bracket is the neighbourhood of the
+smallest sample, an eighth of the width. More fractions: minima in a
+cell are less easily missed, with more function values.
 """
 
 BRACKET_RATIO = 1e-9
@@ -50,8 +51,10 @@ def find_local_minima(
     positions, values
         (k,) positions of the minima in rising order, and the values there.
     """
-    # All cells are sampled at `FRACTIONS` of their width. Three successive samples with the
-    # smallest in the middle are a bracket of a minimum. Comparisons with NaN are false.
+    # All cells are sampled at `FRACTIONS` of their width, from 0 to 1. The end of a cell is
+    # the start of the next one, so the last fraction is left out. Three successive samples
+    # with the smallest in the middle are a bracket of a minimum. Comparisons with NaN are
+    # false.
     inner = grid[:-1] + np.diff(grid) * FRACTIONS[:-1]
     x = np.append(inner.T.ravel(), grid[-1])
     y = function(x)
@@ -59,10 +62,12 @@ def find_local_minima(
     center = y[1:-1]
     after = y[2:]
     is_minimum = (center < before) & (center <= after) & (center <= limit)
+    # Rounding errors of a constant function are no minima. A minimum must be deeper.
     is_minimum &= np.minimum(before, after) - center > MIN_DEPTH_RATIO * center
     (index,) = np.nonzero(is_minimum)
     # `index` counts `before`, so the neighbours of a minimum are the samples at `index` and
-    # `index + 2`.
+    # `index + 2`. Near a minimum the value changes with the square of the distance, and a
+    # narrower bracket than this would only show rounding errors.
     positions = minimize_in_brackets(
         function,
         low=x[index],
@@ -87,11 +92,14 @@ def minimize_in_brackets(
     low, high
         (n,) ends of the brackets.
     width
-        The brackets are narrowed until none is wider.
+        The brackets are narrowed until none is wider. The width must be larger than the
+        rounding error of the positions. The default is meant for angles (rad) of a few
+        revolutions.
     """
     brackets = np.arange(len(low))
     while np.any(high - low > width):
-        # (fractions, n) samples in all brackets.
+        # (fractions, n) samples in all brackets. `FRACTIONS` is a column (fractions, 1) of
+        # numbers from 0 to 1.
         positions = low + (high - low) * FRACTIONS
         values = function(positions.ravel()).reshape(positions.shape)
         smallest = np.argmin(np.where(np.isnan(values), np.inf, values), axis=0)

@@ -203,9 +203,11 @@ class _PendingCell:
     bounds
         (2, m) lower and upper corner.
     parent_split
-        The row of `TensorChebyshev.splits` of the split that made this cell.
+        The split that made this cell, which is shared with the list of all splits. It has
+        four numbers: the axis across which a cell is halved, the position, and the links to
+        the lower and the upper half.
     link_index
-        Index of the link to this cell in that row.
+        Index of the link to this cell in the split: 2 for a lower half, 3 for an upper one.
     """
 
     bounds: Floats
@@ -213,7 +215,11 @@ class _PendingCell:
     link_index: int
 
     def set_link(self, link: int) -> None:
-        """Let the parent refer to a cell or to another split."""
+        """Set the link that leads from the parent to this cell.
+
+        The link is the number of a split if this cell is halved, -1 - k if it is cell k of
+        the series, and 0 if it is not part of the domain.
+        """
         self.parent_split[self.link_index] = link
 
 

@@ -52,7 +52,8 @@ class Zeros:
     def merge(places: Floats, double: Bools, gap: float) -> "Zeros":
         """Return zeros in rising order, each only once.
 
-        A zero that is closer than `gap` to the one before it is left out.
+        A zero that is closer than `gap` to the one before it is left out, whether or not it
+        is double.
         """
         order = np.argsort(places, kind="stable")
         places = places[order]
@@ -67,9 +68,12 @@ class Zeros:
         reported once, at the start.
         """
         seam_width = SAME_ZERO_RATIO * period
+        # The position of a zero at the start, if there is one. Zeros at the end of the
+        # period are moved there, and `merge` leaves all but one of them out.
         first = np.min(self.places, initial=seam_width)
+        has_zero_at_start = first < seam_width
+        position_at_start = first if has_zero_at_start else 0.0
         is_at_end = self.places > period - seam_width
-        position_at_start = first if first < seam_width else 0.0
         places = np.where(is_at_end, position_at_start, self.places)
         return Zeros.merge(places, self.double, seam_width)
 
@@ -212,7 +216,7 @@ def _add_end_zeros(
     grid, values, slopes
         (n,) positions, values and derivatives of the function.
     floor
-        Values up to this size count as zero at an extremum.
+        Values up to this size count as zero at an end, and at an extremum.
     """
     ends = grid[[0, -1]]
     end_slopes = np.abs(slopes[[0, -1]])
@@ -221,7 +225,9 @@ def _add_end_zeros(
     # The extremum of the parabola through an end differs from its end value by
     # slope^2 / (2 curvature). If that is below the floor, the zero is double.
     is_touching = is_zero & (end_slopes**2 <= 2.0 * floor * curvature)
-    # Within this distance of the end the parabola is below the floor.
+    # Spurious zeros can be where the parabola is below the floor. Its magnitude reaches the
+    # floor at the distance t with c t^2 / 2 - s t = floor, where s is the slope at the end
+    # and c the curvature: t = (s + sqrt(s^2 + 2 floor c)) / c.
     reach = end_slopes + np.sqrt(end_slopes**2 + 2.0 * floor * curvature)
     reach /= np.maximum(curvature, np.finfo(float).tiny)
     distance = np.abs(places[:, None] - ends)

@@ -91,10 +91,13 @@ class TurnSolutions:
 
 @dataclass(frozen=True)
 class TurnBrackets:
-    """Intervals of the turn in which the residual f of the closing link changes its sign.
+    """Intervals of the turn, each of which contains a configuration of a mechanism.
 
-    The turn is the angle of the output link about the direction at which it points. Each of
-    the k intervals contains a root of f.
+    The turn is the angle of the output link about the direction at which it points. With
+    direction and turn given, all links but one are placed. This closing link fits between
+    its neighbours only where its residual f is 0: the cosine between the axes of its pairs,
+    as the neighbours have them, less the cosine of its arc. f changes its sign in each of
+    the k intervals.
 
     Attributes
     ----------
@@ -179,20 +182,24 @@ class DyadsWithClosingLink:
     def measure_turns(self, directions: Floats, rotations: Floats) -> Floats:
         """Return the turns about directions that come nearest to given orientations.
 
+        The turn is the angle of the output link about the direction at which it points. It
+        is measured from two axes of the output link at right angles to its pointing axis,
+        the first two rows of `frame`.
+
         Parameters
         ----------
         directions
             (3, n) unit vectors in the axes of the base.
         rotations
-            (n, 3, 3) orientations of the output link in the axes of the base. They need not
-            point in the directions.
+            (n, 3, 3) orientations of the output link in the axes of the base. The pointing
+            axis of the link may deviate from the directions.
 
         Returns
         -------
         (n,) turns (rad).
         """
-        # (3, n) the first two axes of `frame`, from which the turn is measured, in the
-        # given orientations.
+        # The images of these two axes in the given orientations, (3, n) each in the axes of
+        # the base. The transpose of the product (n, 3, 2) has the shape (2, 3, n).
         x_image, y_image = (rotations @ self.frame[:2].T).T
         x_axis, y_axis = _axes_around(directions)
         # At the turn t these axes should be x cos t + y sin t and y cos t - x sin t. The
@@ -204,18 +211,22 @@ class DyadsWithClosingLink:
     def link_orientations(self, mode: WorkingMode, count: int) -> Floats:
         """Return the orientations of the links of the mechanism, with the closing link.
 
+        All links but one are placed as dyads (two links and three R pairs). The remaining
+        one, the closing link, has two pairs and fits between two of them.
+
         Parameters
         ----------
         mode
             The dyads at n poses, as `place_dyads` returns them.
         count
-            Number of links without the virtual ones that hold the output. The virtual links
-            have the last numbers.
+            Number of links of the mechanism. The output is held in its pose by added
+            (virtual) links, which have later numbers and are left out.
 
         Returns
         -------
         (n, count, 3, 3) rotations from the axes of each link to those of the base.
         """
+        # `posed_rotation` is the orientation of the output link (3, 3, n).
         assert mode.posed_rotation is not None
         n = mode.posed_rotation.shape[-1]
         rotations = np.empty((n, count, 3, 3))

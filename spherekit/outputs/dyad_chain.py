@@ -44,9 +44,11 @@ class DyadPlacement:
     near_support, far_support
         Numbers of the links that the outer pairs connect the dyad to.
     parity
-        1 or -1. Let a, b, c be the axes of the near, middle and far pair, and let the sign
-        of the dyad in an assembly mode be 1 or -1 for the two positions of b. Then
-        b . (a x c) has the sign parity * (sign of the dyad).
+        1 or -1. The middle axis b can have two positions for given axes a and c of the near
+        and the far pair, with opposite signs of b . (a x c). An assembly mode of the
+        mechanism has a sign of its own for each dyad: that of the triple product of the
+        three axes in the order in which the mechanism lists the pairs. The order decides
+        about the sign, so b . (a x c) has the sign parity * (sign in the mode).
     arcs
         Angles (rad) between the axes of the near link and between those of the far link.
     """
@@ -86,18 +88,19 @@ class DyadPlacement:
 
 @dataclass(frozen=True)
 class AxisSource:
-    """Where the axis of a requested pair of a link is known first, as links are placed.
+    """A pair and a link from which the axis of a requested pair is computed.
 
-    The axes of two pairs of a link can coincide. If the other pair joins this link to a
-    link that was placed before, the axis is known from there.
+    Links are placed one after another. The requested pair belongs to a given link. Its axis
+    is known as soon as this link is placed, or earlier: the axes of two pairs of the link
+    can coincide, and the other pair may join it to a link that was placed before.
 
     Attributes
     ----------
     pair
-        Number of the pair whose axis is known: the requested one, or one whose axis
+        Number of the pair whose axis is used: the requested one, or one whose axis
         coincides with it.
     link
-        Number of the link, one of the two that this pair joins, that is placed first.
+        Number of the link of this pair that is placed first.
     sense
         1 if the axis of this pair has the direction of the requested axis, -1 if it has the
         opposite direction.
@@ -155,18 +158,32 @@ class DyadChain:
     ) -> None:
         """Collect the dyads, and note to which dyad each link and pair belongs.
 
-        The links `base` and `posed_link`, given by their numbers, are placed before all
-        dyads. Vectors are in the axes of the base. A pose gives the orientation of the
-        posed link, or at least the axes of its pairs. The class explains the other
-        parameters.
+        A dyad is two links, joined by the middle one of three R pairs. The outer pairs join
+        it to links that were placed before.
+
+        Parameters
+        ----------
+        mechanism
+            A mechanism of R pairs.
+        joints
+            The joints of its pairs.
+        assembly
+            Its groups of links, all of which are dyads, in the order of placing.
+        base
+            Number of the link that is fixed. Vectors are in its axes.
+        posed_link
+            Number of the link that is placed by the given poses. A pose gives its
+            orientation. If all dyads at this link need only the axes of its pairs, a pose
+            may give these axes instead.
         """
+        # Numbers of the two links of each pair.
         self.ends = mechanism.ends
         self.joints = joints
         self.base = base
         self.posed_link = posed_link
-        # The methods `axis_source` (from which placed link the axis of a pair is known) and
-        # `vector_weights` (a vector of a link, expressed by the axes of the link's pairs)
-        # remember their results, which are the same in all poses.
+        # Two methods are cached, because their results are the same in all poses.
+        # `axis_source` returns the first placed link from which the axis of a pair is
+        # known. `vector_weights` expresses a vector of a link by the axes of its pairs.
         self._cache_methods()
         self.dyads = tuple(self._make_dyad(group) for group in assembly.groups)
         self.dyad_of_link: dict[int, int] = {}
@@ -250,15 +267,18 @@ class DyadChain:
     def _find_axis_source(self, pair: int, link: int) -> AxisSource:
         """Return the pair and link from which the axis of a pair is known first.
 
-        An outer pair joins the link to a support, which is placed earlier. If the given
-        axis coincides with that of the outer pair, it is known from the support, or, in
-        the same way, from a link to which the support is joined.
+        Links are placed one after another. The outer pair of a dyad's link joins it to a
+        link that is placed earlier, its support. If the given axis coincides with that of
+        the outer pair, it is known from the support. The same question is then asked for
+        the outer pair and the support, whose axes can coincide as well. `axis_source` is
+        this method with a cache.
 
         Parameters
         ----------
         pair, link
             Numbers of the pair and of one of its links.
         """
+        # The base and the posed link belong to no dyad and are placed first.
         if link not in self.dyad_of_link:
             return AxisSource(pair, link, 1.0)
         outer_pair, support = self.support_of(link)
@@ -303,12 +323,14 @@ class DyadChain:
         -------
         (3,) the weights w.
         """
+        # `support_of` returns the outer pair and the link to which it joins this link.
         outer_pair, _ = self.support_of(link)
         middle_pair = self.dyads[self.dyad_of_link[link]].middle_pair
         p = self.axis_in(outer_pair, link)
         q = self.axis_in(middle_pair, link)
         basis = np.stack([p, q, np.cross(p, q)], axis=1)
-        # Least squares, because p and q of a link without an arc are parallel.
+        # p and q of a link without an arc are parallel. The basis is then singular, and
+        # least squares give the weights of the nearest vector, which is along p.
         return np.linalg.lstsq(basis, np.array(vector))[0]
 
     def is_coaxial(self, pair: int, other_pair: int, link: int) -> bool:
@@ -320,16 +342,17 @@ def input_rates(numerators: Floats, denominators: Floats) -> tuple[Floats, Float
     """Return rates of the inputs per angular velocity of the output, and type I measures.
 
     If the output has the angular velocity w, the rate of an input is
-    ``numerator . w / denominator``. Both are finite at singular configurations. The measure
-    of type I is ``|denominator| / |numerator|`` with the length of the numerator. It is 0
-    if the input can move while the output rests.
+    ``numerator . w / denominator``, with a vector and a number that are finite also at
+    singular configurations. The output is singular of type I if an input can move while the
+    output rests. The measure of this is ``|denominator| / |numerator|``, with the length of
+    the vector. It is 0 at the singularity.
 
     Parameters
     ----------
     numerators
-        (n, inputs, 3) vectors, for n configurations.
+        (n, inputs, 3) the vectors, for n configurations, in the axes of the base.
     denominators
-        (n, inputs), or (n, 1) if all inputs have the same.
+        (n, inputs) the numbers, or (n, 1) if all inputs have the same.
 
     Returns
     -------
@@ -351,10 +374,11 @@ def invert_output_rates(
 ) -> tuple[Floats, Floats]:
     """Return rates of inputs from the angular velocities of the output that they cause.
 
-    The matrix of angular velocities is inverted. The rows of the inverse are the reciprocal
-    vectors (cross products of two angular velocities), divided by the volume that the
-    angular velocities span (the determinant). Singular configurations are allowed: the
-    volume is 0 there, and both are kept apart as numerator and denominator.
+    The matrix of angular velocities is inverted. The rows of the inverse are cross products
+    of two angular velocities, divided by the volume that the angular velocities span (the
+    determinant). The volume is 0 at a singularity of type I, at which an input can move
+    while the output rests. The rates are then infinite, but their measure of type I, the
+    volume divided by the length of the cross product, is 0 and accurate.
 
     Parameters
     ----------
@@ -368,9 +392,11 @@ def invert_output_rates(
     Returns
     -------
     rates
-        (n, inputs, 3) rates of the inputs per unit angular velocity of the output.
+        (n, inputs, 3) rates of the inputs per unit angular velocity of the output; infinite
+        at a singularity of type I.
     type_1
-        (n, inputs) measures of type I, 0 where an input moves while the output rests.
+        (n, inputs) measures of type I: how fast the output turns about the cross product
+        per unit rate of the input. It is 0 at a singularity of type I.
     """
     numerators, volume = reciprocal_vectors(np.swapaxes(output_rates, 1, 2), directions)
     return input_rates(numerators, volume[:, None])

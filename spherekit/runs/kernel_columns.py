@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from spherekit.arrays import Bools, Floats, Indices, SmallIntegers
-from spherekit.numerics.lazy_columns import LazyColumn, Reader, put
+from spherekit.numerics.lazy_columns import LazyColumn, Reader, copy_columns
 from spherekit.planning.pole_plan import Pole
 from spherekit.positions.motion import Motion
 from spherekit.runs.prefetch import thread_map
@@ -434,7 +434,7 @@ class LazyField:
                 values = components.T if len(components) > 1 else components[0]
                 getattr(self._field, quantity)[subject] = values
         # Compute all columns together, from row 0 on.
-        put(columns, [(slice(0, n), 0)])
+        copy_columns(columns, [(slice(0, n), 0)])
         # The kernel has no great circles.
         request = self._source.requests[self._input_index]
         planned_poles = PlannedPoles(request.plan, self._motion)

@@ -9,7 +9,7 @@ import numpy as np
 from spherekit.arrays import Array, Floats
 from spherekit.errors import AnalysisError
 from spherekit.mechanism.mechanism import Mechanism
-from spherekit.numerics.lazy_columns import Interleaved, once, read
+from spherekit.numerics.lazy_columns import Interleaved, once, read_columns
 from spherekit.wording import listing
 
 Kind = Literal["number", "integer", "text", "status"]
@@ -281,7 +281,7 @@ def row_count(data: TableData) -> int:
 
 def arrays(data: TableData) -> dict[str, Array]:
     """Return all columns as arrays; lazy columns are computed."""
-    return dict(zip(data, read(data.values()), strict=True))
+    return dict(zip(data, read_columns(data.values()), strict=True))
 
 
 def input_columns(mechanism: Mechanism, values: Floats, name: str = "q") -> dict[str, Any]:

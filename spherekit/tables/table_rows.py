@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from spherekit.arrays import Array
-from spherekit.numerics.lazy_columns import Span, once, put
+from spherekit.numerics.lazy_columns import Span, copy_columns, once
 from spherekit.tables.table import (
     ASSEMBLY_MODE,
     CHUNK_ROWS,
@@ -96,7 +96,7 @@ class JoinedBlocks(Mapping[str, Array]):
         # slices of rows with the first position of each. All columns of a block are passed
         # together, because lazy columns are then computed together.
         for block, spans in zip(self._blocks, self._spans, strict=True):
-            put([(block[name], column) for name, column in joined.items()], spans)
+            copy_columns([(block[name], column) for name, column in joined.items()], spans)
         return joined
 
     def _order_rows(self) -> None:
