@@ -33,18 +33,22 @@ class ElbowFeet:
 
     The elbow is the axis between the two links of a leg, as a unit vector. All elbows are
     in the mid-plane, the plane with the unit normal n in which base and end effector mirror
-    each other. For the sign s = 1 or -1 of a leg the elbow is
-    ``foot + s * sqrt(height_square) * direction``.
+    each other. The two elbows of a leg are ``foot + height * direction`` with
+    ``height = s * sqrt(height_square)`` and the sign s = 1 or -1.
+
+    The height is the triple product n . (base axis x elbow). If h is the angle between the
+    base axis and the mid-plane, the distance of an elbow from the foot is height / cos(h).
 
     Attributes
     ----------
     foot
-        (n, legs, 3) point of the mid-plane between both elbows.
+        (n, legs, 3) point of the mid-plane half-way between both elbows.
     direction
-        (n, legs, 3) vector in the mid-plane towards the elbow of the sign 1.
+        (n, legs, 3) vector of the length 1 / cos(h) in the mid-plane, at right angles to
+        the base axis. It points towards the elbow of the sign 1.
     height_square
-        (n, legs) square of n . (base axis x elbow). It is negative where the leg does not
-        reach the mid-plane.
+        (n, legs) square of the height, by its formula sin(a + h) sin(a - h) with the arc a
+        of the leg. It is negative where the leg does not reach the mid-plane.
     """
 
     foot: Floats
@@ -93,10 +97,12 @@ class MidPlane:
     def elbows(self, normals: Floats, modes: ArrayLike) -> tuple[Floats, Floats]:
         """Return the elbows of all legs, the axes in which their two links meet.
 
+        All elbows lie in the mid-plane, in which base and end effector mirror each other.
+
         Parameters
         ----------
         normals
-            (n, 3) unit normals of the mid-planes, in which all elbows lie.
+            (n, 3) unit normals of the mid-planes.
         modes
             (legs,) or (n, legs) signs, 1 or -1, which choose one of the two elbows that
             each leg can have.
@@ -106,8 +112,10 @@ class MidPlane:
         elbows
             (n, legs, 3) unit vectors, NaN where a leg does not reach the mid-plane.
         heights
-            (n, legs) values of n . (base axis x elbow) with the normal n; 0 at the limit of
-            the reach, NaN out of reach.
+            (n, legs) triple products n . (base axis x elbow) with the normal n. They have
+            the signs of the modes. A height is proportional to the distance of the elbow
+            from the point half-way between both elbows (the foot). It is 0 at the limit of
+            the reach, where both elbows coincide, and NaN out of reach.
         """
         feet = self.elbow_feet(normals)
         with np.errstate(all="ignore"):
@@ -126,16 +134,24 @@ class MidPlane:
         Parameters
         ----------
         normals
-            (n, 3) unit normals of the mid-planes.
+            (n, 3) unit normals of the mid-planes, in which base and end effector mirror
+            each other.
 
         Notes
         -----
-        Let a be the arc of a leg and h the angle from its base axis to the mid-plane,
-        positive on the side of the normal. The square of the height, which is
-        n . (base axis x elbow), is sin(a + h) sin(a - h). The projection of the base axis
-        onto the mid-plane has the length cos(h). The foot is cos(a) / cos(h)^2 times this
-        projection.
+        Let e be an elbow, b the base axis of its leg, a the arc of the leg, and h the angle
+        from b to the mid-plane, positive on the side of the normal n. The projection p of b
+        onto the mid-plane has the length cos(h). In the mid-plane, e has components along p
+        and n x p:
+
+        - e . p = e . b = cos(a). The foot is therefore cos(a) p / cos(h)^2.
+        - e . (n x p) = n . (b x e), which is called the height. The other part of e is the
+          height times the vector (n x p) / cos(h)^2, the direction.
+
+        Since e has the length 1, the square of the height is cos(h)^2 - cos(a)^2, which is
+        sin(a + h) sin(a - h). The product loses no digits near the limit of the reach.
         """
+        # (n, legs) and (n, legs, 3).
         sine_h = normals @ self.axes.T
         projection = self.axes - sine_h[..., None] * normals[:, None]
         cosine_h_square = np.vecdot(projection, projection)
@@ -146,10 +162,10 @@ class MidPlane:
         # At the limit of the reach rounding errors decide about the sign.
         height_square[np.abs(height_square) <= REACH_SLACK] = 0.0
         with np.errstate(all="ignore"):
-            projection /= cosine_h_square[..., None]
+            scaled_projection = projection / cosine_h_square[..., None]
             return ElbowFeet(
-                foot=np.cos(self.arcs)[:, None] * projection,
-                direction=cross(normals[:, None], projection),
+                foot=np.cos(self.arcs)[:, None] * scaled_projection,
+                direction=cross(normals[:, None], scaled_projection),
                 height_square=height_square,
             )
 
@@ -170,8 +186,9 @@ class MidPlane:
     def normals(self, inputs: Floats) -> Floats:
         """Return the normals of the mid-planes at given values of both inputs.
 
-        The inputs determine the elbows of both driven legs (the axes between the two links
-        of each leg), and these two vectors span the mid-plane.
+        Base and end effector mirror each other in the mid-plane. The inputs determine the
+        elbows of both driven legs (the axes between the two links of each leg), and these
+        two vectors span the mid-plane.
 
         Parameters
         ----------
@@ -184,9 +201,12 @@ class MidPlane:
         """
         first_elbow, second_elbow = np.swapaxes(self._driven_elbows(inputs), 0, 1)
         product = cross(first_elbow, second_elbow)
+        # The sine of the angle between both elbows. If it is not larger than the rounding
+        # errors of the elbows, these are on one line.
         sine = np.linalg.norm(product, axis=1, keepdims=True)
         with np.errstate(all="ignore"):
-            return upward(np.where(sine > REACH_SLACK, product / sine, np.nan))
+            normals = np.where(sine > REACH_SLACK, product / sine, np.nan)
+        return upward(normals)
 
     def _driven_elbows(self, inputs: Floats) -> Floats:
         """Return the elbows (n, 2, 3) of the driven legs at input values (n, 2) rad.
@@ -210,28 +230,33 @@ class MidPlane:
     def solutions(self, normals: Floats) -> dict[tuple[int, int], Floats]:
         """Return the inputs of mid-planes in each of the four modes of the driven legs.
 
-        A leg of two links has two possible elbows, which its sign distinguishes. A mode is
-        the signs of both driven legs. For the mechanism of Chen et al. 2021 the modes are
-        the four configurations of Fig. 5. A driven link points away from the middle of the
-        base with the sign -1 of the first leg and 1 of the second, Fig. 5(a), and towards
-        it with the other signs.
+        A leg of two links has two possible elbows (axes between its two links), which its
+        sign distinguishes. A mode is the signs of both driven legs.
+
+        For the mechanism of Chen et al. 2021 the modes are the four configurations of Fig.
+        5. With the signs (-1, 1) both driven links point away from the middle of the base,
+        Fig. 5(a). A driven link with the opposite sign points towards the middle.
 
         Parameters
         ----------
         normals
-            (n, 3) unit normals of the mid-planes.
+            (n, 3) unit normals of the mid-planes, in which base and end effector mirror
+            each other.
 
         Returns
         -------
         The variables (n, 2) rad of both driven pairs, by the signs of their legs.
         """
         inputs_by_mode = {}
-        # The signs of the other legs have no influence.
-        modes = np.ones(len(self.arcs))
-        for driven_modes in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
-            modes[self.driven] = driven_modes
-            elbows, _heights = self.elbows(normals, modes)
-            inputs_by_mode[driven_modes] = self.readings(elbows)[:, self.driven]
+        # The variable of a base pair depends on the elbow of its own leg only. The signs of
+        # legs that are not driven therefore have no influence.
+        signs = np.ones(len(self.arcs))
+        for driven_signs in ((-1, 1), (-1, -1), (1, 1), (1, -1)):
+            signs[self.driven] = driven_signs
+            elbows, _heights = self.elbows(normals, signs)
+            # The variables of the base pairs of all legs.
+            readings = self.readings(elbows)
+            inputs_by_mode[driven_signs] = readings[:, self.driven]
         return inputs_by_mode
 
     def nearest(self, normal: Floats, margin: float = 0.0) -> Floats:

@@ -154,7 +154,17 @@ class MidPlaneArchitecture:
         return self.mechanism.pairs[base_pair].name
 
     def orientations(self, normals: Floats) -> Floats:
-        """Return orientations (n, 3, 3) of the end effector at mid-planes (n, 3)."""
+        """Return the orientations of the end effector, the mirror image of the base.
+
+        Parameters
+        ----------
+        normals
+            (n, 3) unit normals of the mid-planes, in mirror axes.
+
+        Returns
+        -------
+        (n, 3, 3) rotations from the axes of the end effector to those of the base.
+        """
         return self.frame @ reflections(normals) @ self.image
 
     @cached_property
@@ -173,12 +183,11 @@ class MidPlaneArchitecture:
         direction `home` is the direction of the output. The normal of the mid-plane is
         therefore along the difference of both directions.
 
-        Mirror axes are the axes of the base, turned by `frame`. They do not move.
-
         Parameters
         ----------
         directions
-            (n, 3) unit vectors in mirror axes.
+            (n, 3) unit vectors in mirror axes. These are axes of the base, turned by the
+            constant matrix `frame`, in which the formulas are simplest.
 
         Returns
         -------
@@ -191,19 +200,25 @@ class MidPlaneArchitecture:
         difference = directions - self.home
         # Both vectors should have the length 1. If their lengths differ by rounding, the
         # normal is wrong by the rounding error divided by the distance, which can be large.
-        # The square of the direction's length is larger than that of home by
-        # (direction - home) . (direction + home). Near length 1 half of this number is the
-        # difference of the lengths, by which the direction is shortened along itself.
+        # The direction is therefore shortened to the length of `home`. The difference of
+        # the squares of the lengths is d = (direction - home) . (direction + home). The
+        # difference of the lengths is d / 2, since both are nearly 1.
         square_difference = np.sum(
             difference * (directions + self.home), axis=1, keepdims=True
         )
-        difference = difference - 0.5 * square_difference * directions
+        length_difference = 0.5 * square_difference
+        difference = difference - length_difference * directions
         distance = np.linalg.norm(difference, axis=1)
         with np.errstate(all="ignore"):
             return difference / distance[:, None], distance
 
     def angles_to(self, directions: Floats) -> tuple[Floats, Floats, Floats]:
         """Return the angles of the mid-planes in which the output points at directions.
+
+        The mid-plane with the unit normal (x, y, z), z >= 0, has the angles
+        phi = -2 arcsin(x), gamma = 2 arcsin(y) and omega = arctan(y / z) of Chen et al.
+        2021. The components are those in mirror axes: the axes of the base, turned by the
+        constant matrix `frame`.
 
         Parameters
         ----------
@@ -213,23 +228,31 @@ class MidPlaneArchitecture:
         Returns
         -------
         phi, gamma, omega
-            (n,) angles (rad) as those of `mirror_angles`.
+            (n,) angles (rad). They are NaN for a direction at which several mid-planes make
+            the output point.
         """
-        normals, _ = self.normals_to(directions @ self.frame)
+        # The second result is 0 for such a direction.
+        normals, _distance = self.normals_to(directions @ self.frame)
         return mirror_angles(normals)
 
-    def angle_rates(self, directions: Floats, turns: Floats) -> Floats:
+    def angle_rates(self, directions: Floats, angular_velocities: Floats) -> Floats:
         """Return the derivatives of the angles phi and gamma of the mid-plane.
 
-        With the unit normal (x, y, z) of the mid-plane, z >= 0, the angles are
-        phi = -2 arcsin(x) and gamma = 2 arcsin(y). Their derivatives are
-        -2 x' / sqrt(1 - x^2) and 2 y' / sqrt(1 - y^2).
+        Base and end effector mirror each other in the mid-plane. Its unit normal (x, y, z),
+        z >= 0, has the angles phi = -2 arcsin(x) and gamma = 2 arcsin(y) of Chen et al.
+        2021. Their derivatives are -2 x' / sqrt(1 - x^2) and 2 y' / sqrt(1 - y^2). The
+        components are those in mirror axes: the axes of the base, turned by the constant
+        matrix `frame`.
+
+        The output points at the mirror image of the constant direction `home`. The normal n
+        is the difference between both, divided by its length L. The derivative of the
+        difference is p', that of the direction p, so n' = (p' - (p' . n) n) / L.
 
         Parameters
         ----------
         directions
-            (n, 3) directions of the output in the axes of the base.
-        turns
+            (n, 3) directions p of the output in the axes of the base.
+        angular_velocities
             (n, 3, k) angular velocity of the output per unit rate of each of k variables,
             in the axes of the base.
 
@@ -238,10 +261,9 @@ class MidPlaneArchitecture:
         (n, k, 2) derivatives of phi and of gamma by these variables.
         """
         normals, distance = self.normals_to(directions @ self.frame)
-        # (n, k, 3) derivatives w x p of the directions p, in mirror axes.
-        direction_rates = cross(np.swapaxes(turns, 1, 2), directions[:, None]) @ self.frame
-        # The normal is the difference between direction and home, divided by its length
-        # (the distance).
+        # (n, k, 3) derivatives w x p of the directions, in base axes and in mirror axes.
+        rates_in_base = cross(np.swapaxes(angular_velocities, 1, 2), directions[:, None])
+        direction_rates = rates_in_base @ self.frame
         length_rates = np.matvec(direction_rates, normals)[..., None]
         x, y, z = normals.T
         with np.errstate(all="ignore"):
@@ -256,6 +278,12 @@ class MidPlaneArchitecture:
     def normals(self, orientations: Floats) -> tuple[Floats, Floats]:
         """Return the mid-planes nearest to orientations of the end effector.
 
+        In the mid-plane, base and end effector are mirror images of each other. An
+        orientation that has a mid-plane with the unit normal n is
+        ``frame @ mirror(n) @ image``, where mirror(n) is the reflection in this plane.
+        `image` maps the axes of the end effector to their mirror images in the base, and
+        `frame` turns these mirror axes to the axes of the base. Both are constant.
+
         Parameters
         ----------
         orientations
@@ -266,12 +294,12 @@ class MidPlaneArchitecture:
         normals
             (n, 3) unit normals in mirror axes.
         deviation
-            (n,) angle (rad) between the orientation and the mirror image of the base in
-            this mid-plane.
+            (n,) angle (rad) between the orientation and the nearest one that has a
+            mid-plane.
         """
-        # An orientation is frame @ mirror(n) @ image, where mirror(n) is the reflection in
-        # the plane with the normal n.
-        return mirror_of(transpose(self.frame) @ orientations @ transpose(self.image))
+        # Both constant matrices are orthogonal, so the equation is solved for mirror(n).
+        reflection_matrices = transpose(self.frame) @ orientations @ transpose(self.image)
+        return mirror_of(reflection_matrices)
 
     def place(
         self, normals: Floats, modes: ArrayLike, links: Sequence[int] | None = None
@@ -281,10 +309,12 @@ class MidPlaneArchitecture:
         Parameters
         ----------
         normals
-            (n, 3) unit normals of the mid-planes in mirror axes.
+            (n, 3) unit normals of the mid-planes, in which base and end effector mirror
+            each other. They are in mirror axes: the axes of the base, turned by the
+            constant matrix `frame`.
         modes
-            (legs,) or (n, legs) signs, 1 or -1, which choose one of the two elbows that
-            each leg can have.
+            (legs,) or (n, legs) signs, 1 or -1, which choose one of the two elbows (axes
+            between its two links) that each leg can have.
         links
             Numbers of the links wanted, all by default. Others are left NaN, except the
             base and the end effector.
@@ -300,8 +330,11 @@ class MidPlaneArchitecture:
         rotations[:, self.effector] = self.orientations(normals)
         placed_links = set(range(link_count) if links is None else links)
         for link in placed_links - {0, self.effector}:
-            # A link is placed by two of its axes. They must not be parallel, so two axes of
-            # different kinds (at the base, tip, elbow, normal) are chosen.
+            # A link is placed by two of its axes, which must not be parallel. A link of a
+            # leg has an axis at the base or at the tip, and the elbow. A link that carries
+            # elbows has an elbow and the normal of the mid-plane. If the pairs are sorted
+            # by these kinds, the first and the last axis are of different kinds.
+            # `along` says of what kind the axis of each pair is.
             pairs = sorted(
                 (pair for pair, ends in enumerate(self.mechanism.ends) if link in ends),
                 key=lambda pair: AXIS_KINDS.index(self.along[pair].kind),
@@ -312,20 +345,22 @@ class MidPlaneArchitecture:
                 self.axis(first_pair, normals, elbows),
                 self.axis(last_pair, normals, elbows),
             )
-            # The same two axes in the base (outer) and in the link (inner).
-            outer_frame = self.frame @ frame_toward(first_axis, last_axis)
-            inner_frame = frame_toward(
+            # Right-angled axes along these two axes: in the axes of the base, and in those
+            # of the link.
+            frame_in_base = self.frame @ frame_toward(first_axis, last_axis)
+            frame_in_link = frame_toward(
                 axis_in(self.mechanism, self.joints, first_pair, link),
                 axis_in(self.mechanism, self.joints, last_pair, link),
             )
-            rotations[:, link] = outer_frame @ inner_frame.T
+            rotations[:, link] = frame_in_base @ frame_in_link.T
         return rotations
 
     def axis(self, pair: int, normals: Floats, elbows: Floats) -> Floats:
-        """Return the axis (n or 1, 3) of a pair in mirror axes.
+        """Return the unit axis of a pair.
 
-        It is the axis of a leg at the base, its mirror image at the end effector (tip), an
-        elbow, or the normal of the mid-plane.
+        It is the axis of a leg at the base, its mirror image at the end effector (tip), the
+        elbow of a leg (the axis between its two links), or the normal of the mid-plane, in
+        which base and end effector mirror each other.
 
         Parameters
         ----------
@@ -334,8 +369,15 @@ class MidPlaneArchitecture:
         normals
             (n, 3) unit normals of the mid-planes.
         elbows
-            (n, legs, 3) elbows of all legs.
+            (n, legs, 3) elbows of all legs, as unit vectors.
+
+        Returns
+        -------
+        (n, 3) axes, or (1, 3) for a pair of the base, whose axis does not move. All vectors
+        are in mirror axes: the axes of the base, turned by the constant matrix `frame`.
         """
+        # The kind of the axis, and for elbows and normals the sign of its direction: the
+        # axes of several pairs can point along the same elbow or opposite to it.
         pair_axis = self.along[pair]
         if pair_axis.kind == "base":
             return self.plane.axes[pair_axis.leg][None]
@@ -392,22 +434,28 @@ class MidPlaneArchitecture:
     def proof(self) -> tuple[float, int]:
         """Test by numbers that the mechanism has the mid-plane symmetric architecture.
 
-        At poses spread over the reach and in all modes, all links are placed by the closed
-        form. If the mechanism has the architecture, the axes of each pair coincide in both
-        links of the pair, and the mechanism has two degrees of freedom.
+        In this architecture, base and end effector mirror each other in a plane. The normal
+        of this mid-plane and a sign for each leg then determine the orientations of all
+        links (`place`). This formula is tested at mid-planes spread over the reach of the
+        legs, with all combinations of the signs. If the mechanism has the architecture, the
+        axes of each pair coincide in both links of the pair, and the mechanism has two
+        degrees of freedom.
 
         Returns
         -------
         gap
             Largest angle (rad) between the axes of a pair in its two links.
         freedoms
-            Least mobility by rank of the velocity equations, in the last mode.
+            Least mobility by rank of the velocity equations. It is computed with the last
+            combination of signs only.
         """
         normals = _spread_normals(self.plane)
         gap = 0.0
-        for modes in product((1, -1), repeat=len(self.legs)):
-            values, residuals = self.values(self.place(normals, modes))
-            gap = max(gap, float(np.max(residuals)))
+        for signs in product((1, -1), repeat=len(self.legs)):
+            # The pair variables (rad), and the angle (rad) between the axes of each pair.
+            values, axis_angles = self.values(self.place(normals, signs))
+            gap = max(gap, float(np.max(axis_angles)))
+        # Here `values` are those of the last signs.
         closure = Closure.of_mechanism(self.mechanism, self.joints)
         mobility = rank_mobility(closure.tree, closure.linearise(values).vectors)
         return gap, int(np.min(mobility))
@@ -432,15 +480,21 @@ class MidPlaneArchitecture:
     def rotation_between(
         self, start: Floats, stop: Floats, modes: ArrayLike
     ) -> FollowedRotation:
-        """Return the rotation about a fixed axis from one pose to another.
+        """Return the rotation of the end effector about a fixed axis between two poses.
+
+        The end effector is the mirror image of the base in the mid-plane, so the normal of
+        this plane determines its orientation. A normal and its negative are the same plane;
+        of both the one with z >= 0 is used.
 
         Parameters
         ----------
         start, stop
-            Normals (3,) of the mid-planes, in mirror axes.
+            Normals (3,) of the mid-planes of both poses, in mirror axes: the axes of the
+            base, turned by the constant matrix `frame`.
         modes
-            (legs,) signs, 1 or -1, which choose the elbow of each leg for the normal with
-            n_z >= 0 at the start. They do not change during the rotation.
+            (legs,) signs, 1 or -1, which choose one of the two elbows (axes between its two
+            links) that each leg can have at the start. They belong to the normal with
+            z >= 0, and do not change during the rotation.
 
         Raises
         ------
@@ -467,19 +521,24 @@ class MidPlaneArchitecture:
 
         The end effector is the mirror image of the base in the mid-plane. If this plane
         turns about an axis in itself, the image turns about the same axis by twice the
-        angle. If the start is singular, the path begins shortly before it.
+        angle.
+
+        The mechanism is followed from a known configuration. A path cannot begin at a
+        singular one, but can pass through it. If the start is singular, the path therefore
+        begins shortly before it.
 
         Parameters
         ----------
         start
             (3,) unit normal of the mid-plane at the start, in mirror axes: the axes of the
-            base in which the formulas of the mid-plane are simplest.
+            base, turned by the constant matrix `frame`.
         axis
             (3,) unit vector in the axes of the base, at right angles to the normal.
         angle
             Angle of the rotation (rad).
         modes
-            (legs,) sign, 1 or -1, of each leg for its two possible elbows.
+            (legs,) signs, 1 or -1, which choose one of the two elbows (axes between its two
+            links) that each leg can have.
 
         Raises
         ------
@@ -488,12 +547,19 @@ class MidPlaneArchitecture:
         """
 
         def follow_from(lead: float) -> FollowedRotation:
-            """Return the rotation with a path that begins `lead` (rad) before the start."""
-            # The normal of the mid-plane turns by half the angle of the end effector.
-            rotation = rotation_about_axis(self.frame.T @ axis, [-0.5 * lead])
+            """Return the rotation, followed from an angle `lead` (rad) before the start.
+
+            A path cannot begin at a singular configuration, but can pass through it.
+            """
+            # The normal of the mid-plane turns by half the angle of the end effector. The
+            # axis is rotated from base axes to mirror axes, which are those of the normal.
+            axis_in_mirror_axes = self.frame.T @ axis
+            rotation = rotation_about_axis(axis_in_mirror_axes, [-0.5 * lead])
             # (1, 3) normal of the mid-plane at the beginning of the path.
             normals = rotation @ start
-            (start_values,), _residuals = self.values(self.place(normals, modes))
+            # The orientations of all links there, and the pair variables (rad).
+            link_orientations = self.place(normals, modes)
+            (start_values,), _residuals = self.values(link_orientations)
             return follow_rotation(
                 self.mechanism,
                 start_values,

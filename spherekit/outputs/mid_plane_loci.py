@@ -3,8 +3,7 @@
 The unit normal n of the mid-plane and the signs of the legs determine a configuration.
 
 - Type I: an input moves while the output rests if a driven leg is at the limit of its
-reach,
-  |n . b| = sin a with its base axis b and its arc a. These are circles of n.
+  reach, ``|n . b| = sin a`` with its base axis b and its arc a. These are circles of n.
 - Type II: with the inputs locked there are as many velocity equations as unknowns. Their
   determinant is a smooth function of n in each mode. It changes its sign where the output
   can move with the inputs at rest, also where the loops lose their rank. The regular
@@ -57,9 +56,18 @@ def mid_plane_loci(
     """Return the singular curves of one type, from the mid-plane architecture.
 
     Base and output mirror each other in the mid-plane. Its unit normal n and a sign for
-    each leg, which chooses the elbow, determine a configuration. Each mid-plane is
-    considered once, with n_z >= 0 in mirror axes. The links that carry the elbows are
-    placed on one side; on the other side inputs and poses are the same.
+    each leg determine a configuration. The sign chooses one of the two elbows (axes between
+    its two links) that the leg can have.
+
+    Links that are hinged to the elbows turn about the normal. They can be assembled with
+    their axis along n or along -n, with the same inputs and poses. Each mid-plane is
+    therefore considered once, with n_z >= 0 in mirror axes (axes of the base, with z at
+    right angles to the axes of both inputs).
+
+    Every result states how complete it is. Curves of type I are known in closed form, but
+    configurations in which the output is no mirror image of the base may have others
+    (COMPONENT). Curves of type II are searched on a mesh, so small closed curves can be
+    missed, too (TO_BOX).
 
     Parameters
     ----------
@@ -106,7 +114,7 @@ class _MidPlaneCurveSearch:
     Parameters
     ----------
     form
-        The mid-plane architecture.
+        The mid-plane architecture, in which base and output mirror each other in a plane.
     mechanism
         The mechanism.
     kind
@@ -131,9 +139,23 @@ class _MidPlaneCurveSearch:
         kind: LocusName,
         output: str | None,
     ) -> None:
-        """Prepare the equations of the type of singularity."""
+        """Prepare the equations of one type of singularity.
+
+        Parameters
+        ----------
+        form
+            The mid-plane architecture, in which base and output mirror each other in a
+            plane.
+        mechanism
+            The mechanism.
+        kind
+            The type: "I" if an input can move while the output rests, otherwise "II".
+        output
+            Name of the output, or None if there is one.
+        """
         self.form = form
         solver = solver_of(mechanism)
+        # It has the equations of the type, and describes configurations that solve them.
         self.report = SingularityReport(solver, output_of(mechanism, output), kind)
         # The equations whose solutions are the singular configurations.
         self.locus = self.report.locus
@@ -146,10 +168,13 @@ class _MidPlaneCurveSearch:
         """Yield the curves of type I: an input can move while the output rests.
 
         A driven leg is then at the limit of its reach. The end effector is the mirror image
-        of the base in the mid-plane, whose unit normal therefore determines its pose. The
-        normals for which a leg is at the limit of its reach are a circle around the base
-        axis of the leg. Only the parts of the circle that all other legs reach are yielded,
-        once for each combination of the signs of these legs (assembly mode).
+        of the base in the mid-plane, whose unit normal n therefore determines its pose. The
+        elbow of a leg with the base axis b and the arc a is in the mid-plane. The leg is at
+        the limit of its reach if the angle between b and this plane is a (or pi - a), which
+        means ``|n . b| = sin a``. These normals are two circles around b and -b. On the
+        hemisphere of normals with n_z >= 0 each mid-plane occurs once. Only the parts of
+        the circles that all other legs reach are yielded, once for each combination of the
+        signs of these legs (assembly mode).
         """
         plane = self.form.plane
         # Numbers of the legs whose base pairs are inputs.
@@ -159,7 +184,10 @@ class _MidPlaneCurveSearch:
 
             # The default value binds the leg of this pass of the loop.
             def measure_margin(normals: Floats, leg: int = leg) -> Floats:
-                """Return the squared height (n,) of the leg's elbow, 0 on the circle."""
+                """Return a measure (n,) of the reach of the leg, which is 0 on the circles.
+
+                It is positive where the leg reaches the mid-plane, and negative elsewhere.
+                """
                 return self._measure_reach(leg, normals)
 
             # Both signs of this leg are the same configuration at its limit.
@@ -174,9 +202,10 @@ class _MidPlaneCurveSearch:
 
         With locked inputs the velocity equations of the loops have as many unknowns, the
         rates of the other pairs, as equations. The rates are not determined if the
-        determinant of their matrix is 0. The determinant is a function of the mid-plane,
-        whose changes of sign are searched in one assembly mode after another. A mode has a
-        sign, 1 or -1, for each leg, which chooses one of two positions of its elbow.
+        determinant of their matrix is 0. The determinant is a function of the unit normal
+        of the mid-plane, in which base and output mirror each other. Its changes of sign
+        are searched in one assembly mode after another. A mode has a sign, 1 or -1, for
+        each leg, which chooses one of two positions of its elbow.
 
         Parameters
         ----------
@@ -268,10 +297,13 @@ class _MidPlaneCurveSearch:
             yield self._make_curve(normals, signs, is_closed, curve_reason)
 
     def _measure_reach(self, leg: int, normals: Floats) -> Floats:
-        """Return the squared height of a leg's elbow, which is 0 at the limit of its reach.
+        """Return a measure of the reach of a leg, which is 0 at the limit of its reach.
 
-        The elbow is the axis between the two links of the leg. Its height is
-        n . (base axis x elbow), with the normal n of the mid-plane.
+        The elbow, the axis between the two links of the leg, is in the mid-plane. If a is
+        the arc of the leg and h the angle between its base axis and this plane, the measure
+        is sin(a + h) sin(a - h). This is the square of n . (base axis x elbow), called the
+        height of the elbow, with the unit normal n. At the limit of the reach h is equal to
+        a (or pi - a).
 
         Parameters
         ----------
@@ -282,7 +314,8 @@ class _MidPlaneCurveSearch:
 
         Returns
         -------
-        (n,) squared heights, negative out of reach; NaN where another leg does not reach.
+        (n,) measures, negative out of reach. They are NaN where another leg does not reach
+        the mid-plane, because there is no configuration.
         """
         height_square = self.form.plane.elbow_feet(normals).height_square
         others_reach = np.all(np.delete(height_square, leg, axis=1) >= 0.0, axis=1)
@@ -323,15 +356,19 @@ class _MidPlaneCurveSearch:
         Parameters
         ----------
         signs
-            (legs,) signs of the mode, 1 or -1 for each leg.
+            (legs,) signs of the assembly mode, 1 or -1 for each leg, which choose one of
+            the two elbows (axes between its two links) that the leg can have.
         normals
-            (n, 3) unit normals of mid-planes.
+            (n, 3) unit normals of the mid-planes, in which base and output mirror each
+            other. A normal and the signs determine a configuration.
 
         Returns
         -------
         (n,) determinants, NaN where a leg does not reach.
         """
-        values, _residuals = self.form.values(self.form.place(normals, signs))
+        # The orientations of all links, and from these the pair variables (n, pairs).
+        link_orientations = self.form.place(normals, signs)
+        values, _residuals = self.form.values(link_orientations)
         determinants = nans(len(normals))
         rows = np.flatnonzero(all_finite(values, 1))
         jacobian = self.locus.closure.linearise(values[rows]).jacobian
@@ -345,24 +382,29 @@ class _MidPlaneCurveSearch:
 
         At a singular point of type I an input moves while the output rests, at one of type
         II the output moves while the inputs rest. The velocity equations of the loops and
-        the equations that the output or the inputs rest then have a solution other than 0,
-        so the least singular value of their matrix is 0. The residual of a point is the
-        larger one of this value and of the closure residual. Points with a residual above
+        the equations that the output or the inputs rest are at least as many as the pair
+        variables. At a singular point they have a solution other than 0, so the least
+        singular value of their matrix is 0. The residual of a point is the larger one of
+        this value and of the closure residual (rad), the rotation by which a loop is open.
+        Both are rounding errors at a singular configuration. Points with a residual above
         `CLOSURE_TOLERANCE` are left out.
 
         Parameters
         ----------
         normals
-            (n, 3) unit normals of the mid-planes of the curve.
+            (n, 3) unit normals of the mid-planes of the curve, in which base and output
+            mirror each other. A normal and the signs determine a configuration.
         signs
-            (legs,) signs of the mode, 1 or -1 for each leg.
+            (legs,) signs of the assembly mode, 1 or -1 for each leg, which choose one of
+            the two elbows (axes between its two links) that the leg can have.
         is_closed
             Whether the last mid-plane is the first one again.
         reason
             Why the curve is singular, as text.
         """
-        # Pair variables (n, pairs) of the configurations with these mid-planes.
-        values, _residuals = self.form.values(self.form.place(normals, signs))
+        # The orientations of all links, and from these the pair variables (n, pairs).
+        link_orientations = self.form.place(normals, signs)
+        values, _residuals = self.form.values(link_orientations)
         linearisation = self.locus.tangent_space(values).linearisation
         constraint = self.locus.constraint.equations(linearisation)
         equations = np.hstack([linearisation.jacobian, constraint])
@@ -377,7 +419,8 @@ class _MidPlaneCurveSearch:
         arc_length = np.append(0.0, np.cumsum(arc(normals[1:], normals[:-1])))
         return CurveSeen(
             points=points.rows(selected),
-            both=points.rows(slice(0)),  # no points of both types are searched
+            # Points of both types I and II. This search does not look for them.
+            both=points.rows(slice(0)),
             s=arc_length[selected],
             closed=is_closed and len(selected) == len(normals),
             why=reason,
