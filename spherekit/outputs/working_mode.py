@@ -49,19 +49,23 @@ class RateFraction:
 
 @dataclass(frozen=True)
 class ClosingLinkState:
-    """A closing link, whose arc determines the turn of a pointing output, at n poses.
+    """The state of the closing link of a mechanism at n poses.
 
-    The turn is the rotation of the output link about the direction at which it points.
+    An output that points in a direction can turn about this direction. If the direction and
+    the turn are given, dyads (two links with three pairs) place all links but one. This
+    *closing link* joins two of them, and its arc is an equation for the turn. The residual
+    of this equation is the cosine of the angle between the axes of both pairs of the
+    closing link, less the cosine of its arc.
 
     Attributes
     ----------
     residual_rate
-        Rate of the residual per unit angular velocity of the output. The residual is the
-        cosine of the angle between both axes of the closing link less that of its arc.
+        Rate of the residual while the output has the angular velocity w: a fraction
+        ``numerator . w / denominator``.
     directions
         (3, n) directions of the output.
     status
-        (n,) codes of `Status`, of the closing link and of the dyads.
+        (n,) codes of `Status`: OK only if the closing link and all dyads close.
     """
 
     residual_rate: RateFraction
@@ -96,8 +100,9 @@ class DyadTriangle:
     """The parts from which the middle axis of a dyad is composed, at n poses.
 
     A dyad is two links with three pair axes: the outer axes a and c and the middle axis b.
-    The angles of b from a and c are given, which leaves two positions of b, one on each
-    side of the plane of a and c: ``b = common_part + sign * signed_part``.
+    These are the corners of a spherical triangle. Its sides from b to a and c are given,
+    which leaves two positions of b, one on each side of the plane of a and c:
+    ``b = common_part + sign * signed_part``.
 
     Attributes
     ----------
@@ -106,9 +111,10 @@ class DyadTriangle:
     signed_part
         (3, n) part of the middle axis at right angles to this plane, for the sign 1.
     triple_product
-        (n,) size of b . (a x c) with the middle axis b; NaN where the dyad does not reach.
+        (n,) absolute value of b . (a x c); NaN where the dyad does not reach.
     sum_square, difference_square
-        (n,) squares of the lengths of a + c and of a - c.
+        (n,) squares of the lengths of a + c and of a - c. The angle between a and c follows
+        from them without loss of digits.
     """
 
     common_part: Floats
@@ -124,28 +130,32 @@ Result = TypeVar("Result")
 def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result]:
     """Return a method of `WorkingMode` that reuses results of other modes (a decorator).
 
-    A working mode is a sign for each dyad. Many quantities depend on the signs of some
-    dyads only, and are computed once for all modes in which these signs are equal. The
-    first time that the method runs with some arguments, the mode notes in `read_signs` the
-    dyads whose signs are read. All modes of the same poses share one store,
-    `shared_results`, in which the key of a result is the name of the method, its arguments
-    and these signs. The arguments must be hashable.
+    A working mode is a sign for each dyad, which says in which of two ways its two links
+    are placed. Many quantities depend on the signs of some dyads only, and are computed
+    once for all modes in which these signs are equal. The first time that the method runs
+    with some arguments, the mode notes in `read_signs` the dyads whose signs are read. No
+    method reads other signs in other modes.
+
+    All modes of the same poses share one store, `shared_results`, in which the key of a
+    result is the name of the method, its arguments and these signs. The arguments must be
+    hashable.
     """
     name = method.__name__
 
     @wraps(method)
     def shared_method(mode: "WorkingMode", *arguments: Hashable) -> Result:
         """Return the stored result for the signs of a mode, computed if it is missing."""
-        # By quantity: the dyads on whose signs it depends.
+        # By quantity: the dyads on whose signs it depends. They are known after the first
+        # computation. The mapping belongs to the mechanism and is kept for other poses.
         sign_dependencies = mode.chain.sign_dependencies
         quantity = (name, *arguments)
-        # Before the first computation it is not known on which signs the quantity depends.
-        # A key without signs is then used. The store has no such key, unless the quantity
-        # depends on no signs.
+        # The quantity is missing in the mapping before its first computation. The key then
+        # has no signs. The store has no result with this key, so the quantity is computed.
         signs = (mode.signs[dyad] for dyad in sign_dependencies.get(quantity, ()))
         key = (quantity, *signs)
         if key not in mode.shared_results:
-            # A copy of the mode notes the signs that are read, beginning with none.
+            # A copy of the mode notes the signs that are read, beginning with none. Poses
+            # out of reach give NaN, of which NumPy must not warn.
             recording_mode = replace(mode, read_signs=set())
             with np.errstate(all="ignore"):
                 result = method(recording_mode, *arguments)
@@ -153,7 +163,7 @@ def _shared_between_modes(method: Callable[..., Result]) -> Callable[..., Result
             signs = (mode.signs[dyad] for dyad in sign_dependencies[quantity])
             key = (quantity, *signs)
             mode.shared_results[key] = result
-        # A method that called this one depends on the same signs.
+        # If another method of the mode called this one, its result depends on these signs.
         mode.read_signs.update(sign_dependencies[quantity])
         return mode.shared_results[key]  # type: ignore[no-any-return]
 
@@ -264,48 +274,57 @@ class WorkingMode:
     def reach(self) -> DyadReach:
         """Return how far the dyads are from the limits of their reach.
 
-        A dyad closes if the angle between its outer axes a and c is between the angles at
-        which it is folded and stretched.
+        A dyad is two links with three pairs. It closes if the angle between its outer axes
+        a and c is between the angles at which it is folded and stretched. The margin is the
+        angle that is left to the nearest of these limits.
         """
         # One array (n,) for each dyad.
         margins = []
         is_regular = []
         for number, dyad in enumerate(self.chain.dyads):
             triangle = self._triangle(number)
-            u = triangle.sum_square
-            v = triangle.difference_square
-            # Angle between the outer axes, from the smaller one of |a + c| and |a - c|.
-            # Near 0 and pi an arc cosine would lose half the digits.
-            half = np.arcsin(np.minimum(0.5 * np.sqrt(np.minimum(u, v)), 1.0))
-            angle = np.where(u < v, np.pi - 2.0 * half, 2.0 * half)
+            sum_square = triangle.sum_square  # |a + c|^2
+            difference_square = triangle.difference_square  # |a - c|^2
+            # The angle t between the unit vectors a and c has |a - c| = 2 sin(t / 2) and
+            # |a + c| = 2 sin((pi - t) / 2). The smaller length is used. An arc cosine of
+            # a . c would lose half the digits near 0 and pi.
+            shorter = np.sqrt(np.minimum(sum_square, difference_square))
+            half = np.arcsin(np.minimum(0.5 * shorter, 1.0))
+            is_obtuse = sum_square < difference_square
+            angle = np.where(is_obtuse, np.pi - 2.0 * half, 2.0 * half)
             margins.append(np.minimum(angle - dyad.shortest, dyad.longest - angle))
-            # The triple product is the product of the sines of both arcs and of the angle
-            # at the middle pair. That sine is 0 where the dyad is stretched or folded.
+            # The absolute value of the triple product of the three axes is the product of
+            # the sines of both arcs and of the angle at the middle pair. That sine is 0
+            # where the dyad is stretched or folded.
             least_product = SINGULAR_DYAD_SINE * np.prod(np.sin(dyad.arcs))
             is_regular.append(triangle.triple_product >= least_product)
         # The least margin of all dyads, NaN ignored, and the first dyad that has it.
         margin = np.fmin.reduce(margins)
         limiting = np.argmax(margins == margin, axis=0).astype(np.int8)
         status = np.where(np.all(is_regular, axis=0), Status.OK, Status.AT_SINGULARITY)
-        # The negation includes NaN.
+        # Rounding errors of the arcs may exceed a limit by `REACH_SLACK`. The negated
+        # comparison is also true for NaN.
         status[~(margin >= -REACH_SLACK)] = Status.OUT_OF_REACH
         return DyadReach(margin, limiting, status.astype(np.int8))
 
     def axis(self, pair: int, link: int) -> Floats:
-        """Return the axis of a pair as one of its links carries it, in base axes.
+        """Return the axis of a pair, as it is fixed in one of its links, in base axes.
 
-        The shape is (3, n), or (3, 1) if the axis is the same at all poses. An axis is
-        known from the pose of the output, as the middle axis of a dyad, or else from the
-        two pairs that place the link.
+        The shape is (3, n), or (3, 1) if the axis is the same at all poses.
         """
         chain = self.chain
+        # Links are placed dyad after dyad. If the axis coincides with that of a pair at a
+        # link that is placed earlier, it is taken from there (`source`). Both axes may
+        # point in opposite directions.
         source = chain.axis_source(pair, link)
         dyad = chain.dyad_of_link.get(source.link)
+        # The posed link is the one that the poses place, and not a dyad.
         if source.link == chain.posed_link and source.pair in self.posed_axes:
             axis = self.posed_axes[source.pair]
         elif dyad is not None and source.pair == chain.dyads[dyad].middle_pair:
             axis, _ = self.signed_middle_axis(dyad)
         else:
+            # A vector fixed in the link, whose orientation is known.
             axis = self.vector(source.link, chain.axis_in(source.pair, source.link))
         return -axis if source.sense < 0.0 else axis
 
@@ -319,13 +338,16 @@ class WorkingMode:
     def _carried_vector(self, link: int, x: float, y: float, z: float) -> Floats:
         """Return a vector that is fixed in a link, in base axes (3, n).
 
-        The vector has the components x, y, z in the axes of the link. In a link of a dyad
-        it is combined from the axis p of the outer pair, the axis q of the middle pair, and
-        p x q.
+        The vector has the components x, y, z in the axes of the link. A link of a dyad has
+        an outer pair, at a link placed before, and the middle pair of the dyad. With their
+        axes p and q, the vector is a sum of p, q and p x q with constant weights.
         """
         chain = self.chain
+        # The posed link is the one whose orientation (3, 3, n) the poses give.
         if link == chain.posed_link:
             assert self.posed_rotation is not None
+            # Row k of (3, 3 n) has the components of axis k of the link, for all poses. The
+            # sum of the rows times x, y, z has the components of the vector.
             flat_rotation = self.posed_rotation.reshape(3, -1)
             return (np.array([x, y, z]) @ flat_rotation).reshape(3, -1)
         dyad = chain.dyads[chain.dyad_of_link[link]]
@@ -361,8 +383,14 @@ class WorkingMode:
     def _triangle(self, dyad_number: int) -> DyadTriangle:
         """Return the parts of the middle axis of a dyad, from which both signs follow.
 
-        The middle axis b has the angles `dyad.arcs` to the outer axes a and c. It is a
-        combination of a + c, a - c and a x c, where only the last part depends on the sign.
+        The middle axis b has the angles `dyad.arcs` A and C to the outer axes a and c. Its
+        two positions are mirror images of each other about the plane of a and c. They are
+
+            b = (cos A + cos C) (a + c) / |a + c|^2 + (cos A - cos C) (a - c) / |a - c|^2
+                + t (a x c) / |a x c|^2,
+            t^2 = (cos(A - C) - a . c) (a . c - cos(A + C)),
+
+        with both signs of the triple product t = b . (a x c).
         """
         dyad = self.chain.dyads[dyad_number]
         a, c = self._outer_axes(dyad_number)
@@ -384,8 +412,8 @@ class WorkingMode:
         # With equal arcs b is in the middle between a and c.
         if dyad.arcs[0] != dyad.arcs[1]:
             common_part += difference * difference_weight
-        # (a - c) x (a + c) is 2 a x c. It keeps its relative accuracy if a and c nearly
-        # coincide.
+        # (a - c) x (a + c) is 2 a x c. Unlike a x c it keeps its relative accuracy if a and
+        # c nearly coincide.
         signed_part = cross_columns(difference, total)
         signed_part *= 0.5 * cross_weight
         return DyadTriangle(
@@ -415,7 +443,8 @@ class WorkingMode:
         sine = dot_columns(
             self.axis(pair, second_link), cross_columns(first_vector, second_vector)
         )
-        # The same at the variable 0, from the components in the frames of the pair.
+        # The same at the variable 0, where the x axes of both frames of the pair coincide,
+        # so that the components are in the same axes. z is the axis of the pair.
         zero_cosine = (
             second_components[0] * first_components[0]
             + second_components[1] * first_components[1]
@@ -432,7 +461,8 @@ class WorkingMode:
     def _vector_off_axis(self, pair: int, link: int) -> tuple[Floats, Floats]:
         """Return a vector of a link that is not parallel to the axis of a pair.
 
-        By the directions of such vectors in both links the pair angle is measured.
+        The pair angle is measured between such a vector of its first link and one of its
+        second link.
 
         Returns
         -------
@@ -443,10 +473,12 @@ class WorkingMode:
         """
         chain = self.chain
         frame = chain.frame_in(pair, link)
+        # The orientations of the base and of the posed link are given.
         if link in (chain.base, chain.posed_link):
             return self.vector(link, frame[:, 0]), np.array([1.0, 0.0, 0.0])
-        # In a link of a dyad it is the axis of another pair, which is known already: of the
-        # middle pair, or of the outer pair if the middle one is parallel.
+        # A link of a dyad has an outer pair, at a link placed before, and the middle pair
+        # of the dyad. The poses and the placed links determine both axes. The vector is the
+        # axis of the middle pair, or of the outer pair if the middle one is parallel.
         other_pair = chain.dyads[chain.dyad_of_link[link]].middle_pair
         if pair == other_pair or chain.is_coaxial(pair, other_pair, link):
             other_pair, _ = chain.support_of(link)
@@ -462,6 +494,9 @@ class WorkingMode:
     def pair_rate(self, pair: int) -> RateFraction:
         """Return the rate of a pair's variable per unit angular velocity of the output.
 
+        The result is a fraction ``numerator . w / denominator`` with the angular velocity w
+        of the output.
+
         Notes
         -----
         A dyad joins two supports, which have the angular velocities w_near and w_far. Its
@@ -470,14 +505,21 @@ class WorkingMode:
             w_near + a A = w_far + c C - b B.
 
         The scalar product of this equation with the vector product of two axes leaves only
-        the rate of the third pair, times the triple product of the axes.
+        the rate of the third pair, times the triple product of the axes:
+
+            A = (b x c) . (w_far - w_near) / -t,    t = b . (a x c),
+            B = (c x a) . (w_far - w_near) / -t,
+            C = (b x a) . (w_far - w_near) / -t.
+
+        A and C are the rates of the links of the dyad relative to their supports, B is that
+        of the far link relative to the near link.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         dyad = self.chain.dyads[dyad_number]
         a, c = self._outer_axes(dyad_number)
         b, triple_product = self.signed_middle_axis(dyad_number)
-        # `normal` is the product of the axes whose rates are to drop out. The rate is
-        # counted as that of `link` relative to the link on the other side of the pair.
+        # `normal` is the vector product of the axes whose rates drop out. The rate is that
+        # of `link` relative to the other link of the pair.
         if pair == dyad.near_pair:
             normal = cross_columns(b, c)
             link = dyad.near_link
@@ -487,8 +529,9 @@ class WorkingMode:
         else:
             normal = cross_columns(b, a)
             link = dyad.far_link
-        # The normal is at right angles to the axis of an outer pair unless the rate of this
-        # pair is asked for.
+        # The normal is at right angles to the axis of an outer pair, unless it is the rate
+        # of this pair that is computed. This shortens the computation below, because rates
+        # about such an axis do not contribute.
         far_normal_pair = None if pair == dyad.far_pair else dyad.far_pair
         near_normal_pair = None if pair == dyad.near_pair else dyad.near_pair
         far_rate = self.angular_velocity_along(normal, dyad.far_support, far_normal_pair)
@@ -504,10 +547,13 @@ class WorkingMode:
     ) -> RateFraction:
         """Return the scalar product of a vector and the angular velocity of a link.
 
-        The result is linear in the angular velocity of the output. The angular velocity of
-        a link of a dyad is that of its support plus the rate of the outer pair between
-        both. The support is treated in the same way (recursively), until the base with the
-        angular velocity 0, or the posed link with that of the output, is reached.
+        The result is linear in the angular velocity w of the output. It is a fraction
+        ``numerator . w / denominator``, both parts of which are finite at singularities.
+
+        An outer pair joins a link of a dyad to its support, a link placed before. The
+        angular velocity of the link is that of the support plus the rate of this pair along
+        its axis. The support is treated in the same way (recursively), until the base with
+        the angular velocity 0, or the link with that of the output, is reached.
 
         Parameters
         ----------
@@ -523,6 +569,7 @@ class WorkingMode:
         chain = self.chain
         if link == chain.base:
             return RateFraction(np.zeros((3, 1)), np.ones(1))
+        # The posed link moves as the output does: vector . w.
         if link == chain.posed_link:
             return RateFraction(vector, np.ones(1))
         pair, support = chain.support_of(link)
@@ -530,8 +577,9 @@ class WorkingMode:
             return self.angular_velocity_along(vector, support, pair)
         pair_rate = self.pair_rate(pair)
         component = dot_columns(vector, self.axis(pair, link))
-        # The rate is counted from the first to the second link of the pair. Fractions can
-        # only be subtracted, so a rate that is to be added gets the opposite sign.
+        # The rate is that of the second link of the pair relative to the first. Fractions
+        # have a method for the difference only, so a rate that is to be added gets the
+        # opposite sign.
         is_second_link = chain.ends[pair][1] == link
         subtracted_component = -component if is_second_link else component
         subtracted_rate = RateFraction(
@@ -543,10 +591,14 @@ class WorkingMode:
     def input_rate(self, pair: int) -> RateFraction:
         """Return the rate of an input per unit angular velocity of the output.
 
-        A closing link, if there is one, determines how fast the output turns about its
-        direction: so fast that the residual of the closing link has no rate. The numerator
-        of the result is then at right angles to the direction, which means that only the
-        change of the direction matters.
+        The result is a fraction ``numerator . w / denominator`` with the angular velocity w
+        of the output.
+
+        An output that points in a direction d can turn about it. If a closing link has to
+        close, it determines this turn: the rate of its residual, s . w, must be 0. With
+        w = v + k d this gives k = -(s . v) / (s . d). The rate r . w of the input is then
+        ((s . d) r - (r . d) s) . v / (s . d). This numerator is at right angles to d, so
+        the rate only depends on how the direction changes.
         """
         rate = self.pair_rate(pair)
         if self.closing_link is not None:
@@ -554,8 +606,6 @@ class WorkingMode:
             residual_rate = self.closing_link.residual_rate
             rate_by_turn = dot_columns(rate.numerator, directions)
             residual_by_turn = dot_columns(residual_rate.numerator, directions)
-            # The multiple of the residual's rate is subtracted that removes the turn, with
-            # the common denominator `residual_by_turn`.
             rate = RateFraction(
                 rate.numerator * residual_by_turn - residual_rate.numerator * rate_by_turn,
                 rate.denominator * residual_by_turn,
@@ -586,12 +636,14 @@ class WorkingMode:
         return np.abs(self.input_rate(pair).denominator) / self._numerator_length(pair)
 
     def _output_speed_square(self, pair: int) -> Floats:
-        """Return the square (n,) of `output_speed`, continued out of reach.
+        """Return the square (n,) of `output_speed`, continued to poses out of reach.
 
-        If the dyad of the pair joins the base to the posed link, `output_speed` is the
-        triple product of the axes of the dyad, divided by the sine of the arc of the link
-        that the pair does not join to a support. The square of this triple product is
-        known out of reach, too. It is negative there, so the continuation is smooth.
+        `output_speed` is the speed of the output per unit rate of the input `pair`, an
+        outer pair of a dyad. If the dyad joins the base to the output's link, it is
+        ``|b . (a x c)| / sin(arc)`` with the axes a, b, c of the dyad and the arc of its
+        other link, which the input does not join. The formula for the square of the triple
+        product is valid out of reach of the dyad too, and negative there. It continues the
+        speed smoothly through 0.
         """
         dyad_number = self.chain.dyad_of_pair[pair]
         square = self.output_speed(pair) ** 2
@@ -601,6 +653,7 @@ class WorkingMode:
         triple_product_square = triple_square(
             *dyad.half_arcs, triangle.sum_square, triangle.difference_square
         )
+        # If this dyad reaches, another one does not. The continuation is then 0.
         continuation = np.fmin(triple_product_square / np.sin(other_arc) ** 2, 0.0)
         return np.where(np.isnan(square), continuation, square)
 

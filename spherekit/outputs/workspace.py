@@ -63,6 +63,8 @@ class Judged:
 class DirectionWorkspace:
     """The directions that one working mode reaches.
 
+    A working mode is one way to assemble the legs at a given pose of the output.
+
     Attributes
     ----------
     signs
@@ -71,7 +73,8 @@ class DirectionWorkspace:
         The set of directions with its border. Margins of the region are numbered like the
         limits of the output.
     same_as
-        Signs of an earlier mode that reaches the same directions, otherwise None.
+        Signs of a mode earlier in the list of results that reaches the same directions.
+        Then `region` is the result of that mode. Otherwise None.
     """
 
     signs: Signs
@@ -83,6 +86,8 @@ class DirectionWorkspace:
 class OrientationWorkspace:
     """The orientations that one working mode reaches.
 
+    A working mode is one way to assemble the legs at a given pose of the output.
+
     Attributes
     ----------
     signs
@@ -90,7 +95,8 @@ class OrientationWorkspace:
     orientations
         The set of orientations with its volume.
     same_as
-        Signs of an earlier mode that reaches the same orientations, otherwise None.
+        Signs of a mode earlier in the list of results that reaches the same orientations.
+        Then `orientations` is the result of that mode. Otherwise None.
     """
 
     signs: Signs
@@ -134,6 +140,11 @@ def judge(
     kinematics: ClosedKinematics, bounds: Sequence[AngleLimit], signs: Signs, places: Floats
 ) -> Judged:
     """Return margins, inputs and measures of singularities at poses in one mode.
+
+    The margin of a pose is the angle that is left to the nearest of all limits. A measure
+    of a singularity is 0 at the singularity and positive elsewhere. That of type I is the
+    speed of the output per unit rate of an input, the least one of all inputs. That of type
+    II is one number: how surely the locked inputs together hold the output.
 
     Parameters
     ----------
@@ -189,7 +200,8 @@ def direction_workspaces(
 
     Notes
     -----
-    Modes whose margins are the same at all vertices of a region share it.
+    The margins of a direction say how much is left to each limit. Two modes that have the
+    same margins, bit for bit, at all vertices of a region get the same region.
     """
 
     def find_directions(margins: Margins) -> _SampledWorkspace[Region]:
@@ -215,16 +227,17 @@ Workspace = TypeVar("Workspace")
 
 @dataclass(frozen=True)
 class _SampledWorkspace(Generic[Workspace]):
-    """A workspace of one mode, with margins at sampled poses.
+    """A workspace of one working mode, with margins at sampled poses.
 
-    Another mode with the same margins at these poses has the same workspace.
+    A margin says how much is left to a limit of an angle. If another mode has the same
+    margins, bit for bit, at these poses, it is assumed to have the same workspace.
 
     Attributes
     ----------
     poses
         (n, 3) directions or (n, 4) quaternions.
     margins
-        (n, bounds) margins to the limits at these poses.
+        (n, limits) margin of each pose to each limit, negative beyond the limit.
     workspace
         The workspace.
     """
@@ -243,7 +256,7 @@ def _share_between_modes(
     """Yield the workspace of each mode, computed once for modes with equal margins.
 
     Margins say by how much poses keep the limits. Modes whose margins are equal at all
-    sampled poses have the same workspace.
+    sampled poses are assumed to have the same workspace.
 
     Parameters
     ----------
@@ -289,7 +302,9 @@ def orientation_workspaces(
 ) -> tuple[OrientationWorkspace, ...]:
     """Return the orientations that each working mode reaches.
 
-    Modes whose margins to the limits are the same at all samples share the result.
+    A working mode is one way to assemble the legs of a parallel mechanism at a given pose.
+    The margins of a pose say how much is left to each limit. Modes that have the same
+    margins at all samples, bit for bit, share the result, and `same_as` says so.
 
     Parameters
     ----------
@@ -363,7 +378,7 @@ def nearest_reachable(
     kinematics, bounds
         The output and its limits.
     workspace
-        The workspace of a mode.
+        The workspace of one working mode, with the signs of the legs in this mode.
     place
         The pose outside: a direction (3,) or a unit quaternion xyzw (4,).
 
@@ -372,9 +387,10 @@ def nearest_reachable(
     The nearest pose (3,) or (4,), and the angle (rad) to it. None if the search meets no
     pose of the workspace.
     """
-    # Poses of the workspace (k, 3 or 4) from which the search starts, besides samples.
+    # Poses of the workspace (k, 3 or 4) from which the search starts. It also starts from
+    # evenly spread samples of all poses that are in the workspace.
     if isinstance(workspace, OrientationWorkspace):
-        # One orientation well inside.
+        # One orientation well inside. The attribute `place` is a pose.
         inside_poses = workspace.orientations.place[None]
     else:
         region = workspace.region
@@ -410,14 +426,16 @@ def nearest_in_mode(
 
     Returns
     -------
-    For each of the n poses the nearest reachable pose and the angle (rad) between both, to
-    1e-8 rad. None if there is no pose to start from. The search is that of
-    `spherekit.outputs.nearest_pose`.
+    For each of the n poses the nearest reachable pose and the angle (rad) between both.
+    None if there is no pose to start from. The search improves many starts to local minima,
+    which it locates to 1e-8 rad (`spherekit.outputs.nearest_pose`). A nearer pose in a very
+    small part of the workspace may be missed.
     """
 
     def is_inside(poses: Floats) -> Bools:
         """Return whether poses (n, 3 or 4) keep all limits."""
-        # `judge` gives the same answer, but spends most of its time on inputs and measures.
+        # The function `judge` also computes the margins. It would spend most of its time on
+        # inputs and measures of singularities.
         with np.errstate(all="ignore"):
             mode = kinematics.at(_convert_poses(kinematics, poses), signs)
             margin, _ = find_least_margin(bounds, mode)
