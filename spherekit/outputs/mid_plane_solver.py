@@ -57,10 +57,12 @@ class MidPlaneKinematics(ClosedKinematics):
         """The range of the angle between the two outer axes of every leg.
 
         The outer axes are those at the base and at the output link. They mirror each other
-        in the mid-plane, so the angle between them is at most twice the largest distance
-        from the mid-plane (the reach of the leg).
+        in the mid-plane, so the angle between them is twice the angle between one of them
+        and the mid-plane. The latter is at most the reach of the leg. It can be 0, if the
+        axis is in the mid-plane and both links of the leg lie over each other.
         """
         plane = self.form.plane
+        # The width of links, which keeps folded links apart, limits the driven legs only.
         longest = (2.0 * plane.reach).tolist()
         return tuple(
             LegSpan(
@@ -74,28 +76,38 @@ class MidPlaneKinematics(ClosedKinematics):
         )
 
     def at(self, poses: Floats, signs: Signs) -> ModeAtPoses:
-        """Return one assembly mode at poses.
+        """Return one working mode (way to assemble the legs) at poses.
 
         Parameters
         ----------
         poses
             (n, 3) directions of the output in the axes of the base.
         signs
-            The sign of each leg, 1 or -1, for its two possible elbows.
+            The sign of each leg, 1 or -1, for its two possible elbows. An elbow is the axis
+            between the two links of a leg.
         """
         return _MidPlaneMode(self, directions=poses @ self.form.frame, signs=signs)
 
     def forward(self, inputs: Floats) -> PoseSolutions:
         """Return the poses at inputs (n, 2) rad, once for each mode of the other legs.
 
-        The inputs determine the elbows of both driven legs, and thereby the mid-plane and
-        the signs of these legs. The signs of all other legs are free. There is no pose if
-        both elbows lie on one line.
+        Base and output link mirror each other in the mid-plane. An elbow is the axis
+        between the two links of a leg, and all elbows lie in this plane. The inputs
+        determine the elbows of both driven legs, and thereby the mid-plane. There is no
+        pose if both elbows are parallel.
+
+        A mode has a sign for each leg: that of n . (base axis x elbow) with the normal n of
+        the mid-plane. The inputs determine the signs of the driven legs, and all signs of
+        the other legs are possible.
         """
         form = self.form
         plane = form.plane
         upward_normals = plane.normals(inputs)
-        # The normals of this class point away from the home direction m.
+        # Normals of `plane` have n_z >= 0, and the modes of `plane` are those for these
+        # normals. Normals of this class point from the home direction m to the direction of
+        # the output, so n . m < 0. If n is reversed, the signs of the legs change as well.
+        # They become 0, which is no mode, if m is in the mid-plane: the output then points
+        # in the direction m, at which this closed form does not apply.
         sense = -np.sign(upward_normals @ form.home)[:, None]
         normals = sense * upward_normals
         driven_signs = sense * plane.modes(inputs)
@@ -180,17 +192,25 @@ class _MidPlaneMode:
     def _rates_and_type_1(self) -> tuple[Floats, Floats]:
         """Rates of the inputs per unit angular velocity of the output, and type I measures.
 
-        Rates are (n, inputs, 3), measures (n, inputs). With the normal n of the mid-plane,
-        a rate is the vector elbow x direction divided by
-        n . (base axis x elbow) |direction - home|. The divisor is 0 if a leg is at the
-        limit of its reach, or if the output points in its home direction; the measure of
-        type I is then 0, too.
+        Rates are (n, inputs, 3), measures (n, inputs). The elbow is the axis between the
+        two links of a driven leg. Let p be the direction of the output, m its home
+        direction, whose mirror image is p, and n the normal of the mid-plane. For the
+        angular velocity w of the output, the rate of the input is
+
+            (elbow x p) . w / (n . (base axis x elbow) |p - m|).
+
+        The measure of type I is the divisor over the length of elbow x p. The divisor is 0
+        if the leg is at the limit of its reach, or if the output points in its home
+        direction. The input can then move while the output rests.
         """
-        elbows, elbow_height = self._elbows
-        normals = cross(elbows[:, self.driven], self.directions[:, None])
+        elbows, elbow_heights = self._elbows
+        numerators = cross(elbows[:, self.driven], self.directions[:, None])
+        # In the axes of the base. The sense of a pair is -1.0 if its variable decreases
+        # with the azimuth of the elbow.
         senses = self.form.plane.senses[self.driven]
-        numerators = (normals @ self.form.frame.T) * senses[:, None]
-        denominators = elbow_height[:, self.driven] * self.home_distance[:, None]
+        numerators = (numerators @ self.form.frame.T) * senses[:, None]
+        # The heights are n . (base axis x elbow).
+        denominators = elbow_heights[:, self.driven] * self.home_distance[:, None]
         return input_rates(numerators, denominators)
 
     @property
@@ -213,5 +233,9 @@ class _MidPlaneMode:
 
     @cached_property
     def _elbows(self) -> tuple[Floats, Floats]:
-        """Elbows (n, legs, 3), and n . (base axis x elbow) (n, legs)."""
+        """Elbows (n, legs, 3), and n . (base axis x elbow) (n, legs).
+
+        An elbow is the axis between the two links of a leg, as a unit vector, and n is the
+        normal of the mid-plane.
+        """
         return self.form.plane.elbows(self.normals, self.signs)

@@ -195,8 +195,9 @@ class NearestPoseSearch:
         """
         # Coordinates v around the target: the distance of a pose is the length of v.
         chart = NormalCoordinates.around(target_pose)
-        # Each round improves starts to local minima. Samples in the ball up to the best
-        # pose so far are the starts of the next round.
+        # Each round improves starts to local minima. The next round starts from samples of
+        # the ball around the target that contains all poses nearer than the best one so
+        # far.
         starts = _choose_spread_starts(chart.coordinates(reachable))
         nearest: Floats | None = None
         for _ in range(MAX_SEARCH_ROUNDS):
@@ -211,13 +212,15 @@ class NearestPoseSearch:
             starts = self._choose_starts_in_ball(chart, _length(candidate))
         if nearest is None:
             return None
+        # The arc between two quaternions is half the angle of the rotation between them.
         return chart.poses(nearest), chart.angle_per_arc * _length(nearest)
 
     def _choose_starts_in_ball(self, chart: NormalCoordinates, radius: float) -> Floats:
         """Choose starts for the search among samples of a ball around the target pose.
 
         The radius is the distance of the nearest reachable pose so far, so only poses in
-        the ball can be nearer.
+        the ball can be nearer. A margin is how much is left to one limit of the mechanism.
+        A pose is reachable if none of its margins is negative.
 
         Parameters
         ----------
@@ -229,13 +232,15 @@ class NearestPoseSearch:
         Returns
         -------
         (`SEARCH_START_COUNT`, d) coordinates. First come the reachable samples that are
-        nearest to the target, and then the samples that violate the margins least.
+        nearest to the target, and then samples that are not reachable, but whose least
+        margin is nearest to 0. If there are too few of them, any others follow.
         """
         v = radius * BALL_SAMPLES[chart.dimension]
         with np.errstate(all="ignore"):
             least_margin = np.min(self.margins(chart.poses(v)), axis=1)
         # The samples are sorted by their distance from the centre.
         inside = np.flatnonzero(least_margin >= 0.0)[:SEARCH_START_COUNT]
+        # Infinite for reachable samples and for those with a margin that has no value.
         violation = np.where(least_margin < 0.0, -least_margin, np.inf)
         outside = np.argsort(violation)[: SEARCH_START_COUNT - len(inside)]
         return v[np.concatenate([inside, outside])]
@@ -363,15 +368,18 @@ class NearestPoseSearch:
     ) -> Floats | None:
         """Move points at the border inside the workspace, and return the nearest of them.
 
-        Each point is first moved by `INWARD_STEPS` away from the limits that it nearly
-        reaches, and then, if no such step leads inside, back towards its start.
+        A margin is how much is left to one limit of the mechanism, negative beyond it. Each
+        point is moved a little in a direction in which the margins that are nearly 0 grow.
+        The shortest of `INWARD_STEPS` that leads inside is used. If none does, the point is
+        moved back towards its start.
 
         Parameters
         ----------
         chart
             Normal coordinates around the target pose.
         v
-            (k, d) coordinates of the points.
+            (k, d) coordinates of the points. The target has the coordinates 0, so |v| is
+            the distance of a point from it.
         starts
             (k, d) coordinates of the starts from which the points were computed.
 
@@ -383,14 +391,17 @@ class NearestPoseSearch:
         nearest: Floats | None = None
         distances = np.linalg.norm(v, axis=1)
         for k in np.argsort(distances):
-            # The points come in the order of their distances before they are moved. The way
-            # back to a start can be long, so a later point may become nearer than the first
-            # moved one. The loop ends at a point that is farther than the nearest moved one
-            # even before it is moved: an inward step is too short to make it nearer.
+            # The points are sorted by their distance from the target before they are moved.
+            # The first moved point need not be the nearest, because a way back to a start
+            # can be long. The loop ends at a point that is farther than the nearest moved
+            # point before it is moved itself. An inward step could make it nearer only by
+            # the length of the step.
             if nearest is not None and distances[k] >= _length(nearest):
                 break
             values, gradients = self._linearise_margins(chart, v[k][None])
             lengths = np.linalg.norm(gradients[0], axis=1)
+            # A limit counts as nearly reached (active) if its margin is less than 1000
+            # times the longest inward step.
             is_active = (values[0] < 1e3 * INWARD_STEPS[-1]) & (lengths > 0.0)
             normals = unit_rows(gradients[0][is_active])
             # The shortest vector whose component along the gradient of each active margin
@@ -414,8 +425,8 @@ class NearestPoseSearch:
 
         All later points of the path that were tried are inside the workspace. The points at
         the given lengths are tried first. The part of the path between the last point
-        outside and the points after it is then divided again, until the point is known to
-        `MIN_GAIN`.
+        outside and the points after it is then divided again, until it is shorter than
+        `MIN_GAIN` (rad), the smallest reduction of the distance that the search notices.
 
         Parameters
         ----------
@@ -436,8 +447,8 @@ class NearestPoseSearch:
             first = 1 + int(np.max(np.flatnonzero(~is_inside), initial=-1))
             if first == len(lengths):
                 return None
-            # Because of rounding errors this point may be classified wrongly. Therefore the
-            # next one is used.
+            # The point with this index is so near to the border that rounding errors may
+            # have classified it wrongly. The next point is farther inside, and is used.
             upper = lengths[min(first + 1, len(lengths) - 1)]
             lower = lengths[first - 1] if first else 0.0
             is_narrow = (upper - lower) * _length(direction) < MIN_GAIN

@@ -108,13 +108,17 @@ class InverseRows(ArrayRows):
         """Return the rows with the status that follows from their other values.
 
         - A row with a negative margin becomes OUT_OF_REACH, and its values become NaN.
-        - Another row becomes AT_SINGULARITY if a measure of type I or II is nearly 0, or if
-          an input is not finite.
+        - Another row becomes AT_SINGULARITY if a measure of type I or II is nearly 0. Then
+          an input moves while the output rests (I), or the output can move although the
+          inputs are locked (II). A row in which an input has no finite value becomes
+          AT_SINGULARITY too, because the pose does not determine this input.
         - All other rows become OK.
 
-        Infinite margins become NaN.
+        Where no limits are known, a pose without a configuration has the margin -inf on
+        entry. Infinite margins become NaN.
         """
         is_outside = self.margin < 0.0
+        # A measure that is NaN is ignored if the other one has a value.
         least_measure = np.fmin(np.min(self.type_1, axis=1), self.type_2)
         has_inputs = np.isfinite(self.inputs).all(axis=1)
         is_regular = has_inputs & (least_measure > SINGULAR_DYAD_SINE)
@@ -220,7 +224,10 @@ class OutputKinematics:
         PlanError
             Always in this base class, since the output has no inverse kinematics.
         """
-        # This call raises the error with the reason.
+        # Inverse kinematics needs virtual links that hold the output in its pose (a wrist).
+        # They cannot be added to the outputs of this class, for example because the number
+        # of inputs is not that of the coordinates of a pose. The call raises a `PlanError`
+        # with the reason, so the line after it is never reached.
         with_wrist(self.mechanism, self.output.name)
         raise AssertionError(poses, modes, pairs)
 
@@ -269,7 +276,11 @@ class ClosedKinematics(OutputKinematics, ABC):
 
     @property
     def carrying(self) -> Mechanism:
-        """The mechanism that carries the output. It numbers the axes of `spans`."""
+        """The part of the mechanism that carries the output, without driving wheels.
+
+        The pairs in `spans` have their numbers in this mechanism. Without wheels it is the
+        whole mechanism.
+        """
         return self.mechanism
 
     @property
@@ -279,7 +290,7 @@ class ClosedKinematics(OutputKinematics, ABC):
 
     @abstractmethod
     def at(self, poses: Floats, signs: Signs) -> ModeAtPoses:
-        """Return one mode at poses."""
+        """Return one working mode at poses: a choice of one position for each leg."""
 
     def name_of(self, pair: int) -> str:
         """Return the name of a pair, or that of the output for a virtual pair."""
@@ -295,6 +306,10 @@ class ClosedKinematics(OutputKinematics, ABC):
         self, poses: Floats, modes: Sequence[str], pairs: Sequence[int] = ()
     ) -> InverseRows:
         """Return a row for each pose and working mode, also for poses out of reach.
+
+        A working mode is a choice of one of two positions for each leg. Rows also have the
+        margin (rad) to the nearest limit, the number of this limit, and measures that are 0
+        at singularities of type I and II; see `InverseRows`.
 
         Parameters
         ----------
@@ -318,7 +333,7 @@ class ClosedKinematics(OutputKinematics, ABC):
                     pose=np.arange(count),
                     mode=np.full(count, mode),
                     inputs=rows.inputs,
-                    # `with_status` replaces it below.
+                    # A placeholder: `with_status` computes it from margin and measures.
                     status=np.zeros(count, dtype=np.int8),
                     margin=margin,
                     limiting=limiting,

@@ -219,10 +219,16 @@ class PoseFinder:
     def candidates(self, pose: Pose) -> PoseCandidates:
         """Return every configuration found at a pose, in all assembly modes.
 
-        A mid-plane symmetric architecture, in which base and output mirror each other in a
-        plane, gives the configurations in closed form. For other mechanisms they are
+        In a mid-plane symmetric architecture (`form`), base and output mirror each other in
+        a plane. It gives the configurations in closed form. The pose may then also be given
+        by two angles phi and gamma of this plane. For other mechanisms configurations are
         computed by position analysis if the pose is given by inputs, and by inverse
         kinematics if it is given by a direction or an orientation.
+
+        Parameters
+        ----------
+        pose
+            The pose, by inputs, an orientation, a direction or angles of the mid-plane.
 
         Raises
         ------
@@ -235,9 +241,9 @@ class PoseFinder:
             case AtInputs(inputs):
                 return self._find_at_inputs(inputs)
             case AtOrientation(orientation):
-                return self._find_at_pose(orientation, points=False)
+                return self._find_at_pose(orientation, is_direction=False)
             case AtDirection(direction):
-                return self._find_at_pose(unit(direction), points=True)
+                return self._find_at_pose(unit(direction), is_direction=True)
             case AtMirror():
                 raise SolveError(
                     f"{self.mechanism.name}: phi and gamma name a mid-plane, and the "
@@ -297,14 +303,14 @@ class PoseFinder:
         )
         return candidates.rows(np.argsort(candidates.singular, kind="stable"))
 
-    def _find_at_pose(self, pose: Floats, points: bool) -> PoseCandidates:
+    def _find_at_pose(self, pose: Floats, is_direction: bool) -> PoseCandidates:
         """Return the configurations at a pose by inverse kinematics.
 
         Parameters
         ----------
         pose
             (3, 3) orientation or (3,) direction of the output.
-        points
+        is_direction
             Whether the pose is a direction.
 
         Raises
@@ -313,8 +319,11 @@ class PoseFinder:
             If the output takes the other kind of pose, or does not reach it.
         """
         kinematics = InverseKinematics(self.mechanism, self.output.name)
-        if kinematics.wrist.points != points:
-            expected = "a direction" if kinematics.wrist.points else "an orientation"
+        # Virtual links, a wrist, hold the output by the coordinates of its pose. A wrist
+        # for a direction is one that points.
+        takes_direction = kinematics.wrist.points
+        if takes_direction != is_direction:
+            expected = "a direction" if takes_direction else "an orientation"
             raise SolveError(
                 f"{self.mechanism.name}: outputs.{self.output.name} takes {expected}, or "
                 "inputs"
@@ -326,26 +335,31 @@ class PoseFinder:
                 "pose, or is singular there; choose one inside its workspace, such as the "
                 "nearest one that the analysis inverse_kinematics gives"
             )
-        return self._make_candidates(solutions.values, [*map(label_of, solutions.signs)])
+        # A label has the signs of the dyads (two links and three R pairs), such as "+-".
+        labels = [label_of(signs) for signs in solutions.signs]
+        return self._make_candidates(solutions.values, labels)
 
     def _find_mid_plane(
         self, form: MidPlaneArchitecture, pose: Pose
     ) -> tuple[Floats, Floats | None]:
         """Return the normal of the mid-plane at a pose.
 
-        Base and output mirror each other in the mid-plane.
+        Base and output mirror each other in the mid-plane. A leg has two links, and the
+        axis between them, the elbow, lies in the mid-plane. Mirror axes are axes of the
+        base in which the formulas of the mid-plane are simplest.
 
         Parameters
         ----------
         form
             The mid-plane symmetric architecture.
         pose
-            The pose, in any description.
+            The pose, in any description: two angles of the mid-plane, both inputs, an
+            orientation or a direction.
 
         Returns
         -------
         normals
-            (1, 3) unit normal of the mid-plane, in mirror axes.
+            (1, 3) unit normal of the mid-plane, in mirror axes, with n_z >= 0.
         driven_signs
             (2,) signs of the driven legs if the pose is given by its inputs, which
             determine the elbows of these legs; otherwise None.
@@ -359,6 +373,7 @@ class PoseFinder:
             case AtMirror(phi, gamma):
                 return normal_at(phi, gamma)[None], None
             case AtInputs(inputs):
+                # Both driven elbows span the mid-plane, unless they are parallel.
                 normals = form.plane.normals(inputs[None])
                 if np.any(np.isnan(normals)):
                     raise SolveError(
@@ -367,6 +382,8 @@ class PoseFinder:
                     )
                 return normals, form.plane.modes(inputs[None])[0]
             case AtOrientation(orientation):
+                # The deviation (rad) is that of the orientation from the nearest mirror
+                # image of the base.
                 normals, deviation = form.normals(orientation[None])
                 if not deviation[0] < IN_PLANE_RAD:
                     raise SolveError(
@@ -377,8 +394,12 @@ class PoseFinder:
                 return normals, None
             case AtDirection(direction):
                 if self.output.direction is None:
-                    # This call raises the error that the output has no direction.
+                    # Virtual links that hold a direction (a wrist) cannot be added to this
+                    # output. The call raises the error that says so.
                     with_wrist(self.mechanism, self.output.name)
+                # The normal points from the home direction of the output to its mirror
+                # image, the given direction. If their distance is 0, every plane through
+                # this direction is possible.
                 normals, distance = form.normals_to(unit(direction)[None] @ form.frame)
                 if distance[0] < SAME_ORIENTATION_RAD:
                     raise SolveError(
@@ -386,16 +407,24 @@ class PoseFinder:
                         "in every mid-plane through this direction; give inputs, an "
                         "orientation, or phi and gamma"
                     )
+                # Of the two opposite normals, the one with n_z >= 0.
                 return upward(normals), None
 
     def _find_at_mid_plane(self, form: MidPlaneArchitecture, pose: Pose) -> PoseCandidates:
         """Return the configurations at a pose in all modes of a mid-plane architecture.
 
         The end effector is the mirror image of the base in the mid-plane, so the normal of
-        the mid-plane determines the pose. A mode has a sign, 1 or -1, for each leg, which
-        chooses one of two positions of its elbow. If the pose is given by inputs, these
-        determine the signs of the driven legs, and only modes with these signs are
-        returned.
+        the mid-plane determines the pose. A leg has two links, and the axis between them is
+        its elbow. A mode has a sign, 1 or -1, for each leg, which chooses one of two
+        positions of the elbow. If the pose is given by inputs, the elbows of the driven
+        legs follow from the inputs. Only modes with the signs of these elbows are returned.
+
+        Parameters
+        ----------
+        form
+            The mid-plane symmetric architecture of the mechanism.
+        pose
+            The pose, in any description.
 
         Raises
         ------
@@ -426,8 +455,8 @@ class PoseFinder:
 
         The mechanism may have several configurations at the end pose, with different
         orientations of the output link. They are sorted by the angle from the start,
-        singular ones last. An end that is given by an axis and an angle is returned
-        unchanged.
+        singular ones last. An end that is given by an orientation needs no choice. An end
+        that is given by an axis and an angle is returned unchanged.
 
         Parameters
         ----------
@@ -438,8 +467,8 @@ class PoseFinder:
         mode
             The configuration to choose at the end: its signs such as ``+-+``, or its
             number. If it is empty, the nearest one with the same signs of dyads as the
-            start is chosen (see `EndOrientation.has_start_mode`), or the nearest of all if
-            none has these signs.
+            start is chosen, or the nearest of all if none has these signs. Only the former
+            is reported as chosen by the start mode (`EndOrientation.has_start_mode`).
 
         Raises
         ------
@@ -483,7 +512,10 @@ class PoseFinder:
         """Return the labels of the assembly mode and working mode of each configuration.
 
         A dyad is two links that can be placed in two ways, which its sign distinguishes.
-        Dyads of given inputs and dyads of a given output pose consist of different links.
+        Which links form dyads depends on what is given. If the inputs are given, links are
+        placed from the driven links on, and the signs are the assembly mode. If the pose of
+        the output is given, they are placed between base and output, and the signs are the
+        working mode.
 
         Returns
         -------
@@ -494,6 +526,9 @@ class PoseFinder:
         """
         labels = candidates.labels.tolist()
         without_working_modes = [(label, "") for label in labels]
+        # In a mid-plane symmetric architecture (`form`) the labels are the signs of the
+        # legs, which describe the mode at inputs and at a pose alike. Inverse kinematics
+        # needs as many inputs as a direction (2) or an orientation (3) has coordinates.
         if self.form is not None or len(self.mechanism.inputs) not in COORDINATES:
             return without_working_modes
         try:
@@ -503,6 +538,8 @@ class PoseFinder:
         if not kinematics.has_closed_form:
             return without_working_modes
         poses = candidates.orientations
+        # The wrist is the virtual links that hold the output. If it points, poses are
+        # directions.
         if kinematics.wrist.points:
             poses = poses @ np.array(self.output.direction)
         solutions = kinematics.solutions(poses)
@@ -526,8 +563,13 @@ class PoseFinder:
         """Return the rotation from a configuration to an orientation, or by an angle.
 
         The rotation is a path of configurations along which the output link turns about
-        one fixed axis. If both end poses belong to a mid-plane symmetric architecture, its
-        closed form gives the start of the path, even in a singular configuration.
+        one fixed axis. The path is followed numerically from its start.
+
+        In a mid-plane symmetric architecture, the output link is the mirror image of the
+        base in a plane. All poses along the path are such mirror images only if the axis
+        lies in the mid-plane of the start. Then a closed form gives the configuration from
+        which the path is followed: the start, or one shortly before it if it is singular.
+        Otherwise the start must not be singular.
 
         Parameters
         ----------
@@ -548,9 +590,11 @@ class PoseFinder:
         signs = np.array([1.0 if sign == "+" else -1.0 for sign in start.labels[number]])
         if isinstance(end, AtRotation):
             if form is not None:
-                (normal,), _ = form.normals(start_orientation[None])
+                normals, _deviation = form.normals(start_orientation[None])
+                normal = normals[0]
                 axis = unit(end.axis)
-                # Poses of the mid-plane architecture are reached about such axes only.
+                # The sine of the angle between the axis and the mid-plane. `form.frame`
+                # rotates from the axes of the normal to those of the base.
                 if abs(normal @ form.frame.T @ axis) < IN_PLANE_RAD:
                     return form.rotation_about(normal, axis, end.angle, signs)
             return follow_rotation(
@@ -561,6 +605,8 @@ class PoseFinder:
                 np.stack([start_orientation, end.orientation])
             )
             start_normal, end_normal = normals
+            # `deviation` is the angle of each orientation from the nearest mirror image of
+            # the base. The start has the architecture, but any end can be asked for.
             if deviation[1] < SAME_ORIENTATION_RAD:
                 return form.rotation_between(start_normal, end_normal, signs)
         return follow_to(self.mechanism, start_values, end.orientation, self.output.name)

@@ -70,6 +70,8 @@ class ModeAtPoses(Protocol):
 class LegSpan(NamedTuple):
     """The reach of a leg: the range of the angle between its two outer axes.
 
+    A leg has two links and three axes.
+
     Attributes
     ----------
     first_pair, second_pair
@@ -77,7 +79,8 @@ class LegSpan(NamedTuple):
     shortest, longest
         Smallest and largest angle (rad) at which the leg closes.
     can_fold
-        Whether the two links of the leg can lie over each other at the smallest angle.
+        Whether the width of links limits this leg, because its two links can lie over each
+        other at the smallest angle.
     """
 
     first_pair: int
@@ -91,6 +94,10 @@ class LegSpan(NamedTuple):
 class AngleLimit:
     """A limit of an angle that depends on the pose of an output.
 
+    There are two margins, which are positive inside and negative beyond the limit. `left`
+    is the angle that is left to the limit. `column` is a difference of cosines. It is
+    smooth across the border, which is computed from it.
+
     Attributes
     ----------
     name
@@ -102,8 +109,8 @@ class AngleLimit:
     cosine
         Function that returns the cosine (n,) of the angle at n poses in one working mode.
     unit
-        Factor from the angle to the quantity that is reported: 0.5 if the angle is twice
-        this quantity.
+        Size of the reported quantity per angle: 0.5 if the angle is twice this quantity, as
+        for distances to singularities, otherwise 1.0.
     """
 
     name: str
@@ -115,13 +122,15 @@ class AngleLimit:
     def column(self, rows: ModeAtPoses) -> Floats:
         """Return the margin (n,) as a difference of cosines, smooth across the border.
 
-        It is negative beyond the limit.
+        It is negative beyond the limit. The values are a column of the table of all limits.
         """
+        # The cosine falls as the angle grows. So this difference is positive if the angle
+        # is larger than the limit.
         margin = np.cos(self.limit) - self.cosine(rows)
         return margin if self.at_least else -margin
 
     def left(self, rows: ModeAtPoses) -> Floats:
-        """Return how far (n,) rad the angle is from the limit, negative beyond."""
+        """Return how much (n,) rad is left to the limit, negative beyond it."""
         angle = np.arccos(np.clip(self.cosine(rows), -1.0, 1.0))
         margin = self.unit * (angle - self.limit)
         return margin if self.at_least else -margin
@@ -174,14 +183,22 @@ class LimitedOutput(Protocol):
 
     @property
     def carrying(self) -> Mechanism:
-        """The mechanism that carries the output, without wheels. It numbers the axes."""
+        """The part of the mechanism that carries the output.
+
+        Wheels that drive it are left out, because its configuration at a pose does not
+        depend on them. The pairs in `spans` have their numbers in this mechanism.
+        """
 
     @property
     def spans(self) -> tuple[LegSpan, ...]:
-        """The reach of the legs."""
+        """The reach of each leg: the range of the angle between its two outer axes."""
 
     def name_of(self, pair: int) -> str:
-        """Return the name of a pair, or that of the output for a virtual pair."""
+        """Return the name of a pair.
+
+        A virtual pair joins the output to virtual links that hold it in its pose. Its
+        number is larger than those of all pairs, and its name is that of the output.
+        """
 
 
 def bounds_of(kinematics: LimitedOutput, wanted: Constraints) -> tuple[AngleLimit, ...]:
@@ -190,14 +207,16 @@ def bounds_of(kinematics: LimitedOutput, wanted: Constraints) -> tuple[AngleLimi
     Parameters
     ----------
     kinematics
-        The output, with the reach of its legs and the joint limits of its mechanism.
+        The output, with the reach of its legs (the range of the angle between their outer
+        axes) and the joint limits of its mechanism.
     wanted
         Further constraints.
 
     Returns
     -------
-    Limits of angles between axes, then of pair angles, then of measures of singularities.
-    If there are none, a single limit that every pose keeps.
+    Limits of angles between axes, then of pair angles, then of the distance to
+    singularities (`wanted.near`), which is expressed as an angle, too. If there are none, a
+    single limit that every pose keeps.
 
     Raises
     ------
@@ -234,8 +253,10 @@ def find_least_margin(
     # (n, limits) margins as angles, for the report, and as differences of cosines.
     angle_margins = np.stack([bound.left(rows) for bound in bounds], axis=1)
     cosine_margins = np.stack([bound.column(rows) for bound in bounds], axis=1)
+    # The least margin of each pose, of those that are not NaN, and the first limit with it.
     margin = np.fmin.reduce(angle_margins, axis=1)
-    limiting = np.argmax(angle_margins == margin[:, None], axis=1)
+    is_least = angle_margins == margin[:, None]
+    limiting = np.argmax(is_least, axis=1)
     # The arc cosine amplifies rounding errors at 0 and pi. The cosines decide whether a
     # pose is inside.
     least_cosine_margin = np.fmin.reduce(cosine_margins, axis=1)
@@ -277,8 +298,21 @@ def _collect_axis_ranges(
 ) -> dict[tuple[int, int], list[_AngleRange]]:
     """Return all ranges that constraints set for angles between two axes.
 
-    They come from the reach of the legs, from the width of links that can lie over each
-    other, and from the ranges in `constraints.apart`.
+    They come from three sources:
+
+    - the reach of each leg: it has two links, so that the angle between its outer axes is
+      limited by their arcs,
+    - the width of links: where a leg can fold, its links can lie over each other, and a
+      least angle between its outer axes keeps them apart,
+    - the ranges in `constraints.apart`, which the user sets for any two axes.
+
+    Parameters
+    ----------
+    kinematics
+        The output. The pairs have their numbers in `kinematics.carrying`, the part of the
+        mechanism that carries it, without wheels.
+    constraints
+        The constraints that the user sets.
 
     Returns
     -------
@@ -304,6 +338,8 @@ def _collect_axis_ranges(
     for limit in constraints.apart:
         pair = _find_pair(kinematics, "apart", limit.one)
         other_pair = _find_pair(kinematics, "apart", limit.other)
+        # The angle between two axes of one link is constant. The range is then checked, and
+        # is no limit of the poses.
         if not _is_always_kept(mechanism, limit, pair, other_pair):
             add_range(pair, other_pair, limit.low, limit.high, "apart")
     return ranges
@@ -575,7 +611,8 @@ def _find_pair(kinematics: LimitedOutput, option: str, name: str) -> int:
     Parameters
     ----------
     kinematics
-        The output.
+        The output. `kinematics.carrying` is the part of its mechanism that carries it,
+        without the wheels that drive it.
     option
         Name of the constraint, for messages.
     name
@@ -588,9 +625,11 @@ def _find_pair(kinematics: LimitedOutput, option: str, name: str) -> int:
     """
     carrying_numbers = kinematics.carrying.pair_number
     if name not in carrying_numbers:
-        suggestion = nearest(name, carrying_numbers) or ";"
+        # The question whether a similar name was meant. Without one a semicolon divides
+        # the two parts of the message.
+        suggestion = nearest(name, carrying_numbers)
         reason = (
-            f'{option}: no pair is named "{name}"{suggestion} '
+            f'{option}: no pair is named "{name}"{suggestion or ";"} '
             f"Pairs: {listing(carrying_numbers)}"
         )
         if name in kinematics.mechanism.pair_number:
