@@ -110,9 +110,12 @@ class UnwrappedStretch:
     def count_revolutions(self, values: Floats) -> Floats:
         """Return the revolutions to be added to the angles of configurations.
 
-        The configurations are compared with those of the followed curve at the same inputs.
-        The curve covers one period of the input, or less. Each lap, which is a further
-        period, adds the revolutions in `winding` to the angles.
+        The stretch is the range of the input over which the curve was followed, one period
+        of the input or less. The configurations are compared with those of the curve at the
+        same inputs. Each lap, which is a further period of the input, adds the revolutions
+        that the angles gain in a period (`winding`). The curve may be off by whole
+        revolutions itself, by those that its angles have at the reference input
+        (`reference_revolutions`). These are subtracted.
 
         Parameters
         ----------
@@ -126,7 +129,9 @@ class UnwrappedStretch:
         """
         low, high = self.curve.inputs[[0, -1]]
         # The input is reduced into the period that begins at the lower end of the curve. A
-        # sample just below this end belongs to this lap, not to the end of the one before.
+        # curve that ends at a dead centre ends a little before it. Inputs up to
+        # `DEAD_CENTRE_SLACK_RAD` beyond an end therefore count as at the end. So the period
+        # begins this much below the lower end.
         from_low = values[:, self.input_variable] - low + DEAD_CENTRE_SLACK_RAD
         reduced_input = low - DEAD_CENTRE_SLACK_RAD + np.mod(from_low, self.period)
         curve_values, _ = self.curve.interpolate(np.clip(reduced_input, low, high))
@@ -166,20 +171,20 @@ class AngleUnwrapping:
         """Return the revolutions to be added to the variables of configurations.
 
         With these revolutions, angles are continuous functions of the inputs within an
-        assembly mode. They are in (-pi, pi] at the anchor, which is the inputs of the
-        reference pose, or zero.
+        assembly mode (one way to assemble the links at given inputs). The anchor is the
+        inputs of the reference pose, or zero. There all angles are in (-pi, pi].
 
         Parameters
         ----------
         mode
-            Number of the assembly mode. With one input, it is the key under which the
-            stretches of the input are stored over which the mode was followed.
+            Number of the assembly mode. With one input, a mode is followed once over a
+            range of the input. The result is stored under this number for later calls.
         values
             (n, variables) configurations of the mode (rad). With several inputs each is
             followed from the one before.
         q
-            (n, inputs) inputs (rad) over full revolutions. They may be whole periods away
-            from those of the configurations.
+            (n, inputs) inputs (rad) over full revolutions. They may differ from those of
+            the configurations by whole periods, after which configurations repeat.
         requested
             Numbers of the variables whose revolutions are needed. Those of others may be
             returned as zero, which saves time.
@@ -199,8 +204,10 @@ class AngleUnwrapping:
         for pair, angle in self.solver.gear_train_angles(q).items():
             (variable,) = self.solver.mechanism.variables_of(pair)
             anchor_revolutions = count_revolutions(anchor_angles[pair])
-            growth = angle - TURN * anchor_revolutions - values[:, variable]
-            revolutions[:, variable] = np.round(growth / TURN)
+            # Angle that is continuous and in (-pi, pi] at the anchor.
+            counted_angle = angle - TURN * anchor_revolutions
+            difference = counted_angle - values[:, variable]
+            revolutions[:, variable] = np.round(difference / TURN)
             linear_variables.add(variable)
         # The other passive angles are followed, all together, if any of them is needed.
         followed_variables = [v for v in self._angles if v not in linear_variables]
@@ -288,7 +295,8 @@ class AngleUnwrapping:
         Parameters
         ----------
         key
-            Number of the mode, as for `count`.
+            Number under which `count` stores what it has followed of this mode. It is not
+            the number of the mode if the mode is a piece of a longer one.
         mode
             The mode.
         q

@@ -110,11 +110,17 @@ class GroupGeometry:
     def solve_equations(self, order: EliminationOrder) -> tuple[Complexes, Complexes]:
         """Compute all complex solutions of the arc equations, and their determinants.
 
+        A removed link has two pairs. Without the t removed links, the other bodies of the
+        group form a tree with t pairs, whose angles are unknown. Each removed link gives
+        one equation: the axes of its two pairs in the tree must be at the fixed arc between
+        its own two axes.
+
         Parameters
         ----------
         order
-            The t unknown angles (`tree_pairs`) and the removed links, whose arcs give the t
-            equations.
+            The t unknown angles (`tree_pairs`) and the t removed links. `incidence` states
+            which equation contains which angle. From that follows `root_count`, the number
+            of complex solutions.
 
         Returns
         -------
@@ -133,7 +139,9 @@ class GroupGeometry:
         """Return the orientations of all bodies at solutions of the arc equations.
 
         The bodies of the tree are placed pair by pair from the base body. The removed
-        links, which have two pairs each, are then put between their two neighbours.
+        links, which have two pairs each, are then put between their two neighbours. The arc
+        equation of such a link says that its two axes are at the same arc as the axes of
+        its neighbours with which they coincide.
 
         Parameters
         ----------
@@ -155,10 +163,14 @@ class GroupGeometry:
         orientations[:, :, order.base_body] = np.eye(3)
         branches = find_spanning_tree(ends, start=[order.base_body], pairs=order.tree_pairs)
         for pair, body, next_body in branches:
-            # R_next = R F Z(angle) F_next^T with the frames F of the pair in both bodies.
-            # Against the direction of the pair the rotation is the inverse, Z(-angle).
+            # R_next = R F Z(angle) F_next^T, where F and F_next are the frames of the pair
+            # in `body` and in `next_body`. Z is the rotation about the z axis, the axis of
+            # the pair, by its angle. The angle counts from the first body of the pair to
+            # the second. If `next_body` is the first one, the angle has the other sign.
             direction = 1.0 if ends[pair][0] == body else -1.0
             angle = direction * tree_angles[..., order.tree_pairs.index(pair)]
+            # Z(angle) = T[0] + cos(angle) T[1] + sin(angle) T[2] with `Z_ROTATION_TERMS` T.
+            # The factors are 1, cosine and sine along the last axis.
             z_rotation = np.tensordot(angle_factors(angle), Z_ROTATION_TERMS, 1)
             frame = self.pair_frame(pair, body)[:, None]
             next_frame = self.pair_frame(pair, next_body)[:, None]
@@ -178,6 +190,8 @@ class GroupGeometry:
             rotation = rotation_between_pairs(
                 *(axis[:, None] for axis in axes_in_link), *placed_axes
             )
+            # The orientations have the type of the angles, real or complex. Pair frames of
+            # complex type give a rotation of complex type also if the angles are real.
             is_complex = np.iscomplexobj(orientations)
             orientations[:, :, binary_link.body] = rotation if is_complex else rotation.real
         # Relative to the first body of the group.
@@ -259,7 +273,10 @@ class GroupGeometry:
 
         The binary link joins body A to body B and keeps the axis a, fixed in A, and the
         axis b, fixed in B, at a fixed arc. R_AB is the orientation of B in A, a product of
-        rotations about the pairs on the path in the tree of the other bodies.
+        rotations about the pairs on the path in the tree of the other bodies. A pair with
+        the frames F and F_next in the two bodies that it joins contributes the factor
+        F Z(angle) F_next^T. Z is the rotation about the z axis, the axis of the pair:
+        Z(angle) = T[0] + cos(angle) T[1] + sin(angle) T[2] with `Z_ROTATION_TERMS` T.
 
         Parameters
         ----------
@@ -280,12 +297,16 @@ class GroupGeometry:
         # The row vector a^T R_AB is multiplied out pair by pair, from A to B. In the sums n
         # is the sample, and i and k are the components of the vector before and after a
         # pair. Each pair inserts an axis x for 1, cos and sin in front of the components.
+        # A pair frame is the rotation (n, 3, 3) from the axes of the pair to those of a
+        # body.
         row_vector = axis_a
         body = binary_link.neighbours[0]
         for pair in path:
             first_body, second_body = self.group.ends[pair]
             is_forward = body == first_body
             next_body = second_body if is_forward else first_body
+            # Against the direction of the pair, the rotation about z is the inverse, the
+            # transpose of each of the three matrices.
             z_terms = Z_ROTATION_TERMS if is_forward else transpose(Z_ROTATION_TERMS)
             frame = self.pair_frame(pair, body)[:, None]
             next_frame = self.pair_frame(pair, next_body)[:, None]

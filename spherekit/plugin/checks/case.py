@@ -95,14 +95,23 @@ class ConformanceCase:
     ) -> list[Batch]:
         """Return the batches of a run: blocks of samples as an analysis receives them.
 
+        A batch has the motion of the block, and poles and continued angles that are
+        evaluated from it. A check changes the motion to see how the analysis responds.
+
         Parameters
         ----------
         block_size
             Number of samples of a block.
         change_motion
-            Changes the motion before poles and angles are evaluated from it.
+            Changes the motion before poles and angles are evaluated from it. So it changes
+            everything that the analysis reads, for example for a row that fails.
         change_view
-            Changes the motion that the analysis reads, after they were evaluated.
+            Changes only the motion that the analysis reads, after poles and angles were
+            evaluated, for example to hide quantities that it has not declared.
+
+        Returns
+        -------
+        The batches. An analysis that reads no samples is computed once, with the first.
         """
         run_plan = self.run_plan
         blocks = map(change_motion, run_plan.source.blocks(block_size))
@@ -126,8 +135,10 @@ class ConformanceCase:
         ----------
         block_size
             Number of samples in each block.
-        change_motion, change_view
-            Functions that change the blocks before the analysis sees them, see `batches`.
+        change_motion
+            Changes the motion of a block before poles and angles are evaluated from it.
+        change_view
+            Changes only the motion that the analysis reads, after they were evaluated.
 
         Raises
         ------
@@ -139,7 +150,7 @@ class ConformanceCase:
         tables = self.run_plan.join_tables(self.analysis, batches)
         for batch in batches:  # each block adds to the findings of the blocks before it
             findings = compute_findings(self.analysis, batch, findings)
-        assert findings is not None
+        assert findings is not None  # a run has at least one batch
         return tables, findings
 
     def hide_undeclared(self, motion: Motion) -> Motion:

@@ -54,10 +54,18 @@ def check_reads(case: ConformanceCase) -> str:
 
     Public attributes raise an error by themselves. To find reads by private attributes, all
     quantities that are not declared are replaced by NaN; the tables must stay the same.
+
+    An analysis may declare that it needs the tracer: the position analysis, which can
+    compute any configuration. Then no quantity is undeclared.
+
+    Returns
+    -------
+    A note for the report, perhaps empty.
     """
     for method, error in case.errors.items():
         if isinstance(error, UndeclaredNeed):
             raise PluginError(f"{method}: {error}") from error
+    # A plan has the needs of each of its analyses. Here there is one analysis.
     if case.run_plan.needs[0].tracer:
         return "all configurations, by the tracer"
     try:
@@ -85,7 +93,12 @@ def check_tables(case: ConformanceCase) -> str:
 
     A table with rows of samples needs equally many rows, at least one, for each sample of
     each assembly mode.
+
+    Returns
+    -------
+    An empty text, as there is nothing to note in the report.
     """
+    # `compute_tables` raises an error if columns or types are not those that were declared.
     (batch,) = case.batches(len(case.sampling))
     computed = case.run_plan.compute_tables(case.analysis, batch)
     tables = case.run_plan.tables_of(case.analysis)
@@ -148,23 +161,31 @@ def _comparable(findings: Findings) -> Any:
 
 
 def check_failed_rows(case: ConformanceCase) -> str:
-    """Check that a row without a configuration has NaN, and that no other row changes."""
+    """Check that a row without a configuration has NaN, and that no other row changes.
+
+    The middle sample is made to fail in a second computation, which is compared with the
+    first one.
+    """
     if not case.analysis.reads_samples:
         raise NotApplicableError("it reads no samples")
+    # All samples are in one block, so that a row of the batch is a row of the motion.
     count = len(case.sampling)
     row = count // 2
-    tables, _ = case.compute_results(count, fail_row(row))
+    tables, _ = case.compute_results(block_size=count, change_motion=fail_row(row))
     (batch,) = case.batches(count)
     sample_tables = [
         table for table in case.run_plan.tables_of(case.analysis) if table.in_assembly_modes
     ]
     for table in sample_tables:
-        # In rows of the failed sample, numbers may become NaN and texts may change. Such
-        # values are copied to the expected table before the comparison.
-        expected = dict(case.whole_results[0][table.name])
+        # In rows of the failed sample numbers may become NaN. Texts and whole numbers may
+        # change, because they have no NaN. Such values are copied to the expected table
+        # before the comparison.
+        complete_tables, _ = case.whole_results
+        expected = dict(complete_tables[table.name])
         computed = tables[table.name]
         is_failed = expected[SAMPLE.name] == batch.sample[row]
         is_failed &= expected[ASSEMBLY_MODE.name] == batch.assembly_mode[row]
+        # Another number of rows is a fault, which `describe_difference` describes below.
         if len(is_failed) == len(computed[SAMPLE.name]):
             for column in table.columns:
                 values = computed[column.name]
@@ -231,14 +252,15 @@ def check_scene(case: ConformanceCase) -> str:
 
     Returns
     -------
-    The number of scenes of the analysis, in words.
+    The number of scenes of the analysis in words. Each scene is one page.
     """
+    # The import switches on the strict mode, in which wrong shapes of data raise errors.
     from spherekit.display.rerun.recorder import RerunRecorder
 
     mechanism = case.mechanism
     study = Study(mechanism.name, mechanism, samples=case.samples)
     (batch,) = case.batches(len(case.sampling))
-    page_count = len(compute_scenes(case.analysis, batch))
+    scene_count = len(compute_scenes(case.analysis, batch))
     with (
         tempfile.TemporaryDirectory() as folder,
         RerunRecorder(mechanism.name, path=Path(folder) / "scene.rrd") as recorder,
@@ -246,7 +268,7 @@ def check_scene(case: ConformanceCase) -> str:
         result = run_study(study, [case.analysis], Execution(recorder=recorder))
     for fault in result.failures.values():
         raise PluginError(fault)
-    return counted(page_count, "page")
+    return counted(scene_count, "page")
 
 
 def _require_same(
@@ -269,6 +291,8 @@ def _require_same(
     rotation
         (3, 3) rotation of the mechanism of `compared`, if it was rotated.
     """
+    # Tables of the same mechanism differ by the order of computations only. A rotated
+    # mechanism has other numbers throughout, whose rounding errors are larger.
     tolerance = BLOCK_TOLERANCE if rotation is None else VARIANT_TOLERANCE
     for table in case.run_plan.tables_of(case.analysis):
         fault = describe_difference(

@@ -105,11 +105,13 @@ class ConformanceSuite:
     def _check_installation(self) -> str:
         """Check that the entry point of a distribution leads to this class.
 
-        If the analysis was given by its name, it is created from its entry point here.
+        The checked analysis is a class, an object with parameters, or a text of the command
+        line: a name, perhaps with parameters. A text is replaced here by the object that is
+        created from the entry point.
 
         Returns
         -------
-        The distribution that offers the analysis, in words.
+        The note of this check for the report: the distribution that offers the analysis.
         """
         if isinstance(self._checked, str):
             self._checked = create_analysis(self._checked)
@@ -194,22 +196,36 @@ class ConformanceSuite:
     def _check_runs(self) -> str:
         """Check that the analysis computes at least one mechanism.
 
-        Mechanisms that it refuses by an error of spherekit are removed from the cases. A
-        mistake in the plugin is raised, unless a later check reports it: undeclared reads,
-        and writing to arrays.
+        Mechanisms that it refuses by an error of spherekit are removed from the cases.
+        Other errors are mistakes in the plugin. Two kinds of mistakes are left to later
+        checks, and their cases are kept: undeclared reads, and writing to arrays. Any other
+        mistake is raised.
+
+        Returns
+        -------
+        The mechanisms that were computed and those that were refused, as the note of this
+        check.
+
+        Raises
+        ------
+        PluginError
+            If the plugin has a mistake, or refuses every mechanism.
         """
         cases = self._cases
         self._cases = []
         for case in cases:
             error = case.errors.get("compute")
-            is_mistake = isinstance(error, PluginError | UndeclaredNeed)
-            if isinstance(error, PluginError) and READ_ONLY not in str(error):
+            writes_to_array = isinstance(error, PluginError) and READ_ONLY in str(error)
+            is_reported_later = isinstance(error, UndeclaredNeed) or writes_to_array
+            if isinstance(error, PluginError) and not is_reported_later:
                 raise error
-            if error is None or is_mistake:
+            if error is None or is_reported_later:
                 self._cases.append(case)
             else:
                 self._refusals.append(f"{case.mechanism.name} ({error})")
-        names = listing(case.mechanism.name for case in self._accepted_cases())
+        # This call raises the error if no case is left.
+        accepted_cases = self._accepted_cases()
+        names = listing(case.mechanism.name for case in accepted_cases)
         refused = f"; refuses {'; '.join(self._refusals)}" if self._refusals else ""
         return f"on {names}{refused}"
 

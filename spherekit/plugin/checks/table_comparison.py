@@ -28,8 +28,10 @@ def describe_difference(
 ) -> str:
     """Return the first difference of two tables in words; an empty text if there is none.
 
-    Columns that describe the computation, such as error bounds, may differ between variants
-    of a mechanism (rotated or renamed ones), so they are not compared between variants.
+    Either both tables are of the same mechanism, or `compared` is of a variant: the
+    mechanism rotated as a whole, or with other names of links. Columns that describe the
+    computation, such as error bounds, may differ between variants, so they are not compared
+    then.
 
     Parameters
     ----------
@@ -38,16 +40,21 @@ def describe_difference(
     expected, compared
         Its columns.
     tolerance
-        `BLOCK_TOLERANCE` or `VARIANT_TOLERANCE`.
+        `BLOCK_TOLERANCE` for the same mechanism, or `VARIANT_TOLERANCE` for a variant.
     rotation
         (3, 3) rotation of the mechanism of `compared`. Vectors of `expected` are rotated by
         it before they are compared. Columns that depend on axes in another way are left
         out. If such columns identify the rows, nothing is compared.
     """
-    # Kinds of the columns that depend on the ground axes, but not as vectors do.
+    is_variant = tolerance >= VARIANT_TOLERANCE
+    # `turns` states how a column changes if the mechanism is rotated. Collected are the
+    # kinds of the columns that depend on the ground axes, but not as vectors do.
     axis_dependent = [
         column.kind for column in table.columns if column.turns == "otherwise"
     ]
+    # If rows belong to samples of assembly modes, they stay the same rows, and only such
+    # columns are left out. In other tables, or if such a column is a text that may identify
+    # the rows, a rotation may change which rows there are.
     rows_depend_on_axes = not table.in_assembly_modes or "text" in axis_dependent
     if rotation is not None and axis_dependent and rows_depend_on_axes:
         return ""
@@ -58,8 +65,9 @@ def describe_difference(
     for column, values, compared_values in _column_pairs(
         table, expected, compared, rotation
     ):
-        if tolerance >= VARIANT_TOLERANCE and column.scale == "none":
-            continue  # the column describes the computation
+        # The scale "none" marks columns that describe the computation.
+        if is_variant and column.scale == "none":
+            continue
         row = _first_different_row(column, values, compared_values, tolerance)
         if row is not None:
             return (
@@ -162,9 +170,11 @@ def match_rows(
 ) -> tuple[TableArrays, TableArrays] | str:
     """Return the rows that two tables share, in the same order.
 
-    A row is identified by its texts and whole numbers, its key. If keys occur twice, both
-    tables are returned unchanged. A row about one link relative to another may be missing,
-    because with another order of links it is about the second relative to the first.
+    `compared` is the table of the same mechanism with its links renamed and in another
+    order. A row is identified by its texts and whole numbers, its key. If keys occur twice,
+    rows cannot be identified: both tables are returned unchanged, to be compared in their
+    own order. A row about one link relative to another may be missing, because with another
+    order of links it is about the second relative to the first.
 
     Parameters
     ----------

@@ -19,9 +19,12 @@ from spherekit.runs.contract import AbstractAnalysis
 
 
 def rotate_mechanism(mechanism: Mechanism, rotation: Floats) -> Mechanism:
-    """Return a mechanism rotated as a whole; the ground axes stay.
+    """Return a mechanism rotated as a whole, relative to the ground axes.
 
-    Links described by sizes keep their axes. Links described by a pose rotate with it.
+    The geometry of a mechanism is described in one of two ways. If it is described by sizes
+    (arcs between the axes of each link), moving links have axes of their own. Only what is
+    fixed in the ground is rotated then. If it is described by a pose, all axes are given in
+    ground axes in one configuration, and all are rotated.
 
     Parameters
     ----------
@@ -33,7 +36,9 @@ def rotate_mechanism(mechanism: Mechanism, rotation: Floats) -> Mechanism:
     Raises
     ------
     NotApplicableError
-        If the origin of a profile's arc length follows from the axes.
+        If a contact has a profile other than one through points. The start of its arc
+        length is defined by the ground axes or link axes, so that the rotated profile would
+        have other arc lengths.
     """
     geometry = mechanism.geometry
     rotated_links: Names = (mechanism.ground,)
@@ -67,16 +72,14 @@ def rotate_mechanism(mechanism: Mechanism, rotation: Floats) -> Mechanism:
         rotated_geometry = sizes_from_frames(
             mechanism.pairs, (first_frames, second_frames), other_links
         )
-    return replace(
+    # Pairs, outputs, masses and loads in the rotated axes, by field of the mechanism.
+    rotated_parts = redescribe(
         mechanism,
-        geometry=rotated_geometry,
-        **redescribe(
-            mechanism,
-            rotations=dict.fromkeys(rotated_links, rotation),
-            ground_rotation=rotation,
-            rotate_pair_profile=_rotate_profile,
-        ),
+        rotations=dict.fromkeys(rotated_links, rotation),
+        ground_rotation=rotation,
+        rotate_pair_profile=_rotate_profile,
     )
+    return replace(mechanism, geometry=rotated_geometry, **rotated_parts)
 
 
 def _rotate_profile(profile: Profile, rotation: Floats, pair: Pair) -> Profile:
@@ -98,22 +101,27 @@ def rename_links(mechanism: Mechanism, names: Mapping[str, str]) -> Mechanism:
         links.
     """
     geometry = mechanism.geometry
+    # Sizes are listed by link. The other description, by a pose, has the axes by pair,
+    # whose names stay.
     if isinstance(geometry, SizeGeometry):
         links = {names[link]: sizes for link, sizes in geometry.links.items()}
         geometry = replace(geometry, links=links)
-    # Arc lengths of contacts are named by the link.
+    # Pairs with more than one variable are contacts. Their variables are arc lengths, which
+    # are named by the pair and the link, also in expressions of loads.
     variable_names = {
         f"s_{pair.name}_{link}": f"s_{pair.name}_{names[link]}"
         for pair in mechanism.pairs
         if pair.kind.variable_count > 1
         for link in pair.links
     }
+    # Pairs, outputs, masses and loads with the new names, by field of the mechanism.
+    renamed_parts = redescribe(mechanism, link_names=names, expression_names=variable_names)
     return replace(
         mechanism,
         ground=names[mechanism.ground],
         links=tuple(names.values()),
         geometry=geometry,
-        **redescribe(mechanism, link_names=names, expression_names=variable_names),
+        **renamed_parts,
     )
 
 
