@@ -44,11 +44,24 @@ class DyadKinematics(ClosedKinematics):
     solved_by = "dyads"
 
     def __init__(self, kinematics: InverseKinematics) -> None:
-        """Keep the inverse kinematics, and name the leg of each dyad by its three pairs."""
+        """Store the inverse kinematics, and name the leg of each dyad by its three pairs.
+
+        The inverse kinematics adds two virtual links, with three R pairs, between the two
+        links of the output. The angles of their pairs are the coordinates of the pose, so
+        that they hold the output in it. A dyad can end at a virtual pair.
+
+        Parameters
+        ----------
+        kinematics
+            Inverse kinematics of an output whose mechanism consists of dyads when it is
+            held: groups of two links and three R pairs.
+        """
         assert kinematics.dyads is not None
-        # Virtual links hold the output; the dyads include their pairs.
         virtual_chain = kinematics.wrist
-        super().__init__(kinematics.own, virtual_chain.output, virtual_chain.points)
+        mechanism_without_virtual_links = kinematics.own
+        super().__init__(
+            mechanism_without_virtual_links, virtual_chain.output, virtual_chain.points
+        )
         self.kinematics = kinematics
         self.modes = kinematics.modes
         self.dyads = kinematics.dyads.dyads
@@ -62,9 +75,11 @@ class DyadKinematics(ClosedKinematics):
     def _find_real_pair(self, pair: int) -> int:
         """Return the number of the mechanism's pair that has the axis of a virtual pair.
 
-        Virtual links and pairs hold the output in its pose. If the last virtual pair has
-        the same axis as a pair of the output link, the number of the latter is returned.
-        All other numbers are returned unchanged.
+        For the inverse kinematics two virtual links with three R pairs join the two links
+        of the output and hold it in its pose. A leg can end at the last virtual pair, which
+        is on the output link. Users do not know this pair. If it has the same axis as a
+        real pair of the output link, the number of the latter is returned, whose name is
+        then reported. All other numbers are returned unchanged.
         """
         virtual_chain = self.kinematics.wrist
         if pair != virtual_chain.pairs[-1]:
@@ -86,8 +101,9 @@ class DyadKinematics(ClosedKinematics):
         """The reach of every dyad: the least and the largest angle of its outer axes.
 
         The outer axes are those of the near and far pair, which join the two links of the
-        dyad to other links. Virtual links hold the output; an outer pair of a virtual link
-        is replaced by the real pair with the same axis.
+        dyad to other links. One of these can be a virtual link, which is added to hold the
+        output in its pose. The outer pair is then replaced by the real pair of the output
+        link with the same axis, if there is one.
         """
         return tuple(
             LegSpan(
@@ -95,7 +111,8 @@ class DyadKinematics(ClosedKinematics):
                 second_pair=self._find_real_pair(dyad.far_pair),
                 shortest=dyad.shortest,
                 longest=dyad.longest,
-                # The two links of a dyad can lie over each other.
+                # At the smallest angle of the outer axes, both links of a dyad are in one
+                # plane, one of them over the other.
                 can_fold=True,
             )
             for dyad in self.dyads
@@ -173,10 +190,23 @@ class GearedKinematics(ClosedKinematics):
         train: GearTrain,
         carriers: Mapping[int, CarrierAngle],
     ) -> None:
-        """Keep the parts, and invert the matrix of the ratios of the carriers.
+        """Store the parts, and invert the matrix of the ratios of the carriers.
 
-        Carriers are pairs whose angles are linear functions of the inputs through the
-        wheels.
+        Carriers are as many pairs as there are inputs. Their angles are linear functions of
+        the inputs through the wheels. They were chosen with linearly independent ratios, so
+        that the matrix is regular.
+
+        Parameters
+        ----------
+        mechanism, output
+            The whole mechanism, and its output.
+        carried
+            Closed form of the mechanism without the wheels, driven at the carriers. It has
+            the links that carry the output.
+        train
+            The wheels, with the ratios by which their pairs follow from the inputs.
+        carriers
+            Angle of each carrier, by its number in the whole mechanism.
         """
         super().__init__(mechanism, output, carried.points)
         self.carried = carried
@@ -247,12 +277,16 @@ class _GearedMode:
     def inputs(self) -> Floats:
         """(n, inputs) values of the inputs (rad).
 
-        The carriers are pairs of the mechanism without wheels whose angles determine the
-        inputs. The angle of a carrier is known up to whole revolutions. Each choice of
-        revolutions gives other inputs, because the wheels do not have the ratio 1. The
-        choice with the smallest sum of absolute inputs is returned.
+        Without its wheels, the mechanism is solved at the poses first (`carried_mode`).
+        Some of its pairs, the carriers, are turned by the wheels. Their angles are linear
+        functions of the inputs, ratios @ inputs + offsets, from which the inputs follow.
+
+        The angle of a carrier is known up to whole revolutions. Each choice of revolutions
+        gives other inputs, because the wheels do not have the ratio 1. Of the choices -1, 0
+        and 1 for each carrier, the one with the smallest sum of absolute inputs is taken.
         """
         kinematics = self.kinematics
+        # `carried_pair` is the number of a pair in the mechanism without wheels.
         carrier_angles = [
             self.carried_mode.angle(kinematics.carried_pair[pair])
             for pair in kinematics.carriers
@@ -270,20 +304,24 @@ class _GearedMode:
 
     @cached_property
     def _values(self) -> Floats:
-        """(n, pairs) variables of all pairs, those of R pairs in (-pi, pi].
+        """(n, pairs) variables of all pairs (rad).
 
-        There are three sources: the inputs, the ratios of the wheels for pairs that follow
-        the inputs, and the mechanism without wheels for its own pairs.
+        The variable of an R pair is its angle in (-pi, pi]. That of a contact of two wheels
+        is the arc length by which they have rolled on each other. There are three sources:
+        the inputs, the ratios of the wheels for pairs that follow the inputs, and for all
+        other R pairs the mechanism without wheels (`carried_mode`).
         """
         kinematics = self.kinematics
         train = kinematics.train
         mechanism = kinematics.mechanism
         values = np.empty((len(self.inputs), len(mechanism.pairs)))
-        # A pair can have several sources. Later assignments replace earlier ones.
+        # A pair can have several sources, which agree up to rounding. Later assignments
+        # replace earlier ones.
         values[:, driven_pairs(mechanism)] = wrap(self.inputs)
         follower_angles = self.inputs @ train.ratios.T + train.offsets
         values[:, train.followers] = wrap(follower_angles)
         values[:, train.contacts] = self.inputs @ train.length_ratios.T + train.lengths
+        # The pairs of the mechanism without wheels, by their numbers in both mechanisms.
         for pair, carried_pair in kinematics.carried_pair.items():
             values[:, pair] = self.carried_mode.angle(carried_pair)
         return values
@@ -332,27 +370,37 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
 
     There is one under three conditions:
 
-    - Without the wheels the mechanism consists of dyads if the output is held.
-    - It can be driven by as many carriers as there are inputs. These are pairs whose angles
-      follow from the inputs of the whole mechanism by the ratios of the wheels.
-    - No pair of a wheel has joint limits.
+    1. All pairs are R pairs or contacts of wheels. The pairs without the wheels and their
+       supports contain as many independent *carriers* as there are inputs. These are pairs
+       whose angles follow from the inputs of the whole mechanism by the ratios of the
+       wheels.
+    2. No pair of a wheel has joint limits.
+    3. The mechanism without the wheels consists of dyads (two links and three R pairs) if
+       the output is held.
     """
     driven = list(driven_pairs(mechanism))
     train = find_gear_train(mechanism, driven)
     r_pairs = {mechanism.pair_number[name] for name in mechanism.angles}
-    # All other pairs have to be contacts of the wheels.
+    # 1. All pairs that are no R pairs have to be contacts of the wheels.
     if train is None or len(r_pairs) + len(train.contacts) < len(mechanism.pairs):
         return None
-    carrying_pairs = _find_carrying_pairs(mechanism, output, r_pairs)
-    limited_pairs = {mechanism.pair_number[limit.pair] for limit in mechanism.joint_limits}
-    carriers = _choose_carriers(train, driven, carrying_pairs)
-    if carriers is None or not limited_pairs <= carrying_pairs:
+    # The pairs of the links between ground and output, without those that support wheels.
+    pairs_without_wheels = _find_carrying_pairs(mechanism, output, r_pairs)
+    carriers = _choose_carriers(train, driven, pairs_without_wheels)
+    if carriers is None:
         return None
+    # 2. Joint limits of wheels would not be taken into account.
+    limited_pairs = {mechanism.pair_number[limit.pair] for limit in mechanism.joint_limits}
+    if not limited_pairs <= pairs_without_wheels:
+        return None
+    # 3. The mechanism without the wheels is driven at the carriers. Names of assembly modes
+    # are those of the whole mechanism, so they are left out.
     carrier_inputs = tuple(
         Input(mechanism.pairs[pair].name, 0.0, TURN) for pair in carriers
     )
     try:
-        part = of_pairs(replace(mechanism, inputs=carrier_inputs, modes={}), carrying_pairs)
+        driven_at_carriers = replace(mechanism, inputs=carrier_inputs, modes={})
+        part = of_pairs(driven_at_carriers, pairs_without_wheels)
         inverse = InverseKinematics(part, output.name)
     except SpherekitError:
         return None
@@ -364,11 +412,11 @@ def geared_kinematics(mechanism: Mechanism, output: Output) -> GearedKinematics 
 
 
 def _find_carrying_pairs(mechanism: Mechanism, output: Output, pairs: set[int]) -> set[int]:
-    """Return the pairs that carry the output: those that do not only support wheels.
+    """Return the pairs of the links through which the output is joined to the ground.
 
-    Without the contacts between wheels, a wheel has a single pair and carries nothing.
-    Links with a single pair are therefore removed with this pair, again and again, until
-    none remains.
+    Wheels and their supports are left out. Without the contacts between wheels, a wheel has
+    a single pair, so it joins nothing. Links with a single pair are therefore removed with
+    this pair, again and again, until none remains.
 
     Parameters
     ----------
@@ -377,7 +425,7 @@ def _find_carrying_pairs(mechanism: Mechanism, output: Output, pairs: set[int]) 
     output
         The output. Its two links and the ground are not removed.
     pairs
-        Numbers of the pairs from which links are removed.
+        Numbers of the R pairs, without the contacts between wheels.
     """
     number = mechanism.link_number
     carrying_pairs = set(pairs)
@@ -395,7 +443,7 @@ def _find_carrying_pairs(mechanism: Mechanism, output: Output, pairs: set[int]) 
 def _choose_carriers(
     train: GearTrain, driven: list[int], carrying_pairs: set[int]
 ) -> dict[int, CarrierAngle] | None:
-    """Return carriers: as many pairs as there are inputs, whose angles determine these.
+    """Return carriers: as many pairs as there are inputs, whose angles give the inputs.
 
     Candidates are the driven pairs themselves, and the pairs whose angles follow from the
     inputs q through the wheels as ratios . q + offset. They are examined in the order of
@@ -409,7 +457,8 @@ def _choose_carriers(
     driven
         Numbers of the driven pairs.
     carrying_pairs
-        Numbers of the pairs among which carriers are chosen.
+        Numbers of the pairs among which carriers are chosen: those of the mechanism without
+        wheels, because its solution gives the angles of the carriers.
 
     Returns
     -------
@@ -417,7 +466,7 @@ def _choose_carriers(
     number of the pair. None if there are too few.
     """
     # 1. The candidates. The angle of driven pair k is input k itself, so its ratios are a
-    # row of the identity matrix.
+    # row of the identity matrix. `train.followers` are the pairs that follow the inputs.
     angles = {
         pair: CarrierAngle(np.eye(len(driven))[k], 0.0) for k, pair in enumerate(driven)
     }

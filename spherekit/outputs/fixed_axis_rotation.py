@@ -182,6 +182,7 @@ class FollowedRotation(RotationPath):
 
         There are two sources: the leaps, which are singular configurations that the
         tracking stepped over, and the angles at which the transmission measure falls to 0.
+        All are within the angles from 0 to `reached` up to which the rotation was tracked.
         """
         # Minima of the measure are bracketed on a grid of angles: a value that is not
         # larger than both neighbours, infinite beyond the ends. Each minimum is then
@@ -194,9 +195,11 @@ class FollowedRotation(RotationPath):
         (lowest,) = np.nonzero((measure <= before) & (measure < after))
         low, high = grid[np.clip([lowest - 1, lowest + 1], 0, CROSSING_GRID_SIZE - 1)]
         minima = minimize_in_brackets(self._measure_transmission, low, high)
-        # The negated comparison also accepts NaN.
+        # The measure can be NaN at a singular configuration, where it is not determined.
+        # The negated comparison counts such a minimum as singular.
         singular = minima[~(self._measure_transmission(minima) > SINGULAR_RATIO)]
-        # Minima next to a leap are the leap itself.
+        # A minimum within the length of the longest leap is the singular configuration that
+        # was stepped over, which is listed already.
         distances = np.abs(singular[:, None] - np.array(self.leaps))
         is_apart = np.all(distances > LEAP_LENGTHS_RAD[-1], axis=1)
         crossings = np.concatenate([self.leaps, singular[is_apart]])
@@ -304,22 +307,26 @@ class FollowedRotation(RotationPath):
     ) -> tuple[Floats, Floats]:
         """Return the first and second derivatives of the variables by theta.
 
-        At a leap the tracking stepped over a singular configuration, near which rounding
-        errors of the derivatives grow without bound. Derivatives near a leap are therefore
-        those of a polynomial through the derivatives at Chebyshev points around it.
+        The output link turns by the angle theta about a fixed axis. At a leap the tracking
+        stepped over a singular configuration, near which rounding errors of the derivatives
+        grow without bound. Derivatives within `LEAP_NEIGHBOURHOOD_RAD` of a leap are
+        therefore those of a polynomial through the derivatives at Chebyshev points around
+        it. The path itself is smooth there.
 
         Parameters
         ----------
         theta
             (n,) angles (rad).
         deviation
-            The nearest configurations at these angles.
+            The configurations at these angles: those with the smallest angle between the
+            output link and its target, which is turned exactly about the axis.
 
         Returns
         -------
         first, second
             (n, variables) derivatives.
         """
+        # Derivatives while the target turns about the axis.
         rates = deviation.rates(self.axis)
         first_theta, last_theta = self.nodes.theta[[0, -1]]
         chebyshev_points = chebpts1(LEAP_CHEBYSHEV_POINTS)
@@ -373,8 +380,9 @@ def axis_and_angle(first: Floats, second: Floats) -> tuple[Floats, float]:
     xyzw = quaternion((second @ first.T)[None])[0]
     sine = float(np.linalg.norm(xyzw[:3]))
     angle = 2.0 * math.atan2(sine, abs(xyzw[3]))
-    # The error (rad) of the axis is the rounding error divided by the angle. The limit is
-    # the largest error with which a direction is usable.
+    # The error (rad) of the axis is the rounding error divided by the angle. If it is not
+    # below `USABLE_DIRECTION`, the axis is not returned. The product avoids a division by
+    # 0.
     if angle * USABLE_DIRECTION <= ORIENTATION_ROUNDING_RAD:
         raise SolveError(
             "the orientations coincide: every axis will do, none is given; there is "

@@ -51,10 +51,11 @@ class PoseSolutions:
         (k, 3, 3) orientations of the output link, seen from the link that the output is
         relative to.
     directions
-        (k, 3) directions at which the output points there; None if it declares none.
+        (k, 3) directions in which the output points. None if the output is an orientation
+        without such a direction.
     signs
-        k tuples, one for each configuration: the sign (1 or -1) of each dyad in solving
-        order, 0 for groups that are no dyads.
+        k tuples, one for each configuration: the sign (1 or -1) of each dyad, 0 for groups
+        that are no dyads. Groups are in the order in which they are placed.
     complete
         (n,) for each of the n poses or sets of inputs, whether all configurations were
         found for sure.

@@ -138,7 +138,8 @@ class Inverse:
     def jacobian(self) -> Floats:
         """(m, n, 3, inputs) angular velocity of the output per unit rate of each input.
 
-        One input moves while the others are locked. The axes are those of the link that the
+        There are n poses in m working modes (ways to assemble the mechanism at a pose). One
+        input moves while the others are locked. The axes are those of the link that the
         output is seen from. For a pointing output it is the part of the angular velocity at
         right angles to its direction. NaN or infinite at a type II singularity, where the
         output can move with locked inputs.
@@ -146,12 +147,15 @@ class Inverse:
         Raises
         ------
         SolveError
-            If the normals were not asked for.
+            If the normals, from which the Jacobian is computed, were not asked for. The
+            normal of an input is at right angles to all angular velocities of the output
+            that are possible with this input locked.
         """
         if self.normals is None:
             raise SolveError("the Jacobian needs the normals: ask with normals=True")
-        # The inverse Jacobian: the scalar product of its row i with the angular velocity
-        # of the output is the rate of input i.
+        # `type_1` is the rate at which the output turns about the normal of input i per
+        # unit rate of this input. The scalar product of row i of the inverse Jacobian with
+        # the angular velocity of the output is therefore the rate of input i.
         inverse_rows = self.normals / self.type_1[..., None]
         third_row = None
         if inverse_rows.shape[2] == 2:
@@ -199,12 +203,23 @@ class InverseKinematics:
     def __init__(self, mechanism: AnyMechanism, name: str | None = None) -> None:
         """Hold the output by virtual links and plan how the links are placed.
 
+        Two virtual links with three R pairs (a virtual wrist) are added between the two
+        links of the output. The angles of the virtual pairs are the coordinates of the
+        pose. If the output is a direction, the last virtual pair has this direction as its
+        axis, and its angle is open: the turn of the output link about its direction.
+
         Links are placed in groups. If all groups are dyads (two links each), poses are
         solved in closed form. If not, a closing link is searched: a link without which all
         groups are dyads. Its arc then determines the turn of a pointing output about its
         direction.
+
+        Parameters
+        ----------
+        mechanism, name
+            The mechanism, and the name of its output, if it has several.
         """
-        # 1. The mechanism with virtual links, and its groups in solving order.
+        # 1. The mechanism of the user (`own`), the mechanism with virtual links (`wrist`),
+        # and its groups in the order in which they are placed.
         self.own = mechanism = mechanism_of(mechanism)
         self.wrist: VirtualOutputChain = with_wrist(mechanism, name)
         self.mechanism = self.wrist.mechanism
@@ -231,10 +246,11 @@ class InverseKinematics:
         self._assembly = self.solver.assembly
         joints = revolutes(self.solver.joints)
         has_only_r_pairs = len(joints) == len(self.solver.joints)
-        base = self.wrist.base
+        base = self.wrist.base  # the link that the output is seen from
         if has_only_r_pairs and DyadChain.can_place(self._assembly, base):
-            # The link that is placed by the pose: the last virtual link, or the output link
-            # itself.
+            # The link that is placed by the pose. An orientation places the output link
+            # itself. A direction places only the last virtual link, on which the output
+            # link can turn.
             posed_link = self.wrist.carrier if self.wrist.points else self.wrist.link
             self.dyads = DyadChain(self.mechanism, joints, self._assembly, base, posed_link)
         else:
@@ -320,8 +336,15 @@ class InverseKinematics:
         has_closing_link = self._closing_link is not None
 
         def read_results(mode: WorkingMode) -> dict[str, Array]:
-            """Return the result arrays of a mode by name; the last axis is the pose."""
+            """Return the result arrays of a mode by name; the last axis is the pose.
+
+            The names are those of the attributes of `Inverse`, where they are explained.
+            """
+            # How far the dyads are from being stretched or folded: the smallest margin
+            # (rad) of all dyads, and the number of the limiting dyad.
             reach = mode.reach()
+            # `type_1` is 0 at a singularity of type I, where an input moves while the
+            # output rests.
             results: dict[str, Array] = {
                 "inputs": np.stack([mode.input_angle(pair) for pair in mode.driven]),
                 "type_1": np.stack([mode.output_speed(pair) for pair in mode.driven]),
@@ -334,6 +357,8 @@ class InverseKinematics:
                     [mode.output_normal(pair) for pair in mode.driven]
                 )
             if has_closing_link:
+                # The arc of a closing link determines how far the output link has turned
+                # about its direction. The slope tells how accurately it does.
                 results["slope"] = mode.slope
             return results
 
@@ -373,8 +398,9 @@ class InverseKinematics:
         poses
             (n, 3, 3) orientations or (n, 3) directions.
         starts
-            (n, 3, 3) orientations near which the turns of a pointing output are searched,
-            or an array (n, 0) if no closing link needs them.
+            (n, 3, 3) orientations from which Newton's method starts, if it is needed. This
+            is the case if the pose is a direction and the arc of a link (closing link)
+            determines how far the output link is turned about it. Otherwise (n, 0).
         modes
             The signs of the dyads in each of m modes.
         read_results
@@ -385,8 +411,10 @@ class InverseKinematics:
         The arrays (m, ..., n) of all modes and poses by their names.
         """
         blocks: list[dict[str, Array]] = []
+        # Without poses there is one empty block, so that the arrays have their shapes.
+        pose_count = max(len(poses), 1)
         with np.errstate(all="ignore"):
-            for start in range(0, max(len(poses), 1), POSES_PER_BLOCK):
+            for start in range(0, pose_count, POSES_PER_BLOCK):
                 rows = slice(start, start + POSES_PER_BLOCK)
                 results_of_modes = [
                     read_results(mode)
@@ -480,6 +508,8 @@ class InverseKinematics:
     def posed(self, poses: ArrayLike, signs: Signs) -> WorkingMode:
         """Return one working mode at poses. Its results are computed when they are read.
 
+        All links have to be placed as dyads (groups of two links) from the pose alone.
+
         Parameters
         ----------
         poses
@@ -497,7 +527,8 @@ class InverseKinematics:
             raise self.no_closed_form("ask for `solutions` row by row")
         pose_array = self._check_poses(poses)
         modes = self._check_modes([signs])
-        # Without a closing link there are no turns to search.
+        # Poses at which the turn of the output link about its direction is an unknown need
+        # orientations from which its search starts. Here the pose places all links.
         no_starts = np.empty((len(pose_array), 0))
         return next(self._place_modes(pose_array, no_starts, modes))
 
@@ -521,6 +552,8 @@ class InverseKinematics:
             If the poses are not rotations or directions.
         """
         pose_array = self._check_poses(poses)
+        # If all links but one are dyads, the arc of this closing link determines how far
+        # the output link is turned about its direction. This angle is searched.
         if self._closing_link is not None:
             with np.errstate(all="ignore"):
                 return self._solve_all_turns(self._closing_link, pose_array)
@@ -529,8 +562,12 @@ class InverseKinematics:
             coordinates = azimuth_tilt(pose_array)
         else:
             coordinates = euler_zyz(pose_array)
-        released = PositionSolver(self.own, plan_assembly(self.own))
-        return find_configurations(self.solver, self.wrist.output, coordinates, released)
+        # The solver of the mechanism itself, without virtual links (released output). The
+        # configurations are returned with its variables.
+        released_solver = PositionSolver(self.own, plan_assembly(self.own))
+        return find_configurations(
+            self.solver, self.wrist.output, coordinates, released_solver
+        )
 
     def _solve_all_turns(
         self, closing_link: DyadsWithClosingLink, directions: Floats
@@ -598,7 +635,11 @@ class InverseKinematics:
         )
 
     def _check_starts(self, near: ArrayLike | None, count: int) -> Floats:
-        """Return orientations near which the turn of a pointing output is searched.
+        """Return orientations from which the search of the output link's turn starts.
+
+        If the pose is a direction, the output link can be turned about it by any angle. In
+        some mechanisms the arc of one link (closing link) determines this angle, which
+        Newton's method then searches. In others the pose places all links directly.
 
         Parameters
         ----------
@@ -610,8 +651,7 @@ class InverseKinematics:
 
         Returns
         -------
-        (count, 3, 3) orientations. Without a closing link they are not needed, and an array
-        (count, 0) is returned.
+        (count, 3, 3) orientations, or an array (count, 0) if they are not needed.
 
         Raises
         ------
@@ -670,7 +710,10 @@ class InverseKinematics:
         return array
 
     def _check_modes(self, modes: Sequence[Signs] | None) -> tuple[Signs, ...]:
-        """Return the signs of the chosen modes, or of all modes if `modes` is None.
+        """Return the signs of the chosen working modes, or of all if `modes` is None.
+
+        A working mode is one way to assemble the mechanism at a pose. It has a sign, 1 or
+        -1, for each leg.
 
         Raises
         ------
@@ -692,12 +735,12 @@ class InverseKinematics:
 def _close_mode(
     closing_link: DyadsWithClosingLink, directions: Floats, near: Floats, signs: Signs
 ) -> WorkingMode:
-    """Return one working mode of an output whose turn a closing link determines.
+    """Return one working mode of a pointing output, with the search of its turn.
 
-    The output link points in a given direction and can turn about it. All other links are
-    dyads that follow. The closing link joins two of them, so the turn is the root of its
-    residual: the cosine of the angle between the axes of its pairs less the cosine of its
-    arc.
+    The output link points in a given direction and can turn about it. All other links but
+    one are dyads that follow. The remaining one, the closing link, joins two of them. The
+    angle between the axes of its pairs has to be its arc. The turn is therefore the root of
+    the residual: the cosine of this angle less the cosine of the arc.
 
     Parameters
     ----------
@@ -722,14 +765,17 @@ def _close_mode(
 
     status = mode.status.copy()
     is_in_reach = status != Status.OUT_OF_REACH
-    # Later statuses replace earlier ones. Where the slope is almost 0, two roots are about
-    # to meet. It has no unit, and the limit for the sine of a dyad applies to it as well.
+    # Later statuses replace earlier ones: if there is no root, its slope has no meaning,
+    # and a root of the other sign belongs to another mode. Where the slope is almost 0, two
+    # roots are about to meet. Like the sine of a dyad that is nearly stretched, it is then
+    # known with half of the digits only, so the same limit applies to it.
     is_singular = np.abs(slope) < SINGULAR_DYAD_SINE
     has_other_sign = slope * link_sign <= 0.0
     status[is_in_reach & is_singular] = Status.AT_SINGULARITY
     status[is_in_reach & has_other_sign] = Status.MODE_LOST
     # The residual divided by the slope is the next step of Newton's method (rad), an
-    # estimate of the error of the turn.
+    # estimate of the error of the turn. This test alone is not enough: where a dyad is
+    # stretched the slope is infinite, so that the step is small without a root.
     is_closed = (residual < CLOSING_RESIDUAL) & (
         residual < TURN_STEP_TOLERANCE_RAD * np.abs(slope)
     )
