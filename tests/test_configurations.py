@@ -176,7 +176,7 @@ def test_curves_have_every_configuration_that_a_random_search_finds(chain, seed,
     for q in random.uniform(0.0, TURN, inputs):
         points = []
         for item in configurations.curves:
-            places = item.curve.at_input(input_variable, q).places
+            places = item.curve.find_value(input_variable, q).places
             points.append(item.curve.at(places).values)
         closure = position_analysis.solver.closure.linearise(np.concatenate(points))
         rotations = closure.rotations

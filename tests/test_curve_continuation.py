@@ -226,16 +226,16 @@ def test_a_curve_has_two_configurations_between_dead_points_and_one_at_each(no_c
     middle = float(np.mean(limits))
     highest = float(np.max(limits))
 
-    places = no_crank.at_input(input_variable, middle + 4 * np.pi).places
+    places = no_crank.find_value(input_variable, middle + 4 * np.pi).places
     assert len(places) == 2
     inputs = no_crank.at(places).values[:, input_variable]
     assert np.max(np.abs(inputs - middle)) < 1e-14
 
-    at_dead_point = no_crank.at_input(input_variable, highest)
+    at_dead_point = no_crank.find_value(input_variable, highest)
     assert at_dead_point.double.tolist() == [True]
     assert np.min(np.abs(dead_points - at_dead_point.places)) < 1e-7
-    assert len(no_crank.at_input(input_variable, highest + 1e-6).places) == 0
-    assert len(no_crank.at_input(input_variable, highest - 1e-9).places) == 2
+    assert len(no_crank.find_value(input_variable, highest + 1e-6).places) == 0
+    assert len(no_crank.find_value(input_variable, highest - 1e-9).places) == 2
 
 
 @pytest.mark.parametrize("name", ["stephenson", "double_butterfly", "shaped_cam"])

@@ -79,8 +79,10 @@ class ConfigurationsAtInput(NamedTuple):
     values
         (k, variables) pair variables (rad).
     methods
-        How the modes of each group were found. If they were found for several modes of the
-        groups before, it is the least complete method. None if no group before closes.
+        How the modes of each group were found: in closed form, by elimination, or by a
+        search that can miss some. A group is solved once for each combination of modes of
+        the groups before it. If different methods were used, the least complete one is
+        stored. It is None if the groups before it close in no mode.
     is_truncated
         Whether there are more configurations than `MAX_CONFIGURATIONS`.
     """
@@ -99,14 +101,18 @@ class ConfigurationsAtInput(NamedTuple):
 def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtInput:
     """Return all configurations that are found at inputs q (inputs,) in rad.
 
-    Usually each mode of a group is combined with all modes of the groups after it. If
-    wheels or profiles touch whose positions gear ratios do not fix completely, but the
-    lengths that all wheels have rolled are known at the inputs, the whole mechanism is
-    searched with these lengths kept.
+    Usually the mechanism is placed group by group, and each mode of a group is combined
+    with all modes of the groups after it.
+
+    The exception are mechanisms with contacts of wheels or profiles in a group that is not
+    placed by gear ratios alone. Placing this group leaves open how far wheels have rolled.
+    If the inputs determine these rolled lengths, all groups are searched together at the
+    right lengths.
     """
     groups = solver.assembly.groups
     # How far wheels have rolled at given inputs; None without rolling contacts.
     gear_phases = solver.gear_phases
+    # Groups with contacts in which not all angles follow from the inputs by gear ratios.
     has_general_contacts = any(
         not group.revolute and position not in solver.wheel_trains
         for position, group in enumerate(groups)
@@ -127,6 +133,7 @@ def enumerate_assemblies(solver: PositionSolver, q: Floats) -> ConfigurationsAtI
         description = (
             f"the first {MAX_CONFIGURATIONS} configurations are kept, there are more"
         )
+        # The doubt, from 0 to 1, tells how likely it is that a configuration is missing.
         methods[-1] = SolutionMethod(description, doubt=1.0)
     variable_count = len(solver.mechanism.variable_owners)
     values = np.reshape([state.values[0] for _, state in modes], (-1, variable_count))
@@ -182,18 +189,21 @@ def enumerate_modes(
     solver
         The mechanism.
     q
-        (n, inputs) values of the inputs (rad). Only one row if there are groups other than
-        dyads and trains of wheels.
+        (n, inputs) values of the inputs (rad). Dyads (two links and three R pairs) and
+        trains of wheels have closed forms, which give all rows at once. With other groups n
+        has to be 1, because their modes are searched at one choice of the inputs.
     max_modes
         Largest number of modes that are returned.
     methods
-        The least complete method of each group is stored in this list, in place. It is the
-        method that may have missed most modes.
+        If given, the method by which the modes of each group were found is stored in this
+        list, in place. The caller learns from it whether modes may be missing. If a group
+        was solved by several methods, it is the one that may have missed most.
 
     Returns
     -------
-    For each mode the signs of the groups, which are +1 or -1 for dyads (which of the two
-    closed forms) and 0 for others, and the placed bodies at all n inputs.
+    For each mode the signs of the groups, and the placed bodies at all n inputs. The sign
+    of a dyad, +1 or -1, tells which of its two closed forms was used. Other groups have the
+    sign 0, so that their modes differ only in the placed bodies.
     """
     group_count = len(solver.assembly.groups)
 
@@ -203,13 +213,17 @@ def enumerate_modes(
         """Yield all modes in which the first groups have these signs and this state.
 
         A group is a set of bodies that are placed together. The next group is placed in
-        each of its modes, and then the groups after it.
+        each of its modes, and then the groups after it. The sign of a dyad (two links and
+        three R pairs) tells its two modes apart. The sign of other groups is 0, and each of
+        their modes has a state of its own.
         """
         position = len(signs)
         if position == group_count:
             yield signs, state
             return
         states_by_mode, method = _place_group_modes(solver, state, position, q)
+        # This group is solved once for each mode of the groups before. Of all methods the
+        # one that may have missed most modes is stored.
         if methods is not None:
             methods[position] = least_complete(methods[position], method)
         for sign, next_state in states_by_mode:
@@ -235,7 +249,8 @@ def _place_group_modes(
     position
         Position of the group in solving order.
     q
-        (n, inputs) values of the inputs (rad).
+        (n, inputs) values of the inputs (rad). For groups other than dyads and trains of
+        wheels n is 1.
 
     Returns
     -------
@@ -251,6 +266,7 @@ def _place_group_modes(
     if group.is_dyad or position in solver.wheel_trains:
         for sign in (1, -1) if group.is_dyad else (0,):
             next_state = state.copy()
+            # A dyad closes onto bodies that are placed already, so it does not need q.
             if group.is_dyad:
                 place_dyad(next_state, group, sign)
             else:
@@ -259,7 +275,8 @@ def _place_group_modes(
             if not np.all(next_state.is_open):
                 states_by_mode.append((sign, next_state))
         return states_by_mode, CLOSED_FORM
-    # Any other group: elimination, or a search that tries the reference pose first.
+    # Any other group: elimination of unknowns down to one polynomial equation, which gives
+    # all modes, or a search of modes that tries the reference pose first.
     variables = group_variables(state, group)
     start_values = None
     if solver.reference is not None:
@@ -297,6 +314,9 @@ def group_matrices(
     """Return the matrices of a group whose determinants distinguish its modes.
 
     A group is a set of bodies that are placed together. A dyad is a group of three R pairs.
+    Where two modes of a group meet, its velocity equations are singular. The determinant
+    therefore keeps its sign in each mode, and two modes that meet have opposite signs.
+    Without redundant constraints a group has as many equations as variables.
 
     Parameters
     ----------
@@ -315,7 +335,8 @@ def group_matrices(
     group = solver.assembly.groups[position]
     if group.is_dyad:
         return linearisation.axes[:, list(group.pairs)]
-    # The velocity equations of the group, from the velocity vectors of its variables.
+    # The velocity equations of the loops of the group, from the velocity vectors of its
+    # variables.
     variables: list[int] = []
     for pair in group.pairs:
         variables += solver.mechanism.variables_of(pair)
@@ -342,8 +363,9 @@ def group_signs(
 
     Returns
     -------
-    (n, groups) signs. 0 if the matrix is worse conditioned than `least`. Matrices that are
-    not square have the sign 0; if `least` is 0 they have the sign 1.
+    (n, groups) signs. 0 if the matrix is worse conditioned than `least`. A matrix that is
+    not square, because constraints are redundant, has no determinant. Its sign is 0 (not
+    known). If `least` is 0, no sign is to be unknown, and it is 1 at all configurations.
     """
     linearisation = solver.closure.linearise(values)
     signs = np.zeros((len(values), len(solver.assembly.groups)), dtype=np.int8)

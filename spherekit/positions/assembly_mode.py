@@ -24,20 +24,22 @@ class AssemblyMode(NamedTuple):
     number
         Number of the mode, from 0.
     signs
-        For each group +1 or -1 if it is a dyad, else 0.
+        For each group +1 or -1 if it is a dyad, else 0. A train of wheels, whose angles
+        follow from the inputs by gear ratios, has one mode only and the sign 0.
     guide
         Verified configurations over the inputs: a curve for one input, the samples of a
         grid for several. None if all groups are dyads or trains of wheels.
     determinants
-        For each group the sign of the determinant of its Jacobian in this mode. Empty if
-        all groups are dyads or trains of wheels.
+        For each group the sign of the determinant of its velocity equations, which is
+        constant in a mode. Empty if all groups are dyads or trains of wheels.
     name
         The name that the file gives to the mode, empty if it gives none.
     pieces
-        Intervals of the input, if the mode follows its smooth curve of configurations
-        through crossings with other curves. Each piece is the input (rad) at which it
-        begins, -inf for the first one, and the mode without pieces that is on the curve
-        from there on. Empty for other modes.
+        The configurations of a mode form a curve over the input. Where curves of two modes
+        cross, this mode may continue on its smooth curve, on which its signs change. It is
+        then composed of pieces. Each piece has the input (rad) at which it begins, -inf for
+        the first one, and the mode with constant signs whose configurations it has. Empty
+        if the signs of the mode do not change.
     """
 
     number: int
@@ -66,7 +68,10 @@ class AssemblyMode(NamedTuple):
 
     @property
     def label(self) -> str:
-        """The signs of the groups as text, ``+`` for a mechanism without groups."""
+        """The signs of the groups as text, such as ``+-``.
+
+        A mechanism without groups has a single mode with the label ``+``.
+        """
         return label_of(self.signs) or "+"
 
 

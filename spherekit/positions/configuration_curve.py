@@ -129,16 +129,17 @@ class Chords:
     def project(self, values: Floats, periods: Floats) -> ChordProjections:
         """Return the chords near which configurations are, with projections on these.
 
-        A chord is the straight line between two successive nodes of the curve. It is near
-        if the distance of the configuration from its line is small compared with its
-        length, and the projection lies between its ends.
+        A chord is the straight line between two successive nodes of the curve, in the space
+        of the variables. It is near if the distance of the configuration from its line is
+        small compared with its length, and the projection is between its ends.
 
         Parameters
         ----------
         values
             (n, variables) configurations (rad).
         periods
-            (variables,) growth of each variable (rad) that changes nothing.
+            (variables,) growth of each variable (rad) after which the configuration is the
+            same again, such as a full revolution.
 
         Returns
         -------
@@ -154,11 +155,13 @@ class Chords:
         # At least one block, so that there are arrays to join.
         for first in range(0, max(len(values), 1), CONFIGURATIONS_PER_BLOCK):
             # Differences from the starts of all chords; axes: configuration, chord,
-            # variable. Whole periods are removed from the difference from the middle of the
-            # chord, where rounding errors cannot add a period.
+            # variable. Whole periods are removed while differences are counted from the
+            # middles of the chords. Near a chord these are much smaller than half a period,
+            # so that rounding errors do not decide about a period.
             offsets = values[first : first + CONFIGURATIONS_PER_BLOCK, None] - middles
             offsets = less_periods(offsets, periods) + half_chords
-            # Components along the chord and across it.
+            # Components along the chord and across it. `directions` are unit vectors along
+            # the chords, and `chords` their lengths (rad).
             distances = np.vecdot(offsets, self.directions)
             across = max_abs(offsets - distances[..., None] * self.directions, axis=2)
             is_near = across < MAX_SAGITTA_RATIO * self.chords + ON_CURVE_DISTANCE_RAD
@@ -302,6 +305,15 @@ class ArcCurve(Chords):
     def returns_after(self, variable: int, period: float) -> float:
         """Return the growth of a variable after which the same configurations return.
 
+        There are four cases:
+
+        1. The period of the variable is known for the whole mechanism: it is the result.
+        2. The variable grows in each lap of the curve, which is closed: the result is its
+           growth in one lap.
+        3. The curve is closed, the variable only swings, and no rolled length of wheels is
+           a function of it: the result is one revolution.
+        4. Otherwise the configurations never return, and the result is infinite.
+
         Parameters
         ----------
         variable
@@ -309,16 +321,10 @@ class ArcCurve(Chords):
         period
             Its period (rad) in all configurations of the mechanism. Infinite if rolled
             lengths of wheels prevent a return; NaN if no rolled length is a function of it.
-
-        Returns
-        -------
-        The period if it is finite. Otherwise the growth of the variable in one lap of a
-        closed curve. If the variable does not grow in a lap, it is one revolution if the
-        period is NaN. In all other cases the growth is infinite: the configurations never
-        return.
         """
         if np.isfinite(period):
             return period
+        # `rise` is the growth of each variable in one lap, and zero on an open curve.
         growth_in_lap = abs(self.rise[variable])
         if growth_in_lap == 0.0:
             return TURN if self.closed and np.isnan(period) else np.inf
@@ -380,8 +386,10 @@ class ArcCurve(Chords):
             variable,
         )
 
-    def at_input(self, variable: int, value: float, period: float | None = None) -> Zeros:
+    def find_value(self, variable: int, value: float, period: float | None = None) -> Zeros:
         """Return all arc lengths s at which a variable has a value.
+
+        The arc length (rad) is measured in the space of all variables.
 
         Parameters
         ----------
@@ -409,6 +417,7 @@ class ArcCurve(Chords):
             slope = np.cos(np.pi / period * difference) * points.tangents[:, variable]
             return difference * np.sinc(difference / period), slope
 
+        # With the number of the variable, `locate` skips the search if it is constant.
         return self.locate(periodic_difference, variable)
 
     def find(self, values: Floats) -> Floats:

@@ -101,6 +101,8 @@ class ConfigurationGraph:
         # (n,) whether all configurations of a sample are nodes; set by the caller.
         self.is_complete = np.zeros(len(input_grid), dtype=bool)
         # Numbers of the variables of the inputs, and of those that are angles of R pairs.
+        # The angles determine the configuration. Other variables are arc lengths along
+        # profiles at contacts.
         self._driven = list(solver.driven)
         self._angles = solver.angles
         # (k,) sign of the determinant of the closure Jacobian without the inputs, and
@@ -110,7 +112,9 @@ class ConfigurationGraph:
         # (n, largest number of nodes of a sample): row s lists the nodes of sample s,
         # padded by -1.
         self._nodes_of_sample = np.full((len(input_grid), 0), -1, dtype=np.intp)
-        # (directions, n) sample next to each sample in each direction, or -1.
+        # (directions, n) sample next to each sample in each direction, or -1. There are two
+        # directions for each axis of the grid: 2 a leads to the next sample along axis a,
+        # and 2 a + 1 to the previous one.
         self._neighbours = input_grid.neighbours()
         # (directions, k): whether a path from the node in the direction was tried, and the
         # node to which a verified path led, or -1.
@@ -127,7 +131,10 @@ class ConfigurationGraph:
         )
 
     def add(self, sample: Indices, values: Floats) -> Indices:
-        """Add configurations as nodes, and return the node of each.
+        """Add configurations as nodes of the graph, and return the node of each.
+
+        Nodes are joined by paths to nodes at neighbouring samples later. A set of joined
+        nodes, at most one for each sample, is called a piece.
 
         Parameters
         ----------
@@ -156,8 +163,9 @@ class ConfigurationGraph:
         passive_jacobian = np.delete(linearisation.jacobian, self._driven, axis=2)
         signs = determinant_sign(passive_jacobian)
         is_regular = ~is_nearly_singular(linearisation, self._driven, SINGULAR_NODE_RATIO)
-        # For each missing configuration the first one, among them, that is equal to it.
-        # Those that stand for themselves become nodes, and the others get their numbers.
+        # For each missing configuration the index of the first one, among them, that is
+        # equal to it. Configurations for which this is their own index become nodes. All
+        # others get the node of the one that represents them.
         representative = self._find_equal(
             sample[missing], values[missing], np.where(is_regular, signs, 0.0)
         )
@@ -166,8 +174,9 @@ class ConfigurationGraph:
         first_new_node = len(self.sample)
         nodes[new] = np.arange(first_new_node, first_new_node + len(new))
         nodes[missing] = nodes[missing[representative]]
-        # All arrays with one entry for each node grow. No path from a new node was tried,
-        # none leads to another node, and the node is a piece of its own.
+        # All arrays with one entry for each node grow. No path from a new node was tried in
+        # any direction, none leads to another node (`_partner` is -1), and the node is a
+        # piece of its own.
         self._determinant_sign = np.append(self._determinant_sign, signs[is_new])
         self._is_regular = np.append(self._is_regular, is_regular[is_new])
         self.sample = np.append(self.sample, sample[new])
@@ -179,6 +188,7 @@ class ConfigurationGraph:
         self._partner = np.concatenate([self._partner, partner], axis=1)
         self._piece = np.append(self._piece, nodes[new])
         self._nodes_of_piece |= {node: [np.array([node])] for node in nodes[new].tolist()}
+        # Rebuild the table of the nodes of each sample.
         self._list_nodes()
         return nodes
 
@@ -235,12 +245,15 @@ class ConfigurationGraph:
 
         Returns
         -------
-        (m,) the nearest node of the same sample, if all its angles differ by less than
-        `SAME_CONFIGURATION_RAD`; otherwise -1.
+        (m,) the nearest node of the same sample, if all its angles of R pairs differ by
+        less than `SAME_CONFIGURATION_RAD`; otherwise -1. Other variables, which are arc
+        lengths along profiles, are not compared.
         """
         nodes = np.full(len(sample), -1, dtype=np.intp)
         if not self._nodes_of_sample.shape[1]:
             return nodes
+        # Chunks keep the arrays of differences small. Most configurations are ends of
+        # paths, so the size of the chunks is that for paths.
         for first in range(0, len(sample), PATHS_AT_ONCE):
             chunk = slice(first, first + PATHS_AT_ONCE)
             # All nodes of the sample of each configuration, padded by -1.
@@ -269,9 +282,9 @@ class ConfigurationGraph:
     def add_sheet(self, values: Floats) -> None:
         """Add the configurations of a sheet as nodes, join them, and unite their pieces.
 
-        A sheet is the set of configurations that verified paths over the grid reach from
-        one start, at most one per sample
-        (`spherekit.positions.mode_predictor.sheets_through`).
+        A sheet is the set of configurations that paths over the grid reach from one start,
+        at most one per sample (`spherekit.positions.mode_predictor.sheets_through`). Each
+        step of these paths was tested not to lead to another assembly mode.
 
         Parameters
         ----------
@@ -280,12 +293,13 @@ class ConfigurationGraph:
             row of a sample that the sheet does not reach is NaN.
         """
         (sample,) = np.nonzero(np.all(np.isfinite(values), axis=1))
+        # `add` returns the present node of a configuration that is one already.
         first_new_node = len(self.sample)
         nodes = self.add(sample, values[sample])
         # Edges between successive nodes put the whole sheet into one connected component
-        # of the graph.
+        # of the graph. A component can have several nodes at a sample.
         self._edges.append((nodes[:-1], nodes[1:]))
-        # A piece is a set of joined nodes with at most one node per sample. The new nodes
+        # A piece is a part of a component with at most one node per sample. The new nodes
         # are united to one piece first. Then the pieces of the other nodes of the sheet are
         # united with it, unless they share a sample with it.
         new = nodes[nodes >= first_new_node]
@@ -320,32 +334,48 @@ class ConfigurationGraph:
     def join(self) -> None:
         """Join nodes at neighbouring samples, as far as the division into modes needs it.
 
-        A piece is a set of joined nodes with at most one node per sample. Pieces are
-        united, and become the assembly modes in the end.
+        A node is a configuration at one sample of the inputs. A piece is a set of joined
+        nodes with at most one node per sample. Pieces are united, and become the assembly
+        modes in the end.
 
-        Along the last axis, all paths that can join two pieces are followed. They make
-        pieces that run along this axis. Along the other axes, paths are followed only as
-        long as they can join two pieces, because one path is enough for two pieces that run
-        side by side. Paths to samples that are not complete can also add nodes.
+        First, paths from all nodes are followed along the last axis of the grid. Nodes that
+        they join become long pieces along this axis. Then paths are followed along the
+        other axes. A single path can join two long pieces that are side by side, so a few
+        paths from each piece are tried first, and more only if pieces remain to be joined.
+
+        At some samples configurations may be missing among the nodes. A path to such a
+        sample can end at a new configuration, which becomes a node.
         """
-        # The last direction leads to the previous sample along the last axis.
-        last_direction = len(self._neighbours) - 1
+        # Direction 2 a leads to the next sample along axis a, and 2 a + 1 to the previous
+        # one. The last direction leads to the previous sample along the last axis.
+        axis_count = len(self._neighbours) // 2
+        last_direction = 2 * (axis_count - 1) + 1
         self._join_along_paths(
             np.flatnonzero(self._may_join_pieces(last_direction)), last_direction
         )
-        # The odd directions, to previous samples, come first. The last call repeats them
-        # with the opposite directions, because nodes can have been added meanwhile.
-        for direction in range(last_direction - 2, -1, -2):
-            self._join_in_directions([direction])
+        # Paths to previous samples, from the last axis but one to the first axis.
+        for axis in range(axis_count - 2, -1, -1):
+            self._join_in_directions([2 * axis + 1])
+        # All directions again, because nodes can have been added meanwhile.
         self._join_in_directions(range(len(self._neighbours)))
 
     def _join_in_directions(self, directions: Sequence[int]) -> None:
         """Follow paths in some directions until no untried path can join two pieces.
 
-        A piece is a set of joined nodes (configurations) with at most one node per sample.
-        A path leads from a node to the next sample in a direction. In each round, at most
-        `paths_per_piece` paths are followed for each piece. This number grows from round to
-        round by the factor `PORTION_GROWTH`.
+        A piece is a set of joined nodes (configurations) that may become an assembly mode,
+        so it has at most one node per sample. A path leads from a node to the next sample
+        in a direction of the grid of inputs.
+
+        One path is often enough to join two pieces. In each round, at most
+        `paths_per_piece` paths are therefore followed for each piece. This number grows
+        from round to round by the factor `PORTION_GROWTH`, because many have to be tried
+        near inputs at which modes meet.
+
+        Parameters
+        ----------
+        directions
+            Rows of `InputGrid.neighbours`: 2 a leads to the next sample along axis a, and
+            2 a + 1 to the previous one.
         """
         paths_per_piece = 1
         while True:
@@ -359,7 +389,7 @@ class ConfigurationGraph:
             paths_per_piece *= PORTION_GROWTH
 
     def _may_join_pieces(self, direction: int) -> Bools:
-        """Return (k,) whether an untried path from each node may join two pieces.
+        """Return for each of the k nodes whether an untried path may join two pieces.
 
         A node is one configuration at one sample of the inputs. A piece is a set of joined
         nodes with at most one node per sample. A path leads from a node to its target, the
@@ -371,9 +401,11 @@ class ConfigurationGraph:
           path has reached it yet. This is not required at a target where configurations may
           be missing, because the path can lead to a new node there.
         """
-        # `_is_regular` marks nodes that are not singular. -1 means: no sample (`target`),
-        # no node (`ends`), no path (`_partner`).
-        # `direction ^ 1` is the opposite direction.
+        # `_is_regular` marks nodes that are not singular. The number -1 stands for no
+        # sample in `target`, for no node in `ends`, and for no path in `_partner`. As an
+        # index, -1 reads the last entry, which `is_node` excludes. Directions are numbered
+        # in pairs, so the opposite direction differs in the last bit.
+        opposite_direction = direction ^ 1
         target = self._neighbours[direction][self.sample]
         is_candidate = (target >= 0) & self._is_regular & ~self._is_tried[direction]
         for first in range(0, len(target), PATHS_AT_ONCE):
@@ -384,7 +416,9 @@ class ConfigurationGraph:
             can_be_end = is_node & self._is_regular[ends]
             signs = self._determinant_sign
             can_be_end &= signs[ends] == signs[rows, None]
-            can_be_end &= self._partner[direction ^ 1][ends] < 0
+            # No path has reached it, from which its way back in the opposite direction
+            # would be known.
+            can_be_end &= self._partner[opposite_direction][ends] < 0
             is_in_piece = is_node & (self._piece[ends] == self._piece[rows, None])
             has_possible_end = np.any(can_be_end, axis=1)
             has_possible_end |= ~self.is_complete[target[rows]]
@@ -395,20 +429,23 @@ class ConfigurationGraph:
         """Return the nodes from which paths in a direction are followed next.
 
         Only nodes are selected from which a path may join two pieces (sets of joined nodes
-        that become assembly modes).
+        that become assembly modes). Pieces run along the later axes of the grid, and so do
+        blocks of target samples. One path into a block is often enough to join two pieces
+        that run side by side in it.
 
         Parameters
         ----------
         direction
-            Row of `InputGrid.neighbours`: 2 a leads to the next sample along axis a, and
-            2 a + 1 to the previous one.
+            Direction in the grid of inputs. The number 2 a stands for the direction to the
+            next sample along axis a, and 2 a + 1 for that to the previous one.
         paths_per_piece
-            Largest number of nodes to select for each piece and block of targets.
+            Largest number of nodes to select for each piece and each block of targets. A
+            block has all samples with the same indices along all axes up to and including
+            that of the direction.
 
         Returns
         -------
-        (m,) nodes in rising order. A block is the set of samples that have the same indices
-        along all axes up to and including that of the direction.
+        (m,) nodes in rising order.
         """
         (nodes,) = np.nonzero(self._may_join_pieces(direction))
         # Samples are numbered with the last axis running fastest. The index of the target
@@ -430,7 +467,8 @@ class ConfigurationGraph:
 
         A node is one closed configuration at one sample of the inputs. A path leads from a
         node to a configuration at the neighbouring sample. This configuration becomes a
-        node if it is none yet. These attributes are updated:
+        node if it is none yet. The pieces of both nodes are united, unless they have nodes
+        at the same sample. These attributes are updated:
 
         - `_is_tried`: whether a path from a node in a direction was followed,
         - `_partner`: the node to which this path led,
@@ -444,7 +482,7 @@ class ConfigurationGraph:
             (m,) nodes at which the paths start.
         direction
             Row of `InputGrid.neighbours`: 2 a leads to the next sample along axis a, and
-            2 a + 1 to the previous one.
+            2 a + 1 to the previous one. All nodes have a neighbour in this direction.
         """
         self._is_tried[direction, nodes] = True
         old_node_count = len(self.sample)
@@ -468,8 +506,9 @@ class ConfigurationGraph:
         # before this is judged, so the result does not depend on their size.
         paths_to_end = np.bincount(ends, minlength=len(self.sample))[ends]
         is_sound = (paths_to_end == 1) & (self._partner[direction ^ 1][ends] < 0)
-        # A path to an old node must also keep the sign of the determinant of the closure
-        # Jacobian without the inputs.
+        # A verified path passes no singular configuration, so the determinant of the
+        # closure Jacobian (with locked inputs) keeps its sign. If it leads to an old node
+        # with the other sign, it has jumped. New nodes are not tested.
         is_sound &= (ends >= old_node_count) | (
             self._determinant_sign[ends] == self._determinant_sign[starts]
         )
@@ -484,14 +523,16 @@ class ConfigurationGraph:
             self._unite_pieces(start, end)
 
     def _follow_paths(self, nodes: Indices, sample: Indices) -> tuple[Bools, Floats]:
-        """Follow straight paths of the inputs from nodes to samples.
+        """Follow straight paths of the inputs from configurations to other samples.
 
         Each input takes the shorter of the two routes around its period, if it has one.
+        Each step is tested: Newton's method must show that the configuration at its end is
+        the continuation of that at its start. Steps that fail are shortened.
 
         Parameters
         ----------
         nodes
-            (m,) nodes at which the paths start.
+            (m,) nodes of the graph (configurations at samples) at which the paths start.
         sample
             (m,) index of the sample to which each path leads.
 
@@ -515,8 +556,9 @@ class ConfigurationGraph:
             q=goals,
             smallest_step=SMALLEST_STEP_RAD,
         )
-        # `nodes` are the last configurations of the paths. Add the whole periods again.
-        values = self.solver.shift_inputs(followed.nodes.values, self.input_grid.q[sample])
+        # The configurations at the ends of the paths. Add the whole periods again.
+        end_values = followed.nodes.values
+        values = self.solver.shift_inputs(end_values, self.input_grid.q[sample])
         return followed.status == Status.OK, values
 
     def _unite_pieces(self, first_node: int, second_node: int) -> None:
@@ -553,8 +595,10 @@ class ConfigurationGraph:
         their first sample.
         """
         # A connected component consists of all nodes that are joined by edges, directly or
-        # through others. A piece is a set of joined nodes with at most one node per sample.
-        # A mode consists of pieces of one component that share no sample.
+        # through others. It may have several nodes at a sample, if modes meet. It was
+        # divided into pieces with at most one node per sample. Pieces of a component belong
+        # together, so those that share no sample become one mode: the largest piece comes
+        # first, and each further piece is put into the first mode with room for it.
         count = len(self.sample)
         starts = np.concatenate(
             [np.empty(0, np.intp), *(start for start, _ in self._edges)]

@@ -140,8 +140,8 @@ def monotone_pieces(
     # Arc lengths at which the input turns back, or is at an end of its range.
     zeros_of_cuts = (
         curve.dead_points(driven),
-        curve.at_input(driven, low, period),
-        curve.at_input(driven, high, period),
+        curve.find_value(driven, low, period),
+        curve.find_value(driven, high, period),
     )
     cuts = np.unique(np.concatenate([zeros.places for zeros in zeros_of_cuts]))
     if curve.closed:

@@ -102,7 +102,7 @@ def run_and_curves(evidence, notes):
         inputs, values = at_sample(evidence, sample)
         points = []
         for item in curves.curves:
-            for s in item.curve.at_input(variable, float(inputs[0])).places:
+            for s in item.curve.find_value(variable, float(inputs[0])).places:
                 points.append(item.curve.at(s).values)
         on_curves = placed(position_analysis, np.array(points))
         in_run = placed(position_analysis, values)
