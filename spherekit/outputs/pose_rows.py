@@ -14,7 +14,8 @@ from spherekit.outputs.dyad_chain import invert_output_rates, reciprocal_vectors
 def turns_of(rates: Floats, directions: Floats | None) -> Floats:
     """Return the output's angular velocity per unit rate of each input.
 
-    These angular velocities are the columns of the inverse of the matrix of rates.
+    One input moves while the others are locked. The angular velocities are the columns of
+    the inverse of the matrix (inputs, 3) of rates.
 
     Parameters
     ----------
@@ -26,9 +27,11 @@ def turns_of(rates: Floats, directions: Floats | None) -> Floats:
 
     Returns
     -------
-    (k, 3, inputs) angular velocities in the axes of the rates.
+    (k, 3, inputs) angular velocities in the axes of the rates. They are not finite in
+    singular configurations, where the determinant of the rates is zero.
     """
-    # The inverse of a matrix of rates is computed like the inverse of angular velocities.
+    # `invert_output_rates` inverts a matrix (3, inputs) and returns its inverse as
+    # (inputs, 3). Here the rates are inverted, so both arrays are transposed.
     with np.errstate(over="ignore", invalid="ignore"):
         angular_velocities, _ = invert_output_rates(np.swapaxes(rates, 1, 2), directions)
     return np.swapaxes(angular_velocities, 1, 2)
@@ -46,9 +49,11 @@ def sense_of(rates: Floats, directions: Floats | None) -> Integers:
     rates
         (k, inputs, 3) rates of the inputs per unit angular velocity of the output.
     directions
-        (k, 3) third row of the determinant for two inputs, None for three inputs.
+        (k, 3) directions at which an output of two inputs points, None for three inputs.
+        The rates of two inputs are at right angles to the direction. With the direction as
+        third row, their determinant is the signed area that they span.
     """
-    # On the border of a leg rates are infinite and their determinant has no sign.
+    # Where a leg is stretched or folded, rates are infinite, and their determinant is NaN.
     with np.errstate(over="ignore", invalid="ignore"):
         _, determinant = reciprocal_vectors(rates, directions)
     return np.sign(np.nan_to_num(determinant)).astype(np.int64)

@@ -45,16 +45,19 @@ def output_kinematics(
     ModelError, PlanError
         If the output is unknown, or cannot take every pose.
     """
-    # A pose has two coordinates (direction) or three (orientation).
+    # A pose has two coordinates (direction) or three (orientation), `COORDINATES`. Only
+    # with as many inputs do poses determine the inputs. `points` says that poses are
+    # directions.
     if len(mechanism.inputs) not in COORDINATES:
         return OutputKinematics(mechanism, chosen_output(mechanism, output), points=False)
     inverse = InverseKinematics(mechanism, output)
-    # `has_closed_form` is true if all groups of links are dyads.
-    if inverse.has_closed_form or not graph:
+    # `has_closed_form` is about dyads only. `_find_closed_form` knows the others too.
+    consists_of_dyads = inverse.has_closed_form
+    if consists_of_dyads or not graph:
         try:
             return _find_closed_form(inverse)
         except SolveError:
-            # There is no closed form at all.
+            # There are no dyads alone, no wheels on dyads and no mid-plane.
             pass
     return GraphKinematics(inverse)
 
@@ -75,24 +78,29 @@ def closed_kinematics(mechanism: Mechanism, output: str | None = None) -> Closed
 def _find_closed_form(inverse: InverseKinematics) -> ClosedKinematics:
     """Return the closed form of an output: dyads, wheels on dyads, or a mid-plane.
 
+    A dyad is a group of two links between two known axes. In a mid-plane symmetric
+    architecture, base and output link are mirror images of each other about a plane.
+
     Raises
     ------
     SolveError
-        If there is none.
+        If there is none. The message says that dyads alone would have a closed form, and
+        why the architecture is not mid-plane symmetric.
     """
     if inverse.has_closed_form:
         return DyadKinematics(inverse)
+    mechanism = inverse.own  # without the virtual links that hold its output
     output = inverse.wrist.output
-    geared = geared_kinematics(inverse.own, output)
+    geared = geared_kinematics(mechanism, output)
     if geared is not None:
         return geared
     try:
-        form = mid_plane_form(inverse.own, output.name)
+        form = mid_plane_form(mechanism, output.name)
     except ModelError as problem:
         raise inverse.no_closed_form(
             f"dyads on the output alone would do. And {problem}"
         ) from None
-    return MidPlaneKinematics(inverse.own, output, form)
+    return MidPlaneKinematics(mechanism, output, form)
 
 
 class GraphKinematics(OutputKinematics):
@@ -125,9 +133,11 @@ class GraphKinematics(OutputKinematics):
         Parameters
         ----------
         poses
-            (n, 3) directions or (n, 3, 3) rotations, see `points`.
+            (n, 3) directions at which the output points if there are two inputs, or
+            (n, 3, 3) rotations if there are three.
         modes
-            Labels of the working modes that are returned.
+            Labels of the working modes (ways to assemble the mechanism at a pose) that are
+            returned.
         pairs
             Numbers of the pairs whose variables are returned.
         """
@@ -146,6 +156,7 @@ class GraphKinematics(OutputKinematics):
             return np.concatenate([array, nans((1, *array.shape[1:]))])[solution]
 
         values = select(solutions.values)
+        # Angular velocity of the output per unit rate of each input.
         output_rates = nans((len(values), 3, len(self.mechanism.inputs)))
         output_rates[is_solved] = self.turns(values[is_solved])
         directions = None
@@ -159,8 +170,9 @@ class GraphKinematics(OutputKinematics):
             mode=labels[solution],
             inputs=select(solutions.inputs),
             status=np.zeros(len(solution), dtype=np.int8),
-            # No limit is known. The infinite margin only marks poses that are out of reach;
-            # `with_status` replaces it.
+            # The margin is the angle to the nearest limit. Here no limits are examined: the
+            # margin is NaN, and the number of the limit is -1. Poses without a solution get
+            # a negative margin, from which `with_status` makes OUT_OF_REACH and NaN.
             margin=np.where(is_solved, np.nan, -np.inf),
             limiting=np.full(len(solution), -1),
             type_1=type_1,
@@ -169,5 +181,5 @@ class GraphKinematics(OutputKinematics):
             values=values[:, variables],
             limits=(),
         )
-        # `joined` sorts the rows by pose.
+        # `concatenate` sorts the rows by pose.
         return InverseRows.concatenate([rows.with_status()])

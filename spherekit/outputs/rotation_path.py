@@ -287,7 +287,7 @@ class RotationPath:
         Parameters
         ----------
         theta
-            (n,) angles of the target (rad).
+            (n,) angles (rad) by which the target has turned about its fixed axis.
         guess
             (n, variables) pair variables (rad) from which the method starts.
 
@@ -296,7 +296,8 @@ class RotationPath:
         deviation
             The configurations at which the method ended, converged or not.
         step_sizes
-            (2, n) size of the first Newton step (rad), and ratio of the second to it.
+            (2, n) size of the first Newton step (rad), and ratio of the second to it. Large
+            ones show that the guess was bad, so that the result may be on another path.
         """
         targets = self.target_orientations(theta)
 
@@ -305,7 +306,8 @@ class RotationPath:
             # `exact`: the orientation is solved for as an equation. Otherwise the angle to
             # the target is minimised.
             deviation = self.output_link.compare(values, targets[rows])
-            # A step that is NaN becomes 0, which ends the iteration of its row.
+            # A step that is NaN becomes 0, which ends the iteration of its row. Whether a
+            # result is a nearest configuration is tested later, by its error.
             return np.nan_to_num(deviation.newton_step(self.exact))
 
         values, step_sizes = newton(
@@ -327,11 +329,18 @@ class RotationPath:
         deviation
             The nearest configurations at these angles.
         """
+        # Derivatives of the variables by theta, and whether the output link turns exactly
+        # with the target.
         rates = deviation.rates(self.axis)
-        # Condition number of the loop equations with the three equations of the target, in
-        # the Frobenius norm.
+        # Reciprocal condition number of the loop equations with the three equations of the
+        # target, in the Frobenius norm.
         norm = np.linalg.norm(deviation.system, axis=(1, 2))
         inverse_norm = np.linalg.norm(deviation.system_inverse, axis=(1, 2))
+        condition = 1.0 / (norm * inverse_norm)
+        # The nearest configuration is isolated if the squared angle to the target has a
+        # positive second derivative in all directions of motion, and if the loops determine
+        # the links. Both measures are zero if not, so the smaller one is tested.
+        stability = np.minimum(deviation.least_eigenvalue, deviation.loop_conditioning)
         is_nearest = deviation.error(self.exact) < NEAREST_TOLERANCE_RAD
         return PathNodes(
             theta=theta,
@@ -341,8 +350,8 @@ class RotationPath:
             follows=rates.follows,
             is_valid=all_finite(rates.first, 1) & is_nearest,
             system=deviation.system,
-            condition=1.0 / (norm * inverse_norm),
-            stability=np.minimum(deviation.least_eigenvalue, deviation.loop_conditioning),
+            condition=condition,
+            stability=stability,
             reach=deviation.output_singular_value,
         )
 
@@ -377,7 +386,8 @@ class RotationPath:
         middle_node = nodes.rows(slice(0, 1))
         next_node = nodes.rows(slice(1, 2))
 
-        # 2. The corrections have to be small compared to the step.
+        # 2. The corrections have to be small compared to the step. The output link has to
+        # turn exactly with the target at all nodes, or at none (`follows`).
         change = max_abs(next_node.values - node.values)
         is_corrected = (
             STEP_VERIFICATION.accepts_correction(step_sizes, change) & nodes.is_valid
@@ -387,12 +397,17 @@ class RotationPath:
 
         # 3. No singular configuration may lie between the nodes.
         if node.follows[0]:
-            # The system at the node times (1 + relative change) is singular only if the
-            # change has an eigenvalue of -1. Small eigenvalues exclude this on the way.
+            # The equations of the loops and of the orientation determine the links. Their
+            # matrix, the system A, may have more rows than columns. With its pseudo-inverse
+            # A+, the relative change C = A+ (A_next - A) is square. Between the nodes the
+            # system is about A (1 + x C), with x from 0 to 1. It is singular only if x C
+            # has the eigenvalue -1, which is impossible if all eigenvalues of C are small.
             relative_change = np.linalg.pinv(node.system[0]) @ (nodes.system - node.system)
             eigenvalues = np.abs(np.linalg.eigvals(relative_change))
             is_regular = STEP_VERIFICATION.accepts_change(eigenvalues)
         else:
+            # The links are determined as the nearest ones to a target that they do not
+            # reach. A stability of zero means that other configurations are as near.
             is_regular = nodes.stability > SINGULAR_TARGET_CONDITION
 
         # 4. The interpolation between both ends has to agree with the middle.

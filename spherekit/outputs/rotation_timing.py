@@ -164,7 +164,9 @@ class Extreme:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A schedule as a controller needs it, in n rows.
+    """The inputs at n times while an output link turns about a fixed axis.
+
+    A controller can follow these rows.
 
     Attributes
     ----------
@@ -173,11 +175,14 @@ class Trajectory:
     t
         (n,) times (s).
     theta
-        (n,) angles (rad) of the rotation.
+        (n,) angles (rad) by which the output link has turned about the axis.
     inputs, rates, accelerations
         (n, inputs) values (rad) of the inputs, speeds (rad/s), accelerations (rad/s2).
-    type_2, status
-        (n,) as in `RotationSamples`.
+    type_2
+        (n,) transmission measure, from 1 to 0 at a singularity of type II, where locked
+        inputs do not hold the output.
+    status
+        (n,) codes of `Status`: OK, or why a row has no, or not all, numbers.
     """
 
     names: Names
@@ -323,7 +328,7 @@ def time_optimal(
     # 1. The largest values in the unit motion, which takes 1 s. Its columns are the speeds
     # of all inputs, then their accelerations.
     unit_motion = PiecewiseChebyshev.fit(
-        lambda part: _evaluate_unit_motion(rotation, law, part)[1],
+        lambda unit_time: _evaluate_unit_motion(rotation, law, unit_time)[1],
         0.0,
         1.0,
         SCHEDULE_TOLERANCE,
@@ -479,21 +484,21 @@ def _find_largest(functions: PiecewiseChebyshev, column: int) -> float:
 
 
 def _evaluate_unit_motion(
-    rotation: FixedAxisRotation, law: Law, part: Floats
+    rotation: FixedAxisRotation, law: Law, unit_time: Floats
 ) -> tuple[RotationSamples, Floats]:
-    """Return the motion of the inputs if a rotation takes 1 s.
+    """Return the motion of the inputs if the whole rotation takes 1 s.
 
-    With the law s of the time t, the angle of the rotation is theta = angle s(t). The
-    inputs are functions of theta.
+    The law s(t) goes from 0 to 1 while the time t goes from 0 to 1 s. The angle of the
+    rotation is theta = angle s(t), and the inputs are functions of theta.
 
     Parameters
     ----------
     rotation
         The rotation.
     law
-        Law shape, from 0 to 1 in unit time.
-    part
-        (n,) times (s).
+        The law s(t).
+    unit_time
+        (n,) times t from 0 to 1 (s).
 
     Returns
     -------
@@ -507,8 +512,9 @@ def _evaluate_unit_motion(
     SolveError
         If the mechanism does not follow the rotation at one of the times.
     """
-    s, ds, dds = law.at(part)
+    s, ds, dds = law.at(unit_time)
     angle = rotation.angle
+    # Rounding errors of the law may exceed its range, in which alone the rotation is known.
     samples = rotation.at(angle * np.clip(s, 0.0, 1.0))
     is_lost = ~all_finite(samples.second_rates, 1)
     if np.any(is_lost):

@@ -7,9 +7,12 @@ link and one multiplier m for each closure equation, it satisfies
 
     G^T d + J^T m = 0,        J v' = 0.
 
-The first equation says that the gradient of a^2 / 2 vanishes along the configurations. If
-the mechanism can reach the target, d and m are zero. Differentiated once and twice by the
-angle through which the target turns, the equations give exact rates of the variables.
+The first equation says that the gradient of a^2 / 2 vanishes along the configurations. It
+is the equilibrium of a torsional spring of unit stiffness between output link and target:
+a^2 / 2 is its energy, d its moment on the output link, and m are the reactions that keep
+the loops closed. If the mechanism can reach the target, d and m are zero. Differentiated
+once and twice by the angle through which the target turns, the equations give exact rates
+of the variables.
 """
 
 from dataclasses import dataclass, replace
@@ -258,44 +261,48 @@ class TargetDeviation:
         return np.linalg.norm(self.remaining_rotation, axis=1) > ON_TARGET_RAD
 
     @cached_property
-    def _pulls(self) -> Floats:
-        """(n, variables, 3) vectors f_v, called pulls, one for each variable v.
+    def _pair_moments(self) -> Floats:
+        """(n, variables, 3) the moment f_v that the pair of each variable v transmits.
 
-        The remaining rotation d leads from the output link to its target. The nearest
-        configuration satisfies G^T d + J^T m = 0, with the Jacobian G of the output link,
-        the Jacobian J of the loops and multipliers m. In mechanical terms, d is a moment on
-        the output link, and m are reactions that close the loops. Component v of the left
-        side is the scalar product of f_v and the axis vector of the variable. The pulls are
+        Imagine a torsional spring of unit stiffness between the output link and its target.
+        The remaining rotation d (rotation vector from the link to the target) is its moment
+        on the link. The nearest configuration is its equilibrium: G^T d + J^T m = 0, with
+        the Jacobian G of the output link, the Jacobian J of the loops, and the reactions m
+        of the pairs that close the loops. Row v says that the moment f_v has no component
+        along the axis of the variable, about which its pair turns freely. All moments are
         zero if the link is on the target.
         """
-        pulls = self._combine_pulls(
-            output_pull=self.remaining_rotation,
-            gradient=np.vecmat(self.remaining_rotation, self.output_jacobian),
+        moments = self._moments_at_pairs(
+            output_moment=self.remaining_rotation,
+            force=np.vecmat(self.remaining_rotation, self.output_jacobian),
         )
-        return np.where(self._is_off_target[:, None, None], pulls, 0.0)
+        return np.where(self._is_off_target[:, None, None], moments, 0.0)
 
-    def _combine_pulls(self, output_pull: Floats, gradient: Floats) -> Floats:
-        """Return the pulls (n, variables, 3) of the output link and of the loops.
+    def _moments_at_pairs(self, output_moment: Floats, force: Floats) -> Floats:
+        """Return the moments (n, variables, 3) that the pairs of the variables transmit.
 
-        With the pseudo-inverse J^+ of the closure Jacobian, the multipliers of the loops
-        are m = -(J^+)^T gradient, three for each loop. The pull of a variable is the sum of
-        the multipliers of all loops that pass through its pair, and of the vector
-        `output_pull` if the pair is on the path from body 0 to the output link. Signs say
-        in which direction loop and path pass the pair.
+        A moment acts on the output link. The pairs on the path from body 0 to this link
+        transmit it. Each loop is closed by one pair, a chord, whose reaction is a moment
+        too. All pairs of the loop transmit this reaction. The sum of both is returned for
+        each variable. Signs say in which direction path and loop pass a pair.
+
+        The reactions balance generalised forces at the variables: J^T m + force = 0, with
+        the Jacobian J of the loops. The solution is m = -(J^+)^T force, with the
+        pseudo-inverse J^+, and has three components for each loop.
 
         Parameters
         ----------
-        output_pull
-            (n, 3) vector that takes the role of d.
-        gradient
-            (n, variables) gradient that the multipliers balance, as G^T d.
+        output_moment
+            (n, 3) moment on the output link.
+        force
+            (n, variables) generalised forces that the reactions balance.
         """
         tree = self.linearisation.tree
-        multipliers = -np.vecmat(gradient, self._jacobian_split.pseudo_inverse)
-        multipliers = multipliers.reshape(len(gradient), len(tree.chords), 3)
+        reactions = -np.vecmat(force, self._jacobian_split.pseudo_inverse)
+        reactions = reactions.reshape(len(force), len(tree.chords), 3)
         path_senses = tree.paths[self.output_link.number]
-        pull_along_path = path_senses[:, None] * output_pull[:, None]
-        return transpose(tree.signs) @ multipliers + pull_along_path
+        moment_along_path = path_senses[:, None] * output_moment[:, None]
+        return transpose(tree.signs) @ reactions + moment_along_path
 
     def _vector_rates(self, rates: Floats) -> Floats:
         """Return the changes (n, variables, 3) of the variables' vectors.
@@ -310,7 +317,8 @@ class TargetDeviation:
         The axis a of a pair is fixed in a body with the angular velocity w and the angular
         acceleration w': a'' = w' x a + w x a'. The result is NaN for contact pairs, which
         would need a further derivative of their profiles. If the output link is on the
-        target, the result does not matter and is zero.
+        target, the result is zero, so that it is not NaN: it is only multiplied by the
+        moments at the pairs, which are zero there.
 
         Parameters
         ----------
@@ -322,6 +330,8 @@ class TargetDeviation:
         tree = self.linearisation.tree
         # For each variable the first body of its pair, which carries the axis.
         first_bodies = tree.first_bodies[list(tree.pair_of_variable)]
+        # The angular velocity of a body is the sum of rate times vector over the variables
+        # on its path. The rates are constant, so only the vectors change.
         body_accelerations = tree.body_rates(vector_rates, rates)[:, first_bodies]
         angular_velocities = self.linearisation.body_rates(rates)[:, first_bodies]
         result = cross(body_accelerations, self.linearisation.vectors)
@@ -340,8 +350,9 @@ class TargetDeviation:
         """
         output_velocity = np.matvec(self.output_jacobian, rates)
         rotation_rate = log_rate(-self.remaining_rotation, output_velocity)
-        pulled = np.vecdot(self._vector_rates(rates), self._pulls)
-        return np.vecmat(rotation_rate, self.output_jacobian) - pulled
+        # The axes of the pairs turn relative to the moments that the pairs transmit.
+        force_by_axes = np.vecdot(self._vector_rates(rates), self._pair_moments)
+        return np.vecmat(rotation_rate, self.output_jacobian) - force_by_axes
 
     @cached_property
     def stiffness(self) -> Floats:
@@ -369,32 +380,33 @@ class TargetDeviation:
         return least
 
     def _solve_motion(
-        self, gradient: Floats, closure_change: Floats, stiffness: Floats
+        self, force: Floats, closure_change: Floats, stiffness: Floats
     ) -> Floats:
-        """Return the motion (n, variables) that balances a gradient and closes the loops.
+        """Return the motion (n, variables) that closes the loops and balances a force.
 
-        The motion is the sum of two parts. The first part closes the loops. The second part
-        keeps them closed. Stiffness times second part is the given gradient along the
-        configurations, less the change by the first part. The gradient of a^2 / 2, which
-        has the opposite sign of the given one, then becomes zero.
+        A torsional spring of unit stiffness between the output link and its target exerts
+        generalised forces on the variables. The motion is the sum of two parts. The first
+        part closes the loops. The second part keeps them closed, and is that by which the
+        stiffness balances the force, less the part that the first motion has balanced.
 
         Parameters
         ----------
-        gradient
-            (n, variables) G^T d, or its change if only the target turns. The derivatives of
-            a^2 / 2 are -G^T d. Only the part along the configurations matters, since the
-            multipliers balance the rest.
+        force
+            (n, variables) generalised forces G^T d of the spring, with the Jacobian G of
+            the output link and the rotation d that is left to the target; or the change of
+            these forces. Only the part along motions that keep the loops closed matters,
+            since reactions in the loops balance the rest.
         closure_change
             (n, equations) required change of the closure residuals.
         stiffness
-            (n, degrees of freedom, degrees of freedom) matrix of the motion along the
-            configurations.
+            (n, degrees of freedom, degrees of freedom) second derivatives of the energy of
+            the spring by motions that keep the loops closed.
         """
         split = self._jacobian_split
         closing_motion = np.matvec(split.pseudo_inverse, closure_change)
-        remaining_gradient = gradient - self._gradient_rates(closing_motion)
+        remaining_force = force - self._gradient_rates(closing_motion)
         free_motion = np.matvec(
-            left_inverse(stiffness), np.vecmat(remaining_gradient, split.null_space)
+            left_inverse(stiffness), np.vecmat(remaining_force, split.null_space)
         )
         return closing_motion + np.matvec(split.null_space, free_motion)
 
@@ -407,8 +419,9 @@ class TargetDeviation:
         Parameters
         ----------
         can_follow
-            Whether the mechanism can reach the target. The orientation is then solved for
-            as an equation, which also determines the links where the loops alone do not.
+            Whether the mechanism can reach the target. The orientation is then one more
+            equation. With it the links are determined even in configurations in which the
+            loops lose their rank and do not determine them for locked inputs.
         """
         if can_follow:
             # Close the loops, and turn the output link by the remaining rotation.
@@ -416,20 +429,22 @@ class TargetDeviation:
                 [-self.linearisation.residual, self.remaining_rotation], axis=1
             )
             return np.matvec(self.system_inverse, right_side)
-        # The stiffness is the second derivative of a^2 / 2 along the configurations. Where
-        # its smallest eigenvalue is not clearly positive, a^2 / 2 is not convex, and a full
-        # Newton step could increase the angle. Without the curvature of the configurations
-        # (Gauss-Newton) the step always decreases it.
+        # The stiffness is the second derivative of a^2 / 2 by motions that keep the loops
+        # closed. Where its smallest eigenvalue is not clearly positive, a^2 / 2 is not
+        # convex, and a full Newton step could increase the angle. The Gauss-Newton matrix
+        # has the angular velocities of the output link only, without the curvature of the
+        # configurations. It is never negative, so its step always decreases the angle. The
+        # square of the smallest singular value of these velocities is its smallest
+        # eigenvalue, with which that of the stiffness is compared.
         gauss_newton = transpose(self.free_output_rates) @ self.free_output_rates
         is_convex = (
             self.least_eigenvalue > MIN_CONVEXITY_RATIO * self.output_singular_value**2
         )
         stiffness = np.where(is_convex[:, None, None], self.stiffness, gauss_newton)
-        # G^T d is minus the gradient of a^2 / 2: the angle becomes smaller when the output
-        # link turns by the remaining rotation d.
-        descent_direction = np.vecmat(self.remaining_rotation, self.output_jacobian)
+        # G^T d is minus the gradient of a^2 / 2, with the Jacobian G of the output link:
+        # the angle becomes smaller when the link turns by the remaining rotation d.
         return self._solve_motion(
-            gradient=descent_direction,
+            force=np.vecmat(self.remaining_rotation, self.output_jacobian),
             closure_change=-self.linearisation.residual,
             stiffness=stiffness,
         )
@@ -454,16 +469,19 @@ class TargetDeviation:
         """Return the derivatives of the variables while the target turns about an axis.
 
         The target orientation turns about the axis by the angle theta. The derivatives are
-        those by theta. If the output link follows the target exactly, its rotation gives
-        three equations in addition to those of the loops. They may determine the links even
-        where the loops alone do not. Otherwise the configurations remain those with the
-        smallest angle between the output link and its target (nearest configurations).
+        those by theta. Two cases are distinguished:
+
+        - The output link follows the target exactly. Its rotation then gives three
+          equations in addition to those of the loops. These may determine the rates even
+          where the loops have lost their rank.
+        - Otherwise the configurations remain those with the smallest angle between the
+          output link and its target (nearest configurations).
 
         Parameters
         ----------
         axis
-            (3,) unit vector in the axes of body 0. The configurations have to be nearest
-            ones.
+            (3,) unit vector in the axes of body 0, the link from which the output is seen.
+            The configurations have to be nearest ones.
         """
         # 1. Velocity equations: the loops stay closed, and the output link turns at 1
         # rad per rad of theta about the axis. The pseudo-inverse gives the rates with the
@@ -479,12 +497,15 @@ class TargetDeviation:
         acceleration_right = -np.concatenate([loop_bias, output_bias], axis=1)
         second = np.matvec(self.system_inverse, acceleration_right)
         acceleration_misfit = np.matvec(self.system, second) - acceleration_right
-        # Accelerations can be large near singular configurations. Their misfit is
-        # therefore taken relative to their size.
+        # Accelerations can be large near singular configurations. Their misfit is therefore
+        # divided by 1 + their size, which makes it absolute for small accelerations and
+        # relative for large ones.
         acceleration_misfit /= 1.0 + max_abs(acceleration_right, axis=1)[:, None]
 
-        # 3. The output link follows the target if both equations have a solution. Elsewhere
-        # the derivatives are those of the nearest configurations.
+        # 3. The output link follows the target if it is on it and both equations have a
+        # solution. The misfits are per rad and rad^2 of theta, so the tolerance is that of
+        # a link which has left the target after 1 rad. Elsewhere the derivatives are those
+        # of the nearest configurations.
         misfit = max_abs(np.hstack([velocity_misfit, acceleration_misfit]), axis=1)
         follows = ~self._is_off_target & (misfit < ON_TARGET_RAD)
         if not np.all(follows):
@@ -509,18 +530,23 @@ class TargetDeviation:
     def _nearest_rates(self, axis: Floats) -> tuple[Floats, Floats]:
         """Return the first and second derivatives (n, variables) of nearest configurations.
 
-        The nearest configuration satisfies G^T d + J^T m = 0. Here d is the remaining
-        rotation to the target, G is the Jacobian of the output link, J the closure Jacobian
-        and m are multipliers. The equation is differentiated once and twice by theta while
-        the target turns about the `axis` (3,). The derivatives are valid on and off the
-        target.
+        The target turns about the `axis` (3,) by the angle theta. The nearest configuration
+        has the smallest angle between the output link and the target. It is the equilibrium
+        of a torsional spring of unit stiffness between both, G^T d + J^T m = 0. Here the
+        remaining rotation d to the target is the moment of the spring, G is the Jacobian of
+        the output link, J that of the loops, and m are the reactions in the loops.
+
+        This equation is differentiated once and twice by theta. Each derivative is the
+        motion by which the stiffness of the spring balances a change of the forces. The
+        derivatives are valid on and off the target.
         """
         d = self.remaining_rotation
 
         # 1. First derivatives. `target_rate` is the change of d if only the target turns.
+        # The forces of the spring then change by G^T times this.
         target_rate = log_rate(d, axis)
         first = self._solve_motion(
-            gradient=np.vecmat(target_rate, self.output_jacobian),
+            force=np.vecmat(target_rate, self.output_jacobian),
             closure_change=np.zeros_like(self.linearisation.residual),
             stiffness=self.stiffness,
         )
@@ -530,19 +556,26 @@ class TargetDeviation:
         w = np.matvec(self.output_jacobian, first)  # angular velocity of the output link
         # Change of d if the target and the output link turn.
         d_rate = target_rate - log_rate(-d, w)
-        gradient_rate = np.vecdot(vector_rates, self._pulls)
-        gradient_rate = gradient_rate + np.vecmat(d_rate, self.output_jacobian)
-        pull_rates = self._combine_pulls(output_pull=d_rate, gradient=gradient_rate)
+        # Row v of the equation is (vector of variable v) . (moment at its pair). Both
+        # change. Reactions balance the change of the forces by the vectors and by d.
+        force_rate = np.vecdot(vector_rates, self._pair_moments)
+        force_rate = force_rate + np.vecmat(d_rate, self.output_jacobian)
+        moment_rates = self._moments_at_pairs(output_moment=d_rate, force=force_rate)
+        # Changes of J and G, times the first derivatives of the variables.
         loop_bias, output_bias = self._velocity_biases(first, vector_rates)
 
         # 3. Second derivatives. `d_bias` is the part of the second derivative of d without
-        # the unknown second derivative of the variables.
+        # the second derivatives of the variables.
         d_bias = log_rate_change(d, d_rate, axis)
         d_bias -= log_rate_change(-d, -d_rate, w)
 
         vector_accelerations = self._vector_accelerations(first, vector_rates)
-        gradient = np.vecdot(vector_accelerations, self._pulls)
-        gradient += np.vecmat(d_bias - log_rate(-d, output_bias), self.output_jacobian)
-        gradient += 2.0 * np.vecdot(vector_rates, pull_rates)
-        second = self._solve_motion(gradient, -loop_bias, self.stiffness)
+        # The second derivative of each product in the equation (product rule), without the
+        # terms that contain the second derivatives of the variables.
+        force = np.vecdot(vector_accelerations, self._pair_moments)
+        force += np.vecmat(d_bias - log_rate(-d, output_bias), self.output_jacobian)
+        force += 2.0 * np.vecdot(vector_rates, moment_rates)
+        second = self._solve_motion(
+            force=force, closure_change=-loop_bias, stiffness=self.stiffness
+        )
         return first, second

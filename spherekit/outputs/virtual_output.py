@@ -38,9 +38,12 @@ COORDINATES = (2, 3)
 class VirtualOutputChain:
     """A mechanism with two virtual links between the links of one of its outputs.
 
-    The virtual links hold the output: their three R pairs have the coordinates of the pose
-    as variables and are driven. The numbers of virtual links and pairs come after those of
-    the mechanism itself.
+    Two virtual links and three R pairs in series lead from the link that the output is seen
+    from to the output link. Their angles are the coordinates of the pose. All three are
+    driven if the output is an orientation. If it is a direction, the first two are driven
+    and the third, about the direction itself, turns freely. The inputs of the mechanism
+    itself are no longer driven, so that its position analysis gives the inputs of a pose.
+    The numbers of virtual links and pairs come after those of the mechanism itself.
 
     Attributes
     ----------
@@ -51,7 +54,7 @@ class VirtualOutputChain:
     output
         The output.
     driven
-        Numbers of the pairs that drive the mechanism itself.
+        Numbers of the pairs that are the inputs of the mechanism without virtual links.
     pairs
         Numbers of the three virtual pairs, from the base to the output link.
     """
@@ -63,7 +66,7 @@ class VirtualOutputChain:
 
     @property
     def points(self) -> bool:
-        """Whether the output is a direction, and not an orientation."""
+        """Whether the pose of the output is a direction, which has two coordinates."""
         return len(self.mechanism.inputs) == 2
 
     @property
@@ -193,9 +196,11 @@ def _add_to_pose(
 ) -> PoseGeometry:
     """Return a reference pose with the three virtual pairs added.
 
-    The axes of the virtual pairs are z, the tilt axis at right angles to z and to the
-    direction, and the direction of the output. Their variables are azimuth and tilt of this
-    direction, and the turn 0.
+    The virtual pairs and two virtual links lead in series from the base to the output link,
+    so that the pair angles are the coordinates of the pose. The first axis is z of the
+    base, and the third one the direction of the output. The second, the tilt axis, is at
+    right angles to both. In the reference pose the angles are the azimuth and the tilt of
+    the direction, and the turn 0.
 
     Parameters
     ----------
@@ -204,7 +209,8 @@ def _add_to_pose(
     pair_names
         Names of the three virtual pairs.
     direction
-        Direction of the output in the reference pose. Z for an orientation.
+        Direction of the output in the reference pose. For an orientation it is z, from
+        which its third Euler angle is counted.
     """
     azimuth, tilt = azimuth_tilt(np.array([direction]))[0].tolist()
     tilt_axis = (-float(np.sin(azimuth)), float(np.cos(azimuth)), 0.0)
@@ -224,6 +230,10 @@ def _add_to_sizes(
 ) -> SizeGeometry:
     """Return the sizes of all links with the three virtual pairs added.
 
+    The virtual pairs and two virtual links lead in series from the base to the output link,
+    so that the pair angles are the coordinates of the pose: Euler angles about z, y and z
+    of an orientation, or azimuth, tilt and turn of a direction.
+
     A pair has a frame in each of its two links: the third column is its axis, from the
     first one its angle is counted. Frames of the virtual pairs are added to those of the
     other pairs. New sizes of the links are computed from all frames.
@@ -237,12 +247,15 @@ def _add_to_sizes(
     virtual_pairs
         The three virtual pairs, from the base to the output link.
     direction
-        Direction of the output in the axes of its link. Z for an orientation.
+        Direction of the output in the axes of its link; z for an orientation, whose third
+        Euler angle is about z.
     """
     first_frames, second_frames = pair_frames(mechanism)
-    # The columns are z, x, y of the virtual links, so this pair rotates about y.
+    # The second pair rotates about y of the virtual links, and the angle is counted from z:
+    # the columns of its frame are z, x, y. The first and the third pair rotate about z.
     tilt_frame = np.eye(3)[:, [2, 0, 1]]
-    # In the output link the last pair has its axis along the direction.
+    # In the output link, the frame of the last pair has its axis along the direction: it is
+    # Z(azimuth) Y(tilt).
     pointing_angles = np.append(azimuth_tilt(np.array([direction])), [[0.0]], axis=1)
     pointing_frame = from_euler_zyz(pointing_angles)[0]
     names = [pair.name for pair in virtual_pairs]

@@ -40,9 +40,14 @@ def find_assembled_configuration(
     """Return a configuration in which all wheels mesh as in the file of the mechanism.
 
     If the output is held, the mechanism also closes with wheels that mesh in other teeth.
-    The rolled length of each contact (the arc that one wheel has rolled on the other) is
-    therefore changed by whole revolutions of the wheels. The loops are closed again, and
-    inputs are searched that roll these lengths.
+    The rolled length of each contact is the arc (rad) that one wheel has rolled on the
+    other. From the assembly in the file, it is a linear function of the inputs, over any
+    number of revolutions. Therefore:
+
+    1. The rolled lengths are changed by whole revolutions of the wheels in all ways.
+    2. The loops are closed again with each set of lengths.
+    3. Whole revolutions are added to the inputs, so that the linear functions give these
+       lengths. If that is impossible, the wheels mesh in other teeth than in the file.
 
     Parameters
     ----------
@@ -56,10 +61,11 @@ def find_assembled_configuration(
 
     Returns
     -------
-    (variables,) rad of `held_solver`. The inputs have the revolutions that the rolled
-    lengths require. Of several configurations that differ by whole revolutions of wheels,
-    the one with the smallest sum of absolute inputs is returned. None if there is none.
+    (variables,) rad of `held_solver`, in which inputs and rolled lengths agree. Of several
+    configurations that differ by whole revolutions of wheels, the one with the smallest sum
+    of absolute inputs is returned. None if there is none.
     """
+    # The linear functions, and the numbers of the variables that are rolled lengths.
     gear_phases = released_solver.gear_phases
     if gear_phases is None or not gear_phases.variables:
         return values
@@ -78,6 +84,8 @@ def find_assembled_configuration(
     best_configuration = None
     least_sum = np.inf
     for configuration in linearisation.values[is_closed]:
+        # Closed loops give the inputs only up to whole revolutions, which are removed
+        # first.
         q = _find_input_revolutions(
             gear_phases, wrap(configuration[driven]), configuration[rolled]
         )
@@ -93,21 +101,25 @@ def _list_possible_lengths(
 ) -> Floats:
     """Return rolled lengths that differ from given ones by whole revolutions of wheels.
 
-    Rolled lengths are the variables of the contacts between wheels. They are linear
-    functions of the inputs, and only lengths that some inputs can roll are returned.
+    The rolled length of a contact is the arc (rad) that one wheel has rolled on the other.
+    In the assembly of the mechanism file, rolled lengths are linear functions of the
+    inputs. If the output is held, loops also close with wheels that mesh in other teeth, so
+    the given lengths may be wrong by whole revolutions of wheels. Only lengths that the
+    linear functions can take are returned.
 
     Parameters
     ----------
     held_solver
-        Solver of the mechanism with its output held.
+        Solver of the mechanism with its output held, in which the lengths are variables.
     gear_phases
         The ratios by which the lengths follow from the inputs.
     lengths
-        (m,) rolled lengths, one for each contact.
+        (m,) rolled lengths (rad), one for each contact.
 
     Returns
     -------
-    (n, m) rolled lengths, those with the smallest sum of absolute lengths first.
+    (n, m) rolled lengths (rad), those with the smallest sum of absolute lengths first; at
+    most `MAX_TRIED_ASSEMBLIES`, since the loops have to be closed for each of them.
     """
     tree = held_solver.closure.tree
     # The contacts whose rolled lengths these are. `owners` has the pair of each variable.
@@ -142,14 +154,15 @@ def _find_input_revolutions(
     q
         (inputs,) values of the inputs (rad), known up to whole revolutions.
     lengths
-        (m,) rolled lengths.
+        (m,) rolled lengths (rad): the arcs that wheels have rolled on each other.
 
     Returns
     -------
     (inputs,) rad, with the smallest sum of absolute values; None if none rolls the lengths.
     """
-    # Inputs that roll no wheel remain as they are. For the others, all revolutions within
-    # half a period of the wheels in both directions are tried.
+    # Inputs that roll no wheel remain as they are. The period of another input is the
+    # growth after which all wheels are in the same phase again, so larger differences are
+    # not needed. All whole revolutions up to half a period in both directions are tried.
     rolls = max_abs(gear_phases.ratios, axis=0) > GEAR_RATIO_TOLERANCE
     half_period = np.ceil(0.5 * np.asarray(gear_phases.periods) / TURN)
     limits = np.where(rolls, np.minimum(MAX_INPUT_REVOLUTIONS, half_period), 0)
