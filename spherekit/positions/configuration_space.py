@@ -90,15 +90,17 @@ class Piece(NamedTuple):
     ----------
     assembly_mode
         Number of the mode; None if the curve reaches configurations that no given mode has.
-        The search for modes has then missed one, or wheels are in mesh a revolution later.
+        The search for modes has then missed one, or the configurations are those of wheels
+        that are put together with one of them turned by whole revolutions.
     middle
         (variables,) configuration at the middle of the piece (rad), the input in the range.
     start, stop
         Arc lengths (rad) of its ends. `stop` exceeds the length of a closed curve if the
         piece contains the point s = 0.
     shift
-        By how much the input is greater than on the curve (rad). In a range of several
-        revolutions the same part of a curve is several pieces.
+        Whole periods of the input (rad) that are added to its values on the curve. If the
+        range has several revolutions, the same part of a curve is a piece in each of them,
+        with another shift.
     lowest, highest
         The range of the input in the piece (rad).
     """
@@ -192,19 +194,23 @@ class ConfigurationCurve(NamedTuple):
 class Configurations(NamedTuple):
     """The configuration curves that meet the range of an input.
 
+    A configuration curve consists of all closed configurations that the mechanism reaches
+    from one of them. It does not depend on which pair is the input. The curves were
+    therefore searched at values of another pair, `drive`, if that was less work.
+
     Attributes
     ----------
     curves
         The curves that were found.
     claim
-        What is guaranteed: that no curve is missing; that none is missing along which the
-        pair `drive` turns by more than a stated width; or only that these are what a search
-        found.
+        What is guaranteed, with its reason: that no curve is missing; that none is missing
+        along which the pair `drive` turns by more than the width `claim.box`; or only that
+        these are what a search found.
     drive
-        Name of the pair by whose values the curves were searched.
+        Name of the pair at whose values the configurations were computed.
     inputs, counts
-        (k,) values (rad) of the given input at which all real modes were computed or
-        searched independently of the curves, and (k,) the numbers of modes there.
+        (k,) values (rad) of the mechanism's input at which all real assembly modes were
+        computed independently of the curves, and (k,) the numbers of modes there.
     mismatches
         Sentences about inputs at which the numbers of modes and the curves disagree.
     """
@@ -414,8 +420,10 @@ class _CurveSearch:
         """Follow the curves of all modes between the inputs at which modes meet.
 
         An assembly mode ends where it meets another one, at a turning point of the input.
-        Between two turning points the number of modes is constant. All modes at one input
-        between them are therefore on all curves that exist there.
+        Between two turning points the number of modes is constant, and each mode is a part
+        of a curve. It is therefore enough to compute all modes at one input between them,
+        and to follow the curve through each. Where turning points may have been missed,
+        modes are computed at several inputs, `PROBE_STEP_RAD` apart.
 
         Parameters
         ----------
@@ -426,8 +434,8 @@ class _CurveSearch:
 
         Returns
         -------
-        How complete the curves are. If not all modes at an input can be computed, the
-        search ends there, and the curves are only sampled.
+        The claim, how complete the curves are. If not all modes at an input can be
+        computed, the search ends there, and the curves are only sampled.
         """
         for q in turning_points.probes(PROBE_STEP_RAD):
             configurations = enumerate_assemblies(drive, np.array([q]))
@@ -435,7 +443,8 @@ class _CurveSearch:
                 return Completeness(
                     Guarantee.SAMPLED, "no elimination finds all modes at an input"
                 )
-            # Modes of the given input are counted, to check the curves later.
+            # If the pair that is driven here is the input of the mechanism, the numbers of
+            # modes serve to check the curves later.
             if drive is self.solver:
                 self.mode_counts.append((q, len(configurations.values)))
             self.add_curves(configurations.values)
@@ -444,13 +453,16 @@ class _CurveSearch:
     def search_from_random_starts(self) -> Completeness:
         """Follow the curves that random starts over the range lead to.
 
-        The starts differ from those by which a run finds its assembly modes. The number of
-        starts that lead to known curves therefore tells what both searches may have missed.
+        The starts differ from those by which a run finds its assembly modes. If many of
+        them lead to curves that are known already, few curves can be missing. The reason of
+        the returned statement has these numbers.
 
         Returns
         -------
-        How complete the curves are. No start is made if wheels can be put together in
-        infinitely many ways, because their rolled lengths do not follow from the input.
+        How complete the curves are. Wheels that roll on each other can be put together in
+        infinitely many ways if the lengths along which they have rolled do not follow from
+        the input. Then no start is made, and only the curves of the given assembly modes
+        are complete (`Guarantee.COMPONENT`).
         """
         gear_phases = self.solver.gear_phases
         if gear_phases is not None and not gear_phases.all_known:
@@ -461,6 +473,7 @@ class _CurveSearch:
         high = np.array([self.high])
         rounds = random_starts(self.solver, low, high, seed=SEED + 1)
         variable_count = len(self.solver.mechanism.variable_owners)
+        # The first `RANGE_ROUNDS` rounds of starts come together.
         statistics = SearchStatistics(variable_count, min_rounds=RANGE_ROUNDS)
         progress = ProgressReporter("searching the configuration curves")
         while statistics.needs_more_starts and len(self.curves) < MAX_CURVES:

@@ -48,9 +48,13 @@ class TriedSteps(Generic[Node]):
     nodes
         The points at which the steps end.
     is_verified
-        (k,) whether the step passed all tests.
+        (k,) whether the step passed all tests of `Verification`. They detect steps that
+        lead to another curve: the prediction is nearly right, and equations and tangent
+        change little.
     changes
-        (k,) relative changes of the equations, which limit the length of the next step.
+        (k,) changes of the equations (the Jacobian of the curve) in the step, relative to a
+        change after which they may be singular. The length of the next step follows from
+        them.
     """
 
     nodes: Node
@@ -112,28 +116,34 @@ class CurveContinuation(ABC, Generic[Node]):
 
     @abstractmethod
     def try_steps(self, rows: Indices, nodes: Node, distances: Floats) -> TriedSteps[Node]:
-        """Try a step on each of some curves.
+        """Try a step on each of some curves (abstract method).
+
+        A subclass computes the ends of the steps, and tests whether they are on the same
+        curves.
 
         Parameters
         ----------
         rows
             (k,) indices of the curves.
         nodes
-            (k) nodes from which the steps start.
+            k nodes, from which the steps start. Their arrays have one row for each.
         distances
             (k,) lengths of the steps (rad), measured along the tangents at the nodes.
 
         Returns
         -------
-        The ends of the steps, which steps passed all tests, and how much the equations
-        change in each step.
+        The ends of the steps, whether each step passed all tests of `step_tests`, and how
+        much the equations of the curve change in each step.
         """
 
     @abstractmethod
     def select_steps(
         self, rows: Indices, steps: Floats, new_nodes: Node, is_verified: Bools
     ) -> Bools:
-        """Return which verified steps (k,) are taken; end curves that reach a limit.
+        """Return which verified steps (k,) are taken (abstract method).
+
+        A subclass does not take steps beyond its limits, such as the end of a profile. It
+        may also end curves that reach a limit, by setting `end_status`.
 
         Parameters
         ----------
@@ -142,9 +152,9 @@ class CurveContinuation(ABC, Generic[Node]):
         steps
             (k,) lengths of the steps (rad).
         new_nodes
-            (k) nodes at which the steps end.
+            k nodes, at which the steps end.
         is_verified
-            (k,) which steps passed all tests.
+            (k,) which steps passed all tests of `step_tests`.
         """
 
     @abstractmethod
@@ -165,18 +175,18 @@ class CurveContinuation(ABC, Generic[Node]):
         Parameters
         ----------
         starts
-            (k) first nodes.
+            First nodes of k curves.
         nodes
-            (k) last nodes, from which a step may lead to the start. Only subclasses use
-            them: if a node has more unknowns than the variables, it may be another one
-            although its variables are those of the start. It is then replaced by NaN, so
-            that the lap does not close.
+            Last nodes, from which a step may lead to the start. Only subclasses use them. A
+            node of a subclass may have more unknowns than the pair variables, for example a
+            singular motion. Then the subclass compares these, and returns NaN for a start
+            at which they differ, so that the lap does not close.
         values
             (k, variables) variables of the first nodes, moved by whole periods (rad).
 
         Returns
         -------
-        (k) first nodes with these values.
+        The k first nodes with these values.
         """
         return replace(starts, values=values)
 
@@ -211,6 +221,9 @@ class CurveContinuation(ABC, Generic[Node]):
     def _advance(self, rows: Indices, steps: Floats) -> Floats:
         """Try a step on each curve, and append the new nodes.
 
+        Curves that return to their start, or that a subclass ends at a limit, get an
+        `end_status`.
+
         Parameters
         ----------
         rows
@@ -220,14 +233,16 @@ class CurveContinuation(ABC, Generic[Node]):
 
         Returns
         -------
-        (k,) factors for the next steps: between 0.5 and 2 after a step that was taken, 0
-        after one that failed, 1 if the curve has ended.
+        (k,) factors for the lengths of the next steps: between 0.5 and 2 after a step that
+        was taken. 0 marks a step that failed, after which half of it is tried. The factor
+        of a curve that has ended has no effect.
         """
         # All arrays have one entry for each of the k curves. A step is tried from the last
         # node of each.
         nodes = self.last_nodes.rows(rows)
         tried_steps = self.try_steps(rows, nodes, steps)
-        # A curve whose step passes its start is closed, and ends at the start.
+        # A curve whose step passes its start is closed (it has completed a lap), and ends
+        # at the start.
         end_nodes, closes = self._find_closing_laps(
             rows, nodes, steps, tried_steps=tried_steps
         )
@@ -241,9 +256,10 @@ class CurveContinuation(ABC, Generic[Node]):
             is_verified=tried_steps.is_verified & ~closes,
         )
         self.append_nodes(rows[is_taken], tried_steps.nodes.rows(is_taken))
-        # The next step aims at a certain change of the equations, which grows with the
-        # length of the step. The tiny number prevents a division by zero on straight
-        # curves.
+        # A step is verified only if its equations change by no more than the limit
+        # `step_tests.change`. The change grows with the length of the step. The next step
+        # therefore aims at a part of the limit, so that most steps are verified. The tiny
+        # number prevents a division by zero on straight curves.
         aimed_change = AIMED_CHANGE_RATIO * self.step_tests.change
         growth = np.clip(aimed_change / (tried_steps.changes + 1e-300), 0.5, 2.0)
         is_unfinished = self.end_status[rows] == UNFINISHED
@@ -261,11 +277,12 @@ class CurveContinuation(ABC, Generic[Node]):
     def _find_closing_laps(
         self, rows: Indices, nodes: Node, steps: Floats, tried_steps: TriedSteps[Node]
     ) -> tuple[Node, Bools]:
-        """Find the curves whose step passes their start, whole periods on.
+        """Find the curves whose step passes their start, so that they are closed.
 
-        A lap is the part of a closed curve until it returns to its start. All angles may
-        have grown by whole periods then. A lap closes if the step points in the direction
-        of the start, meets it within the error of the prediction, and reaches it exactly.
+        A lap is one round of a closed curve, after which it returns to its start. Angles
+        may have grown by whole periods (such as revolutions) then. A lap closes if three
+        conditions hold. The start is ahead, within the length of the step. It is near the
+        curve that is extrapolated from the last node. An exact step leads to it.
 
         Parameters
         ----------
@@ -291,17 +308,23 @@ class CurveContinuation(ABC, Generic[Node]):
         middle = 0.5 * (nodes.values + tried_steps.nodes.values)
         values = starts.values + whole_laps(middle - starts.values, self.periods)
         end_nodes = self.start_after_periods(starts, nodes, values)
-        # Projection of the start on the tangent, and its distance from the extrapolation.
+        # Distance of the start along the tangent at the last node, and its deviation from
+        # the curve that is extrapolated from there.
         distances = np.sum(nodes.tangents * (values - nodes.values), axis=1)
         predicted = extrapolate(
             nodes.values, nodes.tangents, nodes.bends, distances[:, None]
         )
         miss = max_abs(values - predicted, axis=1)
-        # The first nodes are near the start, too, but have not been away from it.
+        # The first nodes of a curve are near the start, too. A lap is possible only on a
+        # curve that is clearly longer than the distance `NEAR_END_RAD`, which counts as
+        # the start itself.
         was_away = self.lengths[rows] > 4.0 * NEAR_END_RAD
         closes = tried_steps.is_verified & all_finite(end_nodes.values, 1) & was_away
         closes &= (distances > -NEAR_END_RAD) & (distances <= steps)
+        # The error that is allowed for the prediction of a step.
         closes &= miss <= self.step_tests.correction * steps
+        # The curve must pass its start in the same direction as it began. A curve that
+        # crosses it at an angle is not closed.
         closes &= np.vecdot(starts.tangents, nodes.tangents) >= MIN_LAP_COSINE
         # A start that is practically the last node needs no step; the others are reached
         # by an exact step, which has to end at the start.

@@ -52,10 +52,11 @@ Larger: more steps fail. Smaller: more steps are necessary.
 """
 
 SAME_START_RAD = 1e-9
-"""A lap ends where it started up to this distance.
+"""Points of a curve nearer to each other than this are the same point.
 
-Larger: a curve that passes its start closely counts as closed. Smaller: rounding errors
-prevent curves from closing.
+A lap ends where it started, and a curve ends at a limit, up to this distance. Larger: a
+curve that passes its start closely counts as closed. Smaller: rounding errors prevent
+curves from closing.
 """
 MIN_RIGID_RATIO = 1e-4
 """Smallest singular value, relative to the largest, with which the loops allow no motion.
@@ -104,29 +105,35 @@ class _ArcNodes(CurvePoints):
     approach: Floats
 
     @staticmethod
-    def of(
+    def from_points(
         linearisation: Linearisation,
         points: CurvePoints,
         limits: CurveLimits,
         chosen: slice = slice(None),
     ) -> "_ArcNodes":
-        """Return some points as nodes: with their equations, and margins to all limits.
+        """Return some points of curves as nodes, which have more data for the next step.
+
+        These are the equations of the curve, and the margins (distances) to all limits.
 
         Parameters
         ----------
         linearisation
-            The closure at all points.
+            The closure equations, linearised at all points.
         points
             The points.
         limits
-            The limits at which curves end.
+            The limits at which curves end: bounds of variables, and equal curvatures of two
+            profiles in contact.
         chosen
             Which of the points become nodes.
         """
         points = points.rows(chosen)
+        # The closure Jacobian with the tangent as one more row. The matrix need not be
+        # square, because loops can have redundant equations; it has a left inverse.
         equations = bordered(linearisation.jacobian[chosen], points.tangents)
         inverse = left_inverse(equations)
-        # Distances from the limits, and their derivatives by the variables.
+        # Margins, and their derivatives by the variables. Those of contacts depend on the
+        # curvatures of the profiles.
         margins, gradients = limits.margins(
             points.values,
             linearisation.states.curvatures[chosen],
@@ -138,7 +145,8 @@ class _ArcNodes(CurvePoints):
             inverse=inverse,
             reciprocal_condition=bordered_reciprocal_condition(equations, inverse),
             margins=margins,
-            # In the sum, n is a point, l a limit and v a variable.
+            # The rate at which each margin decreases along the curve. In the sum, n is a
+            # point, l a limit and v a variable.
             approach=-np.einsum("nlv,nv->nl", gradients, points.tangents),
         )
 
@@ -151,10 +159,14 @@ def follow_arc(
 ) -> ArcCurve:
     """Return the configuration curve through a closed configuration.
 
+    The curve consists of all configurations that the mechanism reaches from this one. It is
+    followed in its own arc length, and can be closed, or open with two ends.
+
     Parameters
     ----------
     closure
-        The loops of the whole mechanism. Bodies are single links.
+        The loops of the whole mechanism, in which each link is a body of its own (no groups
+        of links are joined to one body).
     values
         (variables,) a configuration (rad) that closes, to 1e-6 rad or better.
     stops
@@ -224,7 +236,9 @@ def _follow_both_senses(
     """Follow the configuration curves through nodes, until they close or end.
 
     All curves are first followed along their tangents. Those that do not close are then
-    followed from the same nodes in the opposite sense, and both parts are joined.
+    followed from the same nodes in the opposite sense, and both parts are joined. A node is
+    a point of a curve, with the equations there and the distances from limits. A `plain`
+    node is the point alone.
 
     Parameters
     ----------
@@ -245,8 +259,11 @@ def _follow_both_senses(
         return []
     start = _ArcNodes.concatenate(starts)
     periods = variable_periods(closure)
+    # The same nodes with reversed tangents. Their equations and distances are computed anew.
     reversed_start = replace(start.plain, tangents=-start.tangents)
-    backward_start = _ArcNodes.of(closure.linearise(start.values), reversed_start, limits)
+    backward_start = _ArcNodes.from_points(
+        closure.linearise(start.values), reversed_start, limits
+    )
     forward = _ArcContinuation(
         start_nodes=start,
         periods=periods,
@@ -292,7 +309,8 @@ def _join_senses(
     row
         Index of the curve in `forward`.
     backward_row
-        Its index in `backward`, None if it closed in the forward sense.
+        Its index in `backward`. None if the curve closed in the forward sense, so that it
+        was not followed backward.
 
     Raises
     ------
@@ -301,7 +319,8 @@ def _join_senses(
         happens, for example, if it is at joint limits on both sides.
     """
     # The nodes of a closed curve are those of one sense. Both ends then have the status OK.
-    # `plain` nodes are without the equations and margins that following needed.
+    # A `plain` node is a point of the curve, without the equations and the distances from
+    # limits that following needed.
     nodes = forward.collect_nodes(row).plain
     ends = (Status.OK, Status.OK)
     closed = True
@@ -323,7 +342,8 @@ def _join_senses(
             "the configuration to follow has its limits on both sides; widen the "
             "joint limits"
         )
-    # Variables that are locked have a value for each curve. Keep those of this curve.
+    # The loops of several curves can differ by the values of locked variables. Keep those
+    # of this curve.
     curve_closure = forward.closure.select_rows(np.array([row]))
     return ArcCurve(
         nodes=nodes,
@@ -369,7 +389,7 @@ def _make_start_node(closure: Closure, values: Floats, limits: CurveLimits) -> _
         closure, start_values, borders=motion, targets=np.vecdot(motion, start_values)
     )
     points, linearisation = curve_points(closure, closed_values, borders=motion)
-    node = _ArcNodes.of(linearisation, points, limits)
+    node = _ArcNodes.from_points(linearisation, points, limits)
     if not node.reciprocal_condition[0] > SINGULAR_CURVE_CONDITION:
         raise SolveError(SINGULAR_START)
     # A margin is the distance from a limit, negative beyond it.
@@ -493,7 +513,7 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
         cosine = np.vecdot(points.tangents, borders)
         is_good &= self.step_tests.accepts_change(relative_change, cosine)
         # The ends of the steps, every second point, become nodes.
-        new_nodes = _ArcNodes.of(
+        new_nodes = _ArcNodes.from_points(
             linearisation, points, self.limits, chosen=slice(1, None, 2)
         )
         # Rounding errors of corrected points grow with the condition number.
@@ -518,16 +538,20 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
     def _land_on_limit(self, row: Indices, number: int) -> None:
         """End a curve at a limit near its last node, if a verified step leads to it.
 
+        A limit is a bound of a variable, or equal curvatures of two profiles in contact.
+        Its margin is the distance from it (rad, or difference of curvatures), zero at the
+        limit and negative beyond.
+
         Parameters
         ----------
         row
             (1,) index of the curve.
         number
-            Number of the limit, whose margin is positive on the near side and zero at it.
+            Number of the limit.
         """
         node = self.last_nodes.rows(row)
         closure = self.closure.select_rows(row)
-        # A node that is at the limit already needs no further step.
+        # A node at the limit, up to the accuracy of closed loops, needs no further step.
         if node.margins[0, number] > CLOSURE_TOLERANCE:
 
             def compute_steps(values: Floats, _: Indices) -> Floats:
@@ -554,7 +578,9 @@ class _ArcContinuation(CurveContinuation[_ArcNodes]):
             last_step = self.try_steps(row, node, distance)
             miss = max_abs(last_step.nodes.values - landing)
             is_ahead = distance[0] > 0.0
-            if not (is_ahead and last_step.is_verified[0] and miss < SAME_START_RAD):
+            # Both are one point up to the distance by which closed curves are recognised.
+            is_same_point = miss < SAME_START_RAD
+            if not (is_ahead and last_step.is_verified[0] and is_same_point):
                 return
             self.append_nodes(row, last_step.nodes)
         self.end_status[row] = self.limits.statuses[number]

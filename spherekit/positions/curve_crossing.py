@@ -84,16 +84,16 @@ class Crossing(NamedTuple):
     freedoms
         Number of variables less the rank of the velocity equations.
     tangents
-        (curves, variables) unit tangents of the real curves through the crossing, one sense
-        of each.
+        (curves, variables) unit tangent of each real curve through the crossing, in one of
+        its two directions.
     resolved
         Whether second-order terms determine the number of curves. If not, `tangents` is
         empty.
     miss
-        How far the configuration is from a crossing: the larger of the closure residual
-        (rad) and the largest singular value of the velocity equations that counts as zero.
-        A mechanism whose sizes miss a crossing by less than rounding cannot be
-        distinguished from one that has it.
+        How far the configuration is from a crossing. At an exact crossing the closure
+        residual is zero, and as many singular values of the velocity equations as there are
+        `freedoms`. `miss` is the largest of these numbers (rad). A mechanism whose sizes
+        miss a crossing by less than rounding cannot be distinguished from one that has it.
     error
         Size (rad) of the last correction of `values`.
     """
@@ -300,18 +300,23 @@ def _find_directions(forms: Floats) -> Floats | None:
 
     Returns
     -------
-    (curves, k) unit vectors, None if the forms do not determine them.
+    (curves, k) unit vectors. None if the forms do not determine them, or if k is neither 2
+    nor 3. `_find_common_zeros` solves one or two quadratic equations, which k - 1
+    independent forms give.
     """
     size = forms.shape[1]  # the number k of independent motions
     upper = np.triu_indices(size)
     if not len(forms):
         return None
+    # A form is given by its elements up to the diagonal. Forms that are all smaller than
+    # `MIN_SECOND_ORDER` may be rounding errors.
     _, singular_values, right_vectors = np.linalg.svd(forms[:, *upper])
     if singular_values[0] < MIN_SECOND_ORDER or size not in (2, 3):
         return None
     # The singular values show how many forms are independent, and the right singular
     # vectors are independent forms with the same zeros. k - 1 of them have finitely many
-    # common zeros on the unit sphere.
+    # common zeros on the unit sphere. A form that is tiny relative to the largest one may
+    # be a rounding error, too.
     if np.sum(singular_values > MIN_SECOND_ORDER * singular_values[0]) != size - 1:
         return None
     independent_forms = np.zeros((size - 1, size, size))

@@ -72,16 +72,20 @@ class CurveLimits:
     ) -> "CurveLimits":
         """Return the limits of a mechanism.
 
-        They are the ends of open profiles, equal curvatures of profiles in contact, and
-        ranges of variables that the caller wants.
+        They are:
+
+        - the ends of open profiles,
+        - configurations in which two profiles in contact have equal curvatures, since such
+          profiles do not determine their motion (`margins` compares the curvatures),
+        - ranges of variables that the caller wants.
 
         Parameters
         ----------
         closure
             The loops, with the joints of the pairs.
         stops
-            Lowest and highest value (rad) of variables, by their numbers. Beyond them the
-            status is OK.
+            Lowest and highest value (rad) of variables, by their numbers. Configurations
+            beyond them exist, so their status is OK.
         """
         # Each range is a variable, its lowest and highest value, and the status beyond.
         ranges = [(variable, ends, Status.OK) for variable, ends in stops.items()]
@@ -90,10 +94,12 @@ class CurveLimits:
             variables = [profile.variable for profile in profiles]
             contacts.append(ContactLimit(pair, tuple(variables)))
             for profile in profiles:
-                # Arc lengths of a profile are counted from its start.
+                # The arc length of the point of contact is `profile.start` + variable. It
+                # is between 0 and the length of the profile.
                 if not profile.curve.closed:
                     ends = (-profile.start, profile.curve.length - profile.start)
                     ranges.append((profile.variable, ends, Status.OFF_PROFILE))
+        # The sense of a bound is 1 if the variable must be greater, and -1 if less.
         bounds = []
         for variable, (lowest, highest), status in ranges:
             bounds.append(VariableBound(variable, lowest, sense=1.0, status=status))
@@ -129,15 +135,18 @@ class CurveLimits:
         """
         margins = np.empty((len(values), len(self.statuses)))
         gradients = np.zeros((*margins.shape, values.shape[1]))
-        # First the bounds of variables, then the contacts, whose profiles must not have
-        # equal curvatures.
+        # First the bounds of variables.
         for number, (variable, bound, sense, _) in enumerate(self.bounds):
             margins[:, number] = sense * (values[:, variable] - bound)
             gradients[:, number, variable] = sense
+        # Then the contacts. The first profile must have the larger curvature: with equal
+        # curvatures the profiles do not determine their motion, and beyond they overlap.
         for number, (pair, variables) in enumerate(self.contacts, len(self.bounds)):
             relative_curvature = curvatures[:, pair, 0] - curvatures[:, pair, 1]
             margins[:, number] = relative_curvature - EQUAL_CURVATURE
-            # A rolling contact has one variable for both profiles, which gets both rates.
+            # The margin is the curvature of the first profile, which changes with its arc
+            # length, less that of the second. In a rolling contact both arc lengths are the
+            # same variable, whose derivative is the sum of both.
             signed_rates = (curvature_rates[:, pair] * [1.0, -1.0]).T
             for variable, rate in zip(variables, signed_rates, strict=True):
                 gradients[:, number, variable] += rate

@@ -61,8 +61,8 @@ def _frames_from_pose(
     mechanism
         The mechanism.
     geometry
-        The axes in the reference pose. Their components need no conversion of units, so
-        that float64 numbers print as the decimals of the file.
+        The axes in the reference pose. Python prints a float64 number by the shortest
+        decimal number that gives it, which is the decimal number of the file.
     document
         The mechanism as a file in degrees, with the values of pairs in the pose.
 
@@ -76,6 +76,8 @@ def _frames_from_pose(
         # In the reference pose both links of a pair have the same axes. The frames differ
         # by the value of the variable there.
         exact_axis = normalize(_parse_decimals([repr(float(x)) for x in axis]))
+        # The frame without another axis as reference. The float64 axis only decides which
+        # coordinate axis the x axis is perpendicular to, as in float64 computations.
         first = _frame_without_reference(exact_axis, np.array(axis, dtype=float))
         second = first
         if name in values:
@@ -106,7 +108,8 @@ def _frames_from_sizes(
     For the number of each pair its frames (3, 3) in the first and in the second link.
     """
     # Unit vectors of the axes of each link, in float64 and in quad precision. The latter
-    # follow from the arcs and angles as the file has them, in degrees.
+    # follow from the arcs and angles as the file has them, in degrees. The former only
+    # decide which axes are collinear, so that the frames are those of float64 computations.
     links = geometry.links
     float_axes = {link: axes_from_sizes(sizes) for link, sizes in links.items()}
     exact_axes = {}
@@ -119,8 +122,9 @@ def _frames_from_sizes(
             name: np.asarray(axis, dtype=quad())
             for name, axis in axes_from_sizes(exact_sizes).items()
         }
-    # The zero of a pair is the angle from the x axis of its first frame at which its
-    # variable is zero.
+    # The number "zero" of a pair in the file is an angle from the x axis of its first frame.
+    # If the x axis of the second frame is there, the variable is zero. The first frame is
+    # therefore rotated by this angle.
     zeros = _angles_of_pairs(document, "zero")
     frames: dict[int, Frames] = {}
     for number, pair in enumerate(mechanism.pairs):

@@ -26,11 +26,13 @@ def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
     """Return a solver of the same mechanism with the driving pair that costs least.
 
     The mechanism is driven at one pair. Assembly modes meet at certain values of this
-    input, where a function of the input changes its sign. The cost is the time of one value
-    of this function. The given solver is returned if its cost is acceptable, if the
-    functions are unknown for every driving pair, or if a group (a set of bodies that are
-    placed together) has contacts or redundant constraints.
+    input, where functions of the input, the mode coalescence, change their sign. The cost
+    is the time of one value of these functions. It is infinite if they are not known, or
+    take more than `ACCEPTABLE_COST_S`. The given solver is returned if its cost is
+    acceptable, if the functions are unknown for every driving pair, or if a group (a set of
+    bodies that are placed together) has contacts or redundant constraints.
     """
+    # `group.revolute` says that a group has R pairs only, so no contacts.
     if any(not group.revolute or group.redundant for group in solver.assembly.groups):
         return solver
     solvers = [solver]
@@ -45,7 +47,8 @@ def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
             costs.append(_estimate_cost(solvers[-1]))
     if np.min(costs) < np.inf:
         return solvers[np.argmin(costs)]
-    # All known functions exceed the acceptable cost. They are better than none.
+    # All costs are infinite. Functions that are known and take too long are better than
+    # none.
     for candidate in solvers:
         if make_mode_coalescence(candidate):
             return candidate
@@ -53,6 +56,9 @@ def choose_driving_pair(solver: PositionSolver) -> PositionSolver:
 
 
 def _estimate_cost(solver: PositionSolver) -> float:
-    """Return the time (s) of one value of the functions, infinite if it is too costly."""
-    meetings = make_mode_coalescence(solver, ACCEPTABLE_COST_S)
-    return np.inf if meetings is None else meetings.cost
+    """Return the time (s) of one value of the functions whose zeros are meetings of modes.
+
+    It is infinite if the functions are not known, or take more than `ACCEPTABLE_COST_S`.
+    """
+    coalescence = make_mode_coalescence(solver, ACCEPTABLE_COST_S)
+    return np.inf if coalescence is None else coalescence.cost

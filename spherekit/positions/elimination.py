@@ -42,16 +42,21 @@ smaller limit the equations lose digits. With a larger one more groups are searc
 
 @dataclass(frozen=True)
 class EliminationResult:
-    """Configurations that solve the arc equations of a group, up to rounding.
+    """Configurations of a group of links that were found by elimination.
+
+    The group is solved by arc equations: each says that the axes of a link with two pairs
+    include the angle of the link, its arc. Of their complex solutions, those are returned
+    that are real, or nearly real.
 
     Attributes
     ----------
     angles
-        (solutions, pairs) angles (rad) of nearly closed configurations. They are starting
-        values for Newton's method, and a configuration can occur more than once.
+        (solutions, pairs) real parts of the angles (rad). They are starting values for
+        Newton's method, and a configuration can occur more than once.
     is_real
         (solutions,) whether the solution is real up to rounding. Newton's method must then
-        find a closed configuration next to it. The others may be complex solutions.
+        find a closed configuration next to it. The others have a small imaginary part: they
+        may be complex solutions, or real ones with larger rounding errors.
     problem
         Why a real solution may be missing; empty if none can be missing.
     """
@@ -65,10 +70,12 @@ def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
     """Compute all real solutions of the arc equations of a group at one sample.
 
     The group becomes a tree of bodies if some links with two pairs are removed. Each of
-    these links gives an arc equation in the angles of the tree. An elimination order says
-    which links are removed, and in which order the angles are eliminated. Orders are tried
-    until the checks of one succeed. If all of them fail, the solutions of all orders are
-    returned together.
+    these links gives an arc equation in the angles of the tree: the axes of its two pairs
+    must include the angle of the link (its arc). An elimination order says which links are
+    removed, and in which order the angles are eliminated. Orders are tried until the checks
+    of one succeed. If all of them fail, the solutions of all orders are returned together,
+    since a solution that one order has lost may be among those of another. Copies do no
+    harm: they are starting values for Newton's method.
 
     Parameters
     ----------
@@ -80,6 +87,8 @@ def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
     pair_count = len(group.pairs)
     # At zero angles the pair states are the frames of the pairs in their bodies.
     pair_states = closure.linearise(np.zeros((1, pair_count))).states
+    # Axes: first or second body, sample, pair, and the frame. `GroupGeometry` has the pair
+    # before the sample.
     frames = np.stack([pair_states.first, pair_states.second])
     geometry = GroupGeometry(group, pair_frames=np.moveaxis(frames, 1, 2))
 
@@ -97,7 +106,9 @@ def solve_by_elimination(group: Group, closure: Closure) -> EliminationResult:
     problem = ""
     for order in find_elimination_orders(group):
         # Solve the equations of the only sample for the angles of the tree. Solutions whose
-        # imaginary part may be rounding are candidates for real ones.
+        # imaginary part may be rounding are candidates for real ones. The limit is wide,
+        # because rounding gives multiple solutions a large imaginary part. Only those below
+        # the narrow limit `REAL_RAD` are real for certain.
         equations = geometry.form_equations(order)[0]
         tree_angles, problem = find_near_real_angles(equations, order.incidence)
         imaginary_part = max_abs(tree_angles.imag, axis=1)
