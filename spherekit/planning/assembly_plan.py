@@ -43,6 +43,8 @@ def driven_pairs(mechanism: Mechanism) -> tuple[int, ...]:
                 f"{mechanism.name}: inputs.{name}: pair {name} is a contact pair; choose "
                 f"an R pair as input: {listing(revolute_pairs) or 'there is none'}"
             )
+    # A mechanism without declared inputs has its first R pair as the default input. It has
+    # no input at all only if it has no R pair.
     if not input_names:
         raise PlanError(f"{mechanism.name}: an input is an R pair, but there is none")
     return tuple(mechanism.pair_number[name] for name in input_names)
@@ -206,8 +208,8 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
     mechanism
         The mechanism, with its inputs.
     by_rank
-        Whether the mechanism is known to have a freedom for each input by rank at its
-        configurations, though not by counting.
+        Whether it is known that the rank of the velocity equations leaves a degree of
+        freedom for each input. Counting links and pairs may then give fewer.
 
     Raises
     ------
@@ -216,8 +218,9 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
         independent freedom, or a part is rigid.
     """
     inputs = driven_pairs(mechanism)
-    # The pebble game counts degrees of freedom, while all inputs but the first are locked.
-    # It is None if counting does not decide, because constraints repeat each other.
+    # The pebble game counts degrees of freedom. All inputs but the first are locked for it,
+    # and it is checked that the first can still move. The result is None if counting does
+    # not decide, because constraints repeat each other.
     _, pebble_game = check_mobility(
         mechanism, driven=inputs, locked=inputs[1:], by_rank=by_rank
     )
@@ -235,7 +238,7 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
         )
     except CountError:
         # Constraints are redundant in another way than by wheels on carriers. Counting
-        # cannot find groups then, so all bodies are placed together.
+        # cannot find groups then, so all bodies are one group, placed in the ground.
         whole_group = _make_group(
             mechanism,
             body_of_link,
@@ -243,6 +246,7 @@ def plan_assembly(mechanism: Mechanism, by_rank: bool = False) -> Assembly:
             pairs=open_pairs,
             redundant=True,
         )
+        # `revolute` also says that the equations are independent, which they are not.
         groups = (whole_group._replace(revolute=False),)
     return Assembly(inputs, body_of_link, groups)
 
@@ -260,7 +264,7 @@ def split_into_groups(
     mechanism
         The mechanism.
     body_of_link
-        For each link the smallest link of its body.
+        For each link the smallest number of a link of its body.
     pairs
         Numbers of the pairs that join the bodies. Links to which no pair leads are left
         out.
@@ -321,14 +325,17 @@ def _make_group(
 ) -> Group:
     """Return the group of all bodies that some pairs join.
 
+    A group is a set of bodies that become one rigid body when all its pairs are closed. A
+    body is a set of links that are rigid already, and has the smallest of their numbers.
+
     Parameters
     ----------
     mechanism
         The mechanism.
     body_of_link
-        For each link the smallest link of its body.
+        For each link the number of its body.
     base_body
-        The body that comes first in the group.
+        The body that comes first in the group, in which the others are placed.
     pairs
         Numbers of the pairs of the group.
     redundant
@@ -343,7 +350,8 @@ def _make_group(
     for body in chain(*bodies_of_pairs):
         links = [link for link, owner in enumerate(body_of_link) if owner == body]
         links_of_body[body] = tuple(links)
-    # The base body comes first, the others in the order of their links.
+    # The base body comes first (False is sorted before True), the others in the order of
+    # their links.
     bodies = sorted(
         links_of_body, key=lambda body: (body != base_body, links_of_body[body])
     )
@@ -362,19 +370,20 @@ def _find_smallest_part(
     open_pairs: dict[int, tuple[int, int]],
     body_of_link: Sequence[int],
 ) -> set[int]:
-    """Return the smallest rigid part that contains both bodies of a pair.
+    """Return the smallest rigid part that contains both bodies of any open pair.
 
-    Parts of equal size are taken in the order of the two bodies of the pair.
+    A part is a set of bodies. Among parts of equal size the first one is returned, in the
+    order of the numbers of the two bodies.
 
     Parameters
     ----------
     pebble_game
-        Counts the degrees of freedom of all parts. With three free ones gathered on a body,
-        constraints lead from it to the bodies of its rigid part.
+        Counts the degrees of freedom. Each body owns three of them, its pebbles. A
+        constraint takes a pebble of one of its two bodies, and points to the other body.
     open_pairs
         For the number of each pair that is not closed yet, its two links.
     body_of_link
-        For each link the smallest link of its body.
+        For each link the smallest number of a link of its body.
     """
     # The two bodies of each open pair, the one with the smaller number first.
     couples = []
@@ -382,8 +391,10 @@ def _find_smallest_part(
         couples.append(sorted([body_of_link[link_a], body_of_link[link_b]]))
     parts = []
     for body_a, body_b in sorted(couples):
-        # Three pebbles are the degrees of freedom of a rigid part. If all of them are on a
-        # body, the bodies that constraints reach from there are the smallest rigid part.
+        # The whole structure has three free pebbles. They are gathered on body a.
+        # Constraints that start in the set of bodies reachable from a and b also end in it.
+        # They have taken all pebbles of the set but these three, so the set is a rigid
+        # part. Every rigid part with both bodies contains it.
         pebble_game.gather_pebbles(body_a, BODY_FREEDOMS)
         part = pebble_game.reachable_bodies([body_a, body_b])
         parts.append(part)

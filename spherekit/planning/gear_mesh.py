@@ -31,16 +31,21 @@ With the number of each pair is the side, 0 or 1, of its link that is nearer to 
 class GearMesh(NamedTuple):
     """A rolling contact of two wheels on a carrier, as a relation of pair variables.
 
+    The carrier is a link relative to which both wheels rotate about their centres, by the
+    angles f and g. Their circles have the radii r and s (rad) on the unit sphere. Rolling
+    keeps sin(r) f - sin(s) g constant.
+
     Attributes
     ----------
     contact
         Number of the rolling contact among the pairs of the mechanism.
     angle_signs
         For the first and the second wheel: the R pairs from the wheel to the carrier with
-        their signs. The angle of the wheel relative to the carrier is the sum of the pair
-        variables times these signs.
+        their signs, 1 or -1. The angle of the wheel relative to the carrier is the sum of
+        the pair variables times these signs.
     paths
-        The same pairs as paths from each wheel to the carrier.
+        The same pairs in their order from each wheel to the carrier, with the side of the
+        nearer link. Rotations from the wheel to the carrier are multiplied in this order.
     """
 
     contact: int
@@ -53,18 +58,21 @@ class GearMesh(NamedTuple):
         return {*self.angle_signs[0], *self.angle_signs[1]}
 
     def angle_factors(self, wheel_factors: tuple[Any, Any]) -> dict[int, Any]:
-        """Return the factor of each pair variable in the sum that is constant.
+        """Return the factor of each pair variable in sin(r) f - sin(s) g.
+
+        This sum is constant, with the angles f and g of the wheels relative to the carrier
+        and the radii r and s (rad) of their circles on the unit sphere.
 
         Parameters
         ----------
         wheel_factors
-            Factors of the angles of both wheels, sin(r) and -sin(s): floats or balls.
+            The factors sin(r) and -sin(s): floats, or balls (floats with error bounds).
         """
-        return {
-            pair: factor if sign > 0.0 else -factor
-            for factor, signs in zip(wheel_factors, self.angle_signs, strict=True)
-            for pair, sign in signs.items()
-        }
+        factor_by_pair = {}
+        for wheel_factor, signs in zip(wheel_factors, self.angle_signs, strict=True):
+            for pair, sign in signs.items():
+                factor_by_pair[pair] = wheel_factor if sign > 0.0 else -wheel_factor
+        return factor_by_pair
 
 
 def reverse_path(path: PairPath) -> PairPath:
@@ -75,10 +83,15 @@ def reverse_path(path: PairPath) -> PairPath:
 class CarriedContact(NamedTuple):
     """A rolling contact of two wheels on a carrier, with the circles of the wheels.
 
+    The carrier is a link relative to which both wheels rotate about their centres, by the
+    angles f and g. The circles have the radii r and s (rad) on the unit sphere. Rolling
+    keeps sin(r) f - sin(s) g constant. The sign is minus because the radii are measured
+    from centres on the same side of the contact.
+
     Attributes
     ----------
     mesh
-        The relation of the pair variables.
+        This relation, with each angle as a sum of variables of R pairs with signs.
     first_wheel, second_wheel
         Circles of the first and the second link of the contact.
     """
@@ -93,7 +106,7 @@ class CarriedContact(NamedTuple):
         return self.first_wheel, self.second_wheel
 
     def angle_factors(self) -> dict[int, float]:
-        """Return the factor of each pair variable in the sum that is constant."""
+        """Return the factor of each R pair's variable in sin(r) f - sin(s) g."""
         return self.mesh.angle_factors(
             (np.sin(self.first_wheel.radius), -np.sin(self.second_wheel.radius))
         )

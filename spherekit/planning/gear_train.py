@@ -53,7 +53,7 @@ class GearTrain(NamedTuple):
     Attributes
     ----------
     followers
-        Numbers of the R pairs whose angles follow from the inputs.
+        Numbers of the R pairs whose angles follow from the inputs, but are not inputs.
     ratios
         (followers, inputs) derivatives of their angles by the inputs.
     offsets
@@ -65,8 +65,10 @@ class GearTrain(NamedTuple):
     lengths
         (contacts,) their rolled lengths (rad) at inputs of zero.
     rolled
-        (contacts, 2) arc lengths (rad) of the point of contact along both circles where all
-        angles are zero. They are NaN if a reference pose states how wheels are assembled.
+        (contacts, 2) positions (rad) of the point of contact along both circles, as arc
+        lengths, if the variables of all R pairs are zero. Whole circumferences say how
+        often a wheel has rolled. NaN if the mechanism is given in a reference pose, whose
+        pair variables determine `lengths`.
     """
 
     followers: tuple[int, ...]
@@ -79,7 +81,11 @@ class GearTrain(NamedTuple):
 
     @property
     def numbers(self) -> list[float]:
-        """The ratios and the offset of each follower, one after the other."""
+        """The ratios and the offset of each follower, one after the other.
+
+        They are the numbers on which the angles of the train depend, as
+        `EquivalentLinkage.numbers` lists them.
+        """
         return list(np.column_stack([self.ratios, self.offsets]).ravel().tolist())
 
 
@@ -152,14 +158,17 @@ def find_gear_train(
 class _Relations(NamedTuple):
     """The linear relations of pair variables by several contacts.
 
-    A rolling contact of two wheels keeps a sum of pair variables times factors constant.
+    A rolling contact of two wheels keeps sin(r) f - sin(s) g constant, where f and g are
+    the angles of the wheels relative to their carrier, and r and s the radii of their
+    circles. Each angle is a sum of variables of R pairs with signs.
 
     Attributes
     ----------
     factors
-        (contacts, pairs) factors of the pair variables in the sums that are constant.
+        (contacts, pairs) factors of the pair variables in these sums.
     first_factors
-        (contacts, pairs) the part of these factors that belongs to the first wheels.
+        (contacts, pairs) factors of the pair variables in sin(r) f, the part of the first
+        wheels. The rolled length of a contact decreases with this part.
     followers
         Numbers of the related pairs that are not driven.
     """
@@ -177,7 +186,8 @@ class _Relations(NamedTuple):
         for k, contact in enumerate(contacts):
             for pair, factor in contact.angle_factors().items():
                 factors[k, pair] = factor
-                if pair in contact.mesh.angle_signs[0]:
+                pairs_of_first_wheel, _ = contact.mesh.angle_signs
+                if pair in pairs_of_first_wheel:
                     first_factors[k, pair] = factor
         related = np.flatnonzero(np.any(factors, axis=0))
         followers = np.setdiff1d(related, driven).tolist()
@@ -310,6 +320,9 @@ def _find_fitting_lengths(
 def _lengths_at_zero(contact: CarriedContact, joints: Sequence[Joint]) -> list[float]:
     """Return the arc lengths (2,), rad, of the point of contact if all angles are zero.
 
+    They are measured along the circles of both wheels, from the point of each circle at
+    which the file lets the variable of the contact begin. All angles are those of R pairs.
+
     Parameters
     ----------
     contact
@@ -318,14 +331,18 @@ def _lengths_at_zero(contact: CarriedContact, joints: Sequence[Joint]) -> list[f
         The joints of all pairs of the mechanism.
     """
     # Rotations from the axes of each wheel to those of the carrier, along the R pairs
-    # between them. With each pair is the side (0 or 1) of its link nearer to the wheel. At
-    # the angle zero the frames of a pair in its two links coincide.
+    # between them. With each pair is the side (0 or 1) of its link nearer to the wheel. The
+    # frame of a pair in a link has its axes as columns, in link axes. At the angle zero the
+    # two frames coincide, so far_frame near_frame^T rotates from the nearer to the other
+    # link.
     rotations = []
     for path in contact.mesh.paths:
         rotation = np.eye(3)
         for pair, near_side in path:
             joint = revolute(joints[pair])
             frames = joint.first, joint.second
-            rotation = frames[1 - near_side] @ frames[near_side].T @ rotation
+            near_frame = frames[near_side]
+            far_frame = frames[1 - near_side]
+            rotation = far_frame @ near_frame.T @ rotation
         rotations.append(rotation)
     return find_wheel_contact(contact.wheels, rotations)

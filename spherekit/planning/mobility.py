@@ -148,10 +148,14 @@ class PebbleGame:
     def merge_bodies(self, part: set[int], into: int) -> None:
         """Replace a rigid part by one of its bodies, which has three free pebbles then.
 
-        A pebble is a degree of freedom of a body. The other bodies of the part lose their
-        pebbles, and all constraints within the part are removed. Constraints from outside
-        that point to the part point to the remaining body.
+        A pebble is a degree of freedom of a body. A constraint has taken a pebble of one of
+        its bodies, and points from this body to the other. The other bodies of the part
+        lose their pebbles, and all constraints within the part are removed. Constraints
+        from outside that point to a body of the part point to the remaining body.
         """
+        # A rigid part has three free pebbles. When they are all on one body, the other
+        # pebbles of the part are taken by constraints within the part. So no constraint
+        # that leads out of it is lost below.
         self.gather_pebbles(into, BODY_FREEDOMS)
         for body, targets in enumerate(self.constraint_targets):
             if body in part:

@@ -120,12 +120,19 @@ def _pole_as_names(plan: Plan, pole: Pole) -> list[str]:
 def _step_as_dict(plan: Plan, step: Step) -> dict[str, Any]:
     """Return a step of a plan as plain lists and dictionaries.
 
-    A step gives all poles of an irreducible part (`BlockPoles`), a pole that is the axis of
-    a pair (`PrimaryPole`), or a pole at the intersection of lines (`LinePole`). Links and
-    pairs are given by their names. `round` is the number of the pass.
+    A pole is the axis of the relative rotation of two bodies. A step gives one of these:
+
+    - a pole that is the axis or contact line of a pair (`PrimaryPole`),
+    - a pole at the intersection of two lines on the sphere, each a great circle through two
+      known poles or the contact plane of a sliding pair (`LinePole`),
+    - all poles of an irreducible part, whose poles do not follow one by one (`BlockPoles`).
+
+    Links and pairs are given by their names. A pass consists of the steps that need earlier
+    passes only. `round` is its number.
     """
     names_of = plan.mechanism.names_of
     if isinstance(step, BlockPoles):
+        # The pole from which passes would find the other poles of the part.
         opening = None if step.opening is None else _pole_as_names(plan, step.opening)
         return {
             "pass": step.round,

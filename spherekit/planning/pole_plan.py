@@ -29,17 +29,19 @@ class PrimaryPole:
     """A pole that is the axis or the contact line of a pair.
 
     A pole is the axis of the relative rotation of two bodies. Poles are found in passes, of
-    which each uses the poles of earlier ones.
+    which each uses the poles of earlier ones. Bodies that several R pairs on one line join
+    to each other all rotate about this line. It is the pole of any two of them, also of two
+    that no pair joins.
 
     Attributes
     ----------
     pole
         The two bodies.
     pair
-        Number of the pair.
+        Number of the pair, or of an R pair on the common line.
     round
-        0 if the pair joins the two bodies. Otherwise the pass in which the pole becomes
-        known, as an axis that the bodies share with coaxial R pairs.
+        0 if the pair joins the two bodies. For two bodies that only share a line, the
+        number of the pass that finds it (``pass`` is a reserved word of Python).
     """
 
     pole: Pole
@@ -48,7 +50,11 @@ class PrimaryPole:
 
     @property
     def case(self) -> str:
-        """The kind of this step in exported plans: ``coaxial`` or ``primary``."""
+        """The kind of this step in exported plans.
+
+        It is ``primary`` for the axis of a pair between the bodies, and ``coaxial`` for a
+        line that the bodies share.
+        """
         return "coaxial" if self.round else "primary"
 
 
@@ -66,7 +72,8 @@ class LinePole:
     pole
         The two bodies i and j.
     round
-        The pass in which the pole becomes known.
+        Number of the pass that finds the pole. A pass finds all poles that follow from
+        poles of earlier passes.
     via
         Third bodies k. The poles P_ik and P_jk are known and span a great circle through
         P_ij.
@@ -81,13 +88,14 @@ class LinePole:
 
     @property
     def case(self) -> str:
-        """The case in R. Di Gregorio's lecture, by the great circles through poles.
+        """The letter of the two lines that determine the pole, for exported plans.
 
-        There are two in case (a), one in case (b), and none in case (c). Contact planes
-        replace the others.
+        The letters are those of R. Di Gregorio's lecture: (a) two great circles through
+        poles, (b) one great circle and one contact plane, (c) two contact planes.
         """
         needed_circles = 1 if self.contacts else 2
-        return "cba"[min(len(self.via), needed_circles)]
+        circle_count = min(len(self.via), needed_circles)
+        return {2: "a", 1: "b", 0: "c"}[circle_count]
 
     @property
     def sources(self) -> tuple[Pole, ...]:
@@ -100,8 +108,13 @@ class BlockPoles:
     """All poles of an irreducible part with one degree of freedom, solved together.
 
     A pole is the axis of the relative rotation of two bodies. The part is irreducible if
-    its poles do not follow one by one from great circles through known poles. The rates of
-    the pairs of the part are the null vector of its loop-closure velocity equations.
+    its poles do not follow one by one from great circles through known poles. They follow
+    from the rates of its pairs, which are the null vector of its loop-closure velocity
+    equations.
+
+    If one of these poles counts as known, the opening pole, great circles give the others:
+    each pass finds the poles at which two circles through known poles intersect. The plan
+    shows this order, although all poles are computed from the rates.
 
     Attributes
     ----------
@@ -110,13 +123,14 @@ class BlockPoles:
     poles
         Its poles that were unknown before.
     round
-        The pass in which the first of them becomes known.
+        Number of the pass that solves the part and gives the opening pole.
     method
         How the part is solved, in words.
     opening
-        A pole from which passes of the Aronhold-Kennedy theorem find the others.
+        The opening pole, None if no passes were planned.
     passes
-        The steps of these passes, pass after pass.
+        One step for each pole that the passes after it find, in order. The number of the
+        pass is the `round` of the step.
     """
 
     links: tuple[int, ...]
@@ -129,7 +143,7 @@ class BlockPoles:
 
     @cached_property
     def rounds(self) -> dict[Pole, int]:
-        """The pass in which each of its poles becomes known."""
+        """The number of the pass in which each of its poles becomes known."""
         round_by_pole = {step.pole: step.round for step in self.passes}
         return {pole: round_by_pole.get(pole, self.round) for pole in self.poles}
 
@@ -341,18 +355,20 @@ def table_cells(plan: Plan) -> list[list[str]]:
 
     The table has a row and a column for each body. The pole of two bodies is the axis of
     their relative rotation. A primary pole, which is the axis or contact line of a pair,
-    has an x, another one the Roman number of the pass that finds it. A star marks poles
-    that follow from the velocity equations of an irreducible part. Poles outside the plan
-    are empty.
+    has an x, another one the Roman number of the pass that finds it. A pass finds all poles
+    that follow from earlier ones as intersections of great circles. A part is irreducible
+    if its poles do not follow in this way. A star marks poles that its velocity equations
+    give. Poles outside the plan are empty.
     """
-    # Poles of irreducible parts that become known with the part itself, and not in one of
-    # its later passes.
+    # `rounds` has the numbers of the passes by pole. Those poles of an irreducible part are
+    # starred that the pass which solves the part gives, and not a later pass.
     starred_poles = set()
     for block in plan.blocks:
         for pole, round_number in block.rounds.items():
             if round_number == block.round:
                 starred_poles.add(pole)
     mark_by_pole = {}
+    # The Roman numeral of pass 0, that of primary poles, is empty.
     for pole, round_number in plan.rounds.items():
         mark = roman_numeral(round_number) or PRIMARY_MARK
         mark_by_pole[pole] = mark + "*" if pole in starred_poles else mark

@@ -131,9 +131,10 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
     """Return the plan with only those steps from which the requested poles follow.
 
     A pole P_ij (the axis of the relative rotation of two bodies) lies on lines: the great
-    circles through P_ik and P_jk for third bodies k, and contact planes. For each pole the
-    two lines that need the fewest other poles are kept, and every further line whose poles
-    are in the plan anyway.
+    circles through P_ik and P_jk for third bodies k, and contact planes. Two lines
+    determine it. The two that need the fewest other poles are kept. Further lines are kept
+    if the plan contains their poles for other reasons, because a better-conditioned
+    intersection can then be chosen.
 
     Parameters
     ----------
@@ -155,6 +156,8 @@ def prune_plan(whole_plan: Plan, requested: Sequence[Pole]) -> Plan:
     # Keep the steps that give needed poles, and only their lines through needed poles.
     steps: list[Step] = []
     for step in whole_plan.steps:
+        # All poles of an irreducible part are computed in one step. Its `passes` only state
+        # how they follow from one of them, and become fewer with the poles.
         if isinstance(step, BlockPoles):
             needed_of_block = tuple(pole for pole in step.poles if pole in needed_poles)
             if needed_of_block:
@@ -193,7 +196,8 @@ def _choose_sources(whole_plan: Plan) -> dict[Pole, Iterable[Pole]]:
     ancestors: dict[Pole, frozenset[Pole]] = {}
     sources_by_pole: dict[Pole, Iterable[Pole]] = {}
     for step in whole_plan.steps:
-        # The poles of an irreducible part follow from its pairs.
+        # The poles of an irreducible part follow from its pairs only. Whatever its size,
+        # each of its poles counts as one.
         if isinstance(step, BlockPoles):
             primary_poles = [pole_of(*whole_plan.ends[pair]) for pair in step.pairs]
             for pole in step.poles:

@@ -41,7 +41,7 @@ others is more often the best one, and planning of large parts takes longer.
 
 
 class KnownPoles:
-    """The poles of a chain of bodies that are known at some pass.
+    """The poles of bodies that are known at some pass.
 
     A pole is the axis of the relative rotation of two bodies. Poles are found in passes, of
     which each uses the poles of earlier ones.
@@ -77,26 +77,26 @@ class KnownPoles:
         return self.partners[i] & self.partners[j]
 
 
-def find_all_steps(chain: Plan, pebble_game: PebbleGame | None) -> list[Step]:
-    """Return the steps that give all poles of a chain.
+def find_all_steps(empty_plan: Plan, pebble_game: PebbleGame | None) -> list[Step]:
+    """Return the steps that give all poles of a mechanism.
 
     A pole is the axis of the relative rotation of two bodies. First come the primary poles,
     which are axes and contact lines of pairs. Each pass then adds the poles that lie on two
-    lines given by earlier poles. If there are none, a part of the chain is solved from its
-    velocity equations.
+    lines given by earlier poles. If there are none, a part of the mechanism is solved from
+    its velocity equations.
 
     Parameters
     ----------
-    chain
+    empty_plan
         A plan without steps: the mechanism, the moving input, and the bodies.
     pebble_game
         The pebble game on the bodies. None if counting does not decide about the mobility.
     """
     steps: list[Step] = []
-    known_poles = KnownPoles([] for _ in chain.mechanism.links)
+    known_poles = KnownPoles([] for _ in empty_plan.mechanism.links)
     contacts_by_pole: dict[Pole, list[int]] = {}
     for number, (pair, (a, b)) in enumerate(
-        zip(chain.mechanism.pairs, chain.ends, strict=True)
+        zip(empty_plan.mechanism.pairs, empty_plan.ends, strict=True)
     ):
         if a == b:
             continue
@@ -109,7 +109,7 @@ def find_all_steps(chain: Plan, pebble_game: PebbleGame | None) -> list[Step]:
             steps.append(primary_pole)
             known_poles.add(primary_pole)
 
-    unknown_poles = known_poles.unknown_of(combinations(chain.bodies, 2))
+    unknown_poles = known_poles.unknown_of(combinations(empty_plan.bodies, 2))
     # The smallest part with one degree of freedom that contains a pole, once it was found.
     part_by_pole: dict[Pole, set[int]] = {}
     round_number = 0  # number of the pass
@@ -117,20 +117,20 @@ def find_all_steps(chain: Plan, pebble_game: PebbleGame | None) -> list[Step]:
         round_number += 1
         new_steps: list[Step] = []
         for pole in unknown_poles:
-            shared_axis_pair = _pair_of_common_axis(chain, pole)
+            shared_axis_pair = _pair_of_common_axis(empty_plan, pole)
             if shared_axis_pair is not None:
                 new_steps.append(PrimaryPole(pole, shared_axis_pair, round_number))
             else:
                 new_steps += _find_line_poles(
-                    chain, contacts_by_pole, known_poles, [pole], round_number
+                    empty_plan, contacts_by_pole, known_poles, [pole], round_number
                 )
         if not new_steps:
             # The pass finds nothing: solve a part from its velocity equations.
             block = _find_smallest_block(
-                chain, pebble_game, part_by_pole, unknown_poles, round_number
+                empty_plan, pebble_game, part_by_pole, unknown_poles, round_number
             )
             if pebble_game is not None:
-                block = _choose_opening(chain, contacts_by_pole, known_poles, block)
+                block = _choose_opening(empty_plan, contacts_by_pole, known_poles, block)
             new_steps = [block]
             round_number = block.last
         # The poles of a pass count as known only after the pass.
@@ -141,16 +141,16 @@ def find_all_steps(chain: Plan, pebble_game: PebbleGame | None) -> list[Step]:
     return steps
 
 
-def _pair_of_common_axis(chain: Plan, pole: Pole) -> int | None:
+def _pair_of_common_axis(empty_plan: Plan, pole: Pole) -> int | None:
     """Return an R pair about the common axis of both bodies of a pole, or None."""
-    for bodies, pair in chain.coaxial:
+    for bodies, pair in empty_plan.coaxial:
         if bodies.issuperset(pole):
             return pair
     return None
 
 
 def _find_line_poles(
-    chain: Plan,
+    empty_plan: Plan,
     contacts_by_pole: dict[Pole, list[int]],
     known_poles: KnownPoles,
     poles: Iterable[Pole],
@@ -160,12 +160,13 @@ def _find_line_poles(
 
     A pole P_ij is the axis of the relative rotation of the bodies i and j. Its lines are
     the great circles through P_ik and P_jk for third bodies k, and the contact planes of
-    sliding pairs between i and j. Two lines determine the pole.
+    sliding pairs between i and j. Two lines determine the pole. The step lists all of them:
+    which two intersect best depends on the configuration.
 
     Parameters
     ----------
-    chain
-        The plan without steps.
+    empty_plan
+        The mechanism with its bodies and the moving input, as a plan without steps.
     contacts_by_pole
         Numbers of the sliding pairs that join the bodies of a pole.
     known_poles
@@ -177,10 +178,11 @@ def _find_line_poles(
     """
     steps = []
     for pole in poles:
-        # Third bodies can give the same great circle, which then counts once.
+        # Third bodies that rotate about a common axis (`coaxial`) with body i or j give the
+        # same great circle, which then counts once.
         third_bodies = known_poles.third_bodies(pole)
         contacts = tuple(contacts_by_pole.get(pole, ()))
-        circles = group_by_circle(third_bodies, pole, chain.coaxial)
+        circles = group_by_circle(third_bodies, pole, empty_plan.coaxial)
         if len(circles) + len(contacts) >= 2:
             step = LinePole(
                 pole,
@@ -228,7 +230,7 @@ def group_by_circle(
 
 
 def _find_smallest_block(
-    chain: Plan,
+    empty_plan: Plan,
     pebble_game: PebbleGame | None,
     part_by_pole: dict[Pole, set[int]],
     unknown_poles: Sequence[Pole],
@@ -236,16 +238,18 @@ def _find_smallest_block(
 ) -> BlockPoles:
     """Return the smallest part with one degree of freedom that contains an unknown pole.
 
-    A part is a set of bodies and the pairs between them. It contains the pole of any two of
-    its bodies, which is the axis of their relative rotation.
+    A part is a set of bodies and the pairs between them, called a block once its poles are
+    to be computed together. It contains the pole of any two of its bodies, which is the
+    axis of their relative rotation.
 
     Parameters
     ----------
-    chain
-        The plan without steps.
+    empty_plan
+        The mechanism with its bodies and the moving input, as a plan without steps.
     pebble_game
-        Counts the degrees of freedom of all parts. If it is None, the part is the whole
-        chain.
+        Counts the degrees of freedom: each body owns three, its pebbles. A constraint takes
+        a pebble of one of its two bodies and points to the other. If the game is None, the
+        part is the whole mechanism.
     part_by_pole
         The bodies of the smallest part for each pole that was examined. Results are added,
         so that later calls need not find them again.
@@ -256,14 +260,18 @@ def _find_smallest_block(
     """
     for pole in unknown_poles:
         if pebble_game is None:
-            part_by_pole[pole] = set(chain.bodies)
+            part_by_pole[pole] = set(empty_plan.bodies)
         elif pole not in part_by_pole:
-            # The sets with one degree of freedom that contain both bodies are closed under
-            # intersection, so the reachable bodies are the smallest.
+            # Unless both bodies are in a rigid part, this gathers four free pebbles on
+            # them: three of a rigid motion, and one of their relative motion. Constraints
+            # that start in the set of bodies reachable from them end in it, and have taken
+            # its other pebbles. So the set has one degree of freedom. It is the smallest:
+            # sets with one degree of freedom and both bodies are closed under intersection.
             rigid_part = pebble_game.find_rigid_part(*pole)
             part_by_pole[pole] = rigid_part or pebble_game.reachable_bodies(pole)
     part = min((part_by_pole[pole] for pole in unknown_poles), key=len)
-    pairs = [n for n, (a, b) in enumerate(chain.ends) if a != b and {a, b} <= part]
+    # The pairs between different bodies of the part. Locked inputs join links of one body.
+    pairs = [n for n, (a, b) in enumerate(empty_plan.ends) if a != b and {a, b} <= part]
     return BlockPoles(
         links=tuple(sorted(part)),
         pairs=tuple(pairs),
@@ -273,7 +281,7 @@ def _find_smallest_block(
 
 
 def _choose_opening(
-    chain: Plan,
+    empty_plan: Plan,
     contacts_by_pole: dict[Pole, list[int]],
     known_poles: KnownPoles,
     block: BlockPoles,
@@ -281,15 +289,16 @@ def _choose_opening(
     """Return a part with the opening pole from which passes find the most other poles.
 
     A pole is the axis of the relative rotation of two bodies. The part is solved from its
-    velocity equations, which give all its poles. The opening pole and the passes show how
-    they also follow from each other as intersections of great circles: each pass finds the
-    poles that lie on two lines through known poles. If several opening poles lead to
-    equally many others, the one that needs the fewest passes is chosen.
+    velocity equations, which give all its poles. If one of them, the opening pole, counts
+    as known, the others usually follow as intersections of great circles: each pass finds
+    the poles that lie on two lines through known poles. The plan reports this order, which
+    the numbers do not use. If several opening poles lead to equally many others, the one
+    that needs the fewest passes is chosen.
 
     Parameters
     ----------
-    chain
-        The plan without steps.
+    empty_plan
+        The mechanism with its bodies and the moving input, as a plan without steps.
     contacts_by_pole
         Numbers of the sliding pairs that join the bodies of a pole.
     known_poles
@@ -299,28 +308,34 @@ def _choose_opening(
     """
 
     def open_at(pole: Pole) -> BlockPoles:
-        """Return the part with the passes that follow from one of its poles."""
+        """Return the part with the passes that follow if one of its poles is known.
+
+        A pass finds all unknown poles of the part that are the intersection of two great
+        circles through known poles. It has a step for each of them.
+        """
         poles_after_opening = known_poles.copy()
-        passes: list[LinePole] = []
-        # The opening pole counts as known. Then pass after pass is added.
-        steps = [LinePole(pole, block.round, via=())]
-        while steps:
-            for step in steps:
+        steps_of_all_passes: list[LinePole] = []
+        # The first step stands for the opening pole, which is known without lines.
+        steps_of_pass = [LinePole(pole, block.round, via=())]
+        while steps_of_pass:
+            for step in steps_of_pass:
                 poles_after_opening.add(step)
             unknown_poles = poles_after_opening.unknown_of(block.poles)
-            next_round = steps[0].round + 1
-            steps = _find_line_poles(
-                chain,
+            next_round = steps_of_pass[0].round + 1
+            steps_of_pass = _find_line_poles(
+                empty_plan,
                 contacts_by_pole,
                 known_poles=poles_after_opening,
                 poles=unknown_poles,
                 round_number=next_round,
             )
-            passes += steps
-        return replace(block, opening=pole, passes=tuple(passes))
+            steps_of_all_passes += steps_of_pass
+        return replace(block, opening=pole, passes=tuple(steps_of_all_passes))
 
     def poles_left_and_passes(opened: BlockPoles) -> tuple[int, int]:
         """Return the numbers of poles that passes do not find, and of passes."""
+        # `passes` has one step for each pole besides the opening one, and `last` is the
+        # number of the last pass.
         poles_left = len(block.poles) - 1 - len(opened.passes)
         # If poles are left, they need a further pass.
         return poles_left, opened.last + (poles_left > 0)

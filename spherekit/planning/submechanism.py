@@ -23,8 +23,9 @@ def moving_pairs(
 ) -> tuple[int, ...]:
     """Return the pairs by which some links move relative to each other, rising.
 
-    These are the pairs of the groups that place the links, and the inputs on which these
-    groups and the links depend. No other pair moves the links relative to each other.
+    With locked inputs, a mechanism consists of groups: sets of bodies that become one rigid
+    body when all their pairs are closed. The result are the pairs of those groups on which
+    the relative position of the links depends, and the inputs on which it depends.
 
     Parameters
     ----------
@@ -37,8 +38,9 @@ def moving_pairs(
     """
     requested_links = frozenset(links)
     needed_groups = placing_groups(mechanism, assembly, requested_links)
-    # An input is needed if the links are no rigid body without it, while the others are
-    # locked and the groups are closed.
+    # With all inputs locked and these groups closed, the links are one rigid body. An input
+    # is not needed if they still are when it is not locked. Inputs are left out one after
+    # another, so that of two that could replace each other one remains.
     needed_inputs = list(assembly.inputs)
     for pair in assembly.inputs:
         remaining_inputs = [needed for needed in needed_inputs if needed != pair]
@@ -96,9 +98,9 @@ def _are_one_body(
     inputs
         Numbers of the driven pairs that are locked.
     groups
-        Groups in solving order. A group is a set of bodies that become one rigid body when
-        all its pairs are closed. `group.bodies` are sets of links, each of which must be
-        rigid before the group is closed.
+        Groups in solving order. A group consists of bodies, each a set of links that is
+        rigid before the group is closed. When all its pairs are closed, its bodies become
+        one rigid body.
     links
         Numbers of the links that have to end in one body.
 
@@ -110,8 +112,9 @@ def _are_one_body(
     # For each link the label of its rigid body, at first of those that inputs join.
     label_of_link = list(merge_locked_links(mechanism, inputs))
     for group in groups:
-        # The links that pairs of the group join, in each body of the group. If those of one
-        # body have several labels, they are not rigid yet.
+        # Only links at which a pair of the group ends matter in its bodies. If such links
+        # of one body have several labels, they are not rigid yet, so that the group cannot
+        # be closed.
         end_links: set[int] = set()
         for pair in group.pairs:
             end_links.update(mechanism.ends[pair])

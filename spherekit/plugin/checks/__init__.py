@@ -26,19 +26,29 @@ def conformance(
 ) -> Report:
     """Check that an analysis keeps to the contract of plugins.
 
-    Each line of the report is one check: `installed` (the entry point), `metadata`,
-    `needs` (of the right types, and always the same), `runs`, `reads` (nothing that was not
-    declared), `inputs` (left as they were), `tables` (as declared), `findings`, `blocks`
-    (rows do not depend on them), `failed rows` (NaN stays in its row), `rotation` and
-    `names` (the mechanism turned as a whole, its links renamed and renumbered), `scene`
-    (in the viewer's strict mode).
+    Each line of the report is one check:
+
+    - `installed`: an entry point of a distribution leads to the class.
+    - `metadata`: the class has a name, a version, a summary and a docstring.
+    - `needs`: declared needs have the right types and are always the same.
+    - `runs`: the analysis can be computed.
+    - `reads`: it reads no data that it did not declare.
+    - `inputs`: it leaves its input arrays as they were.
+    - `tables`: its tables have the declared columns.
+    - `findings`: its findings are valid.
+    - `blocks`: rows do not depend on the blocks into which samples are divided.
+    - `failed rows`: NaN stays in its row.
+    - `rotation`: results agree if the whole mechanism is rotated.
+    - `names`: results agree if links are renamed and renumbered.
+    - `scene`: the viewer accepts the scene in its strict mode.
 
     Parameters
     ----------
     analysis
-        The class; an object, where parameters have to be given; or, if it is installed, its
-        name as the command takes it, such as ``"poles:only=31"``. Parameters that are the
-        name of a link, or a pole as in ``"4/1"``, are renamed with it.
+        The class; an object, if parameters have to be given; or, if it is installed, its
+        name as the command takes it, such as ``"poles:only=31"``. When the check `names`
+        renames links, it also renames parameters that name a link, or a pole by its two
+        links (``"4/1"``).
     mechanisms
         Mechanisms, or their names or files. A mechanism that the analysis refuses by an
         error of spherekit is left out, unless it refuses all of them.
