@@ -259,7 +259,7 @@ def _follow_both_senses(
         return []
     start = _ArcNodes.concatenate(starts)
     periods = variable_periods(closure)
-    # The same nodes with reversed tangents. Their equations and distances are computed anew.
+    # The same nodes with reversed tangents. Their equations are computed anew.
     reversed_start = replace(start.plain, tangents=-start.tangents)
     backward_start = _ArcNodes.from_points(
         closure.linearise(start.values), reversed_start, limits

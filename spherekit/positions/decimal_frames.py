@@ -122,9 +122,9 @@ def _frames_from_sizes(
             name: np.asarray(axis, dtype=quad())
             for name, axis in axes_from_sizes(exact_sizes).items()
         }
-    # The number "zero" of a pair in the file is an angle from the x axis of its first frame.
-    # If the x axis of the second frame is there, the variable is zero. The first frame is
-    # therefore rotated by this angle.
+    # The number "zero" of a pair in the file is an angle from the x axis of its first
+    # frame. If the x axis of the second frame is there, the variable is zero. The first
+    # frame is therefore rotated by this angle.
     zeros = _angles_of_pairs(document, "zero")
     frames: dict[int, Frames] = {}
     for number, pair in enumerate(mechanism.pairs):
