@@ -46,10 +46,13 @@ def make_mode_coalescence(
 
     An assembly mode is one of the ways in which the mechanism can be put together at an
     input. Two modes meet at an input where their configurations coincide. There is one
-    function of the input for each group of links: the product of the determinants of its
-    equations in all modes, complex ones included. The functions are known for mechanisms
-    with one input whose groups are trains of wheels, dyads and triads, or a single group of
-    three loops.
+    function of the input for each group (links that are placed together): the product, over
+    all modes with complex ones, of the determinant of its equations. On one side of a
+    meeting both modes are real, and their determinants have opposite signs. On the other
+    side both are conjugate complex, and the product of their determinants is positive.
+
+    The functions are known for mechanisms with one input whose groups are trains of wheels,
+    dyads and triads, or a single group of three loops.
 
     Parameters
     ----------
@@ -64,6 +67,7 @@ def make_mode_coalescence(
     """
     groups = solver.assembly.groups
     # Elimination orders of each group but trains of wheels: ways to solve its equations.
+    # `COSTS_S` has the numbers of loops for which they are known.
     orders_by_group = []
     for position, group in enumerate(groups):
         if position not in solver.wheel_trains:
@@ -75,7 +79,8 @@ def make_mode_coalescence(
     mode_count = prod(orders[0].root_count for orders in orders_by_group)
     if mode_count > MAX_COMPLEX_MODES:
         return None
-    # One binary link is removed for each loop of a group.
+    # One binary link is removed for each loop of a group. A group of three loops beside
+    # others would have to be solved in each mode of the others, which takes too long.
     max_loops = max((len(orders[0].removed_links) for orders in orders_by_group), default=0)
     takes_too_long = len(groups) > 1 or COSTS_S.get(max_loops, 0.0) > max_cost_s
     if max_loops > MAX_LOOPS_IN_CHAIN and takes_too_long:
@@ -106,10 +111,13 @@ class ModeCoalescence:
     def __init__(self, solver: PositionSolver) -> None:
         """Choose an elimination order for each group, and find on which groups it depends.
 
-        A group is a set of bodies that are placed together. Its elimination order states in
-        which order the unknown angles are eliminated from its equations. The first order
-        whose determinants are finite at some test inputs is used. The position of a group,
-        and so its determinants, may differ between the modes of earlier groups.
+        A group is a set of bodies that are placed together, by equations for the unknown
+        angles. Its elimination order states in which order the angles are eliminated. A
+        mode is one solution of the equations, and has a determinant: that of their
+        derivatives by the angles. The first order whose determinants are finite at some
+        test inputs is used. If there is none, the last one is used, and the functions are
+        NaN. The position of a group, and so its determinants, may differ between the modes
+        of earlier groups.
         """
         self.solver = solver
         self.groups = solver.assembly.groups
@@ -133,12 +141,15 @@ class ModeCoalescence:
                 if all_finite(determinants):
                     break
             self._dependences[position] = self._find_dependence(position, determinants)
-        # Each group is solved once in each mode of the groups on which it depends.
+        # Approximate time (s) of one value of all functions. Each group is solved once in
+        # each mode of the groups on which it depends. A train of wheels with a number of
+        # loops that is not in the table counts as two loops.
         self.cost = sum(
             COSTS_S.get(group.loops, COSTS_S[2]) * prod(map(self._count_modes, dependence))
             for group, dependence in zip(self.groups, self._dependences, strict=True)
         )
-        # A last entry for `configurations`, which places all groups in all modes.
+        # The method `configurations` places all groups. For it the number of groups is the
+        # position of a group behind the last one, which depends on the modes of all.
         self._dependences.append(all_groups)
 
     def _count_modes(self, position: int) -> int:
@@ -190,18 +201,22 @@ class ModeCoalescence:
         """
         with np.errstate(all="ignore"):
             # Place all links in all complex modes, at a single sample of the inputs.
-            within = self._place_links(len(self.groups), q[None])
+            body_from_link = self._place_links(len(self.groups), q[None])
             pairs = range(len(self.solver.joints))
-            first_frames, second_frames = self._pair_frames(pairs, within)
-            # The x axis of the second frame has the components cos(angle) and sin(angle) in
-            # the first frame, so x . x2 + i y . x2 is exp(i angle). Complex axes are
-            # multiplied without conjugation.
+            first_frames, second_frames = self._pair_frames(pairs, body_from_link)
+            # (pairs, modes, 3, 3) frames of each pair in common axes. The x axis x2 of the
+            # second frame has the components cos(angle) and sin(angle) in the first frame,
+            # so x . x2 + i y . x2 is exp(i angle). Complex axes are multiplied without
+            # conjugation.
             x_and_iy = first_frames[..., 0] + 1j * first_frames[..., 1]
             exponentials = np.sum(x_and_iy * second_frames[..., 0], axis=-1)
             return -1j * np.log(exponentials).T
 
     def _compute_determinants(self, position: int, q: Floats) -> Complexes:
         """Return the determinants of a group's equations in all complex modes.
+
+        A mode is one real or complex solution of the equations. Its determinant is that of
+        the derivatives of the equations by the unknown angles.
 
         Parameters
         ----------
@@ -213,17 +228,20 @@ class ModeCoalescence:
         Returns
         -------
         (n, modes) determinants. The modes are those of the group, for each mode of the
-        earlier groups on which it depends. 1 for trains of wheels.
+        earlier groups on which it depends. The determinant is 1 for a train of wheels,
+        which has a single solution.
         """
+        # The order in which the angles are eliminated; None for a train of wheels.
         order = self._orders[position]
         group = self.groups[position]
         with np.errstate(all="ignore"):
-            # Rotations of the links in all modes of the earlier groups: (n, modes, 3, 3).
-            within = self._place_links(position, q)
+            # Rotations of the links in all modes of the earlier groups: (n, modes, 3, 3)
+            # for each link.
+            body_from_link = self._place_links(position, q)
             if order is None:
-                mode_count = within[0].shape[1]
+                mode_count = body_from_link[0].shape[1]
                 return np.ones((len(q), mode_count), dtype=complex)
-            geometry = GroupGeometry(group, self._pair_frames(group.pairs, within))
+            geometry = GroupGeometry(group, self._pair_frames(group.pairs, body_from_link))
             _, determinants = geometry.solve_equations(order)
             return determinants.reshape(len(q), -1)
 
@@ -245,11 +263,12 @@ class ModeCoalescence:
 
         Returns
         -------
-        For each link the rotation (n, modes, 3, 3) from its axes to those of its body.
+        For each link the rotation (n, modes, 3, 3) from its axes to those of its body. It
+        is complex in a complex mode.
         """
         state = self.solver.start(q)
         ends = self.solver.mechanism.ends
-        within = [
+        body_from_link = [
             state.body_from_link[link][:, None].astype(complex)
             for link in sorted(state.body_from_link)
         ]
@@ -262,74 +281,94 @@ class ModeCoalescence:
             if order is None:
                 rotations = place_train_bodies(
                     group,
-                    within=within,
+                    within=body_from_link,
                     ends=ends,
                     joints=self.solver.joints,
                     angles=train_angles,
                 )
             else:
-                geometry = GroupGeometry(group, self._pair_frames(group.pairs, within))
+                geometry = GroupGeometry(
+                    group, self._pair_frames(group.pairs, body_from_link)
+                )
                 tree_angles, _ = geometry.solve_equations(order)
                 placed = geometry.place_bodies(order, tree_angles)
-                # Axes: input, mode of all groups so far, body, row, column.
+                # From (n * modes before, modes of the group, bodies, 3, 3) to
+                # (n, modes so far, bodies, 3, 3).
                 placed = placed.reshape(len(q), -1, *placed.shape[2:])
                 rotations = [placed[:, :, body] for body in range(placed.shape[2])]
                 # Each earlier mode is followed by as many modes of this group.
-                within = [np.repeat(rotation, mode_count, axis=1) for rotation in within]
+                body_from_link = [
+                    np.repeat(rotation, mode_count, axis=1) for rotation in body_from_link
+                ]
             for rotation, links in zip(rotations, group.bodies, strict=True):
                 for link in links:
-                    within[link] = rotation @ within[link]
+                    body_from_link[link] = rotation @ body_from_link[link]
+            # The modes of the group follow one another for each earlier mode. If the group
+            # for which the links are placed does not depend on them, the first one is kept.
             if position not in self._dependences[group_count]:
-                # One mode of this group stands for all.
-                within = [rotation[:, ::mode_count] for rotation in within]
-        return within
+                body_from_link = [rotation[:, ::mode_count] for rotation in body_from_link]
+        return body_from_link
 
-    def _pair_frames(self, pairs: Iterable[int], within: Sequence[Complexes]) -> Complexes:
+    def _pair_frames(
+        self, pairs: Iterable[int], body_from_link: Sequence[Complexes]
+    ) -> Complexes:
         """Return the frames of pairs in both their bodies.
+
+        A body is a set of links whose relative orientations are known. The numbers are
+        complex, because links may be placed in complex modes.
 
         Parameters
         ----------
         pairs
             Numbers of the pairs.
-        within
+        body_from_link
             For each link the rotation (n, modes, 3, 3) from its axes to those of its body.
 
         Returns
         -------
-        (2, pairs, n modes, 3, 3) frames in the first [0] and in the second [1] body.
+        (2, pairs, n * modes, 3, 3) frames in the first [0] and in the second [1] body.
         """
+        # For each pair its two frames (n, modes, 3, 3).
         frames = []
         for pair in pairs:
             joint = revolute(self.solver.joints[pair])
             first_link, second_link = self.solver.mechanism.ends[pair]
             frames.append(
-                (within[first_link] @ joint.first, within[second_link] @ joint.second)
+                (
+                    body_from_link[first_link] @ joint.first,
+                    body_from_link[second_link] @ joint.second,
+                )
             )
-        return np.swapaxes(np.reshape(frames, (len(frames), 2, -1, 3, 3)), 0, 1)
+        # Inputs and modes become one axis, and the axis of both frames comes first.
+        frames_by_pair = np.reshape(frames, (len(frames), 2, -1, 3, 3))
+        return np.swapaxes(frames_by_pair, 0, 1)
 
     def _find_dependence(self, position: int, determinants: Complexes) -> frozenset[int]:
         """Return the positions of the earlier groups on whose modes a group depends.
 
         A group is a set of bodies that are placed together, and a mode of it is one
-        solution of its equations. A group depends on the modes of an earlier group if its
-        determinants differ between them.
+        solution of its equations, with the determinant of their derivatives by the unknown
+        angles. A group depends on the modes of an earlier group if its determinants differ
+        between them.
 
         Parameters
         ----------
         position
             Position of the group in solving order.
         determinants
-            (test inputs, modes) its determinants in all modes of the earlier groups.
+            (test inputs, modes) its determinants: for each mode of the earlier groups those
+            in all modes of the group itself.
         """
         counts = [self._count_modes(number) for number in range(position + 1)]
-        # Axes: test input, mode of each earlier group. The modes of the group itself are
-        # multiplied, because their order can differ from mode to mode.
+        # The determinants have the axes test input, mode of each earlier group, mode of the
+        # group itself. The modes of the last axis are multiplied, because their order can
+        # differ between modes of the earlier groups.
         products = np.prod(determinants.reshape(len(TEST_INPUTS_RAD), *counts), axis=-1)
         dependence = set()
         for earlier in range(position):
             if counts[earlier] > 1:
                 differences = np.diff(products, axis=1 + earlier)
-                # The negation makes NaN a dependence.
+                # The negated comparison is also true for NaN, which counts as a dependence.
                 limit = SAME_DETERMINANT_RATIO * max_abs(products)
                 if not max_abs(differences) < limit:
                     dependence.add(earlier)

@@ -177,8 +177,9 @@ class ModeMeeting:
         input_pair
             Name of the input pair.
         passed
-            Whether modes follow their smooth curves through crossings (crossings "pass"),
-            and do not keep their signs (crossings "end").
+            Whether assembly modes follow their smooth curves through crossings (crossings
+            "pass"). Otherwise (crossings "end") a mode keeps the signs of its dyads, and
+            the smooth curve through a crossing can lead to a mode with other signs.
         """
         # Modes that meet at one configuration, such as "0 and 1". Each set occurs once.
         meeting_modes = [
@@ -194,6 +195,7 @@ class ModeMeeting:
             return f"{event}; which of them continue each other is not known"
         if passed:
             return f"{event}; each follows its smooth curve through it"
+        # Without successors no smooth curve changes to another mode.
         if not self.successors:
             return f"{event}; each stays on its smooth curve"
         changes = listing(
@@ -386,24 +388,28 @@ def follow_smooth_curves(
     """Return assembly modes that follow smooth curves through all crossings.
 
     An assembly mode has constant signs of its dyads. Where curves of two modes cross, the
-    smooth curve on which a mode lies belongs to the other mode afterwards.
+    smooth curve of a mode belongs to the other mode afterwards. A smooth curve is therefore
+    composed of pieces of several modes, and gets the number of one of them.
 
     Parameters
     ----------
     assembly_modes
         All modes over the range of the input.
     meetings
-        The meetings of these modes, at rising inputs, all resolved.
+        The inputs at which curves cross, rising. For each of them it must be known which
+        modes continue each other (`resolved`).
     start
-        The input (rad) at which each smooth curve gets the number of the mode that lies on
-        it.
+        The input (rad) that decides about numbers: each smooth curve gets the number of the
+        mode to which it belongs there.
 
     Returns
     -------
     Modes with the numbers and labels of `assembly_modes`. A mode that changes has `pieces`:
-    the mode that lies on its curve between each two meetings. A mode is left out if another
-    mode changes to its number, and if it has no configuration between the meetings around
-    `start`.
+    the mode that lies on its curve between each two meetings.
+
+    A mode that begins at a meeting, where the curve of another mode continues in it, has no
+    configuration at `start`. It is left out, because its configurations belong to the curve
+    of the other mode.
     """
     mode_by_number = {mode.number: mode for mode in assembly_modes}
     # The meetings divide the range into intervals, one more than there are meetings.
@@ -417,7 +423,8 @@ def follow_smooth_curves(
         # the interval of `start`, and is extended upwards, then downwards. At each meeting,
         # `successors` and `predecessors` map the modes that change to their new numbers.
         numbers = [mode.number]
-        is_claimed = False  # whether another mode changes to the number of this one
+        # Whether the curve of another mode continues in this mode at a meeting.
+        is_claimed = False
         for meeting in meetings[first:]:
             is_claimed |= _is_claimed_by_another(numbers[-1], meeting.successors)
             numbers.append(meeting.successors.get(numbers[-1], numbers[-1]))

@@ -112,7 +112,8 @@ class ModeCurve:
         values
             (n, variables) interpolated variables (rad).
         spread
-            (n,) largest difference of a variable between the two nodes around q (rad).
+            (n,) largest difference of a variable between the two nodes around q (rad). The
+            error of the interpolated values is judged in comparison with it.
         """
         if len(self.inputs) == 1:
             return np.repeat(self.values, len(q), axis=0), np.zeros(len(q))
@@ -146,6 +147,9 @@ class ModeCurve:
 class ModeOverGrid(NamedTuple):
     """An assembly mode at the n samples of an input grid.
 
+    It replaces the prediction of the mode from a curve (`ModeCurve`): configurations at the
+    samples are known exactly, and no other inputs can be predicted.
+
     Attributes
     ----------
     values
@@ -160,10 +164,16 @@ class ModeOverGrid(NamedTuple):
     def predict(self, q: Floats, rows: Indices | None) -> ModePrediction:
         """Return the configurations at samples, by their numbers `rows` (m,).
 
-        The inputs `q` (m, inputs) of the samples do not matter.
+        The inputs `q` (m, inputs) of the samples do not matter. `rows` is None for inputs
+        that are no samples, at which only a `ModeCurve` has a prediction.
         """
         assert rows is not None
-        return ModePrediction(self.values[rows], np.zeros(len(q)), self.status[rows])
+        return ModePrediction(
+            values=self.values[rows],
+            # The values are exact.
+            spread=np.zeros(len(q)),
+            status=self.status[rows],
+        )
 
 
 def follow_each(
@@ -217,6 +227,9 @@ def _follow_from_dead_centre(
 ) -> ModeCurve:
     """Return the assembly mode through a dead centre, by a curve that leaves it.
 
+    At a dead centre the input is stationary on the curve of configurations. Derivatives by
+    the input are infinite there, so the mode is followed from a point near it.
+
     Parameters
     ----------
     closure
@@ -235,13 +248,14 @@ def _follow_from_dead_centre(
     the dead centre itself.
     """
     # (k, variables) points near the dead centre, one on each branch of a curve through it.
-    # The input has to change from the dead centre to the point, by more than this angle
-    # (rad). The constant is used here as an angle, and as a ratio elsewhere.
+    # On a curve along which the input rests, it changes by rounding errors only. The
+    # constant, a ratio elsewhere, is used here as an angle in rad.
     points = find_outgoing_points(closure, values)
     input_changes = points[:, driven] - values[driven]
     points = points[np.abs(input_changes) > DEAD_CENTRE_RATIO]
-    # Points with larger values of the first variables come first. Any definite order that
-    # does not depend on rounding gives the same mode in each run.
+    # Points with larger values of the first variables come first, after rounding. The
+    # first curve that comes back to the dead centre is returned. The order makes it the
+    # same one in each run, whatever the rounding errors are.
     ordered = sorted(points, key=lambda point: tuple(np.round(values - point, 6)))
     # The last start is the dead centre itself. Its derivatives by the input are infinite or
     # inaccurate, so its curve is the result only if no other one reaches the dead centre.
@@ -249,20 +263,19 @@ def _follow_from_dead_centre(
     curves = _follow_from_nodes(closure, driven, starts=starts, low=low, high=high)
     tried_steps = sum(curve.tried_steps for curve in curves)
     for curve in curves[:-1]:
-        for end in (0, -1):
-            difference = curve.values[end] - values
+        # The node at an end of the curve, and the index at which the dead centre would be
+        # inserted: before the first node, or behind the last one.
+        for end_node, insertion_index in ((0, 0), (-1, len(curve.inputs))):
+            difference = curve.values[end_node] - values
             input_difference = difference[driven]
             if input_difference and max_abs(difference) < DEAD_CENTRE_END_RAD:
-                # Insert the dead centre before the first of n nodes (end 0: index 0), or
-                # behind the last one (end -1: index n). Its slope by the input is infinite.
-                # The slope of the straight line from the dead centre to the node is used
-                # instead.
-                index = end % (len(curve.inputs) + 1)
+                # The slope of the dead centre by the input is infinite. The slope of the
+                # straight line from the dead centre to the node is used instead.
                 slope = difference / input_difference
                 return ModeCurve(
-                    inputs=np.insert(curve.inputs, index, values[driven]),
-                    values=np.insert(curve.values, index, values, axis=0),
-                    slopes=np.insert(curve.slopes, index, slope, axis=0),
+                    inputs=np.insert(curve.inputs, insertion_index, values[driven]),
+                    values=np.insert(curve.values, insertion_index, values, axis=0),
+                    slopes=np.insert(curve.slopes, insertion_index, slope, axis=0),
                     ends=curve.ends,
                     tried_steps=tried_steps,
                 )
@@ -281,7 +294,8 @@ def _follow_from_nodes(
 ) -> list[ModeCurve]:
     """Return the assembly modes through nodes at which the input moves.
 
-    A node is a verified configuration with its derivatives by the input.
+    A node is a verified configuration with derivatives of all variables. These are by the
+    distance that the input moves, which rises or falls on the path.
 
     Parameters
     ----------
@@ -290,7 +304,7 @@ def _follow_from_nodes(
     driven
         Number of the variable of the input.
     starts
-        n nodes.
+        n nodes, with derivatives for a rising input.
     low, high
         Range of the input (rad).
     """
@@ -323,7 +337,8 @@ def _follow_from_nodes(
             ModeCurve(
                 inputs=nodes.values[:, driven].copy(),
                 values=nodes.values,
-                # The direction is -1 on paths to the low end.
+                # The direction is 1, or -1 for nodes on paths to the low end. The product
+                # is the derivative by the input itself.
                 slopes=nodes.slope * nodes.direction,
                 ends=(
                     Status(followed.status[low_path]),

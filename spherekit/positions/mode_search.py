@@ -142,8 +142,26 @@ class ModeSearch:
         return AssemblyMode(0, signs, ModeOverGrid(values, status))
 
     def _find_modes_over_samples(self, search: bool, independent: bool) -> None:
-        """Find the modes of a mechanism with several inputs at the samples."""
-        # The constructor runs the search. `claim` states how complete the modes are.
+        """Find the modes of a mechanism with several inputs at the samples.
+
+        Results are stored in `assembly_modes`, `claim` (how complete they are), `probes`
+        (number of samples at which they were searched) and `methods`.
+
+        Parameters
+        ----------
+        search
+            Whether to search for modes other than that of the reference pose.
+        independent
+            Whether the samples are unrelated to each other, and not a motion. Modes with
+            the same signs of dyads then share a number, although no path joins them.
+
+        Raises
+        ------
+        PlanError
+            If constraints are redundant, and the mobility by rank is not the number of
+            inputs.
+        """
+        # The constructor runs the search.
         modes = SampledModes(
             self.solver, self.input_grid, search=search, shares_numbers=independent
         )
@@ -156,8 +174,9 @@ class ModeSearch:
         # is one.
         mobilities = modes.mobilities
         if mobilities:
-            # If there is no mode, or the first start has too few degrees of freedom, a
-            # mobility other than the number of inputs is an error.
+            # A wrong mobility is the likely reason if there is no mode, or if the first
+            # start has too few degrees of freedom. Singular configurations have a larger
+            # mobility than the mechanism, so the least one counts.
             first_is_immobile = mobilities[0] < len(self.solver.driven)
             if not modes.assembly_modes or first_is_immobile:
                 check_mobility(self.solver, min(mobilities))
@@ -188,7 +207,8 @@ class ModeSearch:
         ------
         PlanError
             If constraints are redundant, and the mobility by rank is not the number of
-            inputs. The mobility is the least one of some configurations.
+            inputs. It is the least one of `RANKED_CONFIGURATIONS` configurations, because
+            singular configurations have a larger mobility than the mechanism.
         """
         solver = self.solver
         all_signs = []
@@ -201,8 +221,9 @@ class ModeSearch:
             is_redundant = any(group.redundant for group in self.groups)
             for first in range(0, len(q), PROBED_TOGETHER):
                 inputs = q[first : first + PROBED_TOGETHER]
-                # One more than the limit shows whether there are more. A mode has its signs
-                # and the placed bodies at all these inputs.
+                # The limit also holds for all blocks of inputs together, see below. One
+                # more than the limit shows whether there are more. A mode has its signs and
+                # the placed bodies at all these inputs.
                 modes = enumerate_modes(solver, inputs, max_modes=MAX_ASSEMBLY_MODES + 1)
                 for signs, state in modes:
                     all_signs.append(signs)
@@ -228,11 +249,13 @@ class ModeSearch:
         q
             (k, inputs) values of the inputs (rad).
         claim
-            How complete the modes at these inputs are.
+            How complete the modes at these inputs are, with the reason in words.
         """
         grid = self.input_grid
         # Groups of wheels that gear ratios place completely.
         wheel_trains = self.solver.wheel_trains
+        # They have one mode at any input, so that one input is enough. The reason ends the
+        # sentence "complete: ...".
         if len(wheel_trains) == len(self.groups):
             reason = "wheels in mesh have one" if wheel_trains else "no loop has to close"
             return grid.q[:1], Completeness(Guarantee.COMPLETE, reason)
@@ -243,7 +266,8 @@ class ModeSearch:
                 reason = f"modes at all {len(grid)} samples"
             return q, Completeness(Guarantee.SAMPLED, reason)
         # One input between each two turning points, at which modes appear or vanish. Where
-        # these are unknown, inputs at the distance `step`.
+        # these are unknown, inputs at the distance `step`. The search is limited by the
+        # time (s) of one evaluation and of all.
         low, high = grid.range
         turning_points = find_input_turning_points(
             self.solver, low, high, max_cost_s=RUN_COST_S, max_time_s=RUN_TIME_S
